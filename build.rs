@@ -1,4 +1,4 @@
-//! A release says of which commit it is. A development build does not, so that a commit builds nothing anew.
+//! Release builds contain the commit hash. Development builds do not, so that a commit does not cause a rebuild.
 
 use std::process::Command;
 
@@ -9,7 +9,7 @@ fn main() {
         return;
     }
     let commit = Command::new("git").args(["rev-parse", "--short=12", "HEAD"]).output();
-    // A source archive has none.
+    // A source archive has no commit.
     if let Some(commit) = commit.ok().filter(|output| output.status.success()) {
         println!(
             "cargo::rustc-env=TRUED_COMMIT={}",

@@ -12,9 +12,11 @@ use faer::Mat;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
-use methods::identification::{Effect, Shape, UncertaintySource};
-use methods::self_calibration::{Fitted, LinearisedFit, SecondOrderCorrection, SelfCalibration};
-use methods::{Method, Registered};
+use methods::identification::{DrawDistribution, Effect, UncertaintySource};
+use methods::self_calibration::{
+    FittedCycle, LinearisedFit, SecondOrderCorrection, SelfCalibration,
+};
+use methods::{Method, RegisteredMethod};
 use serde_json::{Value, json};
 use trued::setup::{self, MachineFile};
 
@@ -33,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "trued: {ours_s:.3} s for {TRIALS} trials on {} threads",
         rayon::current_num_threads()
     );
-    let problem = problem(&method.fitted(&plan, &readings)?);
+    let problem = problem(&method.fit_cycle(&plan, &readings)?);
     let (numpy_s, theirs) = match numpy_python().and_then(|python| numpy(&python, &problem)) {
         Ok(found) => found,
         Err(why) if std::env::var_os("TRUED_REQUIRE_PEERS").is_none() => {
@@ -65,9 +67,10 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
     let settings = format!("\n[method.self-calibration]\nmonte_carlo_trials = {TRIALS}\n");
     let text = include_str!("../config/simulated.toml").to_owned() + &settings;
     let file = MachineFile::parse("simulated.toml", text)?;
-    let (method, plan) = setup::header(&file, "self-calibration", None)?;
+    let (method, plan) = setup::plan_header(&file, "self-calibration", None)?;
     let own = SelfCalibration::new(serde_json::from_value(method.settings())?);
-    let (plan, readings) = plan_player::measure(&mut setup::world(&file)?, method.as_ref(), plan);
+    let (plan, readings) =
+        plan_player::measure(&mut setup::build_world(&file)?, method.as_ref(), plan);
     Ok((own, plan, readings))
 }
 
@@ -87,7 +90,7 @@ fn ours(
 }
 
 /// Input of the trials, in the format of the script.
-fn problem(fitted: &Fitted) -> Value {
+fn problem(fitted: &FittedCycle) -> Value {
     let fit = &fitted.fit;
     let unknowns = fit.x.len();
     json!({
@@ -95,19 +98,19 @@ fn problem(fitted: &Fitted) -> Value {
         "sensitivity": rows(&LinearisedFit::new(fit).sensitivity),
         "gain": rows(&fit.solution.gain),
         "x": fit.x,
-        "radii": fit.observations.iter().map(|seen| seen.radius).collect::<Vec<_>>(),
+        "radii": fit.observations.iter().map(|seen| seen.radius_mm).collect::<Vec<_>>(),
         "slopes": rows(&fitted.outputs.slopes(unknowns)),
         "sources": fitted.sources.iter().map(source).collect::<Vec<_>>(),
-        "bend": fit.bend.as_ref().map(bend),
+        "bend": fit.second_order.as_ref().map(bend),
     })
 }
 
 fn source(source: &UncertaintySource) -> Value {
-    let is_normal = source.shape == Shape::Normal;
+    let is_normal = source.shape == DrawDistribution::Normal;
     match &source.effect {
-        Effect::Each(sizes) => json!({"normal": is_normal, "each": sizes}),
+        Effect::Independent(sizes) => json!({"normal": is_normal, "each": sizes}),
         Effect::Joint(columns) => json!({"normal": is_normal, "joint": columns}),
-        Effect::Runs(_) => panic!("self-calibration has no source of runs"),
+        Effect::Spans(_) => panic!("self-calibration has no source of runs"),
     }
 }
 
@@ -120,8 +123,8 @@ fn bend(bend: &SecondOrderCorrection) -> Value {
             contact.normal.y,
             contact.ex,
             contact.ey,
-            contact.theta,
-            contact.lateral
+            contact.theta_index,
+            contact.lateral_mm
         ])
     });
     let heights = bend.heights.iter();

@@ -10,11 +10,13 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::revolutions::{ResampleFilter, Resampled, Resampler, Sample, common_revolutions};
+use estimation::revolutions::{
+    AngleSample, ResampleFilter, Resampled, Resampler, common_revolutions,
+};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use methods::Method;
 use rand_distr::{Distribution, StandardNormal};
 use toml::{Table, Value};
@@ -42,13 +44,13 @@ struct Turn<'a> {
     /// Number of the channel, and of the mounting.
     channel: usize,
     index: usize,
-    samples: Vec<Sample>,
+    samples: Vec<AngleSample>,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     let file = machine_file()?;
-    let (method, header) = setup::header(&file, "multiprobe", None)?;
-    let (plan, _) = methods::nominal(method.as_ref(), header)?;
+    let (method, header) = setup::plan_header(&file, "multiprobe", None)?;
+    let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
     let turns = turns(&plan);
     let samples: usize = turns.iter().map(|turn| turn.samples.len()).sum();
     let channels = plan.sensors.len();
@@ -82,8 +84,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn resampled(filter: &ResampleFilter, turn: &Turn) -> Resampled {
-    let ends_rad = [&turn.step.from, &turn.step.to].map(|end| end.at(Axis::C));
-    Resampler::of_turn(filter, ends_rad, &turn.samples)
+    let ends_rad = [&turn.step.from, &turn.step.to].map(|end| end.get_or_zero(Axis::C));
+    Resampler::resample_all(filter, ends_rad, &turn.samples)
 }
 
 /// Best of three runs: seconds, and the estimate.
@@ -131,11 +133,11 @@ fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
 
 /// Every rotation, for each channel.
 fn turns(plan: &Plan) -> Vec<Turn<'_>> {
-    let mut normal = StandardNormal.sample_iter(random::stream(1, &[1]));
+    let mut normal = StandardNormal.sample_iter(random::seeded_stream(1, &[1]));
     let steps = plan.steps.iter().filter(|step| step.label.starts_with("index/"));
     let mut turns = Vec::new();
     for (index, step) in steps.enumerate() {
-        let [from, to] = [&step.from, &step.to].map(|end| end.at(Axis::C));
+        let [from, to] = [&step.from, &step.to].map(|end| end.get_or_zero(Axis::C));
         let angle_per_sample = (step.feed_mm_min / 60.0).to_radians() / RATE_HZ;
         let count = ((to - from) / angle_per_sample) as usize;
         for (channel, sensor) in plan.sensors.iter().enumerate() {
@@ -143,7 +145,7 @@ fn turns(plan: &Plan) -> Vec<Turn<'_>> {
                 let angle_rad = from + i as f64 * angle_per_sample;
                 let deviation = deviation(sensor.zero_mm, sensor.direction, angle_rad, index);
                 let noise: f64 = normal.next().unwrap_or_default();
-                Sample { angle_rad, value: NOISE_MM * noise - deviation, is_valid: true }
+                AngleSample { angle_rad, value: NOISE_MM * noise - deviation, is_valid: true }
             };
             let samples = (0..=count).map(sample).collect();
             turns.push(Turn { step, channel, index, samples });
@@ -155,7 +157,7 @@ fn turns(plan: &Plan) -> Vec<Turn<'_>> {
 /// The readings that a run stores of a rotation.
 fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
     let angle_per_s = (turn.step.feed_mm_min / 60.0).to_radians();
-    let from = turn.step.from.at(Axis::C);
+    let from = turn.step.from.get_or_zero(Axis::C);
     let reading = |(angle, value_mm): (f64, Option<f64>)| Reading {
         step: turn.step.id,
         repeat: 0,
@@ -163,7 +165,7 @@ fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
         value_mm,
         sensor: plan.sensors[turn.channel].name.clone(),
         t_s: (angle - from) / angle_per_s + 40.0 * turn.index as f64,
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     };
     of.points().map(reading).collect()

@@ -10,12 +10,15 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use estimation::nonlinear::Minimum;
+use estimation::nonlinear::NonlinearSolution;
 use estimation::random;
-use machine::kinematics::{Chain, ErrorTerm};
+use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
-use methods::samba::{Bar, LeastSquares, Measured, Measurement, Model, Problem, Seen};
+use methods::samba::{
+    BallMeasurement, GeometryEquations, GeometryModel, GeometryProblem, LeastSquares,
+    LengthConstraint, ObservedValues,
+};
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -54,8 +57,8 @@ const ERRORS: [(&str, f64); 13] = [
 ];
 
 struct Data {
-    problem: Problem,
-    measured: Measured,
+    problem: GeometryProblem,
+    measured: ObservedValues,
     /// For each measurement: B, C, S (rad), X, Y, Z (mm), ball.
     table: Vec<([f64; 6], usize)>,
     balls: usize,
@@ -63,7 +66,7 @@ struct Data {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let data = data()?;
-    let (ours_s, Minimum { x: ours, factors, .. }) = ours(&data)?;
+    let (ours_s, NonlinearSolution { x: ours, jacobian_count: factors, .. }) = ours(&data)?;
     println!(
         "trued: {:.3} ms for one solve of {} unknowns with {factors} Jacobians",
         ours_s * 1e3,
@@ -102,8 +105,8 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Best of twenty runs: seconds, and the solution.
-fn ours(data: &Data) -> Result<(f64, Minimum), Box<dyn Error>> {
-    let solve = || data.problem.solve(&data.measured, data.problem.start(&data.measured));
+fn ours(data: &Data) -> Result<(f64, NonlinearSolution), Box<dyn Error>> {
+    let solve = || data.problem.solve(&data.measured, data.problem.initial_values(&data.measured));
     let (mut best, minimum) = (f64::INFINITY, solve()?);
     for _ in 0..20 {
         let start = Instant::now();
@@ -116,13 +119,14 @@ fn ours(data: &Data) -> Result<(f64, Minimum), Box<dyn Error>> {
 /// Seconds for the repeated solutions; checks also that their scatter equals the covariance.
 fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
     let Data { problem, measured, .. } = data;
-    let minimum = problem.solve(measured, problem.start(measured))?;
-    let model = LeastSquares { equation: &Measurement { problem, measured }, minimum: &minimum };
+    let minimum = problem.solve(measured, problem.initial_values(measured))?;
+    let model =
+        LeastSquares { equation: &GeometryEquations { problem, measured }, minimum: &minimum };
     let start = Instant::now();
     let squares: f64 = (0..TRIALS)
         .into_par_iter()
         .map(|trial| {
-            let mut normal = StandardNormal.sample_iter(random::stream(trial as u64, &[2]));
+            let mut normal = StandardNormal.sample_iter(random::seeded_stream(trial as u64, &[2]));
             let mut next = |size: f64| {
                 let unit: f64 = normal.next().unwrap_or_default();
                 unit * size
@@ -130,7 +134,7 @@ fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
             let centres = 3 * measured.xyz.len();
             let mut change: Vec<f64> = (0..centres).map(|_| next(NOISE_MM)).collect();
             change.extend(measured.lengths.iter().map(|_| next(U_BAR_MM)));
-            (model.near(&change)[0] - minimum.x[0]).powi(2)
+            (model.solve_for_change(&change)[0] - minimum.x[0]).powi(2)
         })
         .sum();
     let seconds = start.elapsed().as_secs_f64();
@@ -152,8 +156,8 @@ fn data() -> Result<Data, Box<dyn Error>> {
         .iter()
         .map(|(name, value)| Ok(ErrorTerm { parameter: name.parse()?, value: *value }))
         .collect::<Result<_, Box<dyn Error>>>()?;
-    let (chain, balls) = (Chain::new(&machine)?, balls()?);
-    let mut normal = StandardNormal.sample_iter(random::stream(1, &[1]));
+    let (chain, balls) = (KinematicChain::new(&machine)?, balls()?);
+    let mut normal = StandardNormal.sample_iter(random::seeded_stream(1, &[1]));
     let mut next = || -> f64 { normal.next().unwrap_or_default() };
     let (mut places, mut seen, mut table) = (Vec::new(), Vec::new(), Vec::new());
     for k in 0..24_usize {
@@ -163,26 +167,30 @@ fn data() -> Result<Data, Box<dyn Error>> {
         let mut stands = Vec::new();
         for (ball, centre) in balls.iter().enumerate() {
             let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
-            let linear = chain.linear_axes_for(target, tip, &place, &terms)?;
+            let linear = chain.solve_linear_axes(target, tip, &place, &terms)?;
             stands.push((ball, linear.xyz()));
         }
         stands.sort_by(|a, b| b.1[2].total_cmp(&a.1[2]));
         stands.truncate(MEASUREMENTS / 24 + usize::from(k < MEASUREMENTS % 24));
         for (ball, xyz) in stands {
             let xyz = xyz.map(|value| value + next() * NOISE_MM);
-            seen.push(Seen { place: k, ball, whitening: Matrix3::identity() / NOISE_MM });
+            seen.push(BallMeasurement {
+                position_index: k,
+                ball,
+                whitening: Matrix3::identity() / NOISE_MM,
+            });
             table.push(([angles[0], angles[1], angles[2], xyz[0], xyz[1], xyz[2]], ball));
         }
         places.push(place);
     }
     let parameters: Vec<_> = terms.iter().map(|term| term.parameter).collect();
-    let model = Model::new(&machine, &parameters)?;
-    let bars = vec![Bar { from: 0, to: 7, u_mm: U_BAR_MM }];
-    let measured = Measured {
+    let model = GeometryModel::new(&machine, &parameters)?;
+    let bars = vec![LengthConstraint { from_ball: 0, to_ball: 7, u_mm: U_BAR_MM }];
+    let measured = ObservedValues {
         xyz: table.iter().map(|(row, _)| Vector3::new(row[3], row[4], row[5])).collect(),
         lengths: vec![balls[0].metric_distance(&balls[7])],
     };
-    let problem = Problem::new(model, places, seen, bars, balls.len(), NOMINAL_TOOL);
+    let problem = GeometryProblem::new(model, places, seen, bars, balls.len(), NOMINAL_TOOL);
     Ok(Data { problem, measured, table, balls: balls.len() })
 }
 
@@ -224,7 +232,7 @@ fn scipy(python: &Path, data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> 
     let common = x.len() - 3 * data.balls;
     x[..common].copy_from_slice(&theirs[..common]);
     for ball in 0..data.balls {
-        let at = data.problem.ball_at(ball);
+        let at = data.problem.ball_unknown(ball);
         x[at..at + 3].copy_from_slice(&theirs[common + 3 * ball..][..3]);
     }
     Ok((*seconds, x))

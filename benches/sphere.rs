@@ -81,7 +81,7 @@ fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
 
 /// Samples distributed evenly over the cap.
 fn samples() -> Vec<[f64; 3]> {
-    let mut stream = random::stream(1, &[3]);
+    let mut stream = random::seeded_stream(1, &[3]);
     let lowest = CAP_DEG.to_radians().cos();
     let sample = |_| {
         let (z, turn) = (stream.random_range(lowest..1.0), stream.random_range(0.0..TAU));

@@ -1,7 +1,7 @@
-//! `trued` keeps five-axis machine tools in tolerance. Start with ARCHITECTURE.md, which says what is where.
+//! `trued` keeps five-axis machine tools in tolerance. ARCHITECTURE.md describes the modules.
 //!
-//! Lengths are mm, angles rad, times s. Other units stand only at the edges, and
-//! there the unit is in the name.
+//! Lengths are in mm, angles in rad, times in s. Other units are used only in files, interfaces and
+//! displays; the unit is then part of the name.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use machine::record::reading::Reading;
 use measure::{Prepared, Round, Wire, in_memory, quantile};
-use methods::METHODS;
+use methods::METHOD_DESCRIPTIONS;
 use trued::setup;
 use trued::store::{Journal, NewRun};
 
@@ -76,13 +76,13 @@ fn journals(readings: &[Reading]) -> Result<(), Box<dyn Error>> {
 fn journal(readings: &[Reading], folder: &Path) -> Result<Vec<Duration>, Box<dyn Error>> {
     let folder = tempfile::tempdir_in(folder)?;
     let journal = Journal::open(folder.path())?;
-    let method = METHODS[0].name;
-    let (_, plan) = setup::header(&setup::load(None, method)?, method, None)?;
-    let id = journal.begin(&NewRun { config: String::new(), plan }).wait()?;
+    let method = METHOD_DESCRIPTIONS[0].name;
+    let (_, plan) = setup::plan_header(&setup::load_machine_file(None, method)?, method, None)?;
+    let id = journal.begin_run(&NewRun { config: String::new(), plan }).wait()?;
     let mut times = Vec::new();
     for reading in readings {
         let begun = Instant::now();
-        journal.reading(id, reading).wait()?;
+        journal.add_reading(id, reading).wait()?;
         times.push(begun.elapsed());
     }
     Ok(times)

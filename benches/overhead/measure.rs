@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use devices::controllers::Controller;
 use devices::controllers::grbl::Grbl;
-use devices::controllers::modbus::{Config, ModbusControl};
-use link::{Address, Capture, Link, Wiring};
+use devices::controllers::modbus::{ModbusConfig, ModbusControl};
+use link::{Address, Capture, Link, LinkMode};
 use machine::record::event::Event;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
@@ -84,9 +84,9 @@ impl Prepared {
         let path = folder.path().join("a.capture");
         on_a_runtime(async {
             let capture = Capture::create(&path).unwrap();
-            let wiring = Wiring::Captured(capture.clone());
-            let opening = setup::devices(&file, Pace::Fast, RunHistory::default());
-            let devices = wiring.during(opening).await.unwrap();
+            let wiring = LinkMode::Captured(capture.clone());
+            let opening = setup::open_devices(&file, Pace::Fast, RunHistory::default());
+            let devices = wiring.apply_to(opening).await.unwrap();
             run(&file, &devices, &in_memory()).await;
             drop(devices);
             capture.finish().unwrap();
@@ -105,30 +105,30 @@ impl Prepared {
 
     async fn devices(&self) -> Devices {
         let machine = &self.file.machine;
-        let dialect = Dialect::named("grbl-m19").unwrap();
-        let dialect = dialect.with(machine, &self.file.probe).unwrap();
-        let modes = setup::modes(&dialect, machine, None).unwrap();
+        let dialect = Dialect::from_name("grbl-m19").unwrap();
+        let dialect = dialect.with_options(machine, &self.file.probe).unwrap();
+        let modes = setup::render_modes(&dialect, machine, None).unwrap();
         let link = match self.wire {
             Wire::GrblMemory => {
                 let (near, far) = tokio::io::duplex(4096);
                 controls::grbl(tape::grbl(&self.capture), move || far);
-                Link::over("the control", near)
+                Link::from_stream("the control", near)
             }
             Wire::GrblPty => {
                 let (tell, told) = std::sync::mpsc::channel();
                 controls::grbl(tape::grbl(&self.capture), move || {
-                    let pty = link::pty().unwrap();
+                    let pty = link::create_pty().unwrap();
                     tell.send((pty.path, pty.client_side)).unwrap();
                     pty.device
                 });
                 let (path, client_side) = told.recv().unwrap();
                 // Held open until the process ends.
                 std::mem::forget(client_side);
-                link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap()
+                link::open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap()
             }
             Wire::ModbusTcp => {
                 let port = controls::modbus(tape::modbus(&self.capture));
-                let config: Config =
+                let config: ModbusConfig =
                     toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
                 let opened = ModbusControl::open(&config, machine, modes).await;
                 let (driver, halt) = opened.unwrap();
@@ -147,9 +147,9 @@ fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
 async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     let folder = tempfile::tempdir_in(folder).unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::header(file, METHOD, None).unwrap();
+    let (method, plan) = setup::plan_header(file, METHOD, None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).await.unwrap();
+    let id = journal.begin_run(&new).await.unwrap();
     let (mut touches, mut stages) = (Vec::new(), Vec::new());
     let (mut begun, mut ended, mut between) = (None::<Instant>, None::<Instant>, false);
     let mut tell = |event: &Event| match event {

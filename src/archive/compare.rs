@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::store::{Journal, RunId, RunSummary, StoreError, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step, StepKind};
-use methods::decision::difference::{Difference, common_sources, differences};
+use methods::decision::difference::{ParameterDifference, common_sources, parameter_differences};
 use methods::decision::function_difference::{FunctionDifference, function_differences};
 
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +18,7 @@ pub enum CompareError {
         .0.id, .0.method, .1.id, .1.method)]
     NothingInCommon(Box<RunSummary>, Box<RunSummary>),
     #[error("the common values of runs {first} and {second} have different units: {symbols}")]
-    Units { first: RunId, second: RunId, symbols: String },
+    DifferentUnits { first: RunId, second: RunId, symbols: String },
 }
 
 impl CompareError {
@@ -26,12 +26,13 @@ impl CompareError {
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Store(error) => error.remedy(),
-            Self::NoEstimate(_) => "take a run that has come to its end",
+            Self::NoEstimate(_) => "choose a finished run",
             Self::NothingInCommon(..) => {
-                "take two runs that identify the same quantities, such as two of one method"
+                "choose two runs with common parameters, such as two runs of the same method"
             }
-            Self::Units { .. } => {
-                "identify both runs by this version, `trued identify METHOD --run RUN`, then compare again"
+            Self::DifferentUnits { .. } => {
+                "compute new estimates of both runs with this version (`trued identify METHOD --run RUN`), \
+                then compare them again"
             }
         }
     }
@@ -40,7 +41,7 @@ impl CompareError {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     pub runs: [RunSummary; 2],
-    pub differences: Vec<Difference>,
+    pub differences: Vec<ParameterDifference>,
     pub functions: Vec<FunctionDifference>,
     /// Sources of uncertainty with the same value in both runs: they cancel in `differences`.
     pub common_sources: Vec<String>,
@@ -55,8 +56,12 @@ pub struct Comparison {
 /// # Errors
 /// A run or an estimate does not exist, or the estimates have no quantity in common or only quantities in
 /// different units.
-pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Comparison, CompareError> {
-    let [one, other] = [journal.load(first)?, journal.load(second)?];
+pub fn compare_runs(
+    journal: &Journal,
+    first: RunId,
+    second: RunId,
+) -> Result<Comparison, CompareError> {
+    let [one, other] = [journal.load_run(first)?, journal.load_run(second)?];
     let last = |run: &StoredRun| {
         let last = run.estimates.last().map(|stored| stored.estimate.clone());
         last.ok_or(CompareError::NoEstimate(run.summary.id))
@@ -64,13 +69,13 @@ pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Compari
     let (of_one, of_other) = (last(&one)?, last(&other)?);
     let common_sources =
         if is_same_setup(&one, &other) { common_sources(&of_one, &of_other) } else { Vec::new() };
-    let differences = differences(&of_one, &of_other, &common_sources);
+    let differences = parameter_differences(&of_one, &of_other, &common_sources);
     let functions = function_differences(&of_one, &of_other, largest_k([&of_one, &of_other]));
-    let in_other_units = in_other_units(&of_one, &of_other);
-    let mut besides = besides(&one, &other);
+    let unit_differences = unit_differences(&of_one, &of_other);
+    let mut besides = setup_differences(&one, &other);
     let runs = [one.summary, other.summary];
     if differences.is_empty() && functions.is_empty() {
-        return Err(incomparable(runs, &in_other_units));
+        return Err(not_comparable(runs, &unit_differences));
     }
     if !functions.is_empty() && of_one.gauge != of_other.gauge {
         let gauges = [(first, &of_one), (second, &of_other)];
@@ -79,9 +84,10 @@ pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Compari
         };
         besides.extend(gauges.map(line));
     }
-    besides.extend(other_heights(&of_one, &of_other));
-    if !in_other_units.is_empty() {
-        besides.push(format!("the units differ of {}", in_other_units.join(", ")));
+    besides.extend(height_differences(&of_one, &of_other));
+    if !unit_differences.is_empty() {
+        besides
+            .push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
@@ -110,7 +116,7 @@ fn largest_k(estimates: [&Estimate; 2]) -> f64 {
 }
 
 /// Symbols of parameters and functions of both estimates whose units differ.
-fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
+fn unit_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
     let parameters = |of: &Estimate| -> Vec<_> {
         of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect()
     };
@@ -127,7 +133,7 @@ fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
 }
 
 /// Functions at different heights: displacements of a tilting axis depend on the height.
-fn other_heights(one: &Estimate, other: &Estimate) -> Vec<String> {
+fn height_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
     let differing = one.functions.iter().filter_map(|function| {
         let same = other.functions.iter().find(|other| other.symbol == function.symbol)?;
         let [a, b] = [function, same].map(|function| function.at_mm.map(|at_mm| at_mm[2]));
@@ -137,27 +143,34 @@ fn other_heights(one: &Estimate, other: &Estimate) -> Vec<String> {
         };
         let height = |z: Option<f64>| z.map_or("point_mm".to_owned(), |z| format!("Z = {z:.1} mm"));
         let (symbol, a, b) = (&function.symbol, height(a), height(b));
-        (!is_same)
-            .then(|| format!("{symbol} holds at {a} and at {b}: they differ where the axis tilts"))
+        (!is_same).then(|| {
+            format!(
+                "{symbol} refers to {a} in one run and to {b} in the other: the values differ \
+                if the axis tilts"
+            )
+        })
     });
     differing.collect()
 }
 
-fn incomparable([one, other]: [RunSummary; 2], in_other_units: &[String]) -> CompareError {
-    if in_other_units.is_empty() {
+fn not_comparable([one, other]: [RunSummary; 2], unit_differences: &[String]) -> CompareError {
+    if unit_differences.is_empty() {
         return CompareError::NothingInCommon(Box::new(one), Box::new(other));
     }
-    let symbols = in_other_units.join(", ");
-    CompareError::Units { first: one.id, second: other.id, symbols }
+    let symbols = unit_differences.join(", ");
+    CompareError::DifferentUnits { first: one.id, second: other.id, symbols }
 }
 
-fn besides(one: &StoredRun, other: &StoredRun) -> Vec<String> {
+fn setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
     let said = [
-        (one.summary.machine != other.summary.machine, "they are of two machines"),
-        (one.summary.method != other.summary.method, "they are of two methods"),
-        (one.config != other.config, "the machine file was changed between them"),
-        (one.plan.settings != other.plan.settings, "the settings of the method differ"),
-        (one.plan.artefact != other.plan.artefact, "the artefact is stated differently"),
+        (one.summary.machine != other.summary.machine, "the runs are from different machines"),
+        (one.summary.method != other.summary.method, "the runs have different methods"),
+        (one.config != other.config, "the machine file was changed between the runs"),
+        (
+            one.plan.settings != other.plan.settings,
+            "the runs have different settings of the method",
+        ),
+        (one.plan.artefact != other.plan.artefact, "the runs have different data of the artefact"),
     ];
     said.into_iter().filter(|(differs, _)| *differs).map(|(_, words)| words.to_owned()).collect()
 }
@@ -178,16 +191,21 @@ mod tests {
             "verdict": "none", "priors": []
         }))
         .unwrap();
-        at_mm.map_or(estimate.clone(), |at_mm| estimate.displaced_at(at_mm))
+        at_mm.map_or(estimate.clone(), |at_mm| estimate.with_displacement_point(at_mm))
     }
 
     #[test]
     fn other_heights_are_named() {
         let [here, near, high] = [60.0, 60.3, 120.0].map(|z| estimate(Some([0.0, 0.0, z])));
-        assert!(other_heights(&here, &near).is_empty());
-        assert!(other_heights(&estimate(None), &estimate(None)).is_empty());
-        let said = other_heights(&here, &high);
-        assert!(said[0].starts_with("EXC holds at Z = 60.0 mm and at Z = 120.0 mm"), "{said:?}");
-        assert!(other_heights(&here, &estimate(None))[0].contains("point_mm"));
+        assert!(height_differences(&here, &near).is_empty());
+        assert!(height_differences(&estimate(None), &estimate(None)).is_empty());
+        let said = height_differences(&here, &high);
+        assert!(
+            said[0].starts_with(
+                "EXC refers to Z = 60.0 mm in one run and to Z = 120.0 mm in the other"
+            ),
+            "{said:?}"
+        );
+        assert!(height_differences(&here, &estimate(None))[0].contains("point_mm"));
     }
 }

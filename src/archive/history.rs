@@ -6,11 +6,11 @@ use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
 
-use crate::report::{self, Individuals};
-use crate::store::{Journal, Measured, RunId, StoreError};
-use machine::record::estimate::{Limit, Parameter, Unit};
+use crate::report::{self, IndividualsChart};
+use crate::store::{Journal, MeasuredRun, RunId, StoreError};
+use machine::record::estimate::{Parameter, ParameterLimit, Unit};
 use machine::record::reading::Temperatures;
-use methods::decision::trend::{self, Kind, Point, Told, Trend};
+use methods::decision::trend::{self, ChangeKind, NamedTrend, Trend, TrendPoint};
 
 /// One parameter of one finished run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,9 +38,9 @@ pub struct Series {
 }
 
 /// Maximum number of runs of each method in a history: twice the number that is searched for changes.
-const NEWEST: u32 = 200;
+const MAX_RUNS: u32 = 200;
 
-/// All series of `machine` over the newest `NEWEST` finished runs of each method, grouped by method, in the
+/// All series of `machine` over the newest `MAX_RUNS` finished runs of each method, grouped by method, in the
 /// order of their first value.
 ///
 /// # Errors
@@ -48,19 +48,19 @@ const NEWEST: u32 = 200;
 pub fn history(
     journal: &Journal,
     machine: &str,
-    tolerance: &[Limit],
+    tolerance: &[ParameterLimit],
 ) -> Result<Vec<Series>, StoreError> {
-    let mut all: Vec<Known> = Vec::new();
-    journal.measured(machine, NEWEST, |measured| take(&mut all, measured))?;
+    let mut all: Vec<ParameterValues> = Vec::new();
+    journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_values(&mut all, measured))?;
     all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
-    Ok(all.into_iter().map(|known| series(known, tolerance)).collect())
+    Ok(all.into_iter().map(|known| to_series(known, tolerance)).collect())
 }
 
 /// Values of one parameter so far, with method, symbol and unit.
-type Known = (String, String, Unit, Vec<Value>);
+type ParameterValues = (String, String, Unit, Vec<Value>);
 
-fn take(all: &mut Vec<Known>, measured: Measured) {
-    let Measured { run, started, method, parameters, temperatures_c } = measured;
+fn add_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
+    let MeasuredRun { run, started, method, parameters, temperatures_c } = measured;
     let known = |parameter: &Parameter| parameter.identifiable && parameter.value.is_finite();
     for parameter in parameters.into_iter().filter(known) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
@@ -76,45 +76,48 @@ fn take(all: &mut Vec<Known>, measured: Measured) {
     }
 }
 
-fn series((method, symbol, unit, values): Known, tolerance: &[Limit]) -> Series {
-    let point = |value: &Value| Point {
+fn to_series(
+    (method, symbol, unit, values): ParameterValues,
+    tolerance: &[ParameterLimit],
+) -> Series {
+    let point = |value: &Value| TrendPoint {
         t_s: value.started.as_duration().as_secs_f64(),
         value: value.value,
     };
-    let trend = Trend::of(values.iter().map(point).collect());
+    let trend = Trend::from_points(values.iter().map(point).collect());
     let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
     let tolerance = limit.map(|limit| limit.limit);
     Series { method, symbol, unit, tolerance, values, trend }
 }
 
 /// The changes of the last `days` in one sentence; days in this computer's time zone.
-pub fn what_changed(all: &[Series], days: u32) -> String {
-    let told: Vec<Told<'_>> = all.iter().map(told).collect();
+pub fn describe_changes(all: &[Series], days: u32) -> String {
+    let told: Vec<NamedTrend<'_>> = all.iter().map(trend_summary).collect();
     let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
-    trend::what_changed(&told, since.as_secs_f64(), day)
+    trend::describe_changes(&told, since.as_secs_f64(), format_day)
 }
 
-fn day(t_s: f64) -> String {
+fn format_day(t_s: f64) -> String {
     let at = Timestamp::from_duration(SignedDuration::from_secs_f64(t_s)).unwrap_or_default();
     let [at, now] = [at, Timestamp::now()].map(|at| at.to_zoned(TimeZone::system()));
-    let day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
-    at.strftime(day).to_string()
+    let format_day = if at.year() == now.year() { "%-d %B" } else { "%-d %B %Y" };
+    at.strftime(format_day).to_string()
 }
 
-fn told(series: &Series) -> Told<'_> {
-    Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
+fn trend_summary(series: &Series) -> NamedTrend<'_> {
+    NamedTrend { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
 }
 
 /// Chart of a series as of `now`; `None` if there is nothing to draw.
-pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
+pub fn draw_chart(series: &Series, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
-    let values = &in_time(series);
+    let values = &values_in_time(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
-    let steps = series.trend.changes.iter().filter(|change| change.kind == Kind::Step);
+    let steps = series.trend.changes.iter().filter(|change| change.kind == ChangeKind::Step);
     // Halfway between the last value before the step and the first one after it.
     let between = |first: usize| Some((at(first.checked_sub(1)?)? + at(first)?) / 2.0);
     let from = steps.clone().map(|step| step.first).max().unwrap_or(0);
-    let figure = Individuals {
+    let figure = IndividualsChart {
         symbol: series.symbol.clone(),
         values: values.iter().map(|v| [before_s(v.started), v.value, v.expanded]).collect(),
         limits: series.trend.individuals.map(|chart| {
@@ -123,13 +126,16 @@ pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
         }),
         steps: steps.filter_map(|step| between(step.first)).collect(),
         tolerance: series.tolerance,
-        temperatures: temperatures(values, before_s),
+        temperatures: thermometer_series(values, before_s),
     };
     figure.draw(series.unit)
 }
 
 /// Temperatures of each thermometer with a value in `values`.
-fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
+fn thermometer_series(
+    values: &[Value],
+    before_s: impl Fn(Timestamp) -> f64,
+) -> report::Temperatures {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let of = |name: &str| {
@@ -140,8 +146,8 @@ fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report
 }
 
 /// Values at the times at which they can have been measured, see [`Trend::of`].
-fn in_time(series: &Series) -> Vec<Value> {
-    let at = |point: &Point| {
+fn values_in_time(series: &Series) -> Vec<Value> {
+    let at = |point: &TrendPoint| {
         Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default()
     };
     let both = series.values.iter().zip(&series.trend.points);

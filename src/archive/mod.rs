@@ -4,7 +4,7 @@
 pub mod compare;
 pub mod history;
 pub mod report;
-pub mod story;
+pub mod run_story;
 mod volume;
 
 #[cfg(test)]

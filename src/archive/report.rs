@@ -1,7 +1,7 @@
 //! Report of a stored run.
 
-use super::story::{signed, story};
-use super::volume::volume;
+use super::run_story::{describe_signatures, run_story};
+use super::volume::error_volume;
 use crate::report::{page, temperature};
 use crate::store::{Journal, RunId, StoreError};
 use machine::record::event::Event;
@@ -13,7 +13,7 @@ pub enum ReportError {
     Store(#[from] StoreError),
     #[error("run {0} has no estimate")]
     NoEstimate(RunId),
-    #[error("the report cannot be drawn: {0}")]
+    #[error("the report cannot be written: {0}")]
     Template(#[from] minijinja::Error),
 }
 
@@ -22,8 +22,8 @@ impl ReportError {
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Store(error) => error.remedy(),
-            Self::NoEstimate(_) => "export its readings and use `trued identify`",
-            Self::Template(_) => "this is a fault of the program: tell its makers",
+            Self::NoEstimate(_) => "export the readings of the run and use `trued identify`",
+            Self::Template(_) => "report this fault of the program to the developers",
         }
     }
 }
@@ -32,10 +32,10 @@ impl ReportError {
 ///
 /// # Errors
 /// The run does not exist, or it has no estimate yet.
-pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
-    let stored = journal.load(run)?;
+pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
+    let stored = journal.load_run(run)?;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
-    let facts = page::Facts {
+    let facts = page::ReportFacts {
         run: run.to_string(),
         started: stored.summary.started.to_string(),
         program_version: last.program_version.clone(),
@@ -45,11 +45,11 @@ pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
             ("estimate".to_owned(), last.sha256.clone()),
         ],
         readings: stored.readings.len(),
-        warmth: temperature::rows(&stored.readings),
+        temperatures: temperature::temperature_rows(&stored.readings),
         state: stored.summary.state.as_str().to_owned(),
-        story: story(&stored),
-        signed: Some(signed(&stored)),
-        volume: volume(&stored.plan.machine, &last.estimate),
+        story: run_story(&stored),
+        signed: Some(describe_signatures(&stored)),
+        volume: error_volume(&stored.plan.machine, &last.estimate),
         proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     Ok(page::render(&stored.plan, &last.estimate, &facts)?)

@@ -1,9 +1,9 @@
-use super::compare::{CompareError, compare};
-use super::history::{chart, history};
-use super::report::report;
-use super::story::{position_lost, signed, story};
+use super::compare::{CompareError, compare_runs};
+use super::history::{draw_chart, history};
+use super::report::render_report;
+use super::run_story::{describe_signatures, position_lost, run_story};
 use crate::store::{Journal, NewRun, RunId, RunState, Signature};
-use machine::record::estimate::{Estimate, Limit, Parameter, Unit};
+use machine::record::estimate::{Estimate, Parameter, ParameterLimit, Unit};
 use machine::record::plan::Plan;
 
 pub fn plan(method: &str, machine: &str) -> Plan {
@@ -49,8 +49,8 @@ fn a_history_is_what_finished_runs_last_said() {
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, machine: &str, state, estimates: &[Estimate]| -> RunId {
         let new = NewRun { config: String::new(), plan: plan(method, machine) };
-        let id = journal.begin(&new).wait().unwrap();
-        estimates.iter().for_each(|it| drop(journal.estimate(id, it).wait().unwrap()));
+        let id = journal.begin_run(&new).wait().unwrap();
+        estimates.iter().for_each(|it| drop(journal.add_estimate(id, it).wait().unwrap()));
         journal.set_state(id, state).wait().unwrap();
         id
     };
@@ -62,11 +62,11 @@ fn a_history_is_what_finished_runs_last_said() {
     run("samba", "mill", finished, &[]);
     run("laser-r-test", "mill", finished, &[one(5.0)]);
     let last = run("samba", "mill", finished, &[one(6.0)]);
-    let limit = |unit, limit| Limit { symbol: "EX0C".to_owned(), unit, limit };
+    let limit = |unit, limit| ParameterLimit { symbol: "EX0C".to_owned(), unit, limit };
     let tolerance = [limit(Unit::Mm, 0.1), limit(Unit::Um, 7.5)];
     let all = history(&journal, "mill", &tolerance).unwrap();
     assert!(all.iter().all(|series| series.tolerance == Some(7.5)));
-    let other = Limit { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
+    let other = ParameterLimit { symbol: "EY0C".to_owned(), ..limit(Unit::Um, 7.5) };
     assert!(history(&journal, "mill", &[other]).unwrap().iter().all(|s| s.tolerance.is_none()));
     let told: Vec<String> = all
         .iter()
@@ -80,7 +80,9 @@ fn a_history_is_what_finished_runs_last_said() {
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
     // The newest runs of each method, limited in number.
     let mut newest = Vec::new();
-    journal.measured("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
+    journal
+        .visit_measured_runs("mill", 1, |measured| newest.push((measured.method, measured.run)))
+        .unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }
@@ -93,17 +95,17 @@ fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
     let journal = Journal::open(dir.path()).unwrap();
     for number in 0..13 {
         let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
-        let id = journal.begin(&new).wait().unwrap();
+        let id = journal.begin_run(&new).wait().unwrap();
         let value = if number == 12 { 400.0 } else { 3.0 + 0.1 * f64::from(number % 3) };
-        journal.estimate(id, &estimate(&[("EX0C", value, true)])).wait().unwrap();
+        journal.add_estimate(id, &estimate(&[("EX0C", value, true)])).wait().unwrap();
         journal.set_state(id, RunState::Finished).wait().unwrap();
     }
     let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
     raw.execute("UPDATE runs SET started = '1970-01-01T00:01:00Z' WHERE id = 13", []).unwrap();
     let series = history(&journal, "mill", &[]).unwrap().remove(0);
-    assert_eq!(series.trend.is_out(), Some(true));
+    assert_eq!(series.trend.is_outside_limits(), Some(true));
     assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
-    let svg = chart(&series, jiff::Timestamp::now()).unwrap();
+    let svg = draw_chart(&series, jiff::Timestamp::now()).unwrap();
     // Not 56 years wide: all runs were measured within this test.
     assert!(svg.contains("seconds before now") || svg.contains("minutes before now"), "{svg}");
 }
@@ -114,35 +116,35 @@ fn a_signature_speaks_for_the_estimate_that_was_signed() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
-    let run = journal.begin(&new).wait().unwrap();
+    let run = journal.begin_run(&new).wait().unwrap();
     let sign = |who: &str, hash: &str| {
         let signature = Signature {
             who: who.to_owned(),
             remark: "as ever".to_owned(),
             estimate_sha256: hash.to_owned(),
         };
-        journal.sign(run, &signature).wait().unwrap();
+        journal.add_signature(run, &signature).wait().unwrap();
     };
     let by = || journal.runs().unwrap()[0].signed.clone();
-    let told = || signed(&journal.load(run).unwrap());
-    let first = journal.estimate(run, &estimate(&[("EX0C", 1.0, true)])).wait().unwrap();
+    let told = || describe_signatures(&journal.load_run(run).unwrap());
+    let first = journal.add_estimate(run, &estimate(&[("EX0C", 1.0, true)])).wait().unwrap();
     assert_eq!((by(), told()), (None, Vec::new()));
     sign("Ada", &first);
     sign("Lise", &first);
     assert_eq!(by().as_deref(), Some("Lise"));
     assert!(told().len() == 2 && told()[0].starts_with("by Ada (as ever) on 20"), "{:?}", told());
-    journal.estimate(run, &estimate(&[("EX0C", 2.0, true)])).wait().unwrap();
+    journal.add_estimate(run, &estimate(&[("EX0C", 2.0, true)])).wait().unwrap();
     assert_eq!((by(), told()), (None, Vec::new()));
-    let story = story(&journal.load(run).unwrap());
+    let story = run_story(&journal.load_run(run).unwrap());
     assert!(story[1].1.starts_with("signed (an earlier estimate) by Lise"), "{story:?}");
-    let html = report(&journal, run).unwrap();
+    let html = render_report(&journal, run).unwrap();
     assert!(html.contains("Not signed."));
     let raw = rusqlite::Connection::open(dir.path().join("journal.sqlite")).unwrap();
     for statement in ["DELETE FROM signatures", "UPDATE signatures SET who = 'Eve'"] {
         assert!(raw.execute(statement, []).is_err(), "{statement}");
     }
     let ghost = Signature { who: "Eve".to_owned(), remark: String::new(), estimate_sha256: first };
-    assert!(journal.sign(RunId(7), &ghost).wait().is_err());
+    assert!(journal.add_signature(RunId(7), &ghost).wait().is_err());
 }
 
 #[test]
@@ -151,40 +153,40 @@ fn runs_are_compared_where_they_have_something_in_common() {
     let journal = Journal::open(dir.path()).unwrap();
     let run = |method: &str, config: &str, value: Option<f64>| -> RunId {
         let new = NewRun { config: config.to_owned(), plan: plan(method, "mill") };
-        let id = journal.begin(&new).wait().unwrap();
+        let id = journal.begin_run(&new).wait().unwrap();
         if let Some(value) = value {
             let estimate = estimate(&[("EX0C", value, true), ("EY0C", 3.0, true)]);
-            journal.estimate(id, &estimate).wait().unwrap();
+            journal.add_estimate(id, &estimate).wait().unwrap();
         }
         id
     };
     let (one, other) = (run("samba", "a", Some(1.0)), run("samba", "b", Some(4.0)));
     let (laser, none) = (run("laser-r-test", "a", Some(1.0)), run("samba", "a", None));
-    let found = compare(&journal, one, other).unwrap();
+    let found = compare_runs(&journal, one, other).unwrap();
     let changed: Vec<_> = found.differences.iter().map(|d| (d.by, d.significant)).collect();
     assert_eq!(changed, [(3.0, true), (0.0, false)]);
-    assert_eq!(found.besides, ["the machine file was changed between them"]);
-    let methods = compare(&journal, one, laser).unwrap();
+    assert_eq!(found.besides, ["the machine file was changed between the runs"]);
+    let methods = compare_runs(&journal, one, laser).unwrap();
     assert_eq!(methods.differences.len(), 2);
-    assert_eq!(methods.besides, ["they are of two methods"]);
+    assert_eq!(methods.besides, ["the runs have different methods"]);
     let add = |estimate: &Estimate| -> RunId {
         let new = NewRun { config: "a".to_owned(), plan: plan("samba", "mill") };
-        let id = journal.begin(&new).wait().unwrap();
-        journal.estimate(id, estimate).wait().unwrap();
+        let id = journal.begin_run(&new).wait().unwrap();
+        journal.add_estimate(id, estimate).wait().unwrap();
         id
     };
     let nothing = add(&estimate(&[("EA0B", 1.0, true)]));
-    assert!(matches!(compare(&journal, one, nothing), Err(CompareError::NothingInCommon(..))));
+    assert!(matches!(compare_runs(&journal, one, nothing), Err(CompareError::NothingInCommon(..))));
     let mut mm = estimate(&[("EX0C", 1.0, true)]);
     mm.parameters[0].unit = Unit::Mm;
-    let units = compare(&journal, one, add(&mm)).unwrap_err();
+    let units = compare_runs(&journal, one, add(&mm)).unwrap_err();
     assert!(units.to_string().ends_with("have different units: EX0C"), "{units}");
     mm.parameters.push(estimate(&[("EY0C", 3.0, true)]).parameters.remove(0));
-    let some = compare(&journal, one, add(&mm)).unwrap();
+    let some = compare_runs(&journal, one, add(&mm)).unwrap();
     assert_eq!(some.differences.len(), 1);
-    assert_eq!(some.besides, ["the units differ of EX0C"]);
-    assert!(matches!(compare(&journal, one, none), Err(CompareError::NoEstimate(_))));
-    assert!(matches!(compare(&journal, one, RunId(9)), Err(CompareError::Store(_))));
+    assert_eq!(some.besides, ["the two runs have different units for EX0C"]);
+    assert!(matches!(compare_runs(&journal, one, none), Err(CompareError::NoEstimate(_))));
+    assert!(matches!(compare_runs(&journal, one, RunId(9)), Err(CompareError::Store(_))));
 }
 
 /// A control that was switched off meanwhile reports 0 at any position of such an axis.
@@ -197,8 +199,8 @@ fn an_axis_without_a_homing_switch_may_have_lost_its_zero_in_any_stop() {
             "acceleration_per_s2": 1.0, "homing": homing});
         let mut plan = plan("samba", "mill");
         plan.machine.axes.insert(machine::Axis::C, serde_json::from_value(axis).unwrap());
-        let id = journal.begin(&NewRun { config: String::new(), plan }).wait().unwrap();
-        position_lost(&journal.load(id).unwrap())
+        let id = journal.begin_run(&NewRun { config: String::new(), plan }).wait().unwrap();
+        position_lost(&journal.load_run(id).unwrap())
     };
     assert_eq!([lost("none"), lost("switch")], [true, false]);
 }

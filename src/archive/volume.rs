@@ -4,26 +4,29 @@ use crate::report::ErrorMap;
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
-use methods::prediction::{Predictor, Slice, WorkZero};
+use methods::prediction::{ErrorSlice, Predictor, WorkZero};
 
 /// Sentences, and maps before and after a correction; `None` for an estimate without axis errors.
-pub fn volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
-    let predictor = Predictor::new(machine, estimate, WorkZero::OnTable).ok()?;
-    let poses = predictor.volume().ok()?;
-    let errors = predictor.volume_errors(&poses, &predictor.tips(&poses));
-    let slices = predictor.slices(poses.get(errors[0].worst)?).ok()?;
+pub fn error_volume(
+    machine: &Machine,
+    estimate: &Estimate,
+) -> Option<(Vec<String>, Vec<ErrorMap>)> {
+    let predictor = Predictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
+    let poses = predictor.grid_poses().ok()?;
+    let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
+    let slices = predictor.slices(poses.get(errors[0].worst_pose)?).ok()?;
     let mut lines = vec![format!(
-        "{}; over the ranges of the axes that were measured, with tool-centre control, the work zero set with the tip \
-         on the origin of the table and the rotary axes at 0",
-        predictor.model_in_words()
+        "{}; over the measured ranges of the axes, with tool-centre control (TCP), and with the work zero \
+        set with the tip at the origin of the table and the rotary axes at 0",
+        predictor.describe_model()
     )];
-    lines.extend(Predictor::in_words(errors, &poses));
+    lines.extend(Predictor::describe_volume_errors(errors, &poses));
     let symbols = predictor.symbols().to_vec();
-    lines.push(predictor.left_in_words(&symbols, &poses).ok()?);
-    Some((lines, slices.into_iter().map(map).collect()))
+    lines.push(predictor.describe_corrected_error(&symbols, &poses).ok()?);
+    Some((lines, slices.into_iter().map(error_map).collect()))
 }
 
-fn map(slice: Slice) -> ErrorMap {
+fn error_map(slice: ErrorSlice) -> ErrorMap {
     let unit = |axis: Axis| if axis.is_linear() { "mm" } else { "°" };
     let named =
         |(axis, positions): (Axis, Vec<f64>)| (format!("{axis}, {}", unit(axis)), positions);
@@ -31,9 +34,14 @@ fn map(slice: Slice) -> ErrorMap {
         rows.into_iter().map(|row| row.into_iter().map(|mm| factor * mm).collect()).collect()
     };
     ErrorMap {
-        title: format!("{} and {}, at {}", slice.across.0, slice.up.0, others(&slice.others)),
-        across: named(slice.across),
-        up: named(slice.up),
+        title: format!(
+            "{} and {}, at {}",
+            slice.horizontal.0,
+            slice.vertical.0,
+            describe_position(&slice.other_positions)
+        ),
+        horizontal: named(slice.horizontal),
+        vertical: named(slice.vertical),
         panels: [
             ("error of the tip, µm".to_owned(), in_um(slice.error_mm, 1e3)),
             (
@@ -44,10 +52,10 @@ fn map(slice: Slice) -> ErrorMap {
     }
 }
 
-fn others(at: &Position) -> String {
+fn describe_position(at: &Position) -> String {
     let unit = |axis: Axis| if axis.is_linear() { " mm" } else { "°" };
     let words = at.iter().map(|(axis, value)| {
-        format!("{axis} {:.0}{}", axis.to_edge(value).round() + 0.0, unit(axis))
+        format!("{axis} {:.0}{}", axis.to_mm_or_deg(value).round() + 0.0, unit(axis))
     });
     words.collect::<Vec<_>>().join(", ")
 }

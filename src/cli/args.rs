@@ -9,11 +9,13 @@ use super::result_args::{BackupArgs, CompareArgs, ExportArgs, PredictArgs, RunsA
 use crate::service::Role;
 use devices::controllers::linuxcnc;
 
-/// Keeps five-axis machine tools true: the machine measures itself, with an uncertainty.
+/// Keeps five-axis machine tools in tolerance: the machine measures its geometric errors with its own touch
+/// probe and states their uncertainty.
 #[derive(Debug, Parser)]
 #[command(name = "trued", version, about, color = clap::ColorChoice::Never)]
 pub struct Cli {
-    /// Directory of journal and locks [default: $STATE_DIRECTORY, then the user's state folder].
+    /// Directory of the journal and the lock files [default: $STATE_DIRECTORY, otherwise the user's state
+    /// directory].
     #[arg(long, global = true, value_name = "DIR")]
     pub state: Option<PathBuf>,
     #[command(subcommand)]
@@ -22,37 +24,38 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Measure, identify, judge and store.
+    /// Measure with a method, estimate the parameters, compare them with the tolerances and store the run.
     Run(RunArgs),
-    /// Wait for triggers from the machine, as [serve] in the machine file allows; run and judge the cycles.
+    /// Run as a daemon: start the cycles of [serve] in the machine file on a trigger of the control, from the
+    /// page or by the schedule.
     Serve(ServeArgs),
     /// Check that the machine agrees with its machine file, part by part, with an operator at the machine. A
     /// simulated machine needs no operator.
     Check(CheckArgs),
-    /// Resume a run that was stopped or interrupted, once a person has checked the machine; or identify a run
-    /// that was measured to its end, without motion.
+    /// Resume a stopped or interrupted run after the operator has checked the machine. If all steps are
+    /// measured, only compute the estimate, without motion.
     Resume(ResumeArgs),
-    /// Print what would be measured; nothing moves.
+    /// Print the plan of a measurement; nothing moves.
     Plan(PlanArgs),
-    /// Turn readings into an estimate.
+    /// Compute an estimate from readings.
     Identify(IdentifyArgs),
     /// Write a commented machine file from the data that the control reports; nothing moves.
     Init(InitArgs),
-    /// Show the samples of a sensor; nothing moves.
+    /// Print the samples of a sensor; nothing moves.
     Watch(WatchArgs),
-    /// Serve the simulated machine on a pseudo-terminal, for any program to drive.
+    /// Start the simulated machine on a pseudo-terminal or a TCP port, as a target for other programs.
     Simulate(SimulateArgs),
     /// List the stored runs.
     Runs(RunsArgs),
-    /// Show the values of a machine over its runs, and what changed.
+    /// Show the history of the parameters of a machine, and their significant changes.
     Trend(TrendArgs),
-    /// Show the schedule of a machine, its armings and its last slots.
+    /// Show the schedule of a machine, the cycles that are armed and the last scheduled starts.
     Schedule(ScheduleArgs),
-    /// Allow the schedule to start a cycle unattended, until a time.
+    /// Allow the schedule to start a cycle unattended until a given time.
     Arm(ArmArgs),
-    /// Forbid the schedule to start anything on this machine until it is armed again.
+    /// Stop unattended starts by the schedule on this machine until a cycle is armed again.
     Disarm(DisarmArgs),
-    /// Show one stored run.
+    /// Show a stored run: its state, its estimate and its interruptions.
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
@@ -60,17 +63,17 @@ pub enum Command {
     Predict(PredictArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
-    /// Copy the journal to one file, also while a daemon writes it; the copy is verified.
+    /// Copy the journal to one file and verify the copy; a daemon may be running.
     Backup(BackupArgs),
-    /// Manage the tokens for access from other computers to the page and interface of `trued serve`.
+    /// Manage the tokens for access from other computers to the page and the HTTP interface of `trued serve`.
     Token(TokenArgs),
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Speed {
-    /// The simulated machine needs the time of a real one.
+    /// The simulated machine runs in real time.
     Real,
-    /// Simulated time passes as fast as it can be computed.
+    /// The simulated machine runs as fast as the computer allows.
     #[default]
     Fast,
 }
@@ -79,22 +82,23 @@ pub enum Speed {
 #[command(after_help = methods_help())]
 pub struct RunArgs {
     pub method: String,
-    /// The machine file; without one, the embedded simulated machine measures itself.
+    /// Machine file; without it, the built-in simulated machine is measured.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Estimates whose values are taken as known.
+    /// Earlier estimates; their values and uncertainties are used as known parameters.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
-    /// Measure the whole cycle this many times.
+    /// Number of repetitions of the whole cycle.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
-    /// Your name, if a daemon has the machine and shall run one of its cycles: you have checked that the
-    /// machine may move, that it is in automatic mode and that its guards are closed. On a terminal the command
-    /// asks for the name. Enter confirms a prompt of the run under this name, otherwise under your login name.
+    /// Your name, if a daemon controls the machine and runs the cycle. With it you confirm that the machine
+    /// may move, that the control is in automatic mode and that the guards are closed. Without this option
+    /// the command prompts for the name on a terminal. Prompts of the run that you confirm with Enter are
+    /// stored with this name, otherwise with your login name.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
-    /// Replay a capture: nothing is opened and nothing moves, the capture contains the answers of the devices.
-    /// The replay is not kept in the journal.
+    /// Replay a capture: the replies of the devices come from this file, no device is opened and nothing
+    /// moves. The replay is not stored in the journal.
     #[arg(long, value_name = "FILE", conflicts_with = "capture")]
     pub replay: Option<PathBuf>,
     #[command(flatten)]
@@ -110,59 +114,60 @@ pub struct OutputArgs {
     /// Write the report to this file.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
-    /// Write every byte of every link to this file, with its time.
+    /// Write every byte of every device link, with its time, to this file.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
-    /// Pace of the simulated machine, by default fast; a real machine has its own.
+    /// Speed of the simulated machine, by default `fast`; without effect on a real machine.
     #[arg(long, value_enum)]
     pub speed: Option<Speed>,
 }
 
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// The machine file; without one, the embedded simulated machine is checked.
+    /// Machine file; without it, the built-in simulated machine is checked.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// Print the summary as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Pace of the simulated machine; a real machine has its own.
+    /// Speed of the simulated machine; without effect on a real machine.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }
 
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// File of the daemon: its machines and its page.
+    /// Configuration file of the daemon: its machines and its page.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Machine file of a single machine, with a section [serve]. Without this and --config the simulated
-    /// machine is served, with its page at 127.0.0.1:8137.
+    /// Machine file of a single machine, with a section [serve]. Without this option and --config, the daemon
+    /// controls the simulated machine, with its page at 127.0.0.1:8137.
     #[arg(long, value_name = "FILE", conflicts_with = "config")]
     pub machine: Option<PathBuf>,
-    /// Read every file, rehearse every cycle, then exit: nothing is opened.
+    /// Read every file and rehearse every cycle, then exit; no device is opened.
     #[arg(long)]
     pub check: bool,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
-    /// Write every byte of each run's links to a file of its own: FILE, with the run's number before the file
-    /// extension.
+    /// Write every byte of the device links to one file per run: FILE with the number of the run before the
+    /// file extension.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 pub struct ResumeArgs {
-    /// Number of the run, as `trued runs` lists it.
+    /// Number of the run; `trued runs` lists the numbers.
     pub run: i64,
-    /// Your name: you have checked the machine, its path is free and the stylus undamaged. On a terminal the
-    /// command asks for the name.
+    /// Your name. With it you confirm that you have checked the machine, that its path is free and that the
+    /// stylus is undamaged. Without this option the command prompts for the name on a terminal.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
-    /// All axes were homed since the stop; required if the control may have lost its position.
+    /// Confirm that all axes were homed after the stop; required if the control may have lost its position.
     #[arg(long, requires = "acknowledge")]
     pub homed: bool,
-    /// The machine file with which the run began, for comparison; without it, the stored one is used.
+    /// Machine file for comparison with the one of the run; the command fails if they differ. The run always
+    /// uses its stored machine file.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     #[command(flatten)]
@@ -178,7 +183,7 @@ pub struct PlanArgs {
     /// Print the plan as JSON.
     #[arg(long, conflicts_with = "gcode")]
     pub json: bool,
-    /// Print the program in this dialect.
+    /// Print the G-code program in this dialect.
     #[arg(long, value_name = "DIALECT")]
     pub gcode: Option<String>,
 }
@@ -188,16 +193,17 @@ pub struct IdentifyArgs {
     pub method: String,
     #[arg(long, value_name = "FILE.csv", required_unless_present = "run")]
     pub readings: Option<PathBuf>,
-    /// Identify a stored run again from its own plan and readings. The new estimate is added to the run, the
-    /// old ones stay.
+    /// Compute a new estimate of a stored run from its plan and readings. The new estimate is added to the
+    /// run; the older estimates stay.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["readings", "plan"])]
     pub run: Option<i64>,
-    /// The plan that was measured; without it, the plan of the machine file.
+    /// Plan of the readings; without it, the plan that follows from the machine file.
     #[arg(long, value_name = "FILE.json")]
     pub plan: Option<PathBuf>,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Estimates whose values are taken as known, instead of those with which the run began.
+    /// Earlier estimates; their values and uncertainties are used as known parameters, instead of the
+    /// estimates that the run was started with.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
     #[arg(long)]
@@ -207,43 +213,43 @@ pub struct IdentifyArgs {
 #[derive(Debug, Args)]
 #[command(group = clap::ArgGroup::new("link").required(true).args(["serial", "serial_id", "tcp"]))]
 pub struct InitArgs {
-    /// grbl, linuxcnc or modbus
+    /// Kind of the control: grbl, linuxcnc or modbus.
     #[arg(long)]
     pub kind: String,
     #[arg(long, value_name = "/dev/...")]
     pub serial: Option<String>,
-    /// Name of a port in /dev/serial/by-id, or a part of the name.
+    /// Name of a serial port in /dev/serial/by-id, or a part of the name.
     #[arg(long, value_name = "NAME")]
     pub serial_id: Option<String>,
     #[arg(long, value_name = "N", conflicts_with = "tcp")]
     pub baud: Option<u32>,
-    /// none, even or odd (Modbus)
+    /// Parity of the serial port: none, even or odd (Modbus).
     #[arg(long, conflicts_with = "tcp")]
     pub parity: Option<String>,
     #[arg(long, value_name = "HOST:PORT")]
     pub tcp: Option<String>,
-    /// Number of the device (Modbus).
+    /// Unit identifier of the device (Modbus).
     #[arg(long, value_name = "N")]
     pub unit: Option<u8>,
-    /// Folder that both this program and the control can access (LinuxCNC, which needs it).
-    #[arg(long, value_name = "DIR", required_if_eq("kind", linuxcnc::KIND))]
+    /// Folder that both this program and the control can access; required for LinuxCNC.
+    #[arg(long, value_name = "DIR", required_if_eq("kind", linuxcnc::CONTROL_KIND))]
     pub program_dir: Option<PathBuf>,
-    /// INI file with which the control was started (LinuxCNC).
+    /// INI file of the running LinuxCNC.
     #[arg(long, value_name = "FILE")]
     pub ini: Option<PathBuf>,
-    /// Dialect of the control, if it is not the usual one of its kind.
+    /// G-code dialect of the control, if it differs from the usual dialect of this kind of control.
     #[arg(long)]
     pub dialect: Option<String>,
-    /// Kinematic chain, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual one for the axes.
+    /// Kinematic chain, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual chain for these axes.
     #[arg(long)]
     pub topology: Option<String>,
     #[arg(long)]
     pub name: Option<String>,
-    /// If nothing answers, try other baud rates, device numbers and protocols. Another device may misinterpret
-    /// these requests: make sure that nothing can move.
+    /// If no device replies, try other baud rates, unit identifiers and protocols. Another device may
+    /// misinterpret these requests: make sure that nothing can move.
     #[arg(long)]
     pub search: bool,
-    /// Output file, which must not exist; without it, standard output.
+    /// Output file; it must not exist yet. Without this option the file is printed to standard output.
     #[arg(long, value_name = "FILE")]
     pub to: Option<PathBuf>,
 }
@@ -252,10 +258,10 @@ pub struct InitArgs {
 pub struct WatchArgs {
     /// Name of the sensor in the machine file.
     pub sensor: String,
-    /// The machine file, with a [[sensor]] of this name.
+    /// Machine file with a [[sensor]] of this name.
     #[arg(long, value_name = "FILE")]
     pub machine: PathBuf,
-    /// Exit after this number of samples; a missing signal does not count.
+    /// Exit after this number of samples; missing samples are not counted.
     #[arg(long, value_name = "N")]
     pub samples: Option<u64>,
     /// Print each sample as a line of JSON.
@@ -265,13 +271,13 @@ pub struct WatchArgs {
 
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// Method whose built-in machine is served if there is no machine file.
+    /// Method whose built-in machine is simulated if no machine file is given.
     #[arg(default_value = "self-calibration")]
     pub method: String,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Insert a faulty wire, which delays, drops, doubles, flips, splits, stalls and cuts according to the
-    /// seed, and report its faults.
+    /// Simulate a faulty link, which delays, drops, duplicates, corrupts, splits, stalls and cuts the data
+    /// according to this seed, and print its faults.
     #[arg(long, value_name = "SEED")]
     pub faults: Option<u64>,
     #[arg(long, value_enum, default_value = "fast")]
@@ -282,7 +288,7 @@ pub struct SimulateArgs {
 pub struct TrendArgs {
     /// Name of the machine; without it, the machine of the last run.
     pub machine: Option<String>,
-    /// Number of days for which changes are shown.
+    /// Number of past days for which changes are listed.
     #[arg(long, value_name = "DAYS", default_value_t = 7)]
     pub days: u32,
     #[arg(long)]
@@ -293,10 +299,10 @@ pub struct TrendArgs {
 pub struct ScheduleArgs {
     /// Name of the machine; without it, all machines in the journal.
     pub name: Option<String>,
-    /// Machine file, to show the next slots.
+    /// Machine file, to show its next scheduled starts as well.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
     pub machine: Option<PathBuf>,
-    /// File of the daemon, to show the next slots.
+    /// Configuration file of the daemon, to show the next scheduled starts of its machines as well.
     #[arg(long, value_name = "FILE", conflicts_with = "name")]
     pub config: Option<PathBuf>,
     #[arg(long)]
@@ -307,12 +313,12 @@ pub struct ScheduleArgs {
 pub struct ArmArgs {
     /// Name of the machine.
     pub machine: String,
-    /// Number of the cycle, as in [[serve.cycle]].
+    /// Number of the cycle in [[serve.cycle]].
     pub cycle: u16,
-    /// Your name: you have made sure that the machine may move unattended.
+    /// Your name. With it you confirm that the machine may move unattended.
     #[arg(long, value_name = "NAME")]
     pub who: String,
-    /// A duration, such as 14d or 8h, or an instant, such as 2027-01-31T18:00:00+01:00.
+    /// End of the arming: a duration, such as 14d or 8h, or a time, such as 2027-01-31T18:00:00+01:00.
     #[arg(long, value_name = "WHEN")]
     pub until: String,
     #[arg(long, value_name = "WORDS", default_value = "")]
@@ -335,25 +341,25 @@ pub struct DisarmArgs {
 #[derive(Debug, Args)]
 pub struct TokenArgs {
     #[command(subcommand)]
-    pub what: TokenCommand,
+    pub command: TokenCommand,
 }
 
 #[derive(Debug, Subcommand)]
 pub enum TokenCommand {
-    /// Create a token and print it; it cannot be shown again.
+    /// Create a token and print it; the token cannot be printed again later.
     Add {
         /// Name of the token's user, e.g. tablet-hall-2, as shown in the audit log.
         name: String,
-        /// viewer (reads, and may hold), operator (also starts, acknowledges and resumes), metrologist (also
-        /// signs and arms).
+        /// Role of the user: viewer (can read and hold), operator (can also start, confirm and resume runs),
+        /// metrologist (can also sign runs and arm cycles).
         #[arg(long)]
         role: Role,
     },
-    /// List the tokens without their secrets.
+    /// List the tokens; the secrets are not printed.
     List {
         #[arg(long)]
         json: bool,
     },
-    /// Revoke a token: it gives no access any more.
+    /// Revoke a token; requests with this token are refused from then on.
     Revoke { name: String },
 }

@@ -6,61 +6,61 @@ use std::path::Path;
 use super::args::CheckArgs;
 use super::failure::Failure;
 use super::files::state_folder;
-use super::run::runtime;
+use super::run::build_runtime;
 use super::signals::stop_on_signals;
-use super::terminal::Terminal;
-use super::{Exit, show};
-use crate::commissioning::{Check, Finding, Nobody, Person, Stop, Summary, Verdict};
-use crate::setup::{self, Site};
+use super::terminal::TerminalOperator;
+use super::{ExitStatus, show};
+use crate::commissioning::{Check, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict};
+use crate::setup::{self, ReopenableMachine};
 use crate::store::{Journal, MachineLock};
 
 /// Name of a method for loading the machine file; any method would do.
-const METHOD: &str = "self-calibration";
+const PLACEHOLDER_METHOD: &str = "self-calibration";
 
-pub fn check(args: &CheckArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref(), METHOD)?;
+pub fn check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+    let machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;
     let journal = Journal::open(&folder)?;
     journal.mark_interrupted(&lock).wait()?;
-    let site = Site::new(&machine)?;
+    let site = ReopenableMachine::new(&machine)?;
     let stop = Stop::default();
     stop_on_signals(stop.halt())?;
-    let mut person = person(&site, &stop);
+    let mut person = select_operator(&site, &stop);
     let mut tell = |finding: &Finding| {
-        if args.json { tell!("{finding}") } else { say!("{finding}") }
+        if args.json { errln!("{finding}") } else { outln!("{finding}") }
     };
     let at = (&machine, &site, args.speed.into());
     let check = Check::new(at, &journal, person.as_mut(), stop, &mut tell);
-    let summary = runtime()?.block_on(check.through());
-    report(&summary, args.json)?;
-    Ok(exit(&summary))
+    let summary = build_runtime()?.block_on(check.run_all_parts());
+    print_summary(&summary, args.json)?;
+    Ok(exit_code(&summary))
 }
 
-/// The simulated operator of a simulated machine, the person at the terminal, or nobody.
-fn person(site: &Site<'_>, stop: &Stop) -> Box<dyn Person> {
-    match site.bystander() {
-        Some(bystander) => Box::new(bystander),
-        None if std::io::stdin().is_terminal() => Box::new(Terminal::new(stop.clone())),
+/// The simulated operator of a simulated machine, the operator at the terminal, or no operator.
+fn select_operator(site: &ReopenableMachine<'_>, stop: &Stop) -> Box<dyn OperatorInterface> {
+    match site.simulated_operator() {
+        Some(simulated_operator) => Box::new(simulated_operator),
+        None if std::io::stdin().is_terminal() => Box::new(TerminalOperator::new(stop.clone())),
         None => {
-            tell!("nobody is at a terminal: what a person must allow or see is not looked at");
-            Box::new(Nobody)
+            errln!("standard input is not a terminal: checks that need an operator are skipped");
+            Box::new(NoOperator)
         }
     }
 }
 
-fn report(summary: &Summary, json: bool) -> Result<(), Failure> {
+fn print_summary(summary: &Summary, json: bool) -> Result<(), Failure> {
     if json {
         return show::print_json(summary);
     }
-    say!("\nto paste into a support request:\n\n{summary}");
+    outln!("\nSummary for a support request:\n\n{summary}");
     Ok(())
 }
 
-fn exit(summary: &Summary) -> Exit {
+fn exit_code(summary: &Summary) -> ExitStatus {
     match summary {
-        _ if summary.stopped => Exit::Stopped,
-        _ if summary.count(Verdict::Failed) > 0 => Exit::Error,
-        _ => Exit::Pass,
+        _ if summary.stopped => ExitStatus::Stopped,
+        _ if summary.count(Verdict::Failed) > 0 => ExitStatus::Error,
+        _ => ExitStatus::Pass,
     }
 }

@@ -5,10 +5,10 @@ use std::path::Path;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::result_args::CompareArgs;
-use super::{Exit, show};
-use crate::archive::compare::{CompareError, Comparison, compare};
+use super::{ExitStatus, show};
+use crate::archive::compare::{CompareError, Comparison, compare_runs};
 use crate::store::{Journal, RunId};
-use methods::decision::difference::Difference;
+use methods::decision::difference::ParameterDifference;
 use methods::decision::function_difference::FunctionDifference;
 
 impl From<CompareError> for Failure {
@@ -17,45 +17,49 @@ impl From<CompareError> for Failure {
     }
 }
 
-pub fn compare_runs(args: &CompareArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn compare_stored_runs(
+    args: &CompareArgs,
+    state: Option<&Path>,
+) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
-    let comparison = compare(&journal, RunId(args.first), RunId(args.second))?;
+    let comparison = compare_runs(&journal, RunId(args.first), RunId(args.second))?;
     match args.json {
         true => show::print_json(&comparison)?,
-        false => print(&comparison),
+        false => print_comparison(&comparison),
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
-fn print(comparison: &Comparison) {
+fn print_comparison(comparison: &Comparison) {
     let Comparison { runs, differences, functions, common_sources, besides } = comparison;
     for run in runs {
-        say!("run {}: {} on {}, {:.0}", run.id, run.method, run.machine, run.started);
+        outln!("run {}: {} on {}, {:.0}", run.id, run.method, run.machine, run.started);
     }
     for words in besides {
-        say!("note: {words}");
+        outln!("note: {words}");
     }
     print_parameters(differences);
     print_functions(functions);
     let common = match common_sources.as_slice() {
-        [] => "none: both results count as independent".to_owned(),
-        names => format!("{} (same value and same effect in both runs)", names.join(", ")),
+        [] => "none: the results are treated as independent".to_owned(),
+        names => format!("{} (fully correlated in both runs)", names.join(", ")),
     };
-    say!("common sources of uncertainty: {common}");
+    outln!("common sources of uncertainty: {common}");
     let agreeing = differences.iter().filter(|difference| !difference.significant).count();
-    say!(
-        "{agreeing} of {} parameters agree, {} of {} functions at all points (E_n = |difference|/U, at most 1)",
+    outln!(
+        "{agreeing} of {} parameters agree; {} of {} functions agree at all points (agreement: E_n = \
+        |difference|/U is at most 1)",
         differences.len(),
-        functions.iter().filter(|f| f.agreeing() == f.x.len()).count(),
+        functions.iter().filter(|f| f.agreeing_count() == f.x.len()).count(),
         functions.len()
     );
 }
 
-fn print_parameters(differences: &[Difference]) {
+fn print_parameters(differences: &[ParameterDifference]) {
     if differences.is_empty() {
         return;
     }
-    say!(
+    outln!(
         "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
         "parameter",
         "first",
@@ -64,12 +68,20 @@ fn print_parameters(differences: &[Difference]) {
         "U",
         "E_n"
     );
-    for Difference { symbol, unit, first, second, by, expanded, normalized, significant } in
-        differences
+    for ParameterDifference {
+        symbol,
+        unit,
+        first,
+        second,
+        by,
+        expanded,
+        normalized,
+        significant,
+    } in differences
     {
         let mark = if *significant { "  differs" } else { "" };
         let unit = unit.symbol();
-        say!(
+        outln!(
             "{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}"
         );
     }
@@ -80,7 +92,7 @@ fn print_functions(functions: &[FunctionDifference]) {
     if functions.is_empty() {
         return;
     }
-    say!(
+    outln!(
         "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
         "function",
         "points",
@@ -90,9 +102,9 @@ fn print_functions(functions: &[FunctionDifference]) {
         "E_n"
     );
     for function in functions {
-        let Some(worst) = function.worst() else { continue };
-        let (agreeing, count) = (function.agreeing(), function.x.len());
-        say!(
+        let Some(worst) = function.worst_index() else { continue };
+        let (agreeing, count) = (function.agreeing_count(), function.x.len());
+        outln!(
             "{:<16} {:>12} {:>12} {:>11.3} {:>9.3} {:>6.2}  {}{}",
             function.symbol,
             format!("{agreeing} of {count}"),
@@ -105,8 +117,9 @@ fn print_functions(functions: &[FunctionDifference]) {
         );
     }
     if let Some(at) = functions.iter().find_map(|function| function.gauge_at) {
-        say!(
-            "the value at {at}° is subtracted from each function of an angle; U combines four standard uncertainties: two points, two runs"
+        outln!(
+            "from each function of an angle its value at {at}° is subtracted; U combines four standard \
+            uncertainties: of two points in each of two runs"
         );
     }
 }

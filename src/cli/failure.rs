@@ -2,42 +2,42 @@
 
 use std::path::Path;
 
-use super::Exit;
-use crate::archive::story::resume_hint;
-use crate::run::{CycleError, Unqualified};
+use super::ExitStatus;
+use crate::archive::run_story::resume_hint;
+use crate::run::{CycleError, QualificationError};
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
 use devices::sensors::SensorError;
-use methods::{IdentifyError, Refused};
+use methods::{IdentifyError, MethodRefusal};
 use planning::PlanningError;
 use planning::gcode::RenderError;
 
 #[derive(Debug)]
 pub struct Failure {
-    pub what: String,
+    pub message: String,
     pub remedy: Option<String>,
-    pub exit: Exit,
+    pub exit: ExitStatus,
 }
 
 impl Failure {
-    pub fn new(what: impl ToString, remedy: impl Into<String>) -> Self {
-        Self { what: what.to_string(), remedy: Some(remedy.into()), exit: Exit::Error }
+    pub fn new(message: impl ToString, remedy: impl Into<String>) -> Self {
+        Self { message: message.to_string(), remedy: Some(remedy.into()), exit: ExitStatus::Error }
     }
 
-    pub fn plain(what: impl ToString) -> Self {
-        Self { what: what.to_string(), remedy: None, exit: Exit::Error }
+    pub fn without_remedy(message: impl ToString) -> Self {
+        Self { message: message.to_string(), remedy: None, exit: ExitStatus::Error }
     }
 
     /// The error of a file that cannot be read or written.
     pub fn file(path: &Path, error: &std::io::Error) -> Self {
-        Self::plain(format!("{}: {error}", path.display()))
+        Self::without_remedy(format!("{}: {error}", path.display()))
     }
 }
 
 impl From<SetupError> for Failure {
     fn from(error: SetupError) -> Self {
-        Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+        Self { message: error.to_string(), remedy: error.remedy(), exit: ExitStatus::Error }
     }
 }
 
@@ -49,7 +49,7 @@ impl From<SensorError> for Failure {
 
 impl From<ServeError> for Failure {
     fn from(error: ServeError) -> Self {
-        Self { what: error.to_string(), remedy: error.remedy(), exit: Exit::Error }
+        Self { message: error.to_string(), remedy: error.remedy(), exit: ExitStatus::Error }
     }
 }
 
@@ -77,9 +77,9 @@ impl From<IdentifyError> for Failure {
     }
 }
 
-impl From<Refused> for Failure {
-    fn from(refused: Refused) -> Self {
-        Self::new(refused.why, refused.instead)
+impl From<MethodRefusal> for Failure {
+    fn from(refused: MethodRefusal) -> Self {
+        Self::new(refused.reason, refused.remedy)
     }
 }
 
@@ -89,8 +89,8 @@ impl From<RenderError> for Failure {
     }
 }
 
-impl From<Unqualified> for Failure {
-    fn from(error: Unqualified) -> Self {
+impl From<QualificationError> for Failure {
+    fn from(error: QualificationError) -> Self {
         Self::new(&error, error.remedy())
     }
 }
@@ -103,39 +103,41 @@ impl From<PlanningError> for Failure {
 
 impl Failure {
     /// The error of a cycle of `method`, with the command that continues the run if there is one.
-    pub fn of_cycle(error: &CycleError, method: &str) -> Self {
-        let is_stopped = error.holds() || error.is_stop();
-        let exit = if is_stopped { Exit::Stopped } else { Exit::Error };
+    pub fn from_cycle_error(error: &CycleError, method: &str) -> Self {
+        let is_stopped = error.holds_machine() || error.is_stop();
+        let exit = if is_stopped { ExitStatus::Stopped } else { ExitStatus::Error };
         match error {
-            CycleError::Run { run, error, moved, can_resume, .. } => {
-                let stands = if *moved { "" } else { "nothing has moved; " };
-                let remedy = Some(format!("{stands}{}", error.remedy()));
-                let failure = Self { what: error.to_string(), remedy, exit };
-                failure.with_way_on(*run, *can_resume, error.position_lost())
+            CycleError::Run { run, error, has_moved, can_resume, .. } => {
+                let prefix = if *has_moved { "" } else { "nothing has moved; " };
+                let remedy = Some(format!("{prefix}{}", error.remedy()));
+                let failure = Self { message: error.to_string(), remedy, exit };
+                failure.with_resume_hint(*run, *can_resume, error.position_lost())
             }
             CycleError::Identification { run, why } => {
-                Self { what: why.to_string(), remedy: why.remedy(), exit }.kept(*run, method)
+                Self { message: why.to_string(), remedy: why.remedy(), exit }
+                    .with_stored_run_hint(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
-            CycleError::Unqualified(error) => Self::new(error, error.remedy()),
+            CycleError::Qualification(error) => Self::new(error, error.remedy()),
         }
     }
 
     /// Adds the command of [`resume_hint`].
-    fn with_way_on(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
-        if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
+    fn with_resume_hint(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
+        if let (ExitStatus::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
             remedy.push_str(&format!("; {}", resume_hint(run, can_resume, position_lost)));
         }
         self
     }
 
     /// Adds the commands for a run whose readings are complete.
-    fn kept(self, run: RunId, method: &str) -> Self {
-        let way_on = format!(
-            "run {run} and its readings are kept: `trued resume {run}` or `trued identify {method} --run \
-             {run}` identifies it, `trued export {run}` writes it to files"
+    fn with_stored_run_hint(self, run: RunId, method: &str) -> Self {
+        let next_action = format!(
+            "run {run} and its readings are stored: `trued resume {run}` or `trued identify {method} --run \
+            {run}` computes the estimate, `trued export {run}` writes the readings to files"
         );
-        let remedy = self.remedy.map_or(way_on.clone(), |remedy| format!("{remedy}; {way_on}"));
+        let remedy =
+            self.remedy.map_or(next_action.clone(), |remedy| format!("{remedy}; {next_action}"));
         Self { remedy: Some(remedy), ..self }
     }
 }

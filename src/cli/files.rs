@@ -9,7 +9,7 @@ use machine::record::estimate::Estimate;
 /// Directory of the journal and the locks.
 pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {
     state_dir(given).ok_or_else(|| {
-        Failure::new("no place for the journal is known", "give one with --state DIR")
+        Failure::new("the directory of the journal is not known", "add the option --state DIR")
     })
 }
 
@@ -22,7 +22,7 @@ pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
     serde_json::from_str(&text).map_err(|error| {
         Failure::new(
             format!("{}: {error}", file.display()),
-            "an estimate as `trued run --json` prints it is expected",
+            "use an estimate in the format of `trued run --json`",
         )
     })
 }

@@ -5,20 +5,24 @@ use std::path::Path;
 use super::args::IdentifyArgs;
 use super::failure::Failure;
 use super::files::{read_estimates, state_folder};
-use super::{Exit, show};
+use super::{ExitStatus, show};
 use crate::report::readings_csv;
-use crate::run::{check_probe, identified, judged};
+use crate::run::{check_probe, identify_readings, judge_estimate};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{PLAN_VERSION, Plan, StepKind};
 use machine::record::reading::Reading;
 
-pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let estimate = match (args.run, &args.readings) {
-        (Some(run), _) => stored_run(args, RunId(run), state)?,
-        (None, Some(file)) => files(args, file)?,
-        (None, None) => return Err(Failure::plain("neither --readings nor --run is given")),
+        (Some(run), _) => identify_stored_run(args, RunId(run), state)?,
+        (None, Some(file)) => identify_files(args, file)?,
+        (None, None) => {
+            return Err(Failure::without_remedy(
+                "one of the options --readings and --run is required",
+            ));
+        }
     };
     if args.json {
         show::print_json(&estimate)?;
@@ -28,54 +32,59 @@ pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failu
     Ok(estimate.verdict.into())
 }
 
-fn files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
-    let machine = setup::load(args.machine.as_deref(), &args.method)?;
+fn identify_files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
+    let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
     let (method, mut plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
         None => {
-            let (method, header) = setup::header(&machine, &args.method, None)?;
-            let (plan, _) = methods::nominal(method.as_ref(), header)?;
+            let (method, header) = setup::plan_header(&machine, &args.method, None)?;
+            let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header)?;
             (method, plan)
         }
     };
     let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
-    let readings = readings_csv::read(&bytes)
-        .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
-    take_priors(args, &mut plan)?;
-    Ok(judged(identified(method.as_ref(), &plan, &readings)?, &machine.tolerance))
+    let readings = readings_csv::read_readings(&bytes)
+        .map_err(|error| Failure::without_remedy(format!("{}: {error}", csv.display())))?;
+    replace_priors(args, &mut plan)?;
+    Ok(judge_estimate(identify_readings(method.as_ref(), &plan, &readings)?, &machine.tolerance))
 }
 
 /// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
-fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, Failure> {
+fn identify_stored_run(
+    args: &IdentifyArgs,
+    run: RunId,
+    state: Option<&Path>,
+) -> Result<Estimate, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
-    let stored = journal.load(run)?;
+    let stored = journal.load_run(run)?;
     if stored.plan.method != args.method {
-        return Err(Failure::plain(format!(
-            "run {run} is of the method `{}`, not `{}`",
+        return Err(Failure::without_remedy(format!(
+            "run {run} was measured with the method `{}`, not with `{}`",
             stored.plan.method, args.method
         )));
     }
     let machine = match &args.machine {
-        Some(file) => setup::load(Some(file), &args.method)?,
+        Some(file) => setup::load_machine_file(Some(file), &args.method)?,
         None => {
             let file = format!("machine file of run {run}");
-            MachineFile::stored(&file, stored.config, &stored.plan.artefact)
+            MachineFile::from_stored(&file, stored.config, &stored.plan.artefact)
                 .map_err(SetupError::from)?
         }
     };
-    let method =
-        methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
-    let (mut plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
-    take_priors(args, &mut plan)?;
-    let estimate = identified(method.as_ref(), &plan, &stored.readings)?;
-    let mut estimate = judged(estimate, &machine.tolerance);
-    estimate.warnings.extend(left_out);
-    journal.estimate(run, &estimate).wait()?;
+    let method = methods::configure_method(&args.method, stored.plan.settings.clone())
+        .map_err(Failure::without_remedy)?;
+    let (mut plan, skipped_steps) =
+        keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
+    replace_priors(args, &mut plan)?;
+    let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
+    let mut estimate = judge_estimate(estimate, &machine.tolerance);
+    estimate.warnings.extend(skipped_steps);
+    journal.add_estimate(run, &estimate).wait()?;
     Ok(estimate)
 }
 
 /// Replaces the priors of the plan by those of `--with`, if given.
-fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
+fn replace_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
     if !args.with.is_empty() {
         plan.priors = read_estimates(&args.with)?;
     }
@@ -84,7 +93,11 @@ fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
 
 /// Reduces the plan of an incomplete run to the measured steps; also returns a message about the steps left
 /// out.
-fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
+fn keep_measured_steps(
+    mut plan: Plan,
+    state: RunState,
+    readings: &[Reading],
+) -> (Plan, Option<String>) {
     if matches!(state, RunState::Finished | RunState::NotIdentified | RunState::Running) {
         return (plan, None);
     }
@@ -94,11 +107,11 @@ fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Opt
         step.kind == StepKind::Prompt || readings.iter().any(|reading| reading.step == step.id)
     });
     let missing = planned - plan.steps.len();
-    let told = format!(
-        "the run is {}: {missing} of {planned} steps were never measured and are left out",
+    let message = format!(
+        "the run is {}: {missing} of {planned} steps were not measured and are not used",
         state.as_str()
     );
-    (plan, (missing > 0).then_some(told))
+    (plan, (missing > 0).then_some(message))
 }
 
 fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
@@ -106,17 +119,23 @@ fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Pla
     let wrong = |why: String| {
         Failure::new(
             format!("{}: {why}", file.display()),
-            "a plan as `trued plan --json` prints it is expected",
+            "use a plan in the format of `trued plan --json`",
         )
     };
     let plan: Plan = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     if plan.trued_plan != PLAN_VERSION {
-        return Err(wrong(format!("plan version {} is not {PLAN_VERSION}", plan.trued_plan)));
+        return Err(wrong(format!(
+            "plan version {} is not supported; the supported version is {PLAN_VERSION}",
+            plan.trued_plan
+        )));
     }
     if plan.method != method {
-        return Err(wrong(format!("it is a plan of `{}`, not of `{method}`", plan.method)));
+        return Err(wrong(format!(
+            "the plan is for the method `{}`, not for `{method}`",
+            plan.method
+        )));
     }
-    let settings = methods::configure(method, plan.settings.clone())
+    let settings = methods::configure_method(method, plan.settings.clone())
         .map_err(|error| wrong(format!("settings: {error}")))?;
     Ok((settings, plan))
 }

@@ -4,33 +4,34 @@ use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::InitArgs;
 use super::failure::Failure;
-use super::run::runtime;
-use crate::setup::{Draft, SetupError};
-use devices::controllers::{DeviceInfo, Leave, Named};
+use super::run::build_runtime;
+use crate::setup::{MachineFileDraft, SetupError};
+use devices::controllers::{ControllerConfig, DeviceInfo, DiagnosisMode};
 
-pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
+pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
     if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {
-        return Err(there_already(file));
+        return Err(file_exists_error(file));
     }
-    let draft = Draft {
-        controller: controller(args, ini_file(args.ini.as_deref())?),
+    let draft = MachineFileDraft {
+        controller: controller_table(args, ini_file(args.ini.as_deref())?),
         name: args.name.clone(),
         topology: args.topology.clone(),
     };
     let control = draft.control()?;
-    let said = runtime()?.block_on(introduced(&draft, control.as_ref(), args.search))?;
-    let text = draft.write(&said)?;
+    let info =
+        build_runtime()?.block_on(query_device_info(&draft, control.as_ref(), args.search))?;
+    let text = draft.render(&info)?;
     match &args.to {
-        None => say!("{}", text.trim_end()),
-        Some(file) => write_new(file, &text)?,
+        None => outln!("{}", text.trim_end()),
+        Some(file) => write_new_file(file, &text)?,
     }
-    for remark in &said.remarks {
-        tell!("{}\n  → {}", remark.what, remark.remedy);
+    for remark in &info.findings {
+        errln!("{}\n  → {}", remark.description, remark.remedy);
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Absolute path of LinuxCNC's INI file, as the machine file may be read from another folder.
@@ -40,14 +41,14 @@ fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
         Ok(path) if path.is_file() => Ok(Some(path.display().to_string())),
         Err(error) if error.kind() != ErrorKind::NotFound => Err(Failure::file(path, &error)),
         _ => Err(Failure::new(
-            format!("--ini: there is no such file: {}", path.display()),
-            "give the path of the INI file that LinuxCNC was started with",
+            format!("--ini: the file {} does not exist", path.display()),
+            "use the path of the INI file of the running LinuxCNC",
         )),
     }
 }
 
-/// `[controller]` from the arguments, with the path of the INI file.
-fn controller(args: &InitArgs, ini: Option<String>) -> toml::Table {
+/// `[controller_table]` from the arguments, with the path of the INI file.
+fn controller_table(args: &InitArgs, ini: Option<String>) -> toml::Table {
     let text = |value: &Option<String>| value.clone().map(toml::Value::String);
     let number = |value: Option<u32>| value.map(|value| toml::Value::Integer(value.into()));
     let path = |path: &Option<PathBuf>| path.as_ref().map(|path| path.display().to_string());
@@ -66,41 +67,41 @@ fn controller(args: &InitArgs, ini: Option<String>) -> toml::Table {
     keys.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect()
 }
 
-async fn introduced(
-    draft: &Draft,
-    control: &dyn Named,
+async fn query_device_info(
+    draft: &MachineFileDraft,
+    control: &dyn ControllerConfig,
     search: bool,
 ) -> Result<DeviceInfo, Failure> {
-    let error = match draft.introduce(control).await {
+    let error = match draft.query_device_info(control).await {
         Err(SetupError::Controller(error)) => error,
-        said => return Ok(said?),
+        info => return Ok(info?),
     };
-    let leave = if search { Leave::Ask } else { Leave::Listen };
+    let leave = if search { DiagnosisMode::Active } else { DiagnosisMode::Passive };
     for suspicion in draft.diagnose(control, &error, leave).await {
-        tell!("{suspicion}\n  → {}", suspicion.remedy);
+        errln!("{suspicion}\n  → {}", suspicion.remedy);
     }
     if !search {
-        tell!("`trued init --search` asks at other speeds and in other languages as well");
+        errln!("`trued init --search` also tries other baud rates and protocols");
     }
     Err(SetupError::Controller(error).into())
 }
 
-fn write_new(file: &Path, text: &str) -> Result<(), Failure> {
+fn write_new_file(file: &Path, text: &str) -> Result<(), Failure> {
     let created = OpenOptions::new().write(true).create_new(true).open(file);
     let written = created.and_then(|mut created| created.write_all(text.as_bytes()));
     written.map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => there_already(file),
+        ErrorKind::AlreadyExists => file_exists_error(file),
         _ => Failure::file(file, &error),
     })?;
-    tell!("{} is written; put right what is marked YOURS, then:", file.display());
-    tell!("  trued check --machine {}", file.display());
+    errln!("written: {}. Correct the values that are marked YOURS, then run:", file.display());
+    errln!("  trued check --machine {}", file.display());
     Ok(())
 }
 
-fn there_already(file: &Path) -> Failure {
+fn file_exists_error(file: &Path) -> Failure {
     Failure::new(
-        format!("{} is there already", file.display()),
-        "a machine file is never overwritten: give another name, or move it away",
+        format!("the file {} exists already", file.display()),
+        "a machine file is never overwritten: choose another name, or move the existing file",
     )
 }
 
@@ -113,7 +114,11 @@ mod tests {
         let here = ini_file(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
         assert!(Path::new(&here).is_absolute() && here.ends_with("/rig.ini"), "{here}");
         let failure = ini_file(Some(Path::new("tests/peers"))).unwrap_err();
-        assert!(failure.what.starts_with("--ini: there is no such file"), "{}", failure.what);
+        assert!(
+            failure.message.starts_with("--ini: the file tests/peers does not exist"),
+            "{}",
+            failure.message
+        );
         assert_eq!(ini_file(None).unwrap(), None);
     }
 }

@@ -3,41 +3,42 @@
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
 /// Width of the drawn range, characters.
-const BAR: usize = 17;
+const BAR_WIDTH: usize = 17;
 
-pub fn lines(values: &LiveValues) -> String {
-    let sensors = values.sensors.iter().map(sensor);
-    let sections = values.sections.iter().map(section);
+pub fn live_value_lines(values: &LiveValues) -> String {
+    let sensors = values.sensors.iter().map(sensor_line);
+    let sections = values.sections.iter().map(section_line);
     let tilt = values.tilt_urad.map(|[x, y]| format!("  tilt: X {x:+.0} µrad, Y {y:+.0} µrad"));
     sensors.chain(sections).chain(tilt).collect::<Vec<_>>().join("\n")
 }
 
-fn sensor(live: &LiveSensor) -> String {
+fn sensor_line(live: &LiveSensor) -> String {
     let value = match (live.value_mm, &live.failure) {
         (Some(mm), _) => format!("{mm:+.5} mm"),
         (None, failure) => failure.clone().unwrap_or_default(),
     };
     let target = live.target_mm.map_or(String::new(), |mm| format!("target {mm:+.5}"));
-    let to_go = live.to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
-    format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, bar(live))
+    let to_go =
+        live.distance_to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
+    format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, range_bar(live))
 }
 
 /// Bar of the range from its minimum to its maximum: `|` is the target, `o` the value.
-fn bar(live: &LiveSensor) -> String {
-    let place = |mm: f64| (live.range_share(mm) * (BAR - 1) as f64).round() as usize;
+fn range_bar(live: &LiveSensor) -> String {
+    let place = |mm: f64| (live.relative_position(mm) * (BAR_WIDTH - 1) as f64).round() as usize;
     let [target, value] = [live.target_mm, live.value_mm].map(|mm| mm.map(place));
     let mark = |at: usize| match at {
         at if value == Some(at) => 'o',
         at if target == Some(at) => '|',
         _ => '-',
     };
-    format!("[{}]", (0..BAR).map(mark).collect::<String>())
+    format!("[{}]", (0..BAR_WIDTH).map(mark).collect::<String>())
 }
 
-fn section(live: &LiveSection) -> String {
+fn section_line(live: &LiveSection) -> String {
     let at = match live.eccentricity_um {
         Some([x, y]) => format!("X {x:+.1} µm, Y {y:+.1} µm from the axis"),
-        None => "not known: too few of its sensors measure".to_owned(),
+        None => "not known, as too few of its sensors report a value".to_owned(),
     };
     format!("  section {}: {at}", live.number)
 }
@@ -68,7 +69,7 @@ mod tests {
             ),
         ];
         for (live, line) in lines {
-            assert_eq!(sensor(&live), line);
+            assert_eq!(sensor_line(&live), line);
         }
     }
 }

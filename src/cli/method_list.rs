@@ -2,8 +2,11 @@
 
 /// One paragraph per method, for `trued run --help`.
 pub(super) fn methods_help() -> String {
-    let paragraphs = methods::METHODS.iter().map(|method| {
-        format!("  {}\n      needs: {}\n      finds: {}\n", method.name, method.needs, method.finds)
+    let paragraphs = methods::METHOD_DESCRIPTIONS.iter().map(|method| {
+        format!(
+            "  {}\n      needs: {}\n      measures: {}\n",
+            method.name, method.required_setup, method.results
+        )
     });
     format!("Methods:\n{}", paragraphs.collect::<String>())
 }
@@ -13,8 +16,9 @@ mod tests {
     #[test]
     fn the_readme_lists_the_methods() {
         let readme = include_str!("../../README.md");
-        for method in methods::METHODS {
-            let row = format!("| `{}` | {} | {} |", method.name, method.needs, method.finds);
+        for method in methods::METHOD_DESCRIPTIONS {
+            let row =
+                format!("| `{}` | {} | {} |", method.name, method.required_setup, method.results);
             assert!(readme.lines().any(|line| line == row), "README.md lacks the row\n{row}");
         }
     }

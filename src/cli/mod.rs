@@ -2,20 +2,21 @@
 //! nothing.
 
 /// Prints a line on standard output.
-macro_rules! say {
-    ($($words:tt)*) => { $crate::cli::print(format_args!($($words)*)) };
+macro_rules! outln {
+    ($($words:tt)*) => { $crate::cli::print_to_stdout(format_args!($($words)*)) };
 }
 
 /// Prints a line on standard error.
-macro_rules! tell {
-    ($($words:tt)*) => { $crate::cli::tell(format_args!($($words)*)) };
+macro_rules! errln {
+    ($($words:tt)*) => { $crate::cli::print_to_stderr(format_args!($($words)*)) };
 }
 
 mod args;
 mod backup;
 mod check;
 mod compare;
-mod daemon;
+mod daemon_client;
+mod device_links;
 mod failure;
 mod files;
 mod identify;
@@ -38,7 +39,6 @@ mod terminal;
 mod token;
 mod trend;
 mod watch;
-mod wires;
 
 use std::io::Write;
 use std::path::Path;
@@ -52,7 +52,7 @@ use machine::record::estimate::Verdict;
 
 /// Exit code of a command (DESIGN, contracts).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Exit {
+enum ExitStatus {
     Pass = 0,
     Error = 1,
     Usage = 2,
@@ -61,12 +61,12 @@ enum Exit {
     Stopped = 5,
 }
 
-impl From<Verdict> for Exit {
+impl From<Verdict> for ExitStatus {
     fn from(verdict: Verdict) -> Self {
         match verdict {
-            Verdict::Pass | Verdict::None => Exit::Pass,
-            Verdict::Fail => Exit::Fail,
-            Verdict::Undecided | Verdict::UndecidedModel => Exit::Undecided,
+            Verdict::Pass | Verdict::None => ExitStatus::Pass,
+            Verdict::Fail => ExitStatus::Fail,
+            Verdict::Undecided | Verdict::UndecidedModel => ExitStatus::Undecided,
         }
     }
 }
@@ -75,19 +75,19 @@ impl From<Verdict> for Exit {
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let state = cli.state.clone();
-    match dispatch(cli) {
+    match run_command(cli) {
         Ok(exit) => ExitCode::from(exit as u8),
         Err(failure) => {
-            let remedy = failure.remedy.map(|remedy| with_state(&remedy, state.as_deref()));
+            let remedy = failure.remedy.map(|remedy| add_state_option(&remedy, state.as_deref()));
             let remedy = remedy.map(|remedy| format!("\n  → {remedy}"));
-            tell!("error: {}{}", failure.what, remedy.unwrap_or_default());
+            errln!("error: {}{}", failure.message, remedy.unwrap_or_default());
             ExitCode::from(failure.exit as u8)
         }
     }
 }
 
 /// Adds `--state` to the commands in `advice`, so that pasted commands find the journal of this command.
-fn with_state(advice: &str, state: Option<&Path>) -> String {
+fn add_state_option(advice: &str, state: Option<&Path>) -> String {
     let Some(state) = state else { return advice.to_owned() };
     let folder = state.display().to_string().replace('\'', r"'\''");
     let parts = advice.split('`').map(|part| match part.strip_prefix("trued ") {
@@ -99,43 +99,43 @@ fn with_state(advice: &str, state: Option<&Path>) -> String {
 }
 
 /// Prints to standard error. A closed standard error does not stop the program.
-fn tell(text: std::fmt::Arguments<'_>) {
+fn print_to_stderr(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-fn dispatch(cli: Cli) -> Result<Exit, Failure> {
+fn run_command(cli: Cli) -> Result<ExitStatus, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
-        Command::Run(args) => run::run(&args, state),
-        Command::Check(args) => check::check(&args, state),
-        Command::Serve(args) => serve::serve(&args, state),
-        Command::Resume(args) => resume::resume(&args, state),
-        Command::Plan(args) => plan::plan(&args),
-        Command::Identify(args) => identify::identify(&args, state),
-        Command::Init(args) => init::init(&args),
-        Command::Simulate(args) => simulate::simulate(&args),
-        Command::Watch(args) => watch::watch(&args),
-        Command::Runs(args) => runs::list(&args, state),
-        Command::Trend(args) => trend::trend(&args, state),
-        Command::Schedule(args) => schedule::schedule(&args, state),
-        Command::Arm(args) => schedule::arm(&args, state),
-        Command::Disarm(args) => schedule::disarm(&args, state),
-        Command::Compare(args) => compare::compare_runs(&args, state),
-        Command::Show(args) => runs::show(&args, state),
-        Command::Predict(args) => predict::predict(&args),
-        Command::Export(args) => runs::export(&args, state),
-        Command::Backup(args) => backup::backup(&args, state),
-        Command::Token(args) => token::token(&args, state),
+        Command::Run(args) => run::run_command(&args, state),
+        Command::Check(args) => check::check_command(&args, state),
+        Command::Serve(args) => serve::serve_command(&args, state),
+        Command::Resume(args) => resume::resume_command(&args, state),
+        Command::Plan(args) => plan::plan_command(&args),
+        Command::Identify(args) => identify::identify_command(&args, state),
+        Command::Init(args) => init::init_command(&args),
+        Command::Simulate(args) => simulate::simulate_command(&args),
+        Command::Watch(args) => watch::watch_command(&args),
+        Command::Runs(args) => runs::list_runs(&args, state),
+        Command::Trend(args) => trend::trend_command(&args, state),
+        Command::Schedule(args) => schedule::schedule_command(&args, state),
+        Command::Arm(args) => schedule::arm_command(&args, state),
+        Command::Disarm(args) => schedule::disarm_command(&args, state),
+        Command::Compare(args) => compare::compare_stored_runs(&args, state),
+        Command::Show(args) => runs::show_run(&args, state),
+        Command::Predict(args) => predict::predict_command(&args),
+        Command::Export(args) => runs::export_run(&args, state),
+        Command::Backup(args) => backup::backup_command(&args, state),
+        Command::Token(args) => token::token_command(&args, state),
     }
 }
 
 /// Prints to standard output. A closed pipe is no error; any other failed write ends the program.
-fn print(words: std::fmt::Arguments<'_>) {
+fn print_to_stdout(words: std::fmt::Arguments<'_>) {
     use std::io::{ErrorKind, Write as _};
     match writeln!(std::io::stdout(), "{words}") {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            tell!("error: standard output: {error}");
-            std::process::exit(Exit::Error as i32);
+            errln!("error: standard output: {error}");
+            std::process::exit(ExitStatus::Error as i32);
         }
         _ => {}
     }

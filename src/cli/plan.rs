@@ -1,6 +1,6 @@
 //! `trued plan`: prints the whole plan from nominal positions, as text, JSON or a program.
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::PlanArgs;
 use super::failure::Failure;
 use super::show;
@@ -9,148 +9,164 @@ use machine::Axis;
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Sampling, Stage};
 use machine::record::proof::Proof;
-use planning::gcode::{Dialect, Program};
-use planning::proof::{Request, Staged, prove};
-use planning::{Confirmed, MachineTime};
+use planning::gcode::{Dialect, ProgramHeader};
+use planning::proof::{ProofRequest, StageSteps, prove_programs};
+use planning::{ConfirmedDirections, MachineTime};
 
-pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let (method, header) = setup::header(&machine, &args.method, None)?;
-    let (plan, stages) = methods::nominal(method.as_ref(), header)?;
+pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
+    let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
+    let (method, header) = setup::plan_header(&machine, &args.method, None)?;
+    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header)?;
     let once: Vec<Stage> = stages.iter().filter(|stage| stage.repeat == 0).cloned().collect();
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
-        let (text, proof) = program(&plan, &once, dialect)?;
-        say!("{}", text.trim_end_matches('\n'));
-        for line in summary(&proof, &plan) {
-            tell!("{line}");
+        let (text, proof) = render_checked_program(&plan, &once, dialect)?;
+        outln!("{}", text.trim_end_matches('\n'));
+        for line in check_summary(&proof, &plan) {
+            errln!("{line}");
         }
-        match at_dwells(&plan) {
-            Some(what) => tell!(
-                "for reading: {what}; a plain sender takes none, and does not watch the sensor's range"
+        match dwell_note(&plan) {
+            Some(what) => errln!(
+                "this program is for reading only: {what}; another G-code sender takes no samples and does \
+                not monitor the range of the sensor"
             ),
-            None => tell!(
-                "for reading: a plain sender does not look at contacts on guarded moves; `trued run` does"
+            None => errln!(
+                "this program is for reading only: another G-code sender does not monitor guarded moves for \
+                contact; `trued run` does"
             ),
         }
     } else {
-        let machine_s = describe(&plan, &stages)?;
+        let machine_s = print_plan(&plan, &stages)?;
         for line in method.forecast(&plan, machine_s)? {
-            say!("{line}");
+            outln!("{line}");
         }
-        let (_, proof) = program(&plan, &once, machine.controller.control.dialect())?;
-        for line in summary(&proof, &plan) {
-            say!("{line}");
+        let (_, proof) =
+            render_checked_program(&plan, &once, machine.controller.control.dialect())?;
+        for line in check_summary(&proof, &plan) {
+            outln!("{line}");
         }
         if !plan.assumed.is_empty() {
             let keys = plan.assumed.join(", ");
-            say!("not stated in the machine file and assumed (docs/uncertainty.md): {keys}");
+            outln!(
+                "keys that are missing in the machine file, with assumed values (docs/uncertainty.md): \
+                {keys}"
+            );
         }
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// The whole program, each step once, and its proof. The start position of the machine is unknown.
-fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
-    let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
+fn render_checked_program(
+    plan: &Plan,
+    stages: &[Stage],
+    name: &str,
+) -> Result<(String, Proof), Failure> {
+    let dialect =
+        Dialect::from_name(name).and_then(|named| named.with_options(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
-    let (blocks, _) = planning::staged_blocks(plan, stages)?;
+    let (blocks, _) = planning::plan_blocks_by_stage(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let title = match at_dwells(plan) {
+    let title = match dwell_note(plan) {
         Some(what) => format!("{}, {what}", plan.method),
         None => plan.method.clone(),
     };
-    let program = Program { title: &title, axes: &axes, log: None };
-    let text = written(&dialect, &program, plan, stages, &blocks)?;
-    let staged: Vec<Staged> = stages
+    let program = ProgramHeader { title: &title, axes: &axes, log: None };
+    let text = render_program_text(&dialect, &program, plan, stages, &blocks)?;
+    let staged: Vec<StageSteps> = stages
         .iter()
-        .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
+        .map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() })
         .collect();
-    let (stages, stands, confirmed) = (&staged, None, Confirmed::default());
+    let (stages, stands, confirmed) = (&staged, None, ConfirmedDirections::default());
     let programs = std::slice::from_ref(&text);
-    let request = Request { plan, stages, stands, confirmed, dialect: &dialect, programs };
-    let proof = prove(&request)
-        .map_err(|refusal| Failure::new(format!("not proven: {refusal}"), refusal.remedy()))?;
+    let request =
+        ProofRequest { plan, stages, position: stands, confirmed, dialect: &dialect, programs };
+    let proof = prove_programs(&request).map_err(|refusal| {
+        Failure::new(
+            format!("the collision check refuses the program: {refusal}"),
+            refusal.remedy(),
+        )
+    })?;
     Ok((text, proof))
 }
 
 /// Text of the program stage by stage; before each stage its prompts, each with a stop.
-fn written(
+fn render_program_text(
     dialect: &Dialect,
-    program: &Program<'_>,
+    program: &ProgramHeader<'_>,
     plan: &Plan,
     stages: &[Stage],
     blocks: &[Block],
 ) -> Result<String, Failure> {
-    let mut lines = dialect.head(program)?;
+    let mut lines = dialect.render_head(program)?;
     let mut blocks = blocks.iter().peekable();
     for stage in stages {
-        let (asked, moves) = planning::asked_first(plan, &stage.steps)?;
+        let (asked, moves) = planning::split_prompts(plan, &stage.steps)?;
         for (step, text) in asked {
-            lines.extend(dialect.ask(step.id, text)?);
+            lines.extend(dialect.render_prompt(step.id, text)?);
         }
         while let Some(block) = blocks.next_if(|block| moves.contains(&block.step)) {
-            lines.extend(dialect.block(block)?);
+            lines.extend(dialect.render_block(block)?);
         }
     }
-    lines.extend(dialect.foot(program)?);
+    lines.extend(dialect.render_foot(program)?);
     Ok(lines.into_iter().map(|line| line + "\n").collect())
 }
 
 /// Description of the sampling during dwells, if the plan has any.
-fn at_dwells(plan: &Plan) -> Option<String> {
+fn dwell_note(plan: &Plan) -> Option<String> {
     let scans = plan.steps.iter().filter_map(|step| Some((step, step.scan.as_ref()?.sampling)));
     let mut dwells = scans.filter_map(|(step, sampling)| match sampling {
         Sampling::Dwell { samples, .. } => Some((step, samples)),
         Sampling::Continuous { .. } => None,
     });
     let (step, samples) = dwells.next()?;
-    Some(format!("at each G4 trued takes {samples} samples of {}", step.sensors.join(", ")))
+    Some(format!("at each G4 dwell trued takes {samples} samples of {}", step.sensors.join(", ")))
 }
 
 /// Summary of the proof for the user.
-fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
+fn check_summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     let nearest = proof.nearest.as_ref().map_or(String::new(), |near| {
         let [one, other] = &near.between;
         let label = plan.steps.iter().find(|step| step.id == near.step).map(|step| &step.label);
         format!(
-            "; nothing comes nearer than {:.2} mm: {one} and {other}, line {}, step {} ({})",
+            "; smallest clearance {:.2} mm between {one} and {other}, line {}, step {} ({})",
             near.clearance_mm,
             near.line,
             near.step,
             label.map_or("", String::as_str)
         )
     });
-    let mut lines = vec![format!("proven: {} motions{nearest}", proof.motions)];
-    lines.extend(proof.not_looked_at.iter().map(|what| format!("not looked at: {what}")));
+    let mut lines = vec![format!("collision check passed: {} motions{nearest}", proof.motions)];
+    lines.extend(proof.not_looked_at.iter().map(|what| format!("not checked: {what}")));
     lines
 }
 
 /// Prints the plan; returns the machine time of all stages, s.
-fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
-    let (blocks, machine_s) = planning::staged_blocks(plan, stages)?;
-    say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
+fn print_plan(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
+    let (blocks, machine_s) = planning::plan_blocks_by_stage(plan, stages)?;
+    outln!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step
             .from
             .iter()
             .filter(|(axis, _)| !axis.is_linear())
-            .map(|(axis, value)| format!("{axis}{}", axis.to_edge(value)))
+            .map(|(axis, value)| format!("{axis}{}", axis.to_mm_or_deg(value)))
             .collect();
         let what = step.text.clone().unwrap_or_else(|| turned.join(" "));
-        say!("  {:>4}  {:<14} {what}", step.id, step.label);
+        outln!("  {:>4}  {:<14} {what}", step.id, step.label);
     }
     let seconds = machine_s.round();
-    let time = MachineTime::of(&blocks, &plan.machine);
+    let time = MachineTime::from_blocks(&blocks, &plan.machine);
     let percent = |seconds: f64| 100.0 * seconds / time.total_s().max(f64::MIN_POSITIVE);
-    say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
-    say!(
-        "of it touches {:.0} %, ways of X, Y, Z {:.0} %, rotary axes {:.0} %, dwells {:.0} %",
+    outln!("machine time: about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
+    outln!(
+        "share of touches {:.0} %, travel of X, Y, Z {:.0} %, travel of rotary axes {:.0} %, dwells {:.0} %",
         percent(time.touch_s),
-        percent(time.way_s),
+        percent(time.linear_s),
         percent(time.rotary_s),
-        percent(time.rest_s)
+        percent(time.dwell_s)
     );
     Ok(machine_s)
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::Exit;
+use super::ExitStatus;
 use super::failure::Failure;
 use super::files::read_estimate;
 use super::result_args::PredictArgs;
@@ -11,7 +11,7 @@ use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use methods::prediction::{PoseError, Predictor, WorkZero};
 
-const COLUMNS: [(&str, Axis); 7] = [
+const POSE_COLUMNS: [(&str, Axis); 7] = [
     ("x_mm", Axis::X),
     ("y_mm", Axis::Y),
     ("z_mm", Axis::Z),
@@ -21,65 +21,70 @@ const COLUMNS: [(&str, Axis); 7] = [
     ("s_deg", Axis::S),
 ];
 
-pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
+pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
     let estimate = read_estimate(&args.estimate)?;
-    let machine = setup::load(args.machine.as_deref(), &estimate.method)?.machine;
-    let zero_at = args.zero.as_deref().map(pose_in_words).transpose()?;
+    let machine = setup::load_machine_file(args.machine.as_deref(), &estimate.method)?.machine;
+    let zero_at = args.zero.as_deref().map(parse_pose).transpose()?;
     let zero = match &zero_at {
-        _ if args.without_tool_centre_control => WorkZero::EachTime,
-        Some(at) => WorkZero::At(at.clone()),
-        None => WorkZero::OnTable,
+        _ if args.without_tool_centre_control => WorkZero::EachRotaryPosition,
+        Some(at) => WorkZero::Pose(at.clone()),
+        None => WorkZero::TableOrigin,
     };
     let predictor = Predictor::new(&machine, &estimate, zero)?;
     if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
-        let refused =
-            |why: methods::Refused| Failure::new(format!("--zero: {}", why.why), why.instead);
-        predictor.check(zero).map_err(refused)?;
+        let refused = |why: methods::MethodRefusal| {
+            Failure::new(format!("--zero: {}", why.reason), why.remedy)
+        };
+        predictor.check_measured_range(zero).map_err(refused)?;
     }
     let (axes, poses) = match &args.at {
         Some(file) => {
             let (axes, poses) = read_poses(file, &machine)?;
             if !args.extrapolate {
-                check(&predictor, file, &poses)?;
+                check_measured_ranges(&predictor, file, &poses)?;
             }
             (axes, poses.into_iter().map(|(at, _)| at).collect())
         }
-        None => (Vec::new(), predictor.volume()?),
+        None => (Vec::new(), predictor.grid_poses()?),
     };
-    let tips = predictor.tips(&poses);
+    let tips = predictor.tip_errors(&poses);
     if !axes.is_empty() {
-        print(&axes, &poses, &predictor.with_directions(&poses, &tips));
+        print_pose_errors(&axes, &poses, &predictor.pose_errors(&poses, &tips));
     }
-    tell!("{}", predictor.model_in_words());
-    for line in Predictor::in_words(predictor.volume_errors(&poses, &tips), &poses) {
-        tell!("{line}");
+    errln!("{}", predictor.describe_model());
+    for line in Predictor::describe_volume_errors(predictor.volume_errors(&poses, &tips), &poses) {
+        errln!("{line}");
     }
     if let Some(corrected) = &args.corrected {
         let symbols: Vec<&str> = match corrected.as_str() {
             "all" => predictor.symbols().to_vec(),
             some => some.split(',').collect(),
         };
-        tell!("{}", predictor.left_in_words(&symbols, &poses)?);
+        errln!("{}", predictor.describe_corrected_error(&symbols, &poses)?);
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Checks that no pose is outside the measured ranges.
-fn check(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> Result<(), Failure> {
+fn check_measured_ranges(
+    predictor: &Predictor<'_>,
+    file: &Path,
+    poses: &[(Position, u64)],
+) -> Result<(), Failure> {
     for (at, line) in poses {
-        let refused = |why: methods::Refused| {
-            Failure::new(format!("{}, line {line}: {}", file.display(), why.why), why.instead)
+        let refused = |why: methods::MethodRefusal| {
+            Failure::new(format!("{}, line {line}: {}", file.display(), why.reason), why.remedy)
         };
-        predictor.check(at).map_err(refused)?;
+        predictor.check_measured_range(at).map_err(refused)?;
     }
     Ok(())
 }
 
 /// Parses a pose such as `X100 Y0 Z300 B0 C90`; axes that are not named are at 0.
-fn pose_in_words(words: &str) -> Result<Position, Failure> {
+fn parse_pose(words: &str) -> Result<Position, Failure> {
     let wrong = |word: &str| {
         Failure::new(
-            format!("--zero: `{word}` is no position of an axis"),
+            format!("--zero: `{word}` is not an axis position"),
             "write a pose as \"X100 Y0 Z300 B0 C90\", in mm and degrees",
         )
     };
@@ -87,19 +92,20 @@ fn pose_in_words(words: &str) -> Result<Position, Failure> {
         let (letter, number) = word.split_at_checked(1)?;
         let axis: Axis = letter.parse().ok()?;
         let value: f64 = number.parse().ok()?;
-        value.is_finite().then(|| (axis, axis.from_edge(value)))
+        value.is_finite().then(|| (axis, axis.to_mm_or_rad(value)))
     };
     words.split_whitespace().map(|word| value(word).ok_or_else(|| wrong(word))).collect()
 }
 
-type Poses = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
+type PoseTable = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
 
 /// Reads the poses: the axes in the order of the columns, and each pose with its line.
-fn read_poses(file: &Path, machine: &Machine) -> Result<Poses, Failure> {
+fn read_poses(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
     let wrong = |line: u64, why: String| {
         Failure::new(
             format!("{}, line {line}: {why}", file.display()),
-            "a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg is expected, a pose a line",
+            "write a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg and one pose per \
+            line",
         )
     };
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
@@ -108,17 +114,22 @@ fn read_poses(file: &Path, machine: &Machine) -> Result<Poses, Failure> {
         .trim(csv::Trim::All)
         .from_reader(text.as_bytes());
     let head = rows.headers().map_err(|error| wrong(1, error.to_string()))?;
-    let known = |name: &str| COLUMNS.into_iter().find(|(column, _)| *column == name);
+    let known = |name: &str| POSE_COLUMNS.into_iter().find(|(column, _)| *column == name);
     let axes = head
         .iter()
-        .map(|name| known(name).ok_or_else(|| wrong(1, format!("`{name}` is no column of a pose"))))
+        .map(|name| {
+            known(name).ok_or_else(|| wrong(1, format!("the column `{name}` is not known")))
+        })
         .collect::<Result<Vec<_>, _>>()?;
     for (number, (name, axis)) in axes.iter().enumerate() {
         if axes[..number].iter().any(|(_, other)| other == axis) {
-            return Err(wrong(1, format!("`{name}` is there twice")));
+            return Err(wrong(1, format!("the column `{name}` occurs twice")));
         }
         if !machine.axes.contains_key(axis) {
-            return Err(wrong(1, format!("`{name}`: {} has no axis {axis}", machine.name)));
+            return Err(wrong(
+                1,
+                format!("the column `{name}` is not allowed: {} has no axis {axis}", machine.name),
+            ));
         }
     }
     let mut poses = Vec::new();
@@ -133,29 +144,31 @@ fn read_poses(file: &Path, machine: &Machine) -> Result<Poses, Failure> {
                 .parse()
                 .ok()
                 .filter(|value: &f64| value.is_finite())
-                .ok_or_else(|| wrong(line, format!("`{text}` is no position of {axis}")))?;
-            at.set(*axis, axis.from_edge(value));
+                .ok_or_else(|| wrong(line, format!("`{text}` is not a position of {axis}")))?;
+            at.set(*axis, axis.to_mm_or_rad(value));
         }
         poses.push((at, line));
     }
     if poses.is_empty() {
-        return Err(wrong(1, "there is no pose".to_owned()));
+        return Err(wrong(1, "the table contains no pose".to_owned()));
     }
     Ok((axes, poses))
 }
 
-fn print(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseError]) {
+fn print_pose_errors(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseError]) {
     let names: Vec<&str> = axes.iter().map(|(name, _)| *name).collect();
-    say!(
+    outln!(
         "{},ex_um,ey_um,ez_um,u_ex_um,u_ey_um,u_ez_um,ei_urad,ej_urad,ek_urad,u_ei_urad,u_ej_urad,u_ek_urad",
         names.join(",")
     );
     for (at, error) in poses.iter().zip(errors) {
-        let place = axes.iter().map(|(_, axis)| format!("{}", axis.to_edge(at.at(*axis))));
-        let tip = [error.tip_mm, error.u_tip_mm].map(|mm| mm * 1e3);
-        let direction = [error.direction, error.u_direction].map(|rad| rad * 1e6);
+        let place =
+            axes.iter().map(|(_, axis)| format!("{}", axis.to_mm_or_deg(at.get_or_zero(*axis))));
+        let tip = [error.tip_error_mm, error.u_tip_error_mm].map(|mm| mm * 1e3);
+        let direction =
+            [error.direction_error_rad, error.u_direction_error_rad].map(|rad| rad * 1e6);
         let numbers = tip.iter().chain(&direction).flat_map(|v| [v.x, v.y, v.z]);
         let cells: Vec<String> = place.chain(numbers.map(|value| format!("{value:.3}"))).collect();
-        say!("{}", cells.join(","));
+        outln!("{}", cells.join(","));
     }
 }

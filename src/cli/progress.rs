@@ -2,16 +2,16 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::live_values::lines;
+use super::live_values::live_value_lines;
 use machine::record::event::Event;
 
 /// Templates of the progress bar: while steps are measured, and while sensors are watched.
-const STEPS: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
-const SENSORS: &str = "{msg}";
+const STEP_TEMPLATE: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
+const SENSOR_TEMPLATE: &str = "{msg}";
 
 pub struct Progress {
     bar: ProgressBar,
-    last: String,
+    last_reading: String,
 }
 
 impl Progress {
@@ -21,42 +21,45 @@ impl Progress {
         if quiet {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        let progress = Self { bar, last: String::new() };
-        progress.draw_as(STEPS);
+        let progress = Self { bar, last_reading: String::new() };
+        progress.set_template(STEP_TEMPLATE);
         progress
     }
 
-    fn draw_as(&self, template: &str) {
+    fn set_template(&self, template: &str) {
         if let Ok(style) = ProgressStyle::with_template(template) {
             self.bar.set_style(style);
         }
     }
 
-    pub fn tell(&mut self, event: &Event) {
+    pub fn show_event(&mut self, event: &Event) {
         match event {
             // Identity and stopping method of the control, each on a line of its own.
-            Event::Announced { text } => text.split("; ").for_each(|line| self.say(line)),
+            Event::Announced { text } => text.split("; ").for_each(|line| self.print_line(line)),
             Event::StageStarted { stage } => {
-                self.say(&format!("{}: {} steps", stage.name, stage.steps.len()));
+                self.print_line(&format!("{}: {} steps", stage.name, stage.steps.len()));
                 self.bar.set_length(stage.steps.len() as u64);
                 self.bar.set_position(0);
             }
             Event::StageProven { proof, .. } => {
                 if let Some(near) = &proof.nearest {
                     let [one, other] = &near.between;
-                    self.say(&format!(
-                        "proven: nothing nearer than {:.2} mm ({one} and {other}, step {})",
+                    self.print_line(&format!(
+                        "collision check passed: smallest clearance {:.2} mm ({one} and {other}, step {})",
                         near.clearance_mm, near.step
                     ));
                 }
             }
             Event::Acknowledged { who, what, .. } => {
-                self.say(&format!("acknowledged by {who}: {what}"))
+                self.print_line(&format!("confirmed by {who}: {what}"))
             }
-            Event::Resumed { .. } => self.say("the run goes on, references first"),
+            Event::Resumed { .. } => {
+                self.print_line("the run is resumed; the references are measured first")
+            }
             Event::StepStarted { label, remaining_s, .. } => {
-                let left = minutes(*remaining_s);
-                self.bar.set_message(format!("{label:<12} left {left:>5}  {}", self.last));
+                let left = format_minutes(*remaining_s);
+                self.bar
+                    .set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading));
             }
             Event::ReadingStored { reading } => {
                 // The current touch is named by its rotary positions; they are left out here.
@@ -64,55 +67,55 @@ impl Progress {
                     .position
                     .iter()
                     .filter(|(axis, _)| axis.is_linear())
-                    .map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)))
+                    .map(|(axis, value)| format!("{axis}{:.3}", axis.to_mm_or_deg(value)))
                     .collect();
-                self.last = format!("last {}", edge.join(" "));
+                self.last_reading = format!("last {}", edge.join(" "));
                 self.bar.inc(1);
             }
             Event::ScanStored { samples, flagged, .. } => {
-                self.last = format!("last {samples} samples, {flagged} flagged");
+                self.last_reading = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
             // The source of the answer shows the prompt.
-            Event::Asked { .. } => self.bar.set_message("a person is asked"),
+            Event::Asked { .. } => self.bar.set_message("waiting for the operator"),
             // On a terminal only: a log would grow for as long as the operator works.
             Event::Watched { values } => {
-                self.draw_as(SENSORS);
-                self.bar.set_message(lines(values));
+                self.set_template(SENSOR_TEMPLATE);
+                self.bar.set_message(live_value_lines(values));
             }
             Event::Answered { who, .. } => {
-                self.draw_as(STEPS);
+                self.set_template(STEP_TEMPLATE);
                 self.bar.set_message("");
-                self.say(&format!("done, says {who}"));
+                self.print_line(&format!("confirmed by {who}"));
                 self.bar.inc(1);
             }
             // The command prints the reason and the remedy at its end.
-            Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.end(),
+            Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.clear_bar(),
             // This event occurs long after the run.
             Event::SamplesRemoved { .. } => {}
         }
     }
 
     /// Printer of lines above the bar, usable from any thread.
-    pub fn printer(&self) -> impl Fn(&str) + Send + Sync + use<> {
+    pub fn line_printer(&self) -> impl Fn(&str) + Send + Sync + use<> {
         let bar = self.bar.clone();
         move |text| match bar.is_hidden() {
-            true => tell!("{}", text),
+            true => errln!("{}", text),
             false => bar.println(text),
         }
     }
 
-    fn say(&self, text: &str) {
-        self.printer()(text);
+    fn print_line(&self, text: &str) {
+        self.line_printer()(text);
     }
 
-    fn end(&self) {
+    fn clear_bar(&self) {
         self.bar.finish_and_clear();
     }
 }
 
 /// m:ss, rounded up, so that a remaining time is never shown as zero.
-fn minutes(seconds: f64) -> String {
+fn format_minutes(seconds: f64) -> String {
     let whole = seconds.ceil();
     format!("{:.0}:{:02.0}", (whole / 60.0).floor(), whole % 60.0)
 }

@@ -2,87 +2,94 @@
 
 use std::path::Path;
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::ResumeArgs;
+use super::device_links::DeviceLinks;
 use super::failure::Failure;
 use super::files::state_folder;
 use super::progress::Progress;
-use super::run::{check_report_folder, connect, runtime, tell_result};
+use super::run::{build_runtime, check_report_folder, open_devices, print_result};
 use super::signals::stop_on_signals;
-use super::terminal::{by_enter, typed};
-use super::wires::Wires;
+use super::terminal::{confirm_with_enter, prompt_line};
 use crate::run::{
-    AgainError, CycleError, Question, ResumableRun, identify_stored, store_identification,
+    CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored, store_identification,
 };
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::Event;
 
-pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     check_report_folder(&args.output)?;
     let folder = state_folder(state)?;
     let (journal, id) = (Journal::open(&folder)?, RunId(args.run));
-    let stored = journal.load(id)?;
+    let stored = journal.load_run(id)?;
     if stored.summary.state == RunState::NotIdentified {
-        return identify(args, &journal, state, stored);
+        return identify_run(args, &journal, state, stored);
     }
     let lock = MachineLock::acquire(&folder, &stored.summary.machine)?;
     journal.mark_interrupted(&lock).wait()?;
-    let again = ResumableRun::of(journal.load(id)?)?;
+    let again = ResumableRun::from_stored(journal.load_run(id)?)?;
     check_machine_file(args, again.stored())?;
-    let (who, acknowledged) = acknowledge(args, &again)?;
-    let wires = Wires::of(args.output.capture.as_deref(), None)?;
-    journal.event(id, &acknowledged).wait()?;
+    let (who, acknowledged) = confirm_machine(args, &again)?;
+    let links = DeviceLinks::from_options(args.output.capture.as_deref(), None)?;
+    journal.add_event(id, &acknowledged).wait()?;
 
     let name = again.stored().plan.method.clone();
     let mut progress = Progress::start(args.output.json);
-    let answers = by_enter(who, progress.printer());
-    let mut tell = |event: &Event| progress.tell(event);
+    let answers = confirm_with_enter(who, progress.line_printer());
+    let mut tell = |event: &Event| progress.show_event(event);
     tell(&acknowledged);
-    let found = runtime()?.block_on(async {
-        let opening = connect(&again.machine, args.output.speed, again.past());
-        let devices = wires.connect(opening).await?;
-        stop_on_signals(devices.controller.halt())?;
-        let found = again.run(&devices, &journal, answers, &mut tell).await;
-        found.map_err(|error| Failure::of_cycle(&error, &name))
+    let result = build_runtime()?.block_on(async {
+        let opening = open_devices(&again.machine, args.output.speed, again.history());
+        let devices = links.connect(opening).await?;
+        stop_on_signals(devices.controller.halt_handle())?;
+        let result = again.run(&devices, &journal, answers, &mut tell).await;
+        result.map_err(|error| Failure::from_cycle_error(&error, &name))
     });
-    tell_result(&journal, state, wires.finish(found)?, &args.output, wires.keeps())
+    print_result(&journal, state, links.finish(result)?, &args.output, links.is_journal_kept())
 }
 
 /// Identifies a run that was measured to its end; neither the machine nor an operator is needed.
-fn identify(
+fn identify_run(
     args: &ResumeArgs,
     journal: &Journal,
     state: Option<&Path>,
     stored: StoredRun,
-) -> Result<Exit, Failure> {
+) -> Result<ExitStatus, Failure> {
     check_machine_file(args, &stored)?;
     let (run, method) = (stored.summary.id, stored.plan.method.clone());
-    tell!("run {run} is measured: identifying from {} readings", stored.readings.len());
-    let found = identify_stored(stored);
-    let found = runtime()?.block_on(store_identification(journal, run, found));
-    let of_cycle = |why| Failure::of_cycle(&CycleError::Identification { run, why }, &method);
-    tell_result(journal, state, (run, found.map_err(of_cycle)?), &args.output, true)
+    errln!(
+        "all steps of run {run} are measured: computing the estimate from {} readings",
+        stored.readings.len()
+    );
+    let result = identify_stored(stored);
+    let result = build_runtime()?.block_on(store_identification(journal, run, result));
+    let of_cycle =
+        |why| Failure::from_cycle_error(&CycleError::Identification { run, why }, &method);
+    print_result(journal, state, (run, result.map_err(of_cycle)?), &args.output, true)
 }
 
-impl From<AgainError> for Failure {
-    fn from(error: AgainError) -> Self {
+impl From<ResumeRefusal> for Failure {
+    fn from(error: ResumeRefusal) -> Self {
         let what = error.to_string();
         let (question, homed) = match error {
-            AgainError::Setup(error) => return error.into(),
-            AgainError::NotUnfinished { way_on, .. } => {
-                return Self::new(what, way_on.unwrap_or_else(|| "start a new run".to_owned()));
+            ResumeRefusal::Setup(error) => return error.into(),
+            ResumeRefusal::NotResumable { next_action, .. } => {
+                return Self::new(
+                    what,
+                    next_action.unwrap_or_else(|| "start a new run".to_owned()),
+                );
             }
-            AgainError::Nobody(question) => {
+            ResumeRefusal::NameMissing(question) => {
                 let homed = if question.position_lost { " --homed" } else { "" };
                 (question, homed)
             }
-            AgainError::NotHomed(question) => (question, " --homed"),
+            ResumeRefusal::NotHomed(question) => (question, " --homed"),
         };
-        let Question { run, ask, .. } = question;
+        let ResumeQuestion { run, confirmation, .. } = question;
         let remedy = format!(
-            "look at the machine ({ask}), then `trued resume {run} --acknowledge YOUR_NAME{homed}`"
+            "check the machine ({confirmation}), then `trued resume {run} --acknowledge YOUR_NAME{homed}`"
         );
-        Self { exit: Exit::Usage, ..Self::new(what, remedy) }
+        Self { exit: ExitStatus::Usage, ..Self::new(what, remedy) }
     }
 }
 
@@ -95,36 +102,38 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
     }
     let pairs = text.lines().zip(stored.config.lines()).enumerate();
     let differs = pairs.into_iter().find(|(_, (now, then))| now != then);
-    let what = differs.map_or("one is longer".to_owned(), |(i, (now, then))| {
-        format!("line {} is `{now}` and was `{then}`", i + 1)
+    let what = differs.map_or("one file is longer".to_owned(), |(i, (now, then))| {
+        format!("line {} is `{now}` instead of `{then}`", i + 1)
     });
     Err(Failure::new(
         format!(
-            "{} is not the machine file that run {} began with: {what}",
+            "{} differs from the machine file of run {}: {what}",
             file.display(),
             stored.summary.id
         ),
-        "another machine file is another run: resume without --machine, or start a new run",
+        "resume without --machine to use the stored machine file, or start a new run",
     ))
 }
 
 /// The person's acknowledgement that the machine may move.
-fn acknowledge(args: &ResumeArgs, again: &ResumableRun) -> Result<(String, Event), Failure> {
+fn confirm_machine(args: &ResumeArgs, again: &ResumableRun) -> Result<(String, Event), Failure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
-        None => asked(&again.question())?,
+        None => prompt_for_name(&again.resume_question())?,
     };
     // The question on the terminal includes the homing.
     let homed = args.homed || args.acknowledge.is_none();
-    let acknowledged = again.acknowledged(&who, homed)?;
+    let acknowledged = again.acknowledgement(&who, homed)?;
     Ok((who.trim().to_owned(), acknowledged))
 }
 
 /// Asks for the acknowledgement on the terminal.
-fn asked(Question { ended, ask, .. }: &Question) -> Result<String, Failure> {
-    typed(&format!(
-        "{ended}\nlook at the machine: {ask} Z goes straight up first, then the references are touched.\n\
-         type your name to go on, nothing to leave it as it is:"
+fn prompt_for_name(
+    ResumeQuestion { end_reason, confirmation, .. }: &ResumeQuestion,
+) -> Result<String, Failure> {
+    prompt_line(&format!(
+        "{end_reason}\nCheck the machine: {confirmation} The machine will move: first Z straight up, then to the \
+        references.\nType your name to continue, or press Enter to cancel:"
     ))
-    .map_err(Failure::plain)
+    .map_err(Failure::without_remedy)
 }

@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::args::{OutputArgs, RunArgs, Speed};
-use super::daemon::Daemon;
+use super::daemon_client::DaemonClient;
+use super::device_links::DeviceLinks;
 use super::failure::Failure;
 use super::files::read_estimates;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
-use super::terminal::{by_enter, login};
-use super::wires::Wires;
-use super::{Exit, show, with_state};
+use super::terminal::{confirm_with_enter, login_name};
+use super::{ExitStatus, add_state_option, show};
 use crate::run::{Cycle, PromptAnswers, check_probe};
 use crate::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use crate::store::{Journal, MachineLock, RunId};
@@ -19,77 +19,77 @@ use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 use methods::Method;
 
-pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let (method, mut plan) = setup::header(&machine, &args.method, args.repeat)?;
+pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+    let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
+    let (method, mut plan) = setup::plan_header(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     plan.priors = read_estimates(&args.with)?;
     method.check_priors(&plan)?;
     check_probe(&plan)?;
     check_report_folder(&args.output)?;
-    let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
-    let folder = wires.folder(state)?;
+    let links = DeviceLinks::from_options(args.output.capture.as_deref(), args.replay.as_deref())?;
+    let folder = links.state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name);
     let journal = Journal::open(&folder)?;
     let lock = match lock {
         Ok(lock) => lock,
         Err(error) => {
-            let daemon = Daemon::that_has_it(&error, &folder).ok_or(error)?;
-            let found = daemon.run(args, &machine, &journal)?;
-            return tell_result(&journal, state, found, &args.output, true);
+            let daemon = DaemonClient::from_lock_error(&error, &folder).ok_or(error)?;
+            let result = daemon.run(args, &machine, &journal)?;
+            return print_result(&journal, state, result, &args.output, true);
         }
     };
     journal.mark_interrupted(&lock).wait()?;
 
     let mut progress = Progress::start(args.output.json);
-    let answers = answers(args, &progress);
-    let mut tell = |event: &Event| progress.tell(event);
-    let found = runtime()?.block_on(async {
+    let answers = prompt_answers(args, &progress);
+    let mut tell = |event: &Event| progress.show_event(event);
+    let result = build_runtime()?.block_on(async {
         // The run begins after its machine is open.
-        let opening = connect(&machine, args.output.speed, RunHistory::default());
-        let devices = wires.connect(opening).await?;
-        stop_on_signals(devices.controller.halt())?;
+        let opening = open_devices(&machine, args.output.speed, RunHistory::default());
+        let devices = links.connect(opening).await?;
+        stop_on_signals(devices.controller.halt_handle())?;
         let cycle = Cycle { machine: &machine, method, plan, answers };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
-        ended.map_err(|error| Failure::of_cycle(&error, &args.method))
+        ended.map_err(|error| Failure::from_cycle_error(&error, &args.method))
     });
-    let found = wires.finish(found)?;
-    tell_result(&journal, state, found, &args.output, wires.keeps())
+    let result = links.finish(result)?;
+    print_result(&journal, state, result, &args.output, links.is_journal_kept())
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
-fn answers(args: &RunArgs, progress: &Progress) -> PromptAnswers {
-    let who = args.acknowledge.clone().unwrap_or_else(login);
+fn prompt_answers(args: &RunArgs, progress: &Progress) -> PromptAnswers {
+    let who = args.acknowledge.clone().unwrap_or_else(login_name);
     match args.replay {
         Some(_) => PromptAnswers::new(|_| Some("the replay".to_owned())),
-        None => by_enter(who, progress.printer()),
+        None => confirm_with_enter(who, progress.line_printer()),
     }
 }
 
 /// One thread for all tasks that wait.
-pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+pub fn build_runtime() -> Result<tokio::runtime::Runtime, Failure> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
-    builder.enable_all().build().map_err(Failure::plain)
+    builder.enable_all().build().map_err(Failure::without_remedy)
 }
 
-/// Prints the result and the command that shows it; `keeps`: the journal outlives the program.
-pub fn tell_result(
+/// Prints the result and the command that shows it; `is_journal_kept`: the journal outlives the program.
+pub fn print_result(
     journal: &Journal,
     state: Option<&Path>,
     (id, estimate): (RunId, Estimate),
     output: &OutputArgs,
-    keeps: bool,
-) -> Result<Exit, Failure> {
+    is_journal_kept: bool,
+) -> Result<ExitStatus, Failure> {
     if output.json {
         show::print_json(&estimate)?;
     } else {
         show::print_estimate(&estimate);
-        match keeps {
+        match is_journal_kept {
             true => {
-                let advice = format!("`trued show {id} --report report.html` draws it");
-                say!("\nstored as run {id}: {}", with_state(&advice, state));
+                let advice = format!("`trued show {id} --report report.html` writes the report");
+                outln!("\nstored as run {id}: {}", add_state_option(&advice, state));
             }
-            false => say!("\nreplayed: nothing was measured, nothing is stored"),
+            false => outln!("\nreplay: nothing was measured, nothing is stored"),
         }
     }
     if let Some(file) = &output.report {
@@ -100,27 +100,30 @@ pub fn tell_result(
 
 /// Checks before the measurement that the report can be written.
 pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
-    output.report.as_ref().map_or(Ok(()), |file| check_folder(file, "the report", "--report"))
+    output
+        .report
+        .as_ref()
+        .map_or(Ok(()), |file| check_parent_folder(file, "the report", "--report"))
 }
 
 /// Checks that the folder of `file` exists.
-pub fn check_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure> {
+pub fn check_parent_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {
         Some(folder) if !folder.is_dir() => Err(Failure::new(
-            format!("{}: there is no such folder for {what}", folder.display()),
-            format!("make it, or choose another place with {option}"),
+            format!("the folder {} for {what} does not exist", folder.display()),
+            format!("create the folder, or choose another folder with {option}"),
         )),
         _ => Ok(()),
     }
 }
 
-pub async fn connect(
+pub async fn open_devices(
     machine: &MachineFile,
     speed: Option<Speed>,
     past: RunHistory<'_>,
 ) -> Result<Devices, Failure> {
-    Ok(setup::devices(machine, speed.unwrap_or_default().into(), past).await?)
+    Ok(setup::open_devices(machine, speed.unwrap_or_default().into(), past).await?)
 }
 
 impl From<Speed> for Pace {

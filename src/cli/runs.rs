@@ -1,34 +1,34 @@
-//! `trued runs`, `show`, `export`.
+//! `trued runs`, `show_run`, `export_run`.
 
 use std::path::Path;
 
 use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, Frame, RunsArgs, ShowArgs};
-use super::{Exit, show, with_state};
-use crate::archive::story::{self, how_it_ended, story};
+use super::{ExitStatus, add_state_option, show};
+use crate::archive::run_story::{self, describe_end, run_story};
 use crate::report::{readings_csv, temperature};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use methods::prediction::WorkpieceFrame;
 
-pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let mut runs = journal.runs()?;
-    runs.iter_mut().for_each(|run| run.state = state_now(run, &folder));
+    runs.iter_mut().for_each(|run| run.state = current_state(run, &folder));
     if args.json {
         show::print_json(&runs)?;
-        return Ok(Exit::Pass);
+        return Ok(ExitStatus::Pass);
     }
     if runs.is_empty() {
-        say!("no runs yet: `trued run self-calibration` makes one");
+        outln!("no runs yet: start one with `trued run self-calibration`");
     }
     for run in runs {
-        say!(
+        outln!(
             "{:>5}  {:.0}  {:<18} {:<14} {}",
             run.id.to_string(),
             run.started,
@@ -37,22 +37,22 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
             run.machine
         );
         if let Some(who) = &run.signed {
-            say!("       signed by {who}");
+            outln!("       signed by {who}");
         }
         let stopped =
             !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
-        let mut stored = stopped.then(|| journal.load(run.id)).transpose()?;
+        let mut stored = stopped.then(|| journal.load_run(run.id)).transpose()?;
         stored.iter_mut().for_each(|stored| stored.summary.state = run.state);
-        if let Some(way_on) = stored.as_ref().and_then(way_on) {
-            say!("       {}", with_state(&way_on, state));
+        if let Some(next_action) = stored.as_ref().and_then(next_action) {
+            outln!("       {}", add_state_option(&next_action, state));
         }
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Present state of a run. A run in state `running` whose machine is held by no process is interrupted; the
 /// next process that acquires the machine writes that to the journal.
-fn state_now(run: &RunSummary, folder: &Path) -> RunState {
+fn current_state(run: &RunSummary, folder: &Path) -> RunState {
     let is_dead = || MachineLock::holder(folder, &run.machine).is_none();
     match run.state {
         RunState::Running if is_dead() => RunState::Interrupted,
@@ -60,22 +60,22 @@ fn state_now(run: &RunSummary, folder: &Path) -> RunState {
     }
 }
 
-pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn show_run(args: &ShowArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let folder = state_folder(state)?;
     let journal = Journal::open(&folder)?;
     let run = RunId(args.run);
-    let mut stored = journal.load(run)?;
-    stored.summary.state = state_now(&stored.summary, &folder);
+    let mut stored = journal.load_run(run)?;
+    stored.summary.state = current_state(&stored.summary, &folder);
     if let Some(file) = &args.report {
         show::write_report(&journal, run, file)?;
-        tell!("written: {}", file.display());
+        errln!("written: {}", file.display());
     }
     let last = stored.estimates.last().map(|stored| &stored.estimate);
     if args.json {
         show::print_json(&last)?;
-        return Ok(Exit::Pass);
+        return Ok(ExitStatus::Pass);
     }
-    say!(
+    outln!(
         "run {run}: {} on {}, started {:.0}, {}, {} readings",
         stored.summary.method,
         stored.summary.machine,
@@ -83,55 +83,56 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         stored.summary.state.as_str(),
         stored.readings.len()
     );
-    tell_interruptions(&stored, state);
+    print_interruptions(&stored, state);
     match last {
         Some(estimate) => {
             show::print_estimate(estimate);
-            for (name, said) in temperature::rows(&stored.readings) {
-                say!("thermometer {name}: {said}");
+            for (name, said) in temperature::temperature_rows(&stored.readings) {
+                outln!("thermometer {name}: {said}");
             }
         }
         None => {
             let advice = format!("`trued export {run}` writes its readings to files");
-            say!("no estimate: {}", with_state(&advice, state));
+            outln!("no estimate: {}", add_state_option(&advice, state));
         }
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Next action that is possible for the run.
-pub fn way_on(stored: &StoredRun) -> Option<String> {
-    story::next_action(stored, can_resume(&stored.plan, &stored.readings))
+pub fn next_action(stored: &StoredRun) -> Option<String> {
+    run_story::next_action(stored, can_resume(&stored.plan, &stored.readings))
 }
 
-fn tell_interruptions(stored: &StoredRun, state: Option<&Path>) {
-    for (at, told) in story(stored) {
-        say!("{at}  {told}");
+fn print_interruptions(stored: &StoredRun, state: Option<&Path>) {
+    for (at, told) in run_story(stored) {
+        outln!("{at}  {told}");
     }
     let summary = &stored.summary;
     if summary.state != RunState::Finished {
-        say!("{}", how_it_ended(stored));
+        outln!("{}", describe_end(stored));
     }
-    if let Some(way_on) = way_on(stored) {
-        say!("  → {}", with_state(&way_on, state));
+    if let Some(next_action) = next_action(stored) {
+        outln!("  → {}", add_state_option(&next_action, state));
     }
 }
 
-pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let run = RunId(args.run);
-    let stored = journal.load(run)?;
+    let stored = journal.load_run(run)?;
     std::fs::create_dir_all(&args.to).map_err(|error| Failure::file(&args.to, &error))?;
     let write = |name: String, content: &[u8]| {
         let file = args.to.join(name);
         std::fs::write(&file, content).map_err(|error| Failure::file(&file, &error))?;
-        say!("{}", file.display());
+        outln!("{}", file.display());
         Ok::<(), Failure>(())
     };
-    write(format!("run-{run}-plan.json"), pretty(&stored.plan)?.as_bytes())?;
+    write(format!("run-{run}-plan.json"), to_pretty_json(&stored.plan)?.as_bytes())?;
     let mut csv = Vec::new();
     let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
-    readings_csv::write(&stored.readings, &comments, &mut csv).map_err(Failure::plain)?;
+    readings_csv::write_readings(&stored.readings, &comments, &mut csv)
+        .map_err(Failure::without_remedy)?;
     write(format!("run-{run}-readings.csv"), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.config.as_bytes())?;
     if args.frame == Some(Frame::Workpiece) {
@@ -140,10 +141,10 @@ pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> 
         write(format!("run-{run}-points.csv"), points.as_bytes())?;
     }
     if let Some(last) = stored.estimates.last() {
-        write(format!("run-{run}-estimate.json"), pretty(&last.estimate)?.as_bytes())?;
+        write(format!("run-{run}-estimate.json"), to_pretty_json(&last.estimate)?.as_bytes())?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Readings as points of the workpiece, mm, with their standard uncertainties.
@@ -153,13 +154,13 @@ fn points_csv(
     estimate: Option<&Estimate>,
 ) -> Result<String, Failure> {
     let frame = WorkpieceFrame::new(plan, estimate)?;
-    tell!("points: {}", frame.stylus_in_words());
+    errln!("points: {}", frame.describe_stylus());
     let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];
-    for reading in readings.iter().filter(|reading| reading.flag == Flag::None) {
-        let Some(point) = frame.point(reading) else { continue };
+    for reading in readings.iter().filter(|reading| reading.flag == ReadingFlag::None) {
+        let Some(point) = frame.workpiece_point(reading) else { continue };
         let step = plan.steps.iter().find(|step| step.id == reading.step);
         let label = step.map_or("", |step| step.label.as_str());
-        let numbers = point.at_mm.iter().chain(point.u_mm.iter());
+        let numbers = point.position_mm.iter().chain(point.u_mm.iter());
         let numbers: Vec<String> = numbers.map(|mm| format!("{:.6}", mm + 0.0)).collect();
         let Reading { step, repeat, sensor, .. } = reading;
         lines.push(format!("{step},{label},{repeat},{sensor},{}", numbers.join(",")));
@@ -167,6 +168,6 @@ fn points_csv(
     Ok(lines.join("\n") + "\n")
 }
 
-fn pretty(value: &impl serde::Serialize) -> Result<String, Failure> {
-    serde_json::to_string_pretty(value).map_err(Failure::plain)
+fn to_pretty_json(value: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string_pretty(value).map_err(Failure::without_remedy)
 }

@@ -8,12 +8,12 @@ use serde::Serialize;
 use super::args::{ArmArgs, DisarmArgs, ScheduleArgs};
 use super::failure::Failure;
 use super::files::state_folder;
-use super::{Exit, show};
+use super::{ExitStatus, show};
 use crate::service::DaemonFile;
 use crate::service::schedule::planned;
 use crate::service::schedule_state::{Planned, arming};
 use crate::setup::SetupError;
-use crate::store::{Arming, Journal, Slot};
+use crate::store::{Arming, Journal, ScheduleSlot};
 
 /// Number of past slots that are printed.
 const MAX_PAST_SLOTS: usize = 20;
@@ -24,96 +24,111 @@ struct ScheduleReport {
     /// Next slots; only if the machine file is given.
     planned: Vec<Planned>,
     armed: Vec<Arming>,
-    last: Vec<Slot>,
+    last: Vec<ScheduleSlot>,
 }
 
-pub fn schedule(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => Some(DaemonFile::read(config)),
-        (None, Some(machine)) => Some(DaemonFile::of_machine(machine)),
+        (None, Some(machine)) => Some(DaemonFile::for_machine_file(machine)),
         (None, None) => None,
     };
     let all = match (file.transpose().map_err(SetupError::from)?, &args.name) {
-        (Some(file), _) => of_file(file),
+        (Some(file), _) => schedules_of_file(file),
         (None, Some(name)) => vec![(name.clone(), Vec::new())],
-        (None, None) => journal.machines()?.into_iter().map(|name| (name, Vec::new())).collect(),
+        (None, None) => {
+            journal.machine_names()?.into_iter().map(|name| (name, Vec::new())).collect()
+        }
     };
-    let told = all.into_iter().map(|(machine, planned)| {
-        let (armed, last) = (journal.armings(&machine)?, journal.slots(&machine, MAX_PAST_SLOTS)?);
+    let reports = all.into_iter().map(|(machine, planned)| {
+        let (armed, last) =
+            (journal.armings(&machine)?, journal.newest_slots(&machine, MAX_PAST_SLOTS)?);
         Ok(ScheduleReport { machine, planned, armed, last })
     });
-    let told = told.collect::<Result<Vec<_>, Failure>>()?;
+    let reports = reports.collect::<Result<Vec<_>, Failure>>()?;
     match args.json {
-        true => show::print_json(&told)?,
-        false => told.iter().for_each(print),
+        true => show::print_json(&reports)?,
+        false => reports.iter().for_each(print_schedule),
     }
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
-fn of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
+fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
     let now = Timestamp::now();
     let machines = file.machines.into_iter();
     machines
-        .map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedule, now)))
+        .map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedules, now)))
         .collect()
 }
 
-fn print(told: &ScheduleReport) {
-    let ScheduleReport { machine, planned, armed, last } = told;
-    say!("{machine}");
+fn print_schedule(reports: &ScheduleReport) {
+    let ScheduleReport { machine, planned, armed, last } = reports;
+    outln!("{machine}");
     for Planned { name, cycle, at, zone, next, .. } in planned {
         let next: Vec<_> =
             next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
-        say!("  {name}: cycle {cycle}, {at} in {zone}; next {}", next.join(", "));
+        outln!("  {name}: cycle {cycle}, {at} in {zone}; next {}", next.join(", "));
     }
     for Arming { cycle, who, until, ended, broken, .. } in armed {
         match (ended, broken) {
-            (Some((when, why)), _) => say!("  cycle {cycle} was disarmed at {when}: {why}"),
-            (None, Some(run)) => say!("  cycle {cycle} is not armed: run {run} did not end"),
-            (None, None) => say!("  cycle {cycle} is armed by {who} until {until}"),
+            (Some((when, why)), _) => outln!("  cycle {cycle} was disarmed at {when}: {why}"),
+            (None, Some(run)) => {
+                outln!("  cycle {cycle} is not armed: run {run} was not completed")
+            }
+            (None, None) => outln!("  cycle {cycle} is armed by {who} until {until}"),
         }
     }
-    for Slot { schedule, at, outcome, why, run, .. } in last {
+    for ScheduleSlot { schedule, at, outcome, why, run, .. } in last {
         let run = if *run > 0 { format!(" (run {run})") } else { String::new() };
-        say!("  {at} {schedule}: {}{run} {why}", outcome.as_str());
+        outln!("  {at} {schedule}: {}{run} {why}", outcome.as_str());
     }
 }
 
-pub fn arm(args: &ArmArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
-    known(&journal, machine)?;
-    let arming = arming((machine, *cycle), (nobody(who)?, why), until, Timestamp::now());
+    check_machine_known(&journal, machine)?;
+    let arming = arming((machine, *cycle), (require_name(who)?, why), until, Timestamp::now());
     let arming = arming.map_err(|why| {
-        Failure::new(why, "say until when: --until 14d, or --until 2027-01-31T18:00:00+01:00")
+        Failure::new(
+            why,
+            "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00",
+        )
     })?;
     journal.arm(&arming).wait()?;
-    say!("cycle {cycle} of {machine} may start by the schedule until {}", arming.until);
-    Ok(Exit::Pass)
+    outln!("the schedule may start cycle {cycle} of {machine} until {}", arming.until);
+    Ok(ExitStatus::Pass)
 }
 
-pub fn disarm(args: &DisarmArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let DisarmArgs { machine, cycle, who, why } = args;
-    known(&journal, machine)?;
-    let ended = journal.disarm(machine, *cycle, nobody(who)?, why).wait()?;
-    say!("{ended} armings of {machine} ended");
-    Ok(Exit::Pass)
+    check_machine_known(&journal, machine)?;
+    let ended = journal.disarm(machine, *cycle, require_name(who)?, why).wait()?;
+    outln!("{ended} armed cycles of {machine} were disarmed");
+    Ok(ExitStatus::Pass)
 }
 
-fn nobody(who: &str) -> Result<&str, Failure> {
+fn require_name(who: &str) -> Result<&str, Failure> {
     match who.trim() {
-        "" => Err(Failure::new("nobody has given a name", "--who says who you are")),
+        "" => Err(Failure::new(
+            "the name of the operator is missing",
+            "add your name with --who NAME",
+        )),
         who => Ok(who),
     }
 }
 
-fn known(journal: &Journal, machine: &str) -> Result<(), Failure> {
-    let all = journal.machines()?;
+fn check_machine_known(journal: &Journal, machine: &str) -> Result<(), Failure> {
+    let all = journal.machine_names()?;
     if all.iter().any(|known| known == machine) {
         return Ok(());
     }
-    let remedy = format!("those that it knows are: {}; start its service once", all.join(", "));
-    Err(Failure::new(format!("the journal knows no machine `{machine}`"), remedy))
+    let remedy = format!(
+        "the journal contains: {}. A new machine is added when `trued serve` starts with \
+        it",
+        all.join(", ")
+    );
+    Err(Failure::new(format!("the journal contains no machine `{machine}`"), remedy))
 }

@@ -2,39 +2,39 @@
 
 use std::path::Path;
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::ServeArgs;
 use super::failure::Failure;
 use super::files::state_folder;
-use super::run::check_folder;
+use super::run::check_parent_folder;
 use super::signals::stop_on_signals;
-use crate::service::{DaemonFile, Ended, Service, telemetry};
+use crate::service::{DaemonFile, ExitState, Service, telemetry};
 use crate::setup::SetupError;
 
-pub fn serve(args: &ServeArgs, state: Option<&Path>) -> Result<Exit, Failure> {
+pub fn serve_command(args: &ServeArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let file = match (&args.config, &args.machine) {
         (Some(config), _) => DaemonFile::read(config),
-        (None, Some(machine)) => DaemonFile::of_machine(machine),
+        (None, Some(machine)) => DaemonFile::for_machine_file(machine),
         (None, None) => DaemonFile::built_in(),
     };
     let DaemonFile { machines, http, retention } = file.map_err(SetupError::from)?;
-    let log = telemetry::start();
+    let log = telemetry::start_log();
     let service = Service::new(machines, http, state_folder(state)?, args.speed.into(), log)?;
     let service = match &args.capture {
         Some(file) => {
-            check_folder(file, "the captures", "--capture")?;
-            service.capturing(file.clone())
+            check_parent_folder(file, "the captures", "--capture")?;
+            service.with_captures(file.clone())
         }
         None => service,
     };
-    let service = service.retaining(retention);
+    let service = service.with_retention(retention);
     if args.check {
-        service.check()?;
-        return Ok(Exit::Pass);
+        service.check_plans()?;
+        return Ok(ExitStatus::Pass);
     }
-    stop_on_signals(service.halt())?;
+    stop_on_signals(service.halt_handle())?;
     match service.serve()? {
-        Ended::Waiting => Ok(Exit::Pass),
-        Ended::Held => Ok(Exit::Stopped),
+        ExitState::Waiting => Ok(ExitStatus::Pass),
+        ExitState::Held => Ok(ExitStatus::Stopped),
     }
 }

@@ -14,36 +14,38 @@ pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
         .name("signals".to_owned())
-        .spawn(move || listen(&halt, &ready))
-        .map_err(Failure::plain)?;
+        .spawn(move || run_signal_thread(&halt, &ready))
+        .map_err(Failure::without_remedy)?;
     let listening = is_ready.recv().unwrap_or_else(|_| Err(io::ErrorKind::BrokenPipe.into()));
-    listening.map_err(|error| Failure::plain(format!("signals cannot be heard: {error}")))
+    listening.map_err(|error| {
+        Failure::without_remedy(format!("the signal handler could not be started: {error}"))
+    })
 }
 
-fn listen(halt: &Halt, ready: &Sender<io::Result<()>>) {
+fn run_signal_thread(halt: &Halt, ready: &Sender<io::Result<()>>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
-    let ended = runtime.and_then(|runtime| runtime.block_on(hear(halt, ready)));
+    let ended = runtime.and_then(|runtime| runtime.block_on(halt_on_signals(halt, ready)));
     // The error was reported already, or no receiver is left.
     let _ = ended.map_err(|error| ready.send(Err(error)));
 }
 
-async fn hear(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
+async fn halt_on_signals(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     // Sent when the terminal is closed.
     let mut hang_up = signal(SignalKind::hangup())?;
     let _ = ready.send(Ok(()));
-    while any(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
-        halt.now();
+    while next_signal(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
+        halt.trigger();
     }
     Ok(())
 }
 
-async fn any(one: &mut Signal, other: &mut Signal, third: &mut Signal) -> Option<()> {
+async fn next_signal(first: &mut Signal, second: &mut Signal, third: &mut Signal) -> Option<()> {
     // `recv` is cancel safe: no signal is lost.
     tokio::select! {
-        heard = one.recv() => heard,
-        heard = other.recv() => heard,
-        heard = third.recv() => heard,
+        received = first.recv() => received,
+        received = second.recv() => received,
+        received = third.recv() => received,
     }
 }

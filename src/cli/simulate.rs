@@ -3,70 +3,71 @@
 use std::io::IsTerminal as _;
 use std::time::Duration;
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::SimulateArgs;
 use super::failure::Failure;
-use super::run::runtime;
-use crate::setup::{self, Rehearsal};
+use super::run::build_runtime;
+use crate::setup::{self, SimulatedMachine};
 use machine::Axis;
-use machine::record::question::{Question, Stylus};
+use machine::record::question::{Question, StylusState};
 use simulator::SimulatedOperator;
-use simulator::faulty_wire::{BadWire, Planned};
+use simulator::faulty_wire::{FaultyWire, PlannedFault};
 
-pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
-    let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let (_, plan) = setup::header(&machine, &args.method, None)?;
+pub fn simulate_command(args: &SimulateArgs) -> Result<ExitStatus, Failure> {
+    let machine = setup::load_machine_file(args.machine.as_deref(), &args.method)?;
+    let (_, plan) = setup::plan_header(&machine, &args.method, None)?;
     let pace = args.speed.into();
-    runtime()?.block_on(async {
-        let rehearsal = Rehearsal::of(&machine)?;
+    build_runtime()?.block_on(async {
+        let rehearsal = SimulatedMachine::new(&machine)?;
         if let Some(sensor) = plan.sensors.iter().find(|sensor| sensor.mount.is_spindle()) {
-            rehearsal.without_probe();
-            tell!("`{}` is in the spindle, the probe is not", sensor.name);
+            rehearsal.remove_probe();
+            errln!("the sensor `{}` is mounted in the spindle instead of the touch probe", sensor.name);
         }
         let simulator = match args.faults {
             None => rehearsal.serve(pace)?,
-            Some(seed) => rehearsal.serve_badly(pace, BadWire::to_rehearse(seed), planned)?,
+            Some(seed) => rehearsal.serve_with_faults(pace, FaultyWire::for_rehearsal(seed), print_fault)?,
         };
-        say!("{simulator}");
+        outln!("{simulator}");
         let orients = machine.machine.axes.contains_key(&Axis::S);
         let dialect = if orients { "\ndialect = \"grbl-m19\"" } else { "" };
-        tell!(
-            "a simulated {} speaks there; in a machine file:\n{}\nCtrl-C ends it",
-            simulator.what(),
-            format!("[controller]\n{}{dialect}", simulator.keys())
+        errln!(
+            "A simulated {} is running on this port. To connect, write in a machine file:\n{}\nPress Ctrl-C \
+            to end the simulation.",
+            simulator.description(),
+            format!("[controller]\n{}{dialect}", simulator.controller_toml())
                 .lines()
                 .map(|line| format!("  {line}"))
                 .collect::<Vec<_>>()
                 .join("\n")
         );
-        beside(rehearsal.bystander());
+        start_stylus_input(rehearsal.simulated_operator());
         let ended = tokio::signal::ctrl_c().await;
         drop(simulator);
-        ended.map_err(Failure::plain)
+        ended.map_err(Failure::without_remedy)
     })?;
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Lets the person at this terminal deflect the simulated stylus.
-fn beside(mut bystander: SimulatedOperator) {
+fn start_stylus_input(mut simulated_operator: SimulatedOperator) {
     if !std::io::stdin().is_terminal() {
         return;
     }
-    tell!("type `press` to press the stylus aside, `free` to let it go");
+    errln!("Type `press` to deflect the simulated stylus, `free` to release it.");
     std::thread::spawn(move || {
         for line in std::io::stdin().lines().map_while(Result::ok) {
             let stylus = match line.trim() {
-                "press" => Stylus::Deflected,
-                "free" => Stylus::Free,
+                "press" => StylusState::Deflected,
+                "free" => StylusState::Free,
                 _ => continue,
             };
-            bystander.answer(&Question::Stylus(stylus));
-            tell!("{stylus:?}");
+            simulated_operator.answer(&Question::StylusState(stylus));
+            errln!("{stylus:?}");
         }
     });
 }
 
-fn planned(at: Duration, harm: Planned) {
-    let Planned { direction, line, byte, harm } = harm;
-    tell!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
+fn print_fault(at: Duration, harm: PlannedFault) {
+    let PlannedFault { direction, line, byte, fault: harm } = harm;
+    errln!("{:9.3} s  {direction:?}, line {line}, byte {byte}: {harm:?}", at.as_secs_f64());
 }

@@ -7,26 +7,26 @@ use std::time::Duration;
 
 use tokio::time::sleep;
 
-use crate::commissioning::{Answering, Person, Stop, words_of};
-use crate::run::{Asked, PromptAnswers};
+use crate::commissioning::{AnswerFuture, OperatorInterface, Stop, describe_question};
+use crate::run::{OpenPrompt, PromptAnswers};
 use machine::Axis;
-use machine::record::question::{Answer, AxisDirection, Question, Seen};
+use machine::record::question::{Answer, AxisDirection, ObservedMotion, Question};
 
 /// Polling period of a stop while the terminal waits for an answer.
-const STOP_POLL: Duration = Duration::from_millis(50);
+const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// A typed line; empty if standard input is no terminal.
-pub fn typed(words: &str) -> std::io::Result<String> {
+pub fn prompt_line(words: &str) -> std::io::Result<String> {
     let mut line = String::new();
     if std::io::stdin().is_terminal() {
-        tell!("{words}");
+        errln!("{words}");
         std::io::stdin().lock().read_line(&mut line)?;
     }
     Ok(line.trim().to_owned())
 }
 
 /// Typed lines, in their order.
-fn lines() -> Receiver<String> {
+fn spawn_line_reader() -> Receiver<String> {
     let (line, typed) = channel();
     // On a thread of its own that is never joined, so that the links stay active meanwhile.
     std::thread::spawn(move || {
@@ -36,28 +36,31 @@ fn lines() -> Receiver<String> {
     typed
 }
 
-/// Answers of the person `who` at the terminal, who confirms with Enter; nobody answers without a terminal.
+/// Answers of the operator `who`, who confirms prompts with Enter; without a terminal no prompt can be answered.
 /// `show` is called with the text of the prompt.
-pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswers {
+pub fn confirm_with_enter(
+    who: String,
+    show: impl Fn(&str) + Send + Sync + 'static,
+) -> PromptAnswers {
     match std::io::stdin().is_terminal() {
-        true => entered(who, show, lines),
-        false => PromptAnswers::nobody(),
+        true => enter_confirmations(who, show, spawn_line_reader),
+        false => PromptAnswers::none(),
     }
 }
 
 /// Login name of the user.
-pub fn login() -> String {
+pub fn login_name() -> String {
     let known = ["USER", "LOGNAME"].iter().filter_map(|name| std::env::var(name).ok());
     let mut known = known.filter(|name| !name.trim().is_empty());
-    known.next().unwrap_or_else(|| "somebody at the terminal".to_owned())
+    known.next().unwrap_or_else(|| "operator at the terminal".to_owned())
 }
 
-fn entered(
+fn enter_confirmations(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
     listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
 ) -> PromptAnswers {
-    let state: Mutex<(Option<Receiver<String>>, Option<Asked>)> = Mutex::default();
+    let state: Mutex<(Option<Receiver<String>>, Option<OpenPrompt>)> = Mutex::default();
     PromptAnswers::new(move |asked| {
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
         let (typed, shown) = &mut *state;
@@ -70,7 +73,7 @@ fn entered(
         if shown.as_ref() != Some(asked) {
             while typed.try_recv().is_ok() {}
             show(&format!(
-                "{}\npress Enter once that is done; Ctrl-C holds the machine",
+                "{}\nPress Enter when this is done. Ctrl-C holds the machine.",
                 asked.text
             ));
             *shown = Some(asked.clone());
@@ -79,54 +82,54 @@ fn entered(
     })
 }
 
-pub struct Terminal {
+pub struct TerminalOperator {
     stop: Stop,
     typed: Receiver<String>,
 }
 
-impl Terminal {
+impl TerminalOperator {
     pub fn new(stop: Stop) -> Self {
-        Self { stop, typed: lines() }
+        Self { stop, typed: spawn_line_reader() }
     }
 
-    async fn answer(&self, question: &Question) -> Answer {
+    async fn read_answer(&self, question: &Question) -> Answer {
         loop {
             // Lines typed before the question do not answer it.
             while self.typed.try_recv().is_ok() {}
-            tell!("\n{}", words_of(question));
-            let Some(line) = self.line().await else { return Answer::Nobody };
+            errln!("\n{}", describe_question(question));
+            let Some(line) = self.next_line().await else { return Answer::NoOperator };
             let answer = match question {
-                Question::Jogged { .. } => seen(&line).map(Answer::Saw),
-                Question::RetractDirection { .. } => retract_direction(&line),
-                _ => yes_or_no(&line),
+                Question::ObservedJog { .. } => parse_observation(&line).map(Answer::Motion),
+                Question::RetractDirection { .. } => parse_retract_direction(&line),
+                _ => parse_yes_no(&line),
             };
             match answer {
                 Some(answer) => return answer,
-                None => tell!("`{line}` is none of the answers"),
+                None => errln!("`{line}` is not a valid answer"),
             }
         }
     }
 
     /// The next line. `None`: standard input has ended, or a stop was requested.
-    async fn line(&self) -> Option<String> {
+    async fn next_line(&self) -> Option<String> {
         loop {
             match self.typed.try_recv() {
                 Ok(line) => return Some(line.trim().to_owned()),
                 Err(TryRecvError::Disconnected) => return None,
-                Err(TryRecvError::Empty) if self.stop.is_asked() => return None,
-                Err(TryRecvError::Empty) => sleep(STOP_POLL).await,
+                Err(TryRecvError::Empty) if self.stop.is_requested() => return None,
+                Err(TryRecvError::Empty) => sleep(STOP_POLL_PERIOD).await,
             }
         }
     }
 }
 
-impl Person for Terminal {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
-        Box::pin(self.answer(question))
+impl OperatorInterface for TerminalOperator {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+        Box::pin(self.read_answer(question))
     }
 }
 
-fn yes_or_no(line: &str) -> Option<Answer> {
+fn parse_yes_no(line: &str) -> Option<Answer> {
     match line.to_ascii_lowercase().as_str() {
         "y" | "yes" => Some(Answer::Yes),
         "n" | "no" => Some(Answer::No),
@@ -135,30 +138,30 @@ fn yes_or_no(line: &str) -> Option<Answer> {
 }
 
 /// A linear axis and a sign, or no. Yes alone is not accepted, as it names no direction.
-fn retract_direction(line: &str) -> Option<Answer> {
+fn parse_retract_direction(line: &str) -> Option<Answer> {
     let line = line.to_ascii_uppercase();
     let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {
         (Some(letter), _) => (letter, true),
         (_, Some(letter)) => (letter, false),
-        _ => return yes_or_no(&line).filter(|answer| *answer == Answer::No),
+        _ => return parse_yes_no(&line).filter(|answer| *answer == Answer::No),
     };
     let axis: Axis = letter.parse().ok()?;
     axis.is_linear().then_some(Answer::Retract(AxisDirection { axis, is_positive }))
 }
 
 /// Parses an observation: a letter, an axis, or a distance.
-fn seen(line: &str) -> Option<Seen> {
+fn parse_observation(line: &str) -> Option<ObservedMotion> {
     match line.to_ascii_lowercase().as_str() {
-        "y" | "yes" => return Some(Seen::AsSaid),
-        "r" => return Some(Seen::OtherWay),
-        "n" | "no" => return Some(Seen::Nothing),
-        "?" => return Some(Seen::ResumableRun),
+        "y" | "yes" => return Some(ObservedMotion::AsAnnounced),
+        "r" => return Some(ObservedMotion::Opposite),
+        "n" | "no" => return Some(ObservedMotion::NoMotion),
+        "?" => return Some(ObservedMotion::Unclear),
         _ => {}
     }
     if let Ok(axis) = line.to_ascii_uppercase().parse::<Axis>() {
-        return Some(Seen::Another(axis));
+        return Some(ObservedMotion::OtherAxis(axis));
     }
-    line.parse::<f64>().ok().filter(|by| by.is_finite()).map(Seen::Distance)
+    line.parse::<f64>().ok().filter(|by| by.is_finite()).map(ObservedMotion::Distance)
 }
 
 #[cfg(test)]
@@ -168,17 +171,21 @@ mod tests {
     #[test]
     fn what_was_typed_before_the_question_is_no_answer() {
         let (line, typed) = channel();
-        let person = Terminal { stop: Stop::default(), typed };
+        let person = TerminalOperator { stop: Stop::default(), typed };
         (0..3).for_each(|_| line.send("y".to_owned()).unwrap());
         let later = std::thread::spawn(move || {
-            std::thread::sleep(4 * STOP_POLL);
+            std::thread::sleep(4 * STOP_POLL_PERIOD);
             line.send("n".to_owned()).unwrap();
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let may = Question::May { what: "May it?".to_owned() };
-        assert_eq!(runtime.block_on(person.answer(&may)), Answer::No);
+        let may = Question::AllowAction { action: "May it?".to_owned() };
+        assert_eq!(runtime.block_on(person.read_answer(&may)), Answer::No);
         later.join().unwrap();
-        assert_eq!(runtime.block_on(person.answer(&may)), Answer::Nobody, "the terminal is gone");
+        assert_eq!(
+            runtime.block_on(person.read_answer(&may)),
+            Answer::NoOperator,
+            "the terminal is gone"
+        );
     }
 
     #[test]
@@ -189,18 +196,19 @@ mod tests {
             let shown = shown.clone();
             move |words: &str| shown.lock().unwrap().push(words.to_owned())
         };
-        let answers =
-            entered("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
-        let asked = |step| Asked { step, repeat: 0, text: format!("do {step}") };
+        let answers = enter_confirmations("Ada".to_owned(), show, move || {
+            typed.lock().unwrap().take().unwrap()
+        });
+        let asked = |step| OpenPrompt { step, repeat: 0, text: format!("do {step}") };
         let enter = || line.send(String::new()).unwrap();
         enter();
-        assert_eq!([answers.look(&asked(1)), answers.look(&asked(1))], [None, None]);
+        assert_eq!([answers.poll(&asked(1)), answers.poll(&asked(1))], [None, None]);
         enter();
         enter();
-        assert_eq!(answers.look(&asked(1)).as_deref(), Some("Ada"));
-        assert_eq!([answers.look(&asked(2)), answers.look(&asked(2))], [None, None]);
+        assert_eq!(answers.poll(&asked(1)).as_deref(), Some("Ada"));
+        assert_eq!([answers.poll(&asked(2)), answers.poll(&asked(2))], [None, None]);
         enter();
-        assert_eq!(answers.look(&asked(2)).as_deref(), Some("Ada"));
+        assert_eq!(answers.poll(&asked(2)).as_deref(), Some("Ada"));
         let shown = shown.lock().unwrap();
         assert!(
             shown.len() == 2 && shown[0].starts_with("do 1\n") && shown[1].starts_with("do 2\n")
@@ -211,32 +219,32 @@ mod tests {
     fn a_retract_is_typed_as_axis_and_sign() {
         let retract =
             |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
-        assert_eq!(retract_direction("Z+"), retract(Axis::Z, true));
-        assert_eq!(retract_direction("x-"), retract(Axis::X, false));
-        assert_eq!(retract_direction("n"), Some(Answer::No));
+        assert_eq!(parse_retract_direction("Z+"), retract(Axis::Z, true));
+        assert_eq!(parse_retract_direction("x-"), retract(Axis::X, false));
+        assert_eq!(parse_retract_direction("n"), Some(Answer::No));
         for line in ["", "y", "Z", "+", "+Z", "C+", "Z+1", "Z++", "\u{fc}+", "\u{2212}"] {
-            assert_eq!(retract_direction(line), None, "{line}");
+            assert_eq!(parse_retract_direction(line), None, "{line}");
         }
     }
 
     #[test]
     fn what_was_seen_is_typed_in_a_word() {
         let typed = [
-            ("y", Some(Seen::AsSaid)),
-            ("R", Some(Seen::OtherWay)),
-            ("n", Some(Seen::Nothing)),
-            ("?", Some(Seen::ResumableRun)),
-            ("c", Some(Seen::Another(Axis::C))),
-            ("25.4", Some(Seen::Distance(25.4))),
-            ("-3", Some(Seen::Distance(-3.0))),
+            ("y", Some(ObservedMotion::AsAnnounced)),
+            ("R", Some(ObservedMotion::Opposite)),
+            ("n", Some(ObservedMotion::NoMotion)),
+            ("?", Some(ObservedMotion::Unclear)),
+            ("c", Some(ObservedMotion::OtherAxis(Axis::C))),
+            ("25.4", Some(ObservedMotion::Distance(25.4))),
+            ("-3", Some(ObservedMotion::Distance(-3.0))),
             ("", None),
             ("maybe", None),
             ("inf", None),
         ];
         for (line, expected) in typed {
-            assert_eq!(seen(line), expected, "{line}");
+            assert_eq!(parse_observation(line), expected, "{line}");
         }
-        assert_eq!(yes_or_no("Yes"), Some(Answer::Yes));
-        assert_eq!(yes_or_no(""), None, "a slip on the keyboard moves nothing");
+        assert_eq!(parse_yes_no("Yes"), Some(Answer::Yes));
+        assert_eq!(parse_yes_no(""), None, "a slip on the keyboard moves nothing");
     }
 }

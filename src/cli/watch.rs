@@ -2,67 +2,75 @@
 
 use tokio::sync::mpsc;
 
-use super::Exit;
+use super::ExitStatus;
 use super::args::WatchArgs;
 use super::failure::Failure;
 use crate::setup::{self, MachineFile};
 use devices::sensors::{Sample, Sensor};
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 
-pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
+pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
     let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(Failure::plain)?;
+        .map_err(Failure::without_remedy)?;
     runtime.block_on(async {
-        let sensor = setup::sensor(&file, &args.sensor).await?;
-        let reached = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
-        let at = reached.map(|entry| entry.reached.at()).unwrap_or_default();
-        let mut shown = Shown { json: args.json, left: args.samples, silent: false };
+        let sensor = setup::open_sensor(&file, &args.sensor).await?;
+        let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
+        let at = connection.map(|entry| entry.connection.location()).unwrap_or_default();
+        let mut printer = SamplePrinter {
+            json: args.json,
+            remaining_samples: args.samples,
+            is_signal_missing: false,
+        };
         tokio::select! {
-            ended = show(&sensor, &at, &mut shown) => ended,
-            ended = tokio::signal::ctrl_c() => ended.map_err(Failure::plain),
+            ended = print_samples(&sensor, &at, &mut printer) => ended,
+            ended = tokio::signal::ctrl_c() => ended.map_err(Failure::without_remedy),
         }
     })?;
-    Ok(Exit::Pass)
+    Ok(ExitStatus::Pass)
 }
 
 /// Shows every sample.
-async fn show(sensor: &Sensor, at: &str, shown: &mut Shown) -> Result<(), Failure> {
-    let (tell, mut told) = mpsc::unbounded_channel();
+async fn print_samples(
+    sensor: &Sensor,
+    at: &str,
+    printer: &mut SamplePrinter,
+) -> Result<(), Failure> {
+    let (tell, mut samples) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
-    tell!("listening: {at}; Ctrl-C ends it");
-    while let Some(sample) = told.recv().await {
-        if shown.ends_with(&sample) {
+    errln!("reading samples from {at}; press Ctrl-C to end");
+    while let Some(sample) = samples.recv().await {
+        if printer.print_is_last(&sample) {
             return Ok(());
         }
     }
     // The sensor has failed, or it measures only on request.
-    sensor.rest().await?;
+    sensor.end_watch().await?;
     loop {
-        for sample in sensor.take(1).await? {
-            if shown.ends_with(&sample) {
+        for sample in sensor.read_samples(1).await? {
+            if printer.print_is_last(&sample) {
                 return Ok(());
             }
         }
     }
 }
 
-struct Shown {
+struct SamplePrinter {
     json: bool,
-    left: Option<u64>,
+    remaining_samples: Option<u64>,
     /// Whether the missing signal has been reported; it is reported once.
-    silent: bool,
+    is_signal_missing: bool,
 }
 
-impl Shown {
+impl SamplePrinter {
     /// Shows the sample; returns whether it is the last.
-    fn ends_with(&mut self, sample: &Sample) -> bool {
+    fn print_is_last(&mut self, sample: &Sample) -> bool {
         let Sample { t_s, value_mm, flag, missing, encoder_count } = *sample;
-        let silent = flag == Flag::Stale;
-        if !(silent && self.silent) {
+        let is_signal_missing = flag == ReadingFlag::Stale;
+        if !(is_signal_missing && self.is_signal_missing) {
             let flag = flag.as_str();
             if self.json {
                 let mut line = serde_json::json!({
@@ -71,20 +79,22 @@ impl Shown {
                 if let Some(count) = encoder_count {
                     line["encoder_count"] = count.into();
                 }
-                say!("{line}");
+                outln!("{line}");
             } else {
                 let value = value_mm.map_or("-".to_owned(), |mm| format!("{mm:.5}"));
                 let missing =
                     if missing > 0 { format!(" ({missing} missing)") } else { String::new() };
                 let count = encoder_count.map(|n| format!("encoder {n} ")).unwrap_or_default();
-                say!("{t_s:12.6} s {value:>12} mm {count}{flag}{missing}");
+                outln!("{t_s:12.6} s {value:>12} mm {count}{flag}{missing}");
             }
         }
-        self.silent = silent;
-        self.left = match self.left {
-            Some(left) if !silent => Some(left.saturating_sub(1)),
-            left => left,
+        self.is_signal_missing = is_signal_missing;
+        self.remaining_samples = match self.remaining_samples {
+            Some(remaining_samples) if !is_signal_missing => {
+                Some(remaining_samples.saturating_sub(1))
+            }
+            remaining_samples => remaining_samples,
         };
-        self.left == Some(0)
+        self.remaining_samples == Some(0)
     }
 }

@@ -3,123 +3,134 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError};
-use super::question_text::{amount, look_for, told, unit};
-use super::{Check, Ended, Part};
+use super::question_text::{axis_unit, format_amount, format_jog, visible_motion};
+use super::{Check, CheckEnd, Part};
 use machine::Axis;
-use machine::record::machine::Sense;
-use machine::record::question::{Answer, Jog, Question, Seen};
+use machine::record::machine::AxisSense;
+use machine::record::question::{Answer, Jog, ObservedMotion, Question};
 
 /// Length of a jog, mm or degrees.
 const JOG_LENGTH: f64 = 1.0;
 /// Tolerance of an observed distance, mm or degrees.
-const EYE_TOLERANCE: f64 = 0.2;
+const OBSERVATION_TOLERANCE: f64 = 0.2;
 
 /// Reason why no axis is jogged.
-pub(super) const NO_PROBE_REASON: &str =
-    "nobody is there to show that the probe answers: without it nothing stops at a contact";
+pub(super) const NO_PROBE_REASON: &str = "the probe input was not tested, because no operator is present; without a working probe no contact \
+    stops the machine";
 
 /// Outcome of one axis.
-enum Looked {
-    Told,
+enum AxisOutcome {
+    Reported,
     /// No operator is present.
     Nobody,
 }
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    if !check.probe_answers {
-        check.not_looked_at(Part::Axes, NO_PROBE_REASON);
+pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+    if !check.is_probe_working {
+        check.report_unchecked(Part::Axes, NO_PROBE_REASON);
         return Ok(());
     }
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
     for axis in axes.iter().copied().filter(|axis| *axis != Axis::S) {
-        if let Looked::Nobody = one(check, axis).await? {
-            check.not_looked_at(Part::Axes, "nobody is there to let the axes move and to see it");
+        if let AxisOutcome::Nobody = check_axis(check, axis).await? {
+            check.report_unchecked(
+                Part::Axes,
+                "no operator is present to permit and to observe the jogs",
+            );
             return Ok(());
         }
     }
     if axes.contains(&Axis::S) {
-        let why = "S: the spindle is not jogged; see by eye that it orients as [axes.S] says";
-        check.not_looked_at(Part::Axes, why);
+        let why =
+            "S: the spindle is not jogged; check by eye that its orientation agrees with [axes.S]";
+        check.report_unchecked(Part::Axes, why);
     }
     Ok(())
 }
 
-async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
+async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
     if check.beyond_limits.contains(&axis) {
-        let why = format!("{axis}: its limits differ from the control's: correct them first");
-        check.not_looked_at(Part::Axes, why);
-        return Ok(Looked::Told);
+        let why =
+            format!("{axis}: the limits differ from the limits of the control; correct them first");
+        check.report_unchecked(Part::Axes, why);
+        return Ok(AxisOutcome::Reported);
     }
-    let Some(jog) = planned(check, axis) else { return Ok(Looked::Told) };
+    let Some(jog) = plan_jog(check, axis) else { return Ok(AxisOutcome::Reported) };
     loop {
         let since = Instant::now();
         // The operator is asked only about a jog that is proven to be free of collision.
-        if let Err(error) = jog::proven(check, &jog) {
-            trouble(check, &jog, since, &error).await?;
-            return Ok(Looked::Told);
+        if let Err(error) = jog::prove_planned_jog(check, &jog) {
+            report_failed_jog(check, &jog, since, &error).await?;
+            return Ok(AxisOutcome::Reported);
         }
-        let stands = check.stands.clone().unwrap_or_default();
-        let expected = look_for(&check.file.machine, &stands, &jog).unwrap_or_default();
-        let may = Question::MayJog { jog, look_for: expected.clone() };
-        match check.ask(may).await? {
+        let stands = check.position.clone().unwrap_or_default();
+        let expected = visible_motion(&check.file.machine, &stands, &jog).unwrap_or_default();
+        let may = Question::AllowJog { jog, visible_motion: expected.clone() };
+        match check.prompt_operator(may).await? {
             Answer::Yes => {}
-            Answer::Nobody => return Ok(Looked::Nobody),
+            Answer::NoOperator => return Ok(AxisOutcome::Nobody),
             _ => {
-                check.not_looked_at(Part::Axes, format!("{axis}: a person did not let it move"));
-                return Ok(Looked::Told);
+                check.report_unchecked(
+                    Part::Axes,
+                    format!("{axis}: the operator did not permit the jog"),
+                );
+                return Ok(AxisOutcome::Reported);
             }
         }
-        if let Err(error) = jog::go(check, &jog).await {
-            trouble(check, &jog, since, &error).await?;
-            return Ok(Looked::Told);
+        if let Err(error) = jog::run_jog(check, &jog).await {
+            report_failed_jog(check, &jog, since, &error).await?;
+            return Ok(AxisOutcome::Reported);
         }
-        let Answer::Saw(seen) =
-            check.ask(Question::Jogged { jog, look_for: expected.clone() }).await?
+        let Answer::Motion(seen) = check
+            .prompt_operator(Question::ObservedJog { jog, visible_motion: expected.clone() })
+            .await?
         else {
-            left_there(check, &jog, since);
-            return Err(Ended::Unsafe);
+            report_axis_not_returned(check, &jog, since);
+            return Err(CheckEnd::Unsafe);
         };
-        if let Err(error) = jog::go(check, &jog::back(&jog)).await {
-            trouble(check, &jog, since, &error).await?;
-            return Ok(Looked::Told);
+        if let Err(error) = jog::run_jog(check, &jog::return_jog(&jog)).await {
+            report_failed_jog(check, &jog, since, &error).await?;
+            return Ok(AxisOutcome::Reported);
         }
-        if seen != Seen::ResumableRun {
-            judge(check, &jog, seen, since, &expected);
-            return Ok(Looked::Told);
+        if seen != ObservedMotion::Unclear {
+            judge_axis(check, &jog, seen, since, &expected);
+            return Ok(AxisOutcome::Reported);
         }
     }
 }
 
 /// Reports that the operator has left: the axis stays where it is.
-fn left_there(check: &mut Check<'_>, jog: &Jog, since: Instant) {
+fn report_axis_not_returned(check: &mut Check<'_>, jog: &Jog, since: Instant) {
     let axis = jog.axis;
-    let what = format!("{axis} {}: nobody told what was seen, so it was not moved back", told(jog));
-    check.failed(
+    let what = format!(
+        "{axis} {}: the operator did not report the observed motion, so the axis was not \
+        moved back",
+        format_jog(jog)
+    );
+    check.report_failed(
         Part::Axes,
         since,
         what,
-        format!("look at the machine; move {axis} back by hand, then check again"),
+        format!("check the machine; move {axis} back at the control, then repeat the check"),
     );
 }
 
 /// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
-fn planned(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
+fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     let (since, machine) = (Instant::now(), &check.file.machine);
     let spec = machine.axes.get(&axis)?;
-    let stands = check.stands.as_ref()?;
-    let jog = jog::inwards(axis, JOG_LENGTH, spec, stands);
+    let stands = check.position.as_ref()?;
+    let jog = jog::jog_inwards(axis, JOG_LENGTH, spec, stands);
     if jog.is_none() {
-        let here = axis.to_edge(stands.at(axis));
-        let what = format!(
-            "{axis} stands at {here:.3}, outside its travel from {} to {}",
-            spec.min, spec.max
-        );
+        let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
+        let what =
+            format!("{axis} is at {here:.3}, outside its travel from {} to {}", spec.min, spec.max);
         let remedy = format!(
-            "home the machine; if it is homed, correct [axes.{axis}] min and max: they are machine \
-             coordinates"
+            "home the machine; if it is homed already, correct min and max of [axes.{axis}] (machine \
+            coordinates)"
         );
-        check.strays = true;
-        check.failed(Part::Axes, since, what, remedy);
+        check.has_axis_fault = true;
+        check.report_failed(Part::Axes, since, what, remedy);
     }
     jog
 }
@@ -128,109 +139,129 @@ fn planned(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
 ///
 /// # Errors
 /// The control cannot continue.
-async fn trouble(
+async fn report_failed_jog(
     check: &mut Check<'_>,
     jog: &Jog,
     since: Instant,
     error: &JogError,
-) -> Result<(), Ended> {
-    check.go_on()?;
-    check.strays = true;
-    let reported = if error.is_harmless() { None } else { reported(check, jog).await };
-    let what = format!("{} {}: {error}{}", jog.axis, told(jog), reported.unwrap_or_default());
-    check.failed(Part::Axes, since, what, error.remedy());
-    if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) }
+) -> Result<(), CheckEnd> {
+    check.check_stop()?;
+    check.has_axis_fault = true;
+    let reported =
+        if error.is_harmless() { None } else { describe_reported_motion(check, jog).await };
+    let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
+    check.report_failed(Part::Axes, since, what, error.remedy());
+    if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) }
 }
 
 /// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
-async fn reported(check: &Check<'_>, jog: &Jog) -> Option<String> {
-    let (before, now) = (check.stands.as_ref()?, check.controller().ok()?.look().await.ok()?);
+async fn describe_reported_motion(check: &Check<'_>, jog: &Jog) -> Option<String> {
+    let (before, now) =
+        (check.position.as_ref()?, check.controller().ok()?.read_snapshot().await.ok()?);
     let gone = |axis: Axis| -> Option<f64> {
-        Some(axis.to_edge(now.stands.get(axis)? - before.get(axis)?))
+        Some(axis.to_mm_or_deg(now.position.get(axis)? - before.get(axis)?))
     };
     let moved = check.file.machine.axes.keys().copied();
     let moved = moved.filter_map(|axis| Some((axis, gone(axis)?)));
     let (axis, by) = moved.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))?;
     if by.abs() < 1e-3 {
-        return Some("; its reports show no motion".to_owned());
+        return Some("; the control reports no motion".to_owned());
     }
-    let of = if axis == jog.axis { "" } else { ", another axis" };
+    let of = if axis == jog.axis { "" } else { " instead" };
     Some(format!(
-        "; its reports say that {axis} went {}{of}",
-        amount(axis, format_args!("{by:+.3}"))
+        "; the control reports a motion of {axis} by {}{of}",
+        format_amount(axis, format_args!("{by:+.3}"))
     ))
 }
 
-fn judge(check: &mut Check<'_>, jog: &Jog, seen: Seen, since: Instant, expected: &str) {
-    let (axis, by) = (jog.axis, told(jog));
+fn judge_axis(
+    check: &mut Check<'_>,
+    jog: &Jog,
+    seen: ObservedMotion,
+    since: Instant,
+    expected: &str,
+) {
+    let (axis, by) = (jog.axis, format_jog(jog));
     let seen = match seen {
-        Seen::Distance(seen) if (seen - jog.by).abs() <= EYE_TOLERANCE => Seen::AsSaid,
-        Seen::Distance(seen) if (seen + jog.by).abs() <= EYE_TOLERANCE => Seen::OtherWay,
-        Seen::Distance(0.0) => Seen::Nothing,
-        Seen::Another(other) if other == axis => Seen::AsSaid,
+        ObservedMotion::Distance(seen) if (seen - jog.by).abs() <= OBSERVATION_TOLERANCE => {
+            ObservedMotion::AsAnnounced
+        }
+        ObservedMotion::Distance(seen) if (seen + jog.by).abs() <= OBSERVATION_TOLERANCE => {
+            ObservedMotion::Opposite
+        }
+        ObservedMotion::Distance(0.0) => ObservedMotion::NoMotion,
+        ObservedMotion::OtherAxis(other) if other == axis => ObservedMotion::AsAnnounced,
         seen => seen,
     };
     let (what, remedy) = match seen {
-        Seen::AsSaid | Seen::ResumableRun => {
-            return check.well(Part::Axes, since, format!("{axis} {by}: {expected}, as it should"));
+        ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
+            return check.report_ok(
+                Part::Axes,
+                since,
+                format!("{axis} {by}: {expected}, as expected"),
+            );
         }
-        Seen::OtherWay => (
-            format!("{axis} {by}: it went the other way round: the sense of {axis} is wrong"),
-            sense(axis, check.file.machine.axes.get(&axis).map(|spec| spec.positive)),
-        ),
-        Seen::Another(other) => (
-            format!("{axis} {by}: {other} moved in its stead: {axis} and {other} are swapped"),
+        ObservedMotion::Opposite => (
             format!(
-                "exchange the motors' cables of {axis} and {other}, or their places in the control's \
-                 list of joints; then check again"
+                "{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"
+            ),
+            sense_remedy(axis, check.file.machine.axes.get(&axis).map(|spec| spec.positive)),
+        ),
+        ObservedMotion::OtherAxis(other) => (
+            format!("{axis} {by}: {other} moved instead: {axis} and {other} are swapped"),
+            format!(
+                "swap the motor cables of {axis} and {other}, or their order in the joint list of the \
+                control; then repeat the check"
             ),
         ),
-        Seen::Nothing => (
+        ObservedMotion::NoMotion => (
+            format!("{axis} {by}: the control reports the motion, but the operator saw no motion"),
             format!(
-                "{axis} {by}: the control says that it went there, but nothing was seen to move"
-            ),
-            format!(
-                "is the drive of {axis} enabled, its motor plugged in, its coupling tight? Or its steps \
-                 per {} are far too few",
-                unit(axis)
+                "check that the drive of {axis} is enabled, its motor connected and its coupling tight, and \
+                that its steps per {} are not far too low",
+                axis_unit(axis)
             ),
         ),
-        Seen::Distance(seen) => too_far(jog, seen),
+        ObservedMotion::Distance(seen) => gain_fault(jog, seen),
     };
-    check.strays = true;
-    check.failed(Part::Axes, since, what, remedy);
+    check.has_axis_fault = true;
+    check.report_failed(Part::Axes, since, what, remedy);
 }
 
-fn sense(axis: Axis, stated: Option<Sense>) -> String {
+fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
     if axis.is_linear() {
         return format!(
-            "turn {axis} round at the control (grblHAL: $3; LinuxCNC: the sign of its joint's SCALE); \
-             does [machine] topology say rightly whether {axis} carries the table or the spindle? What \
-             carries the table goes against the sign of its command"
+            "invert the direction of {axis} at the control (grblHAL: $3; LinuxCNC: the sign of SCALE of the \
+            joint), or correct [machine] topology: an axis that carries the table moves against the sign of \
+            its command, an axis that carries the spindle moves with it"
         );
     }
-    let other = if stated == Some(Sense::Reversed) { "iso" } else { "reversed" };
-    format!("write positive = \"{other}\" in [axes.{axis}], or turn it round at the control")
+    let other = if stated == Some(AxisSense::Reversed) { "iso" } else { "reversed" };
+    format!(
+        "write positive = \"{other}\" in [axes.{axis}], or invert the direction of {axis} at the \
+        control"
+    )
 }
 
-fn too_far(jog: &Jog, seen: f64) -> (String, String) {
-    let (axis, unit, gain) = (jog.axis, unit(jog.axis), (seen / jog.by).abs());
+fn gain_fault(jog: &Jog, seen: f64) -> (String, String) {
+    let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (seen / jog.by).abs());
     let inches = if axis.is_linear() && (gain - 25.4).abs() < 1.5 {
-        ": an inch in place of a millimetre?"
+        ": is the control set to inches?"
     } else {
         ""
     };
     // Rounded to a hundredth, the resolution of the eye.
     let seen = (seen * 100.0).round() / 100.0;
-    let turned = if seen * jog.by < 0.0 { ", and the other way round" } else { "" };
+    let turned = if seen * jog.by < 0.0 { ", in the opposite direction" } else { "" };
     let what = format!(
-        "{axis} {}: it went {}{turned}: the gain of {axis} is {gain:.3}{inches}",
-        told(jog),
-        amount(axis, format_args!("{seen:+}"))
+        "{axis} {}: the axis moved by {}{turned}: the gain of {axis} is {gain:.3}{inches}",
+        format_jog(jog),
+        format_amount(axis, format_args!("{seen:+}"))
     );
     let remedy = format!(
-        "divide the steps per {unit} of {axis} at the control by {gain:.3} (grblHAL: $100 and on, in the \
-         order of its axes; LinuxCNC: SCALE of the joint); measure more exactly over a longer way"
+        "divide the steps per {unit} of {axis} at the control by {gain:.3} (grblHAL: $100 and following, in \
+        axis order; LinuxCNC: SCALE of the joint); for a more accurate value, measure over a longer \
+        distance"
     );
     (what, remedy)
 }

@@ -6,7 +6,7 @@ use machine::Axis;
 use machine::record::machine::{AxisSpec, Machine};
 
 /// Relative tolerance for rounded values of the control.
-const ROUNDED: f64 = 1e-3;
+const ROUNDING_TOLERANCE: f64 = 1e-3;
 
 /// A difference and its remedy.
 #[derive(Debug, PartialEq)]
@@ -17,75 +17,80 @@ pub(super) struct Difference {
     pub remedy: String,
 }
 
-pub(super) fn differences(machine: &Machine, says: &DeviceInfo) -> Vec<Difference> {
+pub(super) fn machine_file_differences(machine: &Machine, info: &DeviceInfo) -> Vec<Difference> {
     let mut found = Vec::new();
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     for (axis, spec) in axes {
-        match says.axes.get(axis) {
-            Some(says) => found.extend(of_axis(*axis, spec, says)),
-            None if says.axes.is_empty() => {}
-            None => found.push(missing(*axis, says)),
+        match info.axes.get(axis) {
+            Some(info) => found.extend(axis_differences(*axis, spec, info)),
+            None if info.axes.is_empty() => {}
+            None => found.push(missing_axis(*axis, info)),
         }
     }
     found
 }
 
-fn missing(axis: Axis, says: &DeviceInfo) -> Difference {
-    let has: Vec<String> = says.axes.keys().map(Axis::to_string).collect();
+fn missing_axis(axis: Axis, info: &DeviceInfo) -> Difference {
+    let has: Vec<String> = info.axes.keys().map(Axis::to_string).collect();
     let has = has.join(", ");
     Difference {
         beyond_limits: None,
         what: format!(
-            "the machine file has an axis {axis} that the control does not drive: it has {has}"
+            "the machine file has an axis {axis}, but the control has only the axes {has}"
         ),
         remedy: format!(
-            "set {axis} up at the control; or take it out of [machine] topology and [axes.{axis}] if \
-             the machine has none"
+            "configure {axis} at the control; or, if the machine has no {axis}, remove it from [machine] \
+            topology and remove [axes.{axis}]"
         ),
     }
 }
 
-fn of_axis(axis: Axis, spec: &AxisSpec, says: &ReportedAxis) -> Vec<Difference> {
+fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Difference> {
     let mut found = Vec::new();
     let span = spec.max - spec.min;
-    let slack = ROUNDED * span;
-    let below = says.min.filter(|min| spec.min < min - slack);
-    let above = says.max.filter(|max| spec.max > max + slack);
+    let slack = ROUNDING_TOLERANCE * span;
+    let below = info.min.filter(|min| spec.min < min - slack);
+    let above = info.max.filter(|max| spec.max > max + slack);
     let ends = [below.map(|min| ("min", spec.min, min)), above.map(|max| ("max", spec.max, max))];
     for (key, stated, ends) in ends.into_iter().flatten() {
         found.push(Difference {
             beyond_limits: Some(axis),
             what: format!(
-                "{axis} travels beyond the control's limits: {key} = {stated}, there {ends}"
+                "the travel of {axis} exceeds the limits of the control: {key} = {stated} in the machine \
+                file, {ends} at the control"
             ),
             remedy: format!(
                 "write {key} = {ends} in [axes.{axis}], or correct the limit at the control"
             ),
         });
     }
-    if let Some(travel) = says.travel.filter(|travel| span > travel + slack) {
+    if let Some(travel) = info.travel.filter(|travel| span > travel + slack) {
         found.push(Difference {
             beyond_limits: Some(axis),
             what: format!(
-                "{axis} travels {span} in the machine file, but only {travel} by the control's limits"
+                "{axis} has a travel of {span} in the machine file, but only {travel} at the control"
             ),
             remedy: format!(
-                "bring min and max of [axes.{axis}] nearer together, or correct the control"
+                "reduce the range from min to max in [axes.{axis}], or correct the travel at the control"
             ),
         });
     }
-    let swift = [
-        ("rapid_per_min", spec.rapid_per_min, says.rapid_per_min, "rapid speed"),
-        ("acceleration_per_s2", spec.acceleration_per_s2, says.acceleration_per_s2, "acceleration"),
+    let dynamics = [
+        ("rapid_per_min", spec.rapid_per_min, info.rapid_per_min, "rapid speed"),
+        ("acceleration_per_s2", spec.acceleration_per_s2, info.acceleration_per_s2, "acceleration"),
     ];
-    for (key, stated, has, name) in swift {
-        let Some(has) = has.filter(|has| stated > has * (1.0 + ROUNDED)) else { continue };
+    for (key, stated, has, name) in dynamics {
+        let Some(has) = has.filter(|has| stated > has * (1.0 + ROUNDING_TOLERANCE)) else {
+            continue;
+        };
         found.push(Difference {
             beyond_limits: None,
             what: format!(
-                "the {name} of {axis} is above the control's: {key} = {stated}, there {has}"
+                "the {name} of {axis} exceeds the value of the control: {key} = {stated} in the machine \
+                file, {has} at the control"
             ),
-            remedy: format!("write {key} = {has} in [axes.{axis}]: braking is reckoned with it"),
+            remedy: format!("write {key} = {has} in [axes.{axis}]: the braking distances are computed from \
+                this value"),
         });
     }
     found
@@ -99,7 +104,7 @@ mod tests {
     fn introduction() -> (Machine, DeviceInfo) {
         let text = include_str!("../../config/simulated.toml").to_owned();
         let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
-        let says = |spec: &AxisSpec| ReportedAxis {
+        let info = |spec: &AxisSpec| ReportedAxis {
             min: Some(spec.min),
             max: Some(spec.max),
             rapid_per_min: Some(spec.rapid_per_min),
@@ -107,37 +112,41 @@ mod tests {
             ..ReportedAxis::default()
         };
         let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
-        let axes = axes.map(|(axis, spec)| (*axis, says(spec))).collect();
+        let axes = axes.map(|(axis, spec)| (*axis, info(spec))).collect();
         (machine, DeviceInfo { axes, ..DeviceInfo::default() })
     }
 
     #[test]
     fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
-        let (machine, says) = introduction();
-        assert_eq!(differences(&machine, &says), []);
-        assert_eq!(differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
+        let (machine, info) = introduction();
+        assert_eq!(machine_file_differences(&machine, &info), []);
+        assert_eq!(
+            machine_file_differences(&machine, &DeviceInfo::default()),
+            [],
+            "it tells nothing"
+        );
 
         let told = |change: fn(&mut ReportedAxis)| {
-            let mut says = says.clone();
-            change(says.axes.get_mut(&Axis::X).unwrap());
-            let found = differences(&machine, &says);
+            let mut info = info.clone();
+            change(info.axes.get_mut(&Axis::X).unwrap());
+            let found = machine_file_differences(&machine, &info);
             found.into_iter().map(|difference| difference.what).collect::<Vec<_>>()
         };
-        let beyond = "X travels beyond the control's limits: max = 250, there 200";
+        let beyond = "the travel of X exceeds the limits of the control: max = 250 in the machine file, 200 \
+            at the control";
         assert_eq!(told(|x| x.max = Some(200.0)), [beyond]);
         assert!(told(|x| x.max = Some(300.0)).is_empty(), "it may have more");
-        let short = "X travels 500 in the machine file, but only 400 by the control's limits";
+        let short = "X has a travel of 500 in the machine file, but only 400 at the control";
         assert_eq!(told(|x| (x.min, x.max, x.travel) = (None, None, Some(400.0))), [short]);
-        let swift =
-            "the rapid speed of X is above the control's: rapid_per_min = 20000, there 5000";
-        assert_eq!(told(|x| x.rapid_per_min = Some(5000.0)), [swift]);
+        let dynamics = "the rapid speed of X exceeds the value of the control: rapid_per_min = 20000 in the machine \
+            file, 5000 at the control";
+        assert_eq!(told(|x| x.rapid_per_min = Some(5000.0)), [dynamics]);
         assert_eq!(told(|x| x.acceleration_per_s2 = Some(500.0)).len(), 1);
 
-        let mut less = says.clone();
+        let mut less = info.clone();
         less.axes.remove(&Axis::B);
-        let found = differences(&machine, &less);
-        let what =
-            "the machine file has an axis B that the control does not drive: it has X, Y, Z, C";
+        let found = machine_file_differences(&machine, &less);
+        let what = "the machine file has an axis B, but the control has only the axes X, Y, Z, C";
         assert_eq!(
             found.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(),
             [what]

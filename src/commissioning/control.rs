@@ -2,148 +2,165 @@
 
 use std::time::Instant;
 
-use super::question_text::position;
-use super::{Check, Ended, Part, compare::Difference, compare::differences, links};
-use devices::controllers::{ControllerError, DeviceInfo, Look, describe_not_readable};
+use super::question_text::format_position;
+use super::{Check, CheckEnd, Part, compare::Difference, compare::machine_file_differences, links};
+use devices::controllers::{
+    ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items,
+};
 use machine::Position;
 use machine::record::question::{Answer, Question};
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+pub(super) async fn check_control(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
-    let introduced = check.controller()?.introduce().await;
-    check.go_on()?;
-    let may_move = match introduced {
-        Ok(says) => compare(check, says, since),
+    let result = check.controller()?.identify_device().await;
+    check.check_stop()?;
+    let may_move = match result {
+        Ok(info) => compare_device_info(check, info, since),
         Err(error) => {
             // If the control cannot be prepared either, that error explains more.
-            prepare(check).await?;
-            let what = format!("travel, speeds and axes: the control does not tell them: {error}");
-            check.failed(Part::Control, since, what, error.remedy());
+            prepare_control(check).await?;
+            let what = format!("the control does not report travel, speeds and axes: {error}");
+            check.report_failed(Part::Control, since, what, error.remedy());
             return Ok(());
         }
     };
     if may_move {
-        return prepare(check).await;
+        return prepare_control(check).await;
     }
     // If its positions are in doubt, a small jog may go anywhere.
-    ready(check).await?;
-    Err(Ended::Unsafe)
+    prepare_and_report(check).await?;
+    Err(CheckEnd::Unsafe)
 }
 
 /// Compares its device information with the machine file; returns whether it may move.
-fn compare(check: &mut Check<'_>, says: DeviceInfo, since: Instant) -> bool {
-    check.summary.control = Some(says.identity.clone());
-    check.polarity.clone_from(&says.polarity);
-    let differs = differences(&check.file.machine, &says);
-    if differs.is_empty() && !says.axes.is_empty() {
-        let told = says.axes.values().any(|axis| axis.rapid_per_min.is_some());
+fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) -> bool {
+    check.summary.control = Some(info.identity.clone());
+    check.polarity_setting.clone_from(&info.probe_polarity_hint);
+    let differences = machine_file_differences(&check.file.machine, &info);
+    if differences.is_empty() && !info.axes.is_empty() {
+        let told = info.axes.values().any(|axis| axis.rapid_per_min.is_some());
         let suits = if told {
-            "travel, speeds and axes suit the machine file"
+            "travel, speeds and axes agree with the machine file"
         } else {
-            "axes suit the machine file; their travel and speeds it does not tell"
+            "the axes agree with the machine file; the control does not report travel and speeds"
         };
-        let what = format!("{}: {suits}", says.identity);
-        check.well(Part::Control, since, what);
+        let what = format!("{}: {suits}", info.identity);
+        check.report_ok(Part::Control, since, what);
     }
-    for Difference { beyond_limits, what, remedy } in differs {
+    for Difference { beyond_limits, what, remedy } in differences {
         check.beyond_limits.extend(beyond_limits);
-        check.failed(Part::Control, since, what, remedy);
+        check.report_failed(Part::Control, since, what, remedy);
     }
-    let may_move = !says.remarks.iter().any(|remark| remark.hinders);
-    for remark in says.remarks {
-        if remark.hinders {
-            check.failed(Part::Control, since, remark.what, remark.remedy);
+    let may_move = !info.findings.iter().any(|remark| remark.is_blocking);
+    for remark in info.findings {
+        if remark.is_blocking {
+            check.report_failed(Part::Control, since, remark.description, remark.remedy);
         } else {
-            check.well(Part::Control, since, format!("{} ({})", remark.what, remark.remedy));
+            check.report_ok(
+                Part::Control,
+                since,
+                format!("{} ({})", remark.description, remark.remedy),
+            );
         }
     }
     may_move
 }
 
 /// Prepares the control; the first time, the operator compares its display with the reported position.
-pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
-    let first = check.stands.is_none();
-    ready(check).await?;
-    if first && check.stands.is_some() { display(check).await } else { Ok(()) }
+pub(super) async fn prepare_control(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+    let first = check.position.is_none();
+    prepare_and_report(check).await?;
+    if first && check.position.is_some() { compare_display(check).await } else { Ok(()) }
 }
 
 /// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
-pub(super) async fn status(check: &mut Check<'_>, since: Instant) -> Result<Look, Ended> {
-    match check.controller()?.look().await {
+pub(super) async fn read_status(
+    check: &mut Check<'_>,
+    since: Instant,
+) -> Result<MachineSnapshot, CheckEnd> {
+    match check.controller()?.read_snapshot().await {
         Ok(look) => Ok(look),
         Err(error) => {
-            check.go_on()?;
-            check.failed(Part::Probe, since, error.to_string(), error.remedy());
-            Err(Ended::Unsafe)
+            check.check_stop()?;
+            check.report_failed(Part::Probe, since, error.to_string(), error.remedy());
+            Err(CheckEnd::Unsafe)
         }
     }
 }
 
 /// Prepares a retract while the probe input is closed; returns the position of all axes.
-pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position, Ended> {
+pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position, CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare_in_contact().await {
         Ok(prepared) => {
             check.transmission = Some(prepared.transmission);
-            Ok(prepared.stands)
+            Ok(prepared.position)
         }
         Err(error) => {
-            check.go_on()?;
-            links::why(check, Part::Control, since, &error).await?;
-            Err(Ended::Unsafe)
+            check.check_stop()?;
+            links::report_link_fault(check, Part::Control, since, &error).await?;
+            Err(CheckEnd::Unsafe)
         }
     }
 }
 
 /// Prepares the control. A closed probe input is left to the next part.
-async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
+async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
         Ok(prepared) => {
-            let stands = position(&prepared.stands);
-            let what = format!("ready; it stands at {stands}; how it stops: {}", prepared.stop);
+            let stands = format_position(&prepared.position);
+            let what = format!("ready at {stands}; stopping method: {}", prepared.stop_description);
             check.summary.control = Some(prepared.identity);
             check.transmission = Some(prepared.transmission);
-            check.well(Part::Control, since, what);
-            let is_first = check.stands.replace(prepared.stands).is_none();
-            let not_readable = describe_not_readable(&prepared.not_readable).filter(|_| is_first);
+            check.report_ok(Part::Control, since, what);
+            let is_first = check.position.replace(prepared.position).is_none();
+            let not_readable =
+                describe_unreadable_items(&prepared.unreadable_items).filter(|_| is_first);
             if let Some(what) = not_readable {
-                check.well(Part::Control, since, what);
+                check.report_ok(Part::Control, since, what);
             }
             Ok(())
         }
-        Err(ControllerError::ProbeClosed) if check.stands.is_none() => Ok(()),
-        Err(ControllerError::NotReady { state, .. }) if check.has_failed(&state) => {
+        Err(ControllerError::ProbeClosed) if check.position.is_none() => Ok(()),
+        Err(ControllerError::NotReady { state, .. }) if check.is_reported_failed(&state) => {
             check.devices = None;
-            Err(Ended::Unsafe)
+            Err(CheckEnd::Unsafe)
         }
         Err(error) => {
-            check.go_on()?;
-            links::why(check, Part::Control, since, &error).await?;
-            Err(Ended::Unsafe)
+            check.check_stop()?;
+            links::report_link_fault(check, Part::Control, since, &error).await?;
+            Err(CheckEnd::Unsafe)
         }
     }
 }
 
 /// Only an operator can detect a wrong scale or a wrong order of registers that leaves all axes within their
 /// travel; an absolute move of one millimetre could then go anywhere.
-async fn display(check: &mut Check<'_>) -> Result<(), Ended> {
+async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
-    let stands = check.stands.clone().unwrap_or_default();
-    let told = position(&stands);
-    match check.ask(Question::Shows(stands)).await? {
-        Answer::Yes => check.well(Part::Control, since, "its own display shows the same position"),
+    let stands = check.position.clone().unwrap_or_default();
+    let told = format_position(&stands);
+    match check.prompt_operator(Question::DisplayedPosition(stands)).await? {
+        Answer::Yes => check.report_ok(
+            Part::Control,
+            since,
+            "the display of the control shows the same position",
+        ),
         Answer::No => {
-            let what = format!("its own display shows another position than {told}");
-            let remedy = "nothing moves like this. Registers: compare `type`, `order` and `scale` of the \
-                          positions with the control's program. Otherwise: is it in millimetres, and does \
-                          the display show machine coordinates?";
-            check.failed(Part::Control, since, what, remedy);
-            return Err(Ended::Unsafe);
+            let what =
+                format!("the display of the control does not show the reported position {told}");
+            let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
+                `order` and `scale` of the position registers with the program of the control. Other \
+                controls: check that the units are millimetres and that the display shows machine \
+                coordinates";
+            check.report_failed(Part::Control, since, what, remedy);
+            return Err(CheckEnd::Unsafe);
         }
         _ => {
-            let what = "nobody is there to compare the position with the control's display";
-            check.not_looked_at(Part::Control, what);
+            let what =
+                "no operator is present to compare the position with the display of the control";
+            check.report_unchecked(Part::Control, what);
         }
     }
     Ok(())

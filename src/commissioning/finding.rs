@@ -57,7 +57,7 @@ impl fmt::Display for Finding {
         let verdict = match self.verdict {
             Verdict::Ok => "ok",
             Verdict::Failed => "FAILED",
-            Verdict::NotLookedAt => "not looked at",
+            Verdict::NotLookedAt => "not checked",
         };
         let (part, what) = (self.part.name(), &self.what);
         write!(f, "{part:<8}{verdict:<14} {what}")?;
@@ -88,7 +88,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    pub(super) fn of(machine: &str) -> Self {
+    pub(super) fn for_machine(machine: &str) -> Self {
         Self {
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             machine: machine.to_owned(),
@@ -104,22 +104,22 @@ impl Summary {
     }
 }
 
-const HELD: &str = "the control is held: reset it (resumed, it would end the move that it holds), look at \
-                    the machine, home it if it asks";
+const HELD_CONTROL_REMEDY: &str = "the control is held: reset the control (a resume would complete the held move), check \
+    the machine, and home it if the control requires homing";
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "trued {} check of `{}`", self.program_version, self.machine)?;
-        writeln!(f, "control: {}", self.control.as_deref().unwrap_or("not known"))?;
+        writeln!(f, "control: {}", self.control.as_deref().unwrap_or("unknown"))?;
         for finding in &self.findings {
             writeln!(f, "{finding}")?;
         }
         let [ok, failed, open] =
             [Verdict::Ok, Verdict::Failed, Verdict::NotLookedAt].map(|verdict| self.count(verdict));
-        let stopped = if self.stopped { "; stopped by a person" } else { "" };
-        write!(f, "{ok} ok, {failed} failed, {open} not looked at{stopped}")?;
+        let stopped = if self.stopped { "; stopped by the operator" } else { "" };
+        write!(f, "{ok} ok, {failed} failed, {open} not checked{stopped}")?;
         if self.held {
-            write!(f, "; {HELD}")?;
+            write!(f, "; {HELD_CONTROL_REMEDY}")?;
         }
         Ok(())
     }

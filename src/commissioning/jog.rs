@@ -8,37 +8,39 @@ use machine::record::motion::{Block, Motion};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
 use planning::gcode::{RenderError, Transmission};
-use planning::proof::{JogRequest, ProvenBlock, Refusal, Unproven, prove_jog, prove_retract};
+use planning::proof::{
+    JogProofRequest, ProofRefusal, ProvenBlock, StageProofError, prove_jog, prove_retract,
+};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const FEED_PER_MIN: f64 = 60.0;
 /// Length of one retract step, mm.
 pub(super) const RETRACT_MM: f64 = 1.0;
 /// Maximum distance of a homed axis beyond its limit, mm or degrees.
-const AT_LIMIT: f64 = 0.01;
+const LIMIT_TOLERANCE: f64 = 0.01;
 /// Maximum difference between two reported positions at rest, mm or degrees.
-const STILL: f64 = 0.02;
+const REST_TOLERANCE: f64 = 0.02;
 /// Step number in the N words.
-const STEP: u32 = 1;
+const STEP_NUMBER: u32 = 1;
 
 /// Reason why a jog did not reach its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum JogError {
-    #[error("it cannot be written: {0}")]
+    #[error("the jog cannot be written for this control: {0}")]
     Unwritable(RenderError),
-    #[error("it is not proven to be free: {0}")]
-    Unproven(Refusal),
+    #[error("the collision check refuses the jog: {0}")]
+    StageProofError(ProofRefusal),
     #[error(transparent)]
     Control(#[from] ControllerError),
-    #[error("it was moved by hand: {axis} stands at {now:.3}, not at {was:.3}")]
-    Moved { axis: Axis, was: f64, now: f64 },
+    #[error("the machine was moved by hand: {axis} is at {now:.3}, not at {was:.3}")]
+    PositionChanged { axis: Axis, was: f64, now: f64 },
 }
 
-impl From<Unproven> for JogError {
-    fn from(unproven: Unproven) -> Self {
+impl From<StageProofError> for JogError {
+    fn from(unproven: StageProofError) -> Self {
         match unproven {
-            Unproven::Unwritable(error) => Self::Unwritable(error),
-            Unproven::Refused(refusal) => Self::Unproven(refusal),
+            StageProofError::Render(error) => Self::Unwritable(error),
+            StageProofError::Refused(refusal) => Self::StageProofError(refusal),
         }
     }
 }
@@ -47,27 +49,27 @@ impl JogError {
     pub fn remedy(&self) -> String {
         match self {
             Self::Unwritable(error) => error.remedy().to_owned(),
-            Self::Unproven(refusal) => refusal.remedy().to_owned(),
+            Self::StageProofError(refusal) => refusal.remedy().to_owned(),
             Self::Control(error) => error.remedy(),
-            Self::Moved { .. } => {
-                "leave the machine alone while it is checked; then check again".to_owned()
+            Self::PositionChanged { .. } => {
+                "do not move the machine by hand during the check; repeat the check".to_owned()
             }
         }
     }
 
     /// Whether nothing has moved and the control is unchanged.
     pub fn is_harmless(&self) -> bool {
-        !matches!(self, Self::Control(_) | Self::Moved { .. })
+        !matches!(self, Self::Control(_) | Self::PositionChanged { .. })
     }
 }
 
 /// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
-pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -> Option<Jog> {
-    let here = axis.to_edge(stands.get(axis)?);
+pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -> Option<Jog> {
+    let here = axis.to_mm_or_deg(stands.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
     let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
-    (up.max(down) >= by.abs() && up.min(down) >= -AT_LIMIT).then_some(Jog {
+    (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE).then_some(Jog {
         axis,
         by,
         feed_per_min,
@@ -75,12 +77,12 @@ pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -
 }
 
 /// The jog back.
-pub(super) fn back(jog: &Jog) -> Jog {
+pub(super) fn return_jog(jog: &Jog) -> Jog {
     Jog { by: -jog.by, ..*jog }
 }
 
 /// A proven jog.
-pub(super) struct Proven {
+pub(super) struct ProvenJog {
     pub block: ProvenBlock,
     /// End position, mm or rad.
     pub to: f64,
@@ -90,57 +92,64 @@ pub(super) struct Proven {
 ///
 /// # Errors
 /// The jog cannot be rendered, or it comes too close to a body.
-pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
-    let stands = check.stands.as_ref().ok_or(ControllerError::DriverGone)?;
-    prove(check, stands, jog, &JOG)
+pub(super) fn prove_planned_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+    let stands = check.position.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
+    prove_move(check, stands, jog, &JOG_MOVE)
 }
 
 /// Motion and proof of a kind of move.
 struct MoveKind {
     motion: fn(&Jog, f64) -> Motion,
-    proof: fn(&JogRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, Unproven>,
+    proof: fn(&JogProofRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, StageProofError>,
 }
 
-const JOG: MoveKind = MoveKind { motion, proof: prove_jog };
-const RETRACT: MoveKind = MoveKind { motion: back_off, proof: prove_retract };
+const JOG_MOVE: MoveKind = MoveKind { motion: jog_motion, proof: prove_jog };
+const RETRACT_MOVE: MoveKind = MoveKind { motion: retract_motion, proof: prove_retract };
 
-fn prove(
+fn prove_move(
     check: &Check<'_>,
     stands: &Position,
     jog: &Jog,
     kind: &MoveKind,
-) -> Result<Proven, JogError> {
+) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
-    let dialect = dialect.ok_or(ControllerError::DriverGone)?;
+    let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
-    let to = axis.from_edge(axis.to_edge(stands.at(axis)) + jog.by);
-    let block = Block { step: STEP, repeat: 0, motions: vec![(kind.motion)(jog, to)] };
-    let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverGone)?;
-    let plan = setup::without_steps(check.file, "check", serde_json::Value::Null);
+    let to = axis.to_mm_or_rad(axis.to_mm_or_deg(stands.get_or_zero(axis)) + jog.by);
+    let block = Block { step: STEP_NUMBER, repeat: 0, motions: vec![(kind.motion)(jog, to)] };
+    let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
+    let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
     let feed_at_most = FEED_PER_MIN;
-    let request = JogRequest { plan: &plan, stands, axis, to, feed_at_most, dialect };
-    Ok(Proven { block: (kind.proof)(&request, transmission, &block)?, to })
+    let request = JogProofRequest {
+        plan: &plan,
+        position: stands,
+        axis,
+        to,
+        max_feed: feed_at_most,
+        dialect,
+    };
+    Ok(ProvenJog { block: (kind.proof)(&request, transmission, &block)?, to })
 }
 
 /// Proves a jog and checks that the machine is still at the start position of the proof: from elsewhere the
 /// same text is another motion.
 ///
 /// # Errors
-/// See [`proven`]; or the machine was moved, or the control does not report its position.
-pub(super) async fn proven_there(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
-    let proven = proven(check, jog)?;
-    unmoved(check).await?;
+/// See [`prove_planned_jog`]; or the machine was moved, or the control does not report its position.
+pub(super) async fn prove_unmoved_jog(check: &Check<'_>, jog: &Jog) -> Result<ProvenJog, JogError> {
+    let proven = prove_planned_jog(check, jog)?;
+    check_unmoved(check).await?;
     Ok(proven)
 }
 
 /// Executes a jog and updates the position.
 ///
 /// # Errors
-/// See [`proven_there`]; or the error of the control that stopped the jog.
-pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
-    let Proven { block, to } = proven_there(check, jog).await?;
-    execute(check, block).await?;
-    if let Some(stands) = &mut check.stands {
+/// See [`prove_unmoved_jog`]; or the error of the control that stopped the jog.
+pub(super) async fn run_jog(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
+    let ProvenJog { block, to } = prove_unmoved_jog(check, jog).await?;
+    execute_block(check, block).await?;
+    if let Some(stands) = &mut check.position {
         stands.set(jog.axis, to);
     }
     Ok(())
@@ -149,8 +158,8 @@ pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError>
 /// Makes one step out of contact from `stands`, which the driver compares with the control's report.
 ///
 /// # Errors
-/// As [`go`]; `StillTripped`: the step is complete, and the probe input is still closed.
-pub(super) async fn retract(
+/// As [`go`]; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
+pub(super) async fn run_retract_step(
     check: &Check<'_>,
     stands: &Position,
     direction: AxisDirection,
@@ -159,34 +168,35 @@ pub(super) async fn retract(
     let by = if is_positive { RETRACT_MM } else { -RETRACT_MM };
     let rapid = check.file.machine.axes.get(&axis).map_or(FEED_PER_MIN, |spec| spec.rapid_per_min);
     let feed_per_min = FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
-    let Proven { block, .. } = prove(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT)?;
-    execute(check, block).await
+    let ProvenJog { block, .. } =
+        prove_move(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT_MOVE)?;
+    execute_block(check, block).await
 }
 
 /// Executes a block; a stop holds the machine during the motion.
-async fn execute(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogError> {
-    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
-    let _motion = check.stop.motion().ok_or(ControllerError::Halted)?;
+async fn execute_block(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
+    let _motion = check.stop.begin_motion().ok_or(ControllerError::Halted)?;
     controller.execute(block).await?;
     Ok(())
 }
 
-async fn unmoved(check: &Check<'_>) -> Result<(), JogError> {
-    let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
-    let now = controller.look().await?.stands;
+async fn check_unmoved(check: &Check<'_>) -> Result<(), JogError> {
+    let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
+    let now = controller.read_snapshot().await?.position;
     for (axis, at) in
-        check.stands.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S)
+        check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S)
     {
-        let (was, now) = (axis.to_edge(at), axis.to_edge(now.at(axis)));
-        if (now - was).abs() > STILL {
-            return Err(JogError::Moved { axis, was, now });
+        let (was, now) = (axis.to_mm_or_deg(at), axis.to_mm_or_deg(now.get_or_zero(axis)));
+        if (now - was).abs() > REST_TOLERANCE {
+            return Err(JogError::PositionChanged { axis, was, now });
         }
     }
     Ok(())
 }
 
 /// A jog of a linear axis is guarded; a rotary axis turns at feed.
-fn motion(jog: &Jog, to: f64) -> Motion {
+fn jog_motion(jog: &Jog, to: f64) -> Motion {
     let (axis, feed_mm_min) = (jog.axis, jog.feed_per_min);
     let to = Position::new().with(axis, to);
     match axis.is_linear() {
@@ -196,6 +206,6 @@ fn motion(jog: &Jog, to: f64) -> Motion {
 }
 
 /// A probing move is impossible while the probe input is closed.
-fn back_off(jog: &Jog, to: f64) -> Motion {
+fn retract_motion(jog: &Jog, to: f64) -> Motion {
     Motion::BackOff { to: Position::new().with(jog.axis, to), feed_mm_min: jog.feed_per_min }
 }

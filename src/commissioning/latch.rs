@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::axes::NO_PROBE_REASON;
-use super::{Check, Ended, Part};
-use crate::run::{CycleError, Run, RunError, Unidentified, conclude};
+use super::{Check, CheckEnd, Part};
+use crate::run::{CycleError, IdentificationError, Run, RunError, conclude_run};
 use crate::setup;
 use crate::store::NewRun;
 use devices::controllers::ControllerError;
@@ -14,208 +14,231 @@ use machine::record::event::Event;
 use machine::record::machine::{LiveCheck, Probe};
 use machine::record::plan::Plan;
 use machine::record::question::{Answer, Question};
-use methods::latch_delay::{self, Found, Latch};
-use methods::{IdentifyError, Method, Refused};
+use methods::latch_delay::{self, LatchDelayResult, LatchDiagnosis};
+use methods::{IdentifyError, Method, MethodRefusal};
 
 /// Maximum share of the declared repeatability that the scan period may add to a touch.
-const SHARE: f64 = 0.1;
+const MAX_SCAN_ERROR_SHARE: f64 = 0.1;
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    if check.strays || check.stands.is_none() {
-        check.not_looked_at(Part::Latch, "the machine is not fit to touch, as told above");
+pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+    if check.has_axis_fault || check.position.is_none() {
+        check.report_unchecked(
+            Part::Latch,
+            "the machine is not ready for touches; see the findings above",
+        );
         return Ok(());
     }
-    if !check.probe_answers {
-        check.not_looked_at(Part::Latch, NO_PROBE_REASON);
+    if !check.is_probe_working {
+        check.report_unchecked(Part::Latch, NO_PROBE_REASON);
         return Ok(());
     }
     let since = Instant::now();
     // The check itself asks the operator.
     let file = check.file.without_prompts();
-    let (method, plan) = match setup::header(&file, latch_delay::NAME, None) {
+    let (method, plan) = match setup::plan_header(&file, latch_delay::METHOD_NAME, None) {
         Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
         Err(error) => {
-            check.failed(Part::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(
+                Part::Latch,
+                since,
+                error.to_string(),
+                error.remedy().unwrap_or_default(),
+            );
             return Ok(());
         }
     };
-    let what = match announced(method.as_ref(), plan.clone()) {
+    let what = match describe_run(method.as_ref(), plan.clone()) {
         Ok(what) => what,
-        Err(Refused { why, instead }) => {
-            check.failed(Part::Latch, since, why, instead);
+        Err(MethodRefusal { reason: why, remedy: instead }) => {
+            check.report_failed(Part::Latch, since, why, instead);
             return Ok(());
         }
     };
-    match check.ask(Question::May { what }).await? {
-        Answer::Yes => touch(check, method, plan).await,
-        Answer::Nobody => {
-            check.not_looked_at(Part::Latch, "nobody is there to let the probe touch the part");
+    match check.prompt_operator(Question::AllowAction { action: what }).await? {
+        Answer::Yes => touch_part(check, method, plan).await,
+        Answer::NoOperator => {
+            check.report_unchecked(
+                Part::Latch,
+                "no operator is present to permit touches of the part",
+            );
             Ok(())
         }
         _ => {
-            check.not_looked_at(Part::Latch, "a person did not let the probe touch the part");
+            check.report_unchecked(Part::Latch, "the operator did not permit touches of the part");
             Ok(())
         }
     }
 }
 
 /// Description of the run, for the operator's permission.
-fn announced(method: &dyn Method, plan: Plan) -> Result<String, Refused> {
-    let (plan, stages) = methods::nominal(method, plan)?;
-    let planned = planning::staged_blocks(&plan, &stages);
-    let (_, seconds) =
-        planned.map_err(|error| Refused { why: error.to_string(), instead: error.remedy() })?;
+fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal> {
+    let (plan, stages) = methods::plan_nominal_stages(method, plan)?;
+    let planned = planning::plan_blocks_by_stage(&plan, &stages);
+    let (_, seconds) = planned
+        .map_err(|error| MethodRefusal { reason: error.to_string(), remedy: error.remedy() })?;
     let start = plan.steps.first().map_or(String::new(), |step| {
         let axes = step.from.iter();
-        axes.map(|(axis, at)| format!(" {axis}{:.3}", axis.to_edge(at))).collect()
+        axes.map(|(axis, at)| format!(" {axis}{:.3}", axis.to_mm_or_deg(at))).collect()
     });
     Ok(format!(
-        "The probe goes to{start} and touches the part there {} times, slowly and fast, within about \
-         {:.0} min. Does the part stand where the file says, is the way free, and the stop in your hand?",
+        "The probe moves to{start} and touches the part there {} times at two feeds, in about {:.0} min. Is \
+        the part at the position in the machine file, is the path free, and is the emergency stop within \
+        reach?",
         plan.steps.len(),
         (seconds / 60.0).ceil()
     ))
 }
 
-async fn touch(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) -> Result<(), Ended> {
+async fn touch_part(
+    check: &mut Check<'_>,
+    method: Arc<dyn Method>,
+    plan: Plan,
+) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let probe = plan.probe.clone();
-    let measured = measure(check, method, plan).await?;
-    check.go_on()?;
+    let measured = run_latch_delay(check, method, plan).await?;
+    check.check_stop()?;
     match measured {
-        Ok(found) => judge(check, &found, &probe, since),
-        Err(CycleError::Run { error, .. }) if met_nothing(&error) => check.failed(
+        Ok(found) => judge_latch(check, &found, &probe, since),
+        Err(CycleError::Run { error, .. }) if is_no_contact(&error) => check.report_failed(
             Part::Latch,
             since,
-            format!("{error}: the part does not stand where the machine file says"),
-            "set the part up where [artefact] says, or correct centre_mm, radius_mm and height_mm \
-                 there; if it stands right, tool_mm of [machine] or the zero of an axis is off",
+            format!("{error}: the part is not at the position in the machine file"),
+            "move the part to the position of [artefact], or correct centre_mm, radius_mm and height_mm \
+            there; if the position is right, correct tool_mm of [machine] or the zero of the axes",
         ),
         Err(error) => {
-            let remedy = remedy(&error);
-            check.failed(Part::Latch, since, error.to_string(), remedy);
+            let remedy = cycle_remedy(&error);
+            check.report_failed(Part::Latch, since, error.to_string(), remedy);
         }
     }
     Ok(())
 }
 
 /// Makes the run as any other run.
-async fn measure(
+async fn run_latch_delay(
     check: &Check<'_>,
     method: Arc<dyn Method>,
     mut plan: Plan,
-) -> Result<Result<Found, CycleError>, Ended> {
-    let devices = check.devices.as_ref().ok_or(Ended::Unsafe)?;
+) -> Result<Result<LatchDelayResult, CycleError>, CheckEnd> {
+    let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
     // The operator has deflected the stylus already.
     plan.probe.live_check = LiveCheck::Touch;
     let new = NewRun { config: check.file.text().to_owned(), plan: plan.clone() };
-    let id = match check.journal.begin(&new).await {
+    let id = match check.journal.begin_run(&new).await {
         Ok(id) => id,
         Err(error) => return Ok(Err(error.into())),
     };
     let mut tell = |_: &Event| {};
-    let motion = check.stop.motion().ok_or(Ended::Stopped)?;
+    let motion = check.stop.begin_motion().ok_or(CheckEnd::Stopped)?;
     let mut run = Run::new(id, method.as_ref(), devices, check.journal, plan, &mut tell);
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let concluded = conclude(run, ended, &method, &check.file.tolerance).await;
+    let concluded = conclude_run(run, ended, &method, &check.file.tolerance).await;
     let found = concluded.and_then(|_| {
         let refused = |why: IdentifyError| CycleError::Identification { run: id, why: why.into() };
-        Found::of(&plan, &readings).map_err(refused)
+        LatchDelayResult::from_readings(&plan, &readings).map_err(refused)
     });
     Ok(found)
 }
 
-fn judge(check: &mut Check<'_>, found: &Found, probe: &Probe, since: Instant) {
+fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, since: Instant) {
     match found.latch {
-        Latch::Control { .. } => check.well(Part::Latch, since, &found.latch_in_words),
-        Latch::Scan(time) => {
-            check.failed(
+        LatchDiagnosis::NoScan { .. } => check.report_ok(Part::Latch, since, &found.latch_text),
+        LatchDiagnosis::Scan(time) => {
+            check.report_failed(
                 Part::Latch,
                 since,
-                &found.latch_in_words,
-                to_the_control(probe, time.t_s),
+                &found.latch_text,
+                latch_remedy(probe, time.duration_s),
             );
         }
-        Latch::Unsteady(_) => check.failed(
+        LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             Part::Latch,
             since,
-            &found.latch_in_words,
-            "look for a loose probe, stylus, part or table; a lower search_feed_mm_min shakes less",
+            &found.latch_text,
+            "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
+            vibration",
         ),
     }
-    if let Some(words) = &found.delay_in_words {
+    if let Some(words) = &found.delay_text {
         if found.delay_s > 0.0 {
-            check.well(Part::Latch, since, words);
+            check.report_ok(Part::Latch, since, words);
         } else {
-            check.failed(
+            check.report_failed(
                 Part::Latch,
                 since,
                 words,
-                "set the feed override to 100 %, and switch off at the control what corrects for a delay \
-                 of the probe",
+                "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
+                control",
             );
         }
     }
-    match (&found.scatter_in_words, probe.repeatability_um) {
-        (Some(words), _) => check.failed(
+    match (&found.scatter_text, probe.repeatability_um) {
+        (Some(words), _) => check.report_failed(
             Part::Latch,
             since,
             words,
             format!(
-                "clean stylus and part and see that both are tight; if touches still scatter so, write \
-                 [probe] repeatability_um = {:.2}",
+                "clean the stylus and the part and check that both are tight; if the scatter stays the \
+                same, write [probe] repeatability_um = {:.2}",
                 found.scatter_mm * 1e3
             ),
         ),
-        (None, Some(um)) if !matches!(found.latch, Latch::Scan(_)) => {
+        (None, Some(um)) if !matches!(found.latch, LatchDiagnosis::Scan(_)) => {
             let seen = found.scatter_mm * 1e3;
-            let mut what = format!("a touch scatters by {seen:.2} µm; {um} µm are declared");
+            let mut what = format!("the touches have a standard deviation of {seen:.2} µm; declared are \
+                {um} µm");
             if let Some(bound_mm) = found.scatter_bound_mm {
                 let bound = bound_mm * 1e3;
-                what += &format!(", which so few touches leave not contradicted below {bound:.2} µm (χ²)");
+                what += &format!(" (with so few touches, a contradiction is detectable only above \
+                    {bound:.2} µm, χ² test)");
             }
-            check.well(Part::Latch, since, what);
+            check.report_ok(Part::Latch, since, what);
         }
         _ => {}
     }
 }
 
 /// Remedy for a latch that the control reads once per scan period `t_s`, s.
-fn to_the_control(probe: &Probe, t_s: f64) -> String {
-    let wire = "lead the probe to the control's own probe (skip) input, a fast or interrupt input, \
-                instead of the PLC's";
+fn latch_remedy(probe: &Probe, t_s: f64) -> String {
+    let wire = "connect the probe to the probe (skip) input of the control, a fast or interrupt input, \
+        instead of a PLC input";
     match probe.repeatability_um {
         // A scan period T adds v·T/√12 at feed v.
         Some(um) => format!(
-            "{wire}; until then a feed_mm_min of at most {:.2} keeps what the scan adds to a touch under \
-             a tenth of repeatability_um",
-            SHARE * um * 1e-3 * 12f64.sqrt() / t_s * 60.0
+            "{wire}; until then use a feed_mm_min of at most {:.2}: the PLC scan then adds less than a \
+            tenth of repeatability_um to a touch",
+            MAX_SCAN_ERROR_SHARE * um * 1e-3 * 12f64.sqrt() / t_s * 60.0
         ),
-        None => format!("{wire}; what the scan adds to a touch falls with the feed"),
+        None => format!("{wire}; a lower feed reduces the error that the PLC scan adds to a touch"),
     }
 }
 
 /// Whether a touch ended without contact.
-fn met_nothing(error: &RunError) -> bool {
+fn is_no_contact(error: &RunError) -> bool {
     match error {
         RunError::NoFirstContact { .. } => true,
-        RunError::OnStep { source, .. } => met_nothing(source),
-        other => matches!(other.of_control(), Some(ControllerError::NoContact { .. })),
+        RunError::AtStep { source, .. } => is_no_contact(source),
+        other => matches!(other.controller_error(), Some(ControllerError::NoContact { .. })),
     }
 }
 
-fn remedy(error: &CycleError) -> String {
+fn cycle_remedy(error: &CycleError) -> String {
     match error {
         CycleError::Run { error, .. } => error.remedy(),
-        CycleError::Identification { why: Unidentified::Refused(error), .. } => match error {
-            IdentifyError::Refused(_) | IdentifyError::Numerical(_) => error.remedy(),
-            // The other errors refer to a plan of the user or to a run that can be resumed.
-            _ => "check again".to_owned(),
-        },
-        CycleError::Identification { .. } => "check again".to_owned(),
+        CycleError::Identification { why: IdentificationError::Refused(error), .. } => {
+            match error {
+                IdentifyError::Refused(_) | IdentifyError::IdentificationFailed(_) => {
+                    error.remedy()
+                }
+                // The other errors refer to a plan of the user or to a run that can be resumed.
+                _ => "repeat the check".to_owned(),
+            }
+        }
+        CycleError::Identification { .. } => "repeat the check".to_owned(),
         CycleError::Store(error) => error.remedy().to_owned(),
-        CycleError::Unqualified(error) => error.remedy(),
+        CycleError::Qualification(error) => error.remedy(),
     }
 }

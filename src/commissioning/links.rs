@@ -2,60 +2,66 @@
 
 use std::time::Instant;
 
-use super::{Check, Ended, Part, Verdict};
+use super::{Check, CheckEnd, Part, Verdict};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
-use devices::controllers::{ControllerError, Leave};
+use devices::controllers::{ControllerError, DiagnosisMode};
 use machine::record::question::{Answer, Question};
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
-    let error = match check.open(check.pace).await {
+    let error = match check.open_devices(check.pace).await {
         Ok(()) => {
             let at = match &check.file.controller.control {
-                Control::Real(control) => control.at(),
+                Control::Real(control) => control.describe_address(),
                 Control::Simulated(_) => "simulated".to_owned(),
             };
-            check.well(Part::Links, since, format!("the link of the control is open: {at}"));
-            return check.go_on();
+            check.report_ok(Part::Links, since, format!("the link to the control is open: {at}"));
+            return check.check_stop();
         }
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
         Err(error) => {
-            check.failed(Part::Links, since, error.to_string(), error.remedy().unwrap_or_default());
-            return Err(Ended::Unsafe);
+            check.report_failed(
+                Part::Links,
+                since,
+                error.to_string(),
+                error.remedy().unwrap_or_default(),
+            );
+            return Err(CheckEnd::Unsafe);
         }
     };
-    why(check, Part::Links, since, &error).await?;
-    Err(Ended::Unsafe)
+    report_link_fault(check, Part::Links, since, &error).await?;
+    Err(CheckEnd::Unsafe)
 }
 
 /// Reports the failure and its possible causes; closes the link.
-pub(super) async fn why(
+pub(super) async fn report_link_fault(
     check: &mut Check<'_>,
     part: Part,
     since: Instant,
     error: &ControllerError,
-) -> Result<(), Ended> {
-    check.failed(part, since, error.to_string(), error.remedy());
+) -> Result<(), CheckEnd> {
+    check.report_failed(part, since, error.to_string(), error.remedy());
     check.devices = None;
-    let Control::Real(control) = &check.file.controller.control else { return check.go_on() };
+    let Control::Real(control) = &check.file.controller.control else { return check.check_stop() };
     let machine = &check.file.machine;
-    let mut found = control.diagnose(machine, error, Leave::Listen).await;
-    let more = found.is_empty() || found.iter().any(|suspicion| suspicion.vague);
-    if more && check.ask(may_ask()).await? == Answer::Yes {
-        found = control.diagnose(machine, error, Leave::Ask).await;
+    let mut found = control.diagnose(machine, error, DiagnosisMode::Passive).await;
+    let more = found.is_empty() || found.iter().any(|suspicion| suspicion.needs_active_search);
+    if more && check.prompt_operator(diagnosis_question()).await? == Answer::Yes {
+        found = control.diagnose(machine, error, DiagnosisMode::Active).await;
     }
     for suspicion in found {
         let (what, remedy) = (suspicion.to_string(), suspicion.remedy);
-        check.found(part, Verdict::Failed, since, what, Some(remedy));
+        check.add_finding(part, Verdict::Failed, since, what, Some(remedy));
     }
-    check.go_on()
+    check.check_stop()
 }
 
-fn may_ask() -> Question {
-    let what = "It is not clear why. The device can be asked at other speeds, in the languages of other \
-                controls and under other unit numbers. These are no commands to them; if another device \
-                hangs there, nobody knows what it makes of it. May it be asked so?";
-    Question::May { what: what.to_owned() }
+fn diagnosis_question() -> Question {
+    let what = "The cause is not clear. The check can send requests at other baud rates, with the protocols \
+        of other controls and to other unit identifiers. These requests are not commands to a control, but \
+        another device on the link may misinterpret them. Make sure that nothing can move. Send the \
+        requests?";
+    Question::AllowAction { action: what.to_owned() }
 }

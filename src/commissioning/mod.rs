@@ -12,7 +12,7 @@ mod hold;
 mod jog;
 mod latch;
 mod links;
-mod person;
+mod operator_interface;
 mod probe;
 mod question_text;
 mod retract;
@@ -24,11 +24,11 @@ use std::pin::Pin;
 use std::time::Instant;
 
 pub use finding::{Finding, Part, Summary, Verdict};
-pub use person::{Answering, Nobody, Person};
-pub use question_text::of as words_of;
+pub use operator_interface::{AnswerFuture, NoOperator, OperatorInterface};
+pub use question_text::describe_question;
 pub use stop::Stop;
 
-use crate::setup::{Devices, MachineFile, Pace, SetupError, Site};
+use crate::setup::{Devices, MachineFile, Pace, ReopenableMachine, SetupError};
 use crate::store::Journal;
 use devices::controllers::Controller;
 use machine::record::question::{Answer, Question};
@@ -37,50 +37,50 @@ use planning::gcode::Transmission;
 
 /// Reason why the remaining parts are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Ended {
+enum CheckEnd {
     /// The fault must be corrected first.
     Unsafe,
     /// A person has stopped the check.
     Stopped,
 }
 
-type Looking<'c> = Pin<Box<dyn Future<Output = Result<(), Ended>> + 'c>>;
-type Look = for<'c, 'a> fn(&'c mut Check<'a>) -> Looking<'c>;
+type PartFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
+type PartCheck = for<'c, 'a> fn(&'c mut Check<'a>) -> PartFuture<'c>;
 
 /// The parts in their order. A new part is a line here.
-const PARTS: [(Part, Look); 7] = [
-    (Part::Links, |check| Box::pin(links::look(check))),
-    (Part::Sensors, |check| Box::pin(sensors::look(check))),
-    (Part::Control, |check| Box::pin(control::look(check))),
-    (Part::Probe, |check| Box::pin(probe::look(check))),
-    (Part::Axes, |check| Box::pin(axes::look(check))),
-    (Part::Hold, |check| Box::pin(hold::look(check))),
-    (Part::Latch, |check| Box::pin(latch::look(check))),
+const CHECK_PARTS: [(Part, PartCheck); 7] = [
+    (Part::Links, |check| Box::pin(links::check_links(check))),
+    (Part::Sensors, |check| Box::pin(sensors::check_sensors(check))),
+    (Part::Control, |check| Box::pin(control::check_control(check))),
+    (Part::Probe, |check| Box::pin(probe::check_probe(check))),
+    (Part::Axes, |check| Box::pin(axes::check_axes(check))),
+    (Part::Hold, |check| Box::pin(hold::check_hold(check))),
+    (Part::Latch, |check| Box::pin(latch::check_latch(check))),
 ];
 
 /// State of a check, with its machine and its operator.
 pub struct Check<'a> {
     file: &'a MachineFile,
-    site: &'a Site<'a>,
+    site: &'a ReopenableMachine<'a>,
     pace: Pace,
     /// Stores the run that the last part makes.
     journal: &'a Journal,
-    person: &'a mut dyn Person,
+    operator: &'a mut dyn OperatorInterface,
     /// Called with each finding.
-    tell: &'a mut dyn FnMut(&Finding),
+    on_finding: &'a mut dyn FnMut(&Finding),
     stop: Stop,
     /// The open devices, once the links are checked.
     devices: Option<Devices>,
     /// Position of the machine, once the control is checked.
-    stands: Option<Position>,
+    position: Option<Position>,
     /// How the control receives blocks; known after it was prepared.
     transmission: Option<Transmission>,
     /// Setting that inverts the probe input at the control, in its own terms.
-    polarity: Option<String>,
+    polarity_setting: Option<String>,
     /// Whether the probe input was seen both open and closed.
-    probe_answers: bool,
+    is_probe_working: bool,
     /// Whether an axis did not follow its command.
-    strays: bool,
+    has_axis_fault: bool,
     /// Axes whose travel in the machine file exceeds the control's limits: a jog may end in an alarm.
     beyond_limits: Vec<Axis>,
     summary: Summary,
@@ -89,57 +89,57 @@ pub struct Check<'a> {
 impl<'a> Check<'a> {
     /// A new check; `stop` holds the open control.
     pub fn new(
-        (file, site, pace): (&'a MachineFile, &'a Site<'a>, Pace),
+        (file, site, pace): (&'a MachineFile, &'a ReopenableMachine<'a>, Pace),
         journal: &'a Journal,
-        person: &'a mut dyn Person,
+        operator: &'a mut dyn OperatorInterface,
         stop: Stop,
-        tell: &'a mut dyn FnMut(&Finding),
+        on_finding: &'a mut dyn FnMut(&Finding),
     ) -> Self {
-        let summary = Summary::of(&file.machine.name);
-        let (devices, stands, transmission, polarity) = (None, None, None, None);
-        let (probe_answers, strays) = (false, false);
+        let summary = Summary::for_machine(&file.machine.name);
+        let (devices, position, transmission, polarity_setting) = (None, None, None, None);
+        let (is_probe_working, has_axis_fault) = (false, false);
         Self {
             file,
             site,
             pace,
             journal,
-            person,
-            tell,
+            operator,
+            on_finding,
             stop,
             devices,
-            stands,
+            position,
             transmission,
-            polarity,
-            probe_answers,
-            strays,
+            polarity_setting,
+            is_probe_working,
+            has_axis_fault,
             beyond_limits: Vec::new(),
             summary,
         }
     }
 
     /// Runs all parts. Call inside a tokio runtime.
-    pub async fn through(mut self) -> Summary {
+    pub async fn run_all_parts(mut self) -> Summary {
         let mut ended = None;
-        for (part, look) in PARTS {
+        for (part, look) in CHECK_PARTS {
             match ended {
                 None => ended = look(&mut self).await.err(),
-                Some(Ended::Unsafe) => self.not_looked_at(
+                Some(CheckEnd::Unsafe) => self.report_unchecked(
                     part,
-                    "what failed before it must be put right first".to_owned(),
+                    "a previous part failed; correct that fault first".to_owned(),
                 ),
-                Some(Ended::Stopped) => break,
+                Some(CheckEnd::Stopped) => break,
             }
         }
-        self.summary.stopped = ended == Some(Ended::Stopped) || self.stop.is_asked();
+        self.summary.stopped = ended == Some(CheckEnd::Stopped) || self.stop.is_requested();
         self.summary.held |= self.stop.has_held();
-        self.leave_as_found().await;
+        self.restore_modes().await;
         self.summary
     }
 
     /// Restores the control's modes. After a fault or a stop nothing more is sent.
-    async fn leave_as_found(&self) {
+    async fn restore_modes(&self) {
         let sound = self.summary.count(Verdict::Failed) == 0 && !self.summary.stopped;
-        if let (Ok(controller), Some(_), true) = (self.controller(), &self.stands, sound) {
+        if let (Ok(controller), Some(_), true) = (self.controller(), &self.position, sound) {
             // An error is ignored: the check is over, and the next one sets the modes again.
             drop(controller.finish().await);
         }
@@ -149,57 +149,57 @@ impl<'a> Check<'a> {
     ///
     /// # Errors
     /// A stop was requested.
-    async fn ask(&mut self, question: Question) -> Result<Answer, Ended> {
-        self.go_on()?;
-        let answer = self.person.ask(&question).await;
-        self.go_on()?;
+    async fn prompt_operator(&mut self, question: Question) -> Result<Answer, CheckEnd> {
+        self.check_stop()?;
+        let answer = self.operator.wait_for_answer(&question).await;
+        self.check_stop()?;
         Ok(answer)
     }
 
-    fn go_on(&self) -> Result<(), Ended> {
-        if self.stop.is_asked() { Err(Ended::Stopped) } else { Ok(()) }
+    fn check_stop(&self) -> Result<(), CheckEnd> {
+        if self.stop.is_requested() { Err(CheckEnd::Stopped) } else { Ok(()) }
     }
 
     /// The open control.
-    fn controller(&self) -> Result<&Controller, Ended> {
-        self.devices.as_ref().map(|devices| &devices.controller).ok_or(Ended::Unsafe)
+    fn controller(&self) -> Result<&Controller, CheckEnd> {
+        self.devices.as_ref().map(|devices| &devices.controller).ok_or(CheckEnd::Unsafe)
     }
 
     /// Opens the control, also again after a hold.
-    async fn open(&mut self, pace: Pace) -> Result<(), SetupError> {
+    async fn open_devices(&mut self, pace: Pace) -> Result<(), SetupError> {
         // A port can be open only once.
         self.devices = None;
         let devices = self.site.open(pace).await?;
-        self.stop.guards(devices.controller.halt());
+        self.stop.set_control(devices.controller.halt_handle());
         self.devices = Some(devices);
         Ok(())
     }
 
-    fn well(&mut self, part: Part, since: Instant, what: impl Into<String>) {
-        self.found(part, Verdict::Ok, since, what.into(), None);
+    fn report_ok(&mut self, part: Part, since: Instant, what: impl Into<String>) {
+        self.add_finding(part, Verdict::Ok, since, what.into(), None);
     }
 
-    fn failed(
+    fn report_failed(
         &mut self,
         part: Part,
         since: Instant,
         what: impl Into<String>,
         remedy: impl Into<String>,
     ) {
-        self.found(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
+        self.add_finding(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
     }
 
     /// Whether `what` was reported as a failure already.
-    fn has_failed(&self, what: &str) -> bool {
+    fn is_reported_failed(&self, what: &str) -> bool {
         let mut findings = self.summary.findings.iter();
         findings.any(|finding| finding.verdict == Verdict::Failed && finding.what == what)
     }
 
-    fn not_looked_at(&mut self, part: Part, why: impl Into<String>) {
-        self.found(part, Verdict::NotLookedAt, Instant::now(), why.into(), None);
+    fn report_unchecked(&mut self, part: Part, why: impl Into<String>) {
+        self.add_finding(part, Verdict::NotLookedAt, Instant::now(), why.into(), None);
     }
 
-    fn found(
+    fn add_finding(
         &mut self,
         part: Part,
         verdict: Verdict,
@@ -209,7 +209,7 @@ impl<'a> Check<'a> {
     ) {
         let took_s = since.elapsed().as_secs_f64();
         let finding = Finding { part, what, took_s, verdict, remedy };
-        (self.tell)(&finding);
+        (self.on_finding)(&finding);
         self.summary.findings.push(finding);
     }
 }

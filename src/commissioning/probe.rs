@@ -5,132 +5,153 @@ use std::time::{Duration, Instant};
 
 use tokio::time::sleep;
 
-use super::{Check, Ended, Part, control, retract};
-use machine::record::question::{Answer, Question, Stylus};
+use super::{Check, CheckEnd, Part, control, retract};
+use machine::record::question::{Answer, Question, StylusState};
 
-const NOBODY: &str = "nobody is there to deflect the stylus";
-const POLL: Duration = Duration::from_millis(20);
+const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// Observed behaviour of the probe input.
-struct Seen {
+struct ProbeInputTest {
     /// The input is closed at rest.
-    rests_closed: bool,
+    is_closed_at_rest: bool,
     /// The input changes while the stylus is deflected.
-    answers: bool,
+    follows_stylus: bool,
     /// The input returns to its state at rest.
-    comes_back: bool,
+    returns_to_rest: bool,
 }
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    retract::out_of_contact(check).await?;
+pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+    retract::retract_from_contact(check).await?;
     let since = Instant::now();
-    let Some(seen) = watch(check, since).await? else {
-        return if check.stands.is_some() {
-            stands_anew(check, since).await
+    let Some(test) = test_probe_input(check, since).await? else {
+        return if check.position.is_some() {
+            update_position(check, since).await
         } else {
-            Err(Ended::Unsafe)
+            Err(CheckEnd::Unsafe)
         };
     };
-    if let Some((what, remedy)) = seen.mistake(check.polarity.as_deref()) {
-        check.failed(Part::Probe, since, what, remedy);
+    if let Some((what, remedy)) = test.fault(check.polarity_setting.as_deref()) {
+        check.report_failed(Part::Probe, since, what, remedy);
         // With a faulty probe nothing would stop at a contact.
-        return Err(Ended::Unsafe);
+        return Err(CheckEnd::Unsafe);
     }
-    check.well(Part::Probe, since, "open at rest, closed while deflected, open again");
-    check.probe_answers = true;
-    match check.stands {
-        Some(_) => stands_anew(check, since).await,
+    check.report_ok(Part::Probe, since, "open at rest, closed while deflected, open again");
+    check.is_probe_working = true;
+    match check.position {
+        Some(_) => update_position(check, since).await,
         // The stylus was deflected while the control was prepared.
-        None => control::prepare(check).await,
+        None => control::prepare_control(check).await,
     }
 }
 
 /// Watches the probe input; `None`, with a finding, if it cannot be checked.
-async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
-    if !mounted(check).await? {
-        let rests_closed = control::status(check, since).await?.probe_closed;
-        nobody(check, since, rests_closed, "the touch probe does not sit in the spindle");
+async fn test_probe_input(
+    check: &mut Check<'_>,
+    since: Instant,
+) -> Result<Option<ProbeInputTest>, CheckEnd> {
+    if !is_probe_mounted(check).await? {
+        let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
+        report_untested_probe(
+            check,
+            since,
+            is_closed_at_rest,
+            "the touch probe is not in the spindle",
+        );
         return Ok(None);
     }
-    let asked = check.ask(Question::Stylus(Stylus::Free)).await?;
-    let rests_closed = control::status(check, since).await?.probe_closed;
+    let asked = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
+    let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
     if asked != Answer::Yes {
-        nobody(check, since, rests_closed, NOBODY);
+        report_untested_probe(check, since, is_closed_at_rest, NO_OPERATOR_REASON);
         return Ok(None);
     }
-    let pressed = check.ask(Question::Stylus(Stylus::Deflected)).await?;
+    let pressed = check.prompt_operator(Question::StylusState(StylusState::Deflected)).await?;
     if pressed != Answer::Yes {
-        nobody(check, since, rests_closed, NOBODY);
+        report_untested_probe(check, since, is_closed_at_rest, NO_OPERATOR_REASON);
         return Ok(None);
     }
-    let answers = becomes(check, since, !rests_closed).await?;
-    let let_go = check.ask(Question::Stylus(Stylus::Free)).await?;
-    let comes_back = let_go == Answer::Yes && becomes(check, since, rests_closed).await?;
-    Ok(Some(Seen { rests_closed, answers, comes_back }))
+    let follows_stylus = wait_for_input(check, since, !is_closed_at_rest).await?;
+    let let_go = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
+    let returns_to_rest =
+        let_go == Answer::Yes && wait_for_input(check, since, is_closed_at_rest).await?;
+    Ok(Some(ProbeInputTest { is_closed_at_rest, follows_stylus, returns_to_rest }))
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
-async fn mounted(check: &mut Check<'_>) -> Result<bool, Ended> {
+async fn is_probe_mounted(check: &mut Check<'_>) -> Result<bool, CheckEnd> {
     let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
-    Ok(!swapped || check.ask(Question::Stylus(Stylus::Mounted)).await? != Answer::No)
+    Ok(!swapped
+        || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
 }
 
-fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool, why: &str) {
-    if rests_closed {
-        let remedy = "run trued check at a terminal: it leads a stylus that is in contact out of it, step by \
-                      step, and tells whether the input is inverted or stuck; or free the stylus by hand (with \
-                      a sensor in the probe's place the input must read open as well)";
-        check.failed(Part::Probe, since, "the probe reads closed", remedy);
+fn report_untested_probe(
+    check: &mut Check<'_>,
+    since: Instant,
+    is_closed_at_rest: bool,
+    why: &str,
+) {
+    if is_closed_at_rest {
+        let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
+            finds out whether the input is inverted or stuck; or release the stylus by hand (the input must \
+            also read open while a sensor is mounted instead of the probe)";
+        check.report_failed(Part::Probe, since, "the probe reads closed", remedy);
     } else {
-        check.well(Part::Probe, since, "open at rest");
-        check.not_looked_at(Part::Probe, format!("{why}: whether it closes"));
+        check.report_ok(Part::Probe, since, "open at rest");
+        check.report_unchecked(Part::Probe, format!("whether the input closes is unknown: {why}"));
     }
 }
 
 /// Updates the position: the operator may have moved the machine to reach the stylus.
-async fn stands_anew(check: &mut Check<'_>, since: Instant) -> Result<(), Ended> {
-    check.stands = Some(control::status(check, since).await?.stands);
+async fn update_position(check: &mut Check<'_>, since: Instant) -> Result<(), CheckEnd> {
+    check.position = Some(control::read_status(check, since).await?.position);
     Ok(())
 }
 
 /// Waits for the state `closed` of the probe input; returns whether it came in time.
-async fn becomes(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<bool, Ended> {
-    let deadline = Instant::now() + check.person.takes();
+async fn wait_for_input(
+    check: &mut Check<'_>,
+    since: Instant,
+    closed: bool,
+) -> Result<bool, CheckEnd> {
+    let deadline = Instant::now() + check.operator.max_action_time();
     loop {
-        check.go_on()?;
-        if control::status(check, since).await?.probe_closed == closed {
+        check.check_stop()?;
+        if control::read_status(check, since).await?.is_probe_closed == closed {
             return Ok(true);
         }
         if Instant::now() > deadline {
             return Ok(false);
         }
-        sleep(POLL).await;
+        sleep(POLL_PERIOD).await;
     }
 }
 
-impl Seen {
+impl ProbeInputTest {
     /// Fault and remedy. `polarity`: the setting that inverts the input at the control.
-    fn mistake(&self, polarity: Option<&str>) -> Option<(String, String)> {
-        let (what, remedy) = match (self.rests_closed, self.answers) {
-            (false, true) if self.comes_back => return None,
+    fn fault(&self, polarity: Option<&str>) -> Option<(String, String)> {
+        let (what, remedy) = match (self.is_closed_at_rest, self.follows_stylus) {
+            (false, true) if self.returns_to_rest => return None,
             (false, true) => (
-                "it stays closed after the stylus was let go: the stylus does not come back",
-                "free the stylus; does the probe seat again? Clean it, or have its spring looked at",
+                "the probe input stays closed after the stylus was released: the stylus does not return to \
+                its rest position",
+                "release the stylus and check that the probe reseats; clean the probe, or have its spring \
+                checked",
             ),
             (false, false) => (
-                "the input never closes, though the stylus is deflected: the probe is dead",
-                "is the probe on, its battery fresh, its receiver in sight, its cable plugged into the \
-                 probe's input of the control? If a word of the control switches it on, write it in \
-                 [probe] on",
+                "the probe input does not close while the stylus is deflected: the probe does not work",
+                "check that the probe is switched on, its battery is charged, its receiver is in line of \
+                sight, and its cable is connected to the probe input of the control. If the control \
+                switches the probe on with a command, write this command in [probe] on",
             ),
             (true, true) => (
-                "it reads closed at rest and open while deflected: the input is inverted",
-                polarity.unwrap_or("turn the polarity of the probe's input round at the control"),
+                "the probe input reads closed at rest and open while deflected: the input is inverted",
+                polarity.unwrap_or("invert the polarity of the probe input at the control"),
             ),
             (true, false) => (
-                "the input is closed whatever the stylus does: it is stuck",
-                "is the stylus jammed, the cable shorted, the wrong input connected, or does the \
-                 receiver report an error (no battery, out of sight)?",
+                "the probe input stays closed with the stylus free and deflected: the input is stuck",
+                "check the stylus for jamming, the cable for a short circuit, the wiring for the right \
+                input, and the receiver for an error (empty battery, no line of sight)",
             ),
         };
         Some((what.to_owned(), remedy.to_owned()))

@@ -2,129 +2,154 @@
 
 use std::time::Instant;
 
-use super::{Check, Ended, Part, thermometers};
+use super::{Check, CheckEnd, Part, thermometers};
 use crate::setup::machine_file::SensorEntry;
-use devices::sensors::{Prepared, Sample, SensorError};
-use machine::record::reading::Flag;
+use devices::sensors::{Sample, SensorError, SensorInfo};
+use machine::record::reading::ReadingFlag;
 
 /// Duration of the test of a sensor, s, and its minimum and maximum number of samples.
-const LISTEN_S: f64 = 0.5;
-const FEWEST: u32 = 20;
-const MOST: u32 = 500;
+const TEST_DURATION_S: f64 = 0.5;
+const MIN_TEST_SAMPLES: u32 = 20;
+const MAX_TEST_SAMPLES: u32 = 500;
 /// Maximum ratio of the measured noise to the declared noise. More indicates another sensor, or another
 /// mounting place.
-const NOISY: f64 = 5.0;
+const MAX_NOISE_RATIO: f64 = 5.0;
 /// Maximum relative deviation of the sample rate. The computer may be late with the first or the last sample.
-const OFF_RATE: f64 = 0.2;
+const MAX_RATE_DEVIATION: f64 = 0.2;
 
 /// A fault and its remedy.
-type Mistake = (String, &'static str);
+type SensorFault = (String, &'static str);
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
+pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     for entry in &check.file.sensors {
-        check.go_on()?;
+        check.check_stop()?;
         let since = Instant::now();
-        let name = format!("{} ({})", entry.sensor.name, entry.reached.at());
-        match listen(check, &entry.sensor.name).await {
-            Ok((prepared, samples)) => match mistake(entry, &samples) {
+        let name = format!("{} ({})", entry.sensor.name, entry.connection.location());
+        match record_samples(check, &entry.sensor.name).await {
+            Ok((prepared, samples)) => match sensor_fault(entry, &samples) {
                 Some((what, remedy)) => {
-                    check.failed(Part::Sensors, since, format!("{name} {what}"), remedy);
+                    check.report_failed(Part::Sensors, since, format!("{name} {what}"), remedy);
                 }
-                None => check.well(Part::Sensors, since, told(&name, &prepared, &samples)),
+                None => check.report_ok(
+                    Part::Sensors,
+                    since,
+                    describe_samples(&name, &prepared, &samples),
+                ),
             },
             Err(error) => {
                 let what = format!("{name}: {error}");
-                check.failed(Part::Sensors, since, what, error.remedy());
+                check.report_failed(Part::Sensors, since, what, error.remedy());
             }
         }
     }
-    thermometers::look(check).await
+    thermometers::check_thermometers(check).await
 }
 
-async fn listen(check: &Check<'_>, name: &str) -> Result<(Prepared, Vec<Sample>), SensorError> {
-    let devices = check.devices.as_ref().ok_or(SensorError::Gone)?;
+async fn record_samples(
+    check: &Check<'_>,
+    name: &str,
+) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
+    let devices = check.devices.as_ref().ok_or(SensorError::TaskEnded)?;
     let sensor = devices.sensors.open(name).await?;
     let prepared = sensor.prepare().await?;
-    let count = (prepared.rate_hz * LISTEN_S).clamp(FEWEST.into(), MOST.into());
-    let samples = sensor.take(count as u32).await?;
+    let count = (prepared.rate_hz * TEST_DURATION_S)
+        .clamp(MIN_TEST_SAMPLES.into(), MAX_TEST_SAMPLES.into());
+    let samples = sensor.read_samples(count as u32).await?;
     Ok((prepared, samples))
 }
 
-fn mistake(
+fn sensor_fault(
     SensorEntry { sensor, rate_hz, .. }: &SensorEntry,
     samples: &[Sample],
-) -> Option<Mistake> {
-    let values = values(samples);
-    lost(samples)
-        .or_else(|| scatter(sensor.noise_um?, &values))
-        .or_else(|| rate((*rate_hz)?, samples))
+) -> Option<SensorFault> {
+    let values = sample_values(samples);
+    missing_samples_fault(samples)
+        .or_else(|| noise_fault(sensor.noise_um?, &values))
+        .or_else(|| rate_fault((*rate_hz)?, samples))
 }
 
 /// Fault of missing samples.
-fn lost(samples: &[Sample]) -> Option<Mistake> {
-    let missing = missing(samples);
+fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
+    let missing = missing_count(samples);
     let jumps = samples.iter().filter(|sample| sample.missing > 0).count();
     if 2 * jumps > samples.len() {
         let what = format!(
-            "counts on by more than one from most samples to the next: {missing} would be missing beside {}",
+            "increments its sample counter by more than one between most samples: {missing} samples would \
+            be missing in addition to the {} received",
             samples.len()
         );
-        let remedy = "compare `counter` of its layout with its manual (place, width, order; a counter may \
-                      count time or measurements that are not sent); is it set to send each sample?";
+        let remedy = "compare `counter` of the sensor layout with the manual of the sensor (position, \
+            width, byte order; the counter may count time or measurements that are not sent), and set the \
+            sensor to send each sample";
         return Some((what, remedy));
     }
     if missing > 0 {
-        let what = format!("loses samples: {missing} are missing beside {}", samples.len());
-        return Some((what, "see to its cable and its speed; is the bus overloaded?"));
+        let what = format!("loses samples: {missing} are missing, {} were received", samples.len());
+        return Some((
+            what,
+            "check the cable and the data rate of the sensor, and whether the bus is \
+            overloaded",
+        ));
     }
-    let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
-    let what = format!("falls silent: {stale} of {} samples did not come", samples.len());
-    let remedy = "see to its cable, its power and its rate; is its time-out too short?";
+    let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count();
+    let what = format!(
+        "sends no data at times: {stale} of {} samples were not received in time",
+        samples.len()
+    );
+    let remedy = "check the cable, the power supply and the rate of the sensor, and whether its time-out is \
+        too short";
     (stale > 0).then_some((what, remedy))
 }
 
-fn scatter(noise_um: f64, values: &[f64]) -> Option<Mistake> {
-    let (_, sd) = statistics(values)?;
+fn noise_fault(noise_um: f64, values: &[f64]) -> Option<SensorFault> {
+    let (_, sd) = mean_and_deviation(values)?;
     if values.iter().all(|value| *value == values[0]) && noise_um > 0.0 {
-        let what = "says the same to the last digit all the time".to_owned();
-        return Some((what, "does it measure? See to its trigger, its hold input and its layout"));
+        let what = "reports exactly the same value in every sample".to_owned();
+        return Some((
+            what,
+            "check that the sensor is measuring: check its trigger, its hold input and its \
+            layout",
+        ));
     }
-    let what = format!("scatters by {:.2} µm, where noise_um says {noise_um} µm", 1e3 * sd);
-    let remedy = "let it look at a clean surface that stands still; if that is so, correct noise_um or its \
-                  layout";
-    (1e3 * sd > NOISY * noise_um).then_some((what, remedy))
+    let what =
+        format!("has a noise of {:.2} µm; the machine file states noise_um = {noise_um}", 1e3 * sd);
+    let remedy = "point the sensor at a clean surface at rest; if the noise stays the same, correct \
+        noise_um or the layout of the sensor";
+    (1e3 * sd > MAX_NOISE_RATIO * noise_um).then_some((what, remedy))
 }
 
-fn rate(declared_hz: f64, samples: &[Sample]) -> Option<Mistake> {
+fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
     let (first, rest) = samples.split_first()?;
     let span_s = rest.last()?.t_s - first.t_s;
-    let gives_hz = (rest.len() as u64 + missing(rest)) as f64 / span_s;
-    let what = format!("gives {gives_hz:.0} samples a second, where rate_hz says {declared_hz}");
+    let measured_hz = (rest.len() as u64 + missing_count(rest)) as f64 / span_s;
+    let what = format!(
+        "sends {measured_hz:.0} samples/s; the machine file states rate_hz = {declared_hz}"
+    );
     let remedy =
-        "set the sensor to the rate that is wanted (averaging makes it slower), or correct rate_hz";
-    let off = (gives_hz / declared_hz - 1.0).abs() > OFF_RATE;
+        "set the sensor to the required rate (averaging reduces the rate), or correct rate_hz";
+    let off = (measured_hz / declared_hz - 1.0).abs() > MAX_RATE_DEVIATION;
     (span_s > 0.0 && off).then_some((what, remedy))
 }
 
 /// Number of missing samples by the sensor's counter.
-fn missing(samples: &[Sample]) -> u64 {
+fn missing_count(samples: &[Sample]) -> u64 {
     samples.iter().map(|sample| u64::from(sample.missing)).sum()
 }
 
-fn told(name: &str, prepared: &Prepared, samples: &[Sample]) -> String {
+fn describe_samples(name: &str, prepared: &SensorInfo, samples: &[Sample]) -> String {
     let rate = format!("{name}: {}, {:.0} samples/s", prepared.identity, prepared.rate_hz);
-    match statistics(&values(samples)) {
-        Some((mean, sd)) => format!("{rate}, {mean:.4} mm, scatters by {:.2} µm", 1e3 * sd),
-        None => format!("{rate}; nothing is in its range now"),
+    match mean_and_deviation(&sample_values(samples)) {
+        Some((mean, sd)) => format!("{rate}, {mean:.4} mm, noise {:.2} µm", 1e3 * sd),
+        None => format!("{rate}; no surface is within the range of the sensor now"),
     }
 }
 
-fn values(samples: &[Sample]) -> Vec<f64> {
+fn sample_values(samples: &[Sample]) -> Vec<f64> {
     samples.iter().filter_map(|sample| sample.value_mm).collect()
 }
 
 /// Mean and standard deviation; `None` for fewer than two values.
-fn statistics(values: &[f64]) -> Option<(f64, f64)> {
+fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let square: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();

@@ -8,40 +8,40 @@ use devices::controllers::Halt;
 #[derive(Clone)]
 pub struct Stop {
     halt: Halt,
-    guarded: Arc<Mutex<Guarded>>,
+    state: Arc<Mutex<StopState>>,
 }
 
 #[derive(Default)]
-struct Guarded {
+struct StopState {
     /// Halt handle of the open control.
     control: Option<Halt>,
     /// Whether a motion may be in progress.
-    moves: bool,
+    is_moving: bool,
     /// Whether the hold was sent.
-    held: bool,
+    is_held: bool,
 }
 
-impl Guarded {
+impl StopState {
     fn hold(&mut self) {
-        if let (Some(control), true) = (&self.control, self.moves) {
-            self.held = true;
-            control.now();
+        if let (Some(control), true) = (&self.control, self.is_moving) {
+            self.is_held = true;
+            control.trigger();
         }
     }
 }
 
 impl Default for Stop {
     fn default() -> Self {
-        let guarded: Arc<Mutex<Guarded>> = Arc::default();
-        let of_now = guarded.clone();
-        let halt = Halt::new(move || lock(&of_now).hold());
-        Self { halt, guarded }
+        let state: Arc<Mutex<StopState>> = Arc::default();
+        let of_now = state.clone();
+        let halt = Halt::new(move || lock_state(&of_now).hold());
+        Self { halt, state }
     }
 }
 
 /// Locks the state; it is valid even if another thread has panicked.
-fn lock(guarded: &Mutex<Guarded>) -> MutexGuard<'_, Guarded> {
-    guarded.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock_state(state: &Mutex<StopState>) -> MutexGuard<'_, StopState> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Stop {
@@ -50,33 +50,33 @@ impl Stop {
         self.halt.clone()
     }
 
-    pub fn is_asked(&self) -> bool {
+    pub fn is_requested(&self) -> bool {
         self.halt.is_halted()
     }
 
     /// Whether the stop has held the control.
     pub(super) fn has_held(&self) -> bool {
-        lock(&self.guarded).held
+        lock_state(&self.state).is_held
     }
 
     /// Sets the control that the stop holds.
-    pub(super) fn guards(&self, control: Halt) {
-        lock(&self.guarded).control = Some(control);
+    pub(super) fn set_control(&self, control: Halt) {
+        lock_state(&self.state).control = Some(control);
     }
 
     /// Begins a motion, which a stop holds until the guard is dropped. `None`: a stop was requested, and no
     /// motion may begin.
-    pub(super) fn motion(&self) -> Option<Motion> {
-        let mut guarded = lock(&self.guarded);
-        guarded.moves = !self.is_asked();
-        guarded.moves.then(|| Motion(self.guarded.clone()))
+    pub(super) fn begin_motion(&self) -> Option<MotionGuard> {
+        let mut state = lock_state(&self.state);
+        state.is_moving = !self.is_requested();
+        state.is_moving.then(|| MotionGuard(self.state.clone()))
     }
 }
 
-pub(super) struct Motion(Arc<Mutex<Guarded>>);
+pub(super) struct MotionGuard(Arc<Mutex<StopState>>);
 
-impl Drop for Motion {
+impl Drop for MotionGuard {
     fn drop(&mut self) {
-        lock(&self.0).moves = false;
+        lock_state(&self.0).is_moving = false;
     }
 }

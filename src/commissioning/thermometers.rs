@@ -2,27 +2,39 @@
 
 use std::time::Instant;
 
-use super::{Check, Ended, Part};
+use super::{Check, CheckEnd, Part};
 use devices::sensors::thermometer::ThermometerError;
 
-pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
-    let devices = check.devices.as_ref().ok_or(Ended::Unsafe)?;
+pub(super) async fn check_thermometers(check: &mut Check<'_>) -> Result<(), CheckEnd> {
+    let devices = check.devices.as_ref().ok_or(CheckEnd::Unsafe)?;
     let since = Instant::now();
-    let each = devices.thermometers.once().await.into_iter();
-    let told: Vec<_> = each
-        .map(|(entry, said)| (format!("thermometer {} ({})", entry.name, entry.at()), said))
+    let each = devices.thermometers.read_once().await.into_iter();
+    let results: Vec<_> = each
+        .map(|(entry, result)| {
+            (format!("thermometer {} ({})", entry.name, entry.describe_address()), result)
+        })
         .collect();
-    for (name, said) in told {
-        match said {
-            Ok(celsius) => check.well(Part::Sensors, since, format!("{name}: {celsius:.2} °C")),
+    for (name, result) in results {
+        match result {
+            Ok(celsius) => {
+                check.report_ok(Part::Sensors, since, format!("{name}: {celsius:.2} °C"))
+            }
             // The machine file was written for a simulated machine.
-            Err(error @ ThermometerError::NothingToFeel) => {
-                check.not_looked_at(Part::Sensors, format!("{name}: {error}; {}", error.remedy()));
+            Err(error @ ThermometerError::NoSimulatedMachine) => {
+                check.report_unchecked(
+                    Part::Sensors,
+                    format!("{name}: {error}; {}", error.remedy()),
+                );
             }
             Err(error) => {
-                check.failed(Part::Sensors, since, format!("{name}: {error}"), error.remedy());
+                check.report_failed(
+                    Part::Sensors,
+                    since,
+                    format!("{name}: {error}"),
+                    error.remedy(),
+                );
             }
         }
     }
-    check.go_on()
+    check.check_stop()
 }

@@ -1,7 +1,7 @@
 //! The least-squares circle of plane points (ISO 230-7: LSC). It minimises the sum of the squared radial
 //! deviations.
 
-use super::radial::{self, Radial, RadialError};
+use super::radial::{self, RadialError, RadialFit};
 
 /// Least-squares circle, in the unit of its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,12 +27,13 @@ pub enum CircleError {
 /// # Errors
 /// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
-    let Radial { centre, radius, .. } = radial::fit(points).map_err(|error| match error {
-        RadialError::TooFew(count) => CircleError::TooFew(count),
-        RadialError::Flat => CircleError::Collinear,
-        RadialError::NotFinite => CircleError::NotFinite,
-        RadialError::NotConverged => CircleError::NotConverged,
-    })?;
+    let RadialFit { centre, radius, .. } =
+        radial::fit_radial(points).map_err(|error| match error {
+            RadialError::TooFew(count) => CircleError::TooFew(count),
+            RadialError::Flat => CircleError::Collinear,
+            RadialError::NotFinite => CircleError::NotFinite,
+            RadialError::NotConverged => CircleError::NotConverged,
+        })?;
     Ok(Circle { centre, radius })
 }
 

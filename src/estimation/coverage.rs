@@ -7,23 +7,23 @@ pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
 
 /// Degrees of freedom from which k is computed by its expansion in 1/dof, exact to 1e-7. The inverse beta function
 /// loses digits there.
-const MANY: f64 = 1e4;
+const MIN_DOF_FOR_EXPANSION: f64 = 1e4;
 
 /// k such that ±k·u covers with [`COVERAGE_PROBABILITY`]: 2 for `f64::INFINITY`, 2.65 for 5
 /// effective degrees of freedom. Without degrees of freedom (0, negative, NaN) k is infinite.
 pub fn coverage_factor(dof: f64) -> f64 {
-    if dof >= MANY {
+    if dof >= MIN_DOF_FOR_EXPANSION {
         // Abramowitz & Stegun 26.7.5: z + (z³ + z)/(4·dof) with z = 2.
         return 2.0 + 2.5 / dof;
     }
-    two_sided(COVERAGE_PROBABILITY, dof)
+    two_sided_factor(COVERAGE_PROBABILITY, dof)
 }
 
 /// t such that a Student variable with `dof` degrees of freedom lies within ±t with `probability`. The result is
 /// infinite without degrees of freedom, and that of the normal distribution for `f64::INFINITY`.
-pub fn two_sided(probability: f64, dof: f64) -> f64 {
+pub fn two_sided_factor(probability: f64, dof: f64) -> f64 {
     let upper = 0.5 * (1.0 + probability);
-    if dof >= MANY {
+    if dof >= MIN_DOF_FOR_EXPANSION {
         let z = Normal::standard().inverse_cdf(upper);
         // The same expansion as in [`coverage_factor`].
         return z + (z.powi(3) + z) / (4.0 * dof);
@@ -33,8 +33,8 @@ pub fn two_sided(probability: f64, dof: f64) -> f64 {
 
 /// Probability that a Student variable with `dof` degrees of freedom is below `t`. The normal distribution is used
 /// for `f64::INFINITY`. The result is NaN without degrees of freedom.
-pub fn cumulative(t: f64, dof: f64) -> f64 {
-    if dof >= MANY {
+pub fn student_t_cdf(t: f64, dof: f64) -> f64 {
+    if dof >= MIN_DOF_FOR_EXPANSION {
         return Normal::standard().cdf(t);
     }
     StudentsT::new(0.0, 1.0, dof).map_or(f64::NAN, |student| student.cdf(t))
@@ -86,7 +86,12 @@ mod tests {
             assert!((coverage_factor(dof) - k).abs() <= 0.0051, "{dof} {}", coverage_factor(dof));
         }
         assert_eq!(coverage_factor(f64::INFINITY), 2.0);
-        assert!((coverage_factor(0.999 * MANY) - coverage_factor(MANY)).abs() < 1e-6);
+        assert!(
+            (coverage_factor(0.999 * MIN_DOF_FOR_EXPANSION)
+                - coverage_factor(MIN_DOF_FOR_EXPANSION))
+            .abs()
+                < 1e-6
+        );
         assert_eq!(coverage_factor(0.0), f64::INFINITY);
         assert_eq!(coverage_factor(f64::NAN), f64::INFINITY);
     }
@@ -95,11 +100,16 @@ mod tests {
     /// begins.
     #[test]
     fn regress_two_sided_tables() {
-        assert!((two_sided(0.95, f64::INFINITY) - 1.959_964).abs() < 1e-6);
-        assert!((two_sided(0.997_300_204, f64::INFINITY) - 3.0).abs() < 1e-6);
-        assert!((two_sided(0.95, 10.0) - 2.228_139).abs() < 1e-5);
-        assert!((two_sided(0.99, 0.999 * MANY) - two_sided(0.99, MANY)).abs() < 1e-6);
-        assert_eq!(two_sided(0.95, f64::NAN), f64::INFINITY);
+        assert!((two_sided_factor(0.95, f64::INFINITY) - 1.959_964).abs() < 1e-6);
+        assert!((two_sided_factor(0.997_300_204, f64::INFINITY) - 3.0).abs() < 1e-6);
+        assert!((two_sided_factor(0.95, 10.0) - 2.228_139).abs() < 1e-5);
+        assert!(
+            (two_sided_factor(0.99, 0.999 * MIN_DOF_FOR_EXPANSION)
+                - two_sided_factor(0.99, MIN_DOF_FOR_EXPANSION))
+            .abs()
+                < 1e-6
+        );
+        assert_eq!(two_sided_factor(0.95, f64::NAN), f64::INFINITY);
     }
 
     /// GUM example H.1.6: components in nm and their degrees of freedom give 16.

@@ -6,17 +6,17 @@ use pulp::{Arch, Simd, WithSimd};
 use super::linear::RANK_THRESHOLD;
 
 /// Partial sums of a dot product, added in a fixed order: the result is the same with and without vector registers.
-const LANES: usize = 8;
+const LANE_COUNT: usize = 8;
 
 /// A matrix stored column by column.
 #[derive(Debug, Clone)]
-pub(super) struct Columns {
+pub(super) struct ColumnMatrix {
     rows: usize,
     count: usize,
     values: Vec<f64>,
 }
 
-impl Columns {
+impl ColumnMatrix {
     pub fn zeros(rows: usize, count: usize) -> Self {
         Self { rows, count, values: vec![0.0; rows * count] }
     }
@@ -58,13 +58,13 @@ impl Columns {
     /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns
     /// R (pivots × columns) and whether a column is a linear combination of the columns before it.
     pub fn orthonormalise(&mut self, pivots: usize) -> (Mat<f64>, bool) {
-        Arch::new().dispatch(Orthonormalise { columns: self, pivots })
+        Arch::new().dispatch(OrthonormaliseColumns { columns: self, pivots })
     }
 
     /// Subtracts from `y` its components along the orthonormal columns, one after the other. Returns the
     /// components.
-    pub fn take_out(&self, y: &mut [f64]) -> Vec<f64> {
-        Arch::new().dispatch(TakeOut { columns: self, y })
+    pub fn subtract_projections(&self, y: &mut [f64]) -> Vec<f64> {
+        Arch::new().dispatch(SubtractProjections { columns: self, y })
     }
 
     /// Sum of the squares of each row.
@@ -77,49 +77,49 @@ impl Columns {
     }
 }
 
-struct Orthonormalise<'a> {
-    columns: &'a mut Columns,
+struct OrthonormaliseColumns<'a> {
+    columns: &'a mut ColumnMatrix,
     pivots: usize,
 }
 
-impl WithSimd for Orthonormalise<'_> {
+impl WithSimd for OrthonormaliseColumns<'_> {
     type Output = (Mat<f64>, bool);
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { columns: Columns { rows, count, values }, pivots } = self;
+        let Self { columns: ColumnMatrix { rows, count, values }, pivots } = self;
         let (rows, count) = (*rows, *count);
         let mut r = Mat::zeros(pivots, count);
-        let mut lost = false;
+        let mut is_rank_deficient = false;
         let whole: Vec<f64> = (0..pivots)
-            .map(|j| dot(&values[j * rows..][..rows], &values[j * rows..][..rows]))
+            .map(|j| dot_product(&values[j * rows..][..rows], &values[j * rows..][..rows]))
             .collect();
         for pivot in 0..pivots {
             let (done, others) = values.split_at_mut((pivot + 1) * rows);
             let column = &mut done[pivot * rows..];
-            let length = dot(column, column).sqrt();
-            let sound = length > RANK_THRESHOLD * whole[pivot].sqrt();
-            lost |= !sound;
+            let length = dot_product(column, column).sqrt();
+            let is_independent = length > RANK_THRESHOLD * whole[pivot].sqrt();
+            is_rank_deficient |= !is_independent;
             r[(pivot, pivot)] = length;
-            let scale = if sound { 1.0 / length } else { 0.0 };
+            let scale = if is_independent { 1.0 / length } else { 0.0 };
             column.iter_mut().for_each(|value| *value *= scale);
             for other in 0..count - pivot - 1 {
                 let other_column = &mut others[other * rows..][..rows];
-                let share = dot(column, other_column);
-                subtract(other_column, column, share);
+                let share = dot_product(column, other_column);
+                subtract_multiple(other_column, column, share);
                 r[(pivot, pivot + 1 + other)] = share;
             }
         }
-        (r, lost)
+        (r, is_rank_deficient)
     }
 }
 
-struct TakeOut<'a> {
-    columns: &'a Columns,
+struct SubtractProjections<'a> {
+    columns: &'a ColumnMatrix,
     y: &'a mut [f64],
 }
 
-impl WithSimd for TakeOut<'_> {
+impl WithSimd for SubtractProjections<'_> {
     type Output = Vec<f64>;
 
     #[inline(always)]
@@ -128,8 +128,8 @@ impl WithSimd for TakeOut<'_> {
         let mut shares = Vec::with_capacity(columns.count);
         for j in 0..columns.count {
             let column = columns.column(j);
-            let share = dot(column, y);
-            subtract(y, column, share);
+            let share = dot_product(column, y);
+            subtract_multiple(y, column, share);
             shares.push(share);
         }
         shares
@@ -137,9 +137,9 @@ impl WithSimd for TakeOut<'_> {
 }
 
 #[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut lanes = [0.0; LANES];
-    let (mut left, mut right) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+fn dot_product(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; LANE_COUNT];
+    let (mut left, mut right) = (a.chunks_exact(LANE_COUNT), b.chunks_exact(LANE_COUNT));
     for (a, b) in (&mut left).zip(&mut right) {
         for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
             *lane += a * b;
@@ -150,6 +150,6 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[inline(always)]
-fn subtract(y: &mut [f64], column: &[f64], share: f64) {
+fn subtract_multiple(y: &mut [f64], column: &[f64], share: f64) {
     y.iter_mut().zip(column).for_each(|(y, value)| *y -= share * value);
 }

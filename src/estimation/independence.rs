@@ -27,10 +27,14 @@ pub fn independent_columns(
 
 /// Coefficients, one for each `known` column, of the linear combination that equals `column` except for at most the
 /// fraction `min_share` of its length. `None`: `column` is independent, or there are more known columns than rows.
-pub fn combination_of(known: &[Vec<f64>], column: &[f64], min_share: f64) -> Option<Vec<f64>> {
+pub fn find_linear_combination(
+    known: &[Vec<f64>],
+    column: &[f64],
+    min_share: f64,
+) -> Option<Vec<f64>> {
     let (rows, count) = (column.len(), known.len());
     if count == 0 {
-        return (length(column) == 0.0).then(Vec::new);
+        return (column_norm(column) == 0.0).then(Vec::new);
     }
     if rows < count {
         return None;
@@ -54,8 +58,8 @@ fn extend_basis(basis: &mut Vec<Vec<f64>>, column: &[f64], min_share: f64) -> bo
             remainder.iter_mut().zip(unit).for_each(|(r, u)| *r -= share * u);
         }
     }
-    let rest = length(&remainder);
-    let is_independent = rest > min_share * length(column);
+    let rest = column_norm(&remainder);
+    let is_independent = rest > min_share * column_norm(column);
     if is_independent {
         remainder.iter_mut().for_each(|r| *r /= rest);
         basis.push(remainder);
@@ -63,7 +67,7 @@ fn extend_basis(basis: &mut Vec<Vec<f64>>, column: &[f64], min_share: f64) -> bo
     is_independent
 }
 
-fn length(column: &[f64]) -> f64 {
+fn column_norm(column: &[f64]) -> f64 {
     column.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
@@ -81,11 +85,11 @@ mod tests {
         assert_eq!(independent_columns(&known, &candidates, |_| 0.1), [2]);
         assert_eq!(independent_columns(&[], &known, |_| 1e-6), [0, 1]);
         assert_eq!(independent_columns(&[], &[vec![0.0; 3]], |_| 1e-6), [0_usize; 0]);
-        let found = combination_of(&known, &candidates[0], 1e-6).unwrap();
+        let found = find_linear_combination(&known, &candidates[0], 1e-6).unwrap();
         assert!((found[0] - 3.0).abs() < 1e-14 && (found[1] + 1.0).abs() < 1e-14, "{found:?}");
-        assert_eq!(combination_of(&known, &slanted, 1e-6), None);
-        assert!(combination_of(&known, &slanted, 0.1).is_some());
-        assert_eq!(combination_of(&[], &[0.0], 1e-6), Some(Vec::new()));
-        assert_eq!(combination_of(&known, &[1.0], 1e-6), None);
+        assert_eq!(find_linear_combination(&known, &slanted, 1e-6), None);
+        assert!(find_linear_combination(&known, &slanted, 0.1).is_some());
+        assert_eq!(find_linear_combination(&[], &[0.0], 1e-6), Some(Vec::new()));
+        assert_eq!(find_linear_combination(&known, &[1.0], 1e-6), None);
     }
 }

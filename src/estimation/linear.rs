@@ -48,7 +48,7 @@ pub struct LinearSolution {
 
 /// Which unknowns a design matrix determines under its constraints.
 #[derive(Debug, Clone)]
-pub struct Survey {
+pub struct RankAnalysis {
     pub rank: usize,
     /// Number of undetermined directions: unknowns less independent constraints less rank.
     pub nullity: usize,
@@ -68,11 +68,11 @@ pub struct Survey {
 pub enum LinearError {
     /// The rows do not determine all unknowns. The survey's null space contains the undetermined directions.
     #[error(
-        "rank {} of {}: the rows do not separate all unknowns; fix the lost directions by \
-         constraints or add measurements that separate them",
+        "rank {} of {}: the measurements do not determine all unknowns; add measurements, or fix the \
+         undetermined combinations by constraints",
         .0.rank, .0.rank + .0.nullity
     )]
-    RankDeficient(Box<Survey>),
+    RankDeficient(Box<RankAnalysis>),
     #[error("the least-squares problem is malformed: {0}; correct the input")]
     Malformed(&'static str),
 }
@@ -82,23 +82,26 @@ pub enum LinearError {
 /// # Errors
 /// [`LinearError::RankDeficient`] if the rows do not determine a direction. No minimum norm solution is returned in
 /// that case.
-pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
+pub fn solve_least_squares(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
     let LinearProblem { a, y, sigma, constraints, rank_threshold } = *problem;
-    check(problem)?;
+    check_problem(problem)?;
     let weighted = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] / sigma[i]);
     let scale = column_scale(weighted.as_ref());
-    let reduced = Reduced::new(weighted.as_ref(), &scale, constraints, rank_threshold)?;
-    if reduced.rank < reduced.free() {
-        let found = survey(weighted.as_ref(), constraints, rank_threshold)?;
+    let reduced = ReducedProblem::new(weighted.as_ref(), &scale, constraints, rank_threshold)?;
+    if reduced.rank < reduced.free_count() {
+        let found = analyse_rank(weighted.as_ref(), constraints, rank_threshold)?;
         return Err(LinearError::RankDeficient(Box::new(found)));
     }
     let root = reduced.covariance_root();
     let u = &reduced.svd.u;
     let weighted_u = Mat::from_fn(a.nrows(), root.ncols(), |i, j| u[(i, j)] / sigma[i]);
     let gain = &root * weighted_u.transpose();
-    let x = product(gain.as_ref(), y);
-    let residuals: Vec<f64> =
-        product(a, &x).iter().zip(y).map(|(fitted, measured)| measured - fitted).collect();
+    let x = matrix_vector_product(gain.as_ref(), y);
+    let residuals: Vec<f64> = matrix_vector_product(a, &x)
+        .iter()
+        .zip(y)
+        .map(|(fitted, measured)| measured - fitted)
+        .collect();
     Ok(LinearSolution {
         covariance: &root * root.transpose(),
         gain,
@@ -116,16 +119,16 @@ pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError>
 ///
 /// # Errors
 /// Malformed input. A deficient rank is not an error but part of the result.
-pub fn survey(
+pub fn analyse_rank(
     a: MatRef<'_, f64>,
     constraints: Option<MatRef<'_, f64>>,
     threshold: f64,
-) -> Result<Survey, LinearError> {
-    let scaled = Reduced::new(a, &column_scale(a), constraints, threshold)?;
-    let unscaled = Reduced::new(a, &vec![1.0; a.ncols()], constraints, threshold)?;
-    Ok(Survey {
+) -> Result<RankAnalysis, LinearError> {
+    let scaled = ReducedProblem::new(a, &column_scale(a), constraints, threshold)?;
+    let unscaled = ReducedProblem::new(a, &vec![1.0; a.ncols()], constraints, threshold)?;
+    Ok(RankAnalysis {
         rank: scaled.rank,
-        nullity: scaled.free() - scaled.rank,
+        nullity: scaled.free_count() - scaled.rank,
         condition: scaled.condition(),
         condition_unscaled: unscaled.condition(),
         null_space: scaled.null_space(),
@@ -134,17 +137,17 @@ pub fn survey(
 }
 
 /// Ratio to the largest column norm below which a column consists of rounding errors.
-const ROUNDING: f64 = 1e-13;
+const ZERO_COLUMN_RATIO: f64 = 1e-13;
 
 /// The weighted matrix on the directions that the constraints leave free: A·basis = U S Vᵀ.
-struct Reduced {
+struct ReducedProblem {
     /// Unknowns × free directions: x = basis·v. Contains the scaling and the constraints.
     basis: Mat<f64>,
     svd: ThinSvd,
     rank: usize,
 }
 
-impl Reduced {
+impl ReducedProblem {
     fn new(
         a: MatRef<'_, f64>,
         scale: &[f64],
@@ -161,12 +164,12 @@ impl Reduced {
         if basis.ncols() == 0 {
             return Err(LinearError::Malformed("no unknown is free"));
         }
-        let svd = ThinSvd::of(&(a * &basis));
+        let svd = ThinSvd::decompose(&(a * &basis));
         let rank = rank_of(&svd.s, threshold);
         Ok(Self { basis, svd, rank })
     }
 
-    fn free(&self) -> usize {
+    fn free_count(&self) -> usize {
         self.basis.ncols()
     }
 
@@ -181,7 +184,7 @@ impl Reduced {
     /// T with covariance T·Tᵀ: basis·V·S⁻¹ over the determined directions.
     fn covariance_root(&self) -> Mat<f64> {
         let ThinSvd { s, v, .. } = &self.svd;
-        let scaled = Mat::from_fn(self.free(), self.rank, |i, j| v[(i, j)] / s[j]);
+        let scaled = Mat::from_fn(self.free_count(), self.rank, |i, j| v[(i, j)] / s[j]);
         &self.basis * scaled
     }
 
@@ -199,7 +202,10 @@ fn column_scale(a: MatRef<'_, f64>) -> Vec<f64> {
     let norms: Vec<f64> = (0..a.ncols()).map(|j| a.col(j).norm_l2()).collect();
     let largest = norms.iter().copied().fold(0.0, f64::max);
     // A column of rounding errors, such as sin π, holds no information and must not be scaled to norm 1.
-    norms.into_iter().map(|n| unit_scale(if n > ROUNDING * largest { n } else { 0.0 })).collect()
+    norms
+        .into_iter()
+        .map(|n| unit_scale(if n > ZERO_COLUMN_RATIO * largest { n } else { 0.0 }))
+        .collect()
 }
 
 /// Unknowns × free directions: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).
@@ -213,7 +219,7 @@ fn free_basis(scale: &[f64], constraints: Option<MatRef<'_, f64>>) -> Mat<f64> {
         let row_scale = unit_scale(scaled.row(i).norm_l2());
         scaled.row_mut(i).iter_mut().for_each(|entry| *entry *= row_scale);
     }
-    let ThinSvd { s, v, .. } = ThinSvd::of(&scaled);
+    let ThinSvd { s, v, .. } = ThinSvd::decompose(&scaled);
     let fixed = rank_of(&s, CONSTRAINT_THRESHOLD);
     Mat::from_fn(n, n - fixed, |i, j| scale[i] * v[(i, fixed + j)])
 }
@@ -228,11 +234,11 @@ fn unit_scale(norm: f64) -> f64 {
     if norm > 0.0 { 1.0 / norm } else { 1.0 }
 }
 
-fn product(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
+fn matrix_vector_product(a: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
     (0..a.nrows()).map(|i| x.iter().enumerate().map(|(j, x)| a[(i, j)] * x).sum()).collect()
 }
 
-fn check(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
+fn check_problem(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
     let rows = problem.a.nrows();
     if problem.y.len() != rows || problem.sigma.len() != rows {
         return Err(LinearError::Malformed("matrix, values and sigmas differ in their rows"));
@@ -249,7 +255,7 @@ fn check(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
 /// Lower triangle L with L·Lᵀ = `a`, both n × n (Cholesky; Golub & Van Loan, Matrix Computations, section 4.2). `a`
 /// is symmetric and positive semidefinite. A pivot that is not positive, because of linear dependence or rounding,
 /// gives a column of zeros.
-pub fn lower_root(a: &Mat<f64>) -> Mat<f64> {
+pub fn cholesky_lower(a: &Mat<f64>) -> Mat<f64> {
     let mut root = Mat::zeros(a.nrows(), a.nrows());
     for i in 0..a.nrows() {
         for j in 0..=i {
@@ -274,7 +280,7 @@ mod tests {
     /// L = [[2, 0], [-1, 3]], computed by hand. For a matrix of rank 1 the second column is zero.
     #[test]
     fn regress_lower_root_by_hand() {
-        let of = |rows: [[f64; 2]; 2]| lower_root(&Mat::from_fn(2, 2, |i, j| rows[i][j]));
+        let of = |rows: [[f64; 2]; 2]| cholesky_lower(&Mat::from_fn(2, 2, |i, j| rows[i][j]));
         let expected = [[2.0, 0.0], [-1.0, 3.0]];
         assert_eq!(of([[4.0, -2.0], [-2.0, 10.0]]), Mat::from_fn(2, 2, |i, j| expected[i][j]));
         let expected = [[3.0, 0.0], [2.0, 0.0]];

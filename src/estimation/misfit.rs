@@ -17,10 +17,10 @@ pub struct Misfit {
     /// Effective degrees of freedom of χ².
     pub dof: f64,
     /// Factor on the standard uncertainties of the sources that contribute to the residuals.
-    pub factor: f64,
+    pub uncertainty_factor: f64,
     /// Whether χ² is above its upper bound, and whether it is below its lower bound.
-    pub above: bool,
-    pub below: bool,
+    pub is_above_bound: bool,
+    pub is_below_bound: bool,
 }
 
 impl Misfit {
@@ -30,7 +30,12 @@ impl Misfit {
     /// Declared sizes are kept unless the residuals contradict them. If the sources are not `declared`, the factor
     /// follows from the residuals. `dof`: rows less rank. With 0 the expectation is only rounding error: the factor
     /// is 1 and no bound is exceeded.
-    pub fn judge(residuals: &[f64], left: &[Vec<f64>], dof: usize, declared: bool) -> Self {
+    pub fn from_residuals(
+        residuals: &[f64],
+        left: &[Vec<f64>],
+        dof: usize,
+        declared: bool,
+    ) -> Self {
         let rows = residuals.len();
         let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
@@ -43,11 +48,11 @@ impl Misfit {
             .flatten();
         let ratio = chi2 / expected;
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
-        let above = declared && beyond(&|(_, upper)| ratio * effective > upper);
-        let below = declared && beyond(&|(lower, _)| ratio * effective < lower);
-        let judged = above || (!declared && bounds.is_some());
-        let factor = if judged { ratio.sqrt() } else { 1.0 };
-        Self { chi2, expected, dof: effective, factor, above, below }
+        let is_above_bound = declared && beyond(&|(_, upper)| ratio * effective > upper);
+        let is_below_bound = declared && beyond(&|(lower, _)| ratio * effective < lower);
+        let judged = is_above_bound || (!declared && bounds.is_some());
+        let uncertainty_factor = if judged { ratio.sqrt() } else { 1.0 };
+        Self { chi2, expected, dof: effective, uncertainty_factor, is_above_bound, is_below_bound }
     }
 }
 
@@ -66,14 +71,20 @@ mod tests {
     #[test]
     fn regress_readings_and_their_mean() {
         let residuals = [-5.0, -3.0, -1.0, 1.0, 3.0, 5.0];
-        let misfit = Misfit::judge(&residuals, &left_beside_the_mean(), 5, false);
+        let misfit = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, false);
         assert!((misfit.expected - 5.0).abs() < 1e-12 && (misfit.dof - 5.0).abs() < 1e-12);
-        assert!((misfit.factor - 14f64.sqrt()).abs() < 1e-12 && !misfit.above && !misfit.below);
-        let declared = Misfit::judge(&residuals, &left_beside_the_mean(), 5, true);
-        assert!(declared.above && (declared.factor - 14f64.sqrt()).abs() < 1e-12);
+        assert!(
+            (misfit.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12
+                && !misfit.is_above_bound
+                && !misfit.is_below_bound
+        );
+        let declared = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, true);
+        assert!(
+            declared.is_above_bound && (declared.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12
+        );
         let plausible = residuals.map(|residual| 0.3 * residual);
-        let declared = Misfit::judge(&plausible, &left_beside_the_mean(), 5, true);
-        assert!(!declared.above && declared.factor == 1.0);
+        let declared = Misfit::from_residuals(&plausible, &left_beside_the_mean(), 5, true);
+        assert!(!declared.is_above_bound && declared.uncertainty_factor == 1.0);
     }
 
     /// As many rows as unknowns: residuals and expectation are rounding errors, so their ratio is arbitrary.
@@ -81,8 +92,11 @@ mod tests {
     fn regress_no_degrees_of_freedom_judge_nothing() {
         let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];
         for declared in [false, true] {
-            let misfit = Misfit::judge(&[3e-13, -1e-13], &left, 0, declared);
-            assert_eq!((misfit.factor, misfit.above, misfit.below), (1.0, false, false));
+            let misfit = Misfit::from_residuals(&[3e-13, -1e-13], &left, 0, declared);
+            assert_eq!(
+                (misfit.uncertainty_factor, misfit.is_above_bound, misfit.is_below_bound),
+                (1.0, false, false)
+            );
         }
     }
 }

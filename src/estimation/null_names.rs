@@ -3,11 +3,11 @@
 use faer::MatRef;
 
 /// Entries below this fraction of the largest entry of a direction are rounding errors.
-const NEGLIGIBLE: f64 = 1e-7;
+const NEGLIGIBLE_ENTRY_RATIO: f64 = 1e-7;
 /// Maximum number of unknowns that are named in one direction.
-const NAMED: usize = 6;
+const MAX_LISTED_UNKNOWNS: usize = 6;
 
-/// Names the undetermined directions. `null_space` (unknowns × nullity, e.g. of [`Survey`](super::linear::Survey))
+/// Names the undetermined directions. `null_space` (unknowns × nullity, e.g. of [`RankAnalysis`](super::linear::RankAnalysis))
 /// is reduced to a sparse basis, and each direction becomes one of
 ///
 /// - `EXX1 (not seen)`: one unknown that changes no row;
@@ -19,14 +19,14 @@ pub fn name_null_space(null_space: MatRef<'_, f64>, names: &[String]) -> Vec<Str
     let unknowns = null_space.nrows();
     let forward: Vec<usize> = (0..unknowns).collect();
     let backward: Vec<usize> = (0..unknowns).rev().collect();
-    let candidates = [echelon(null_space, &forward), echelon(null_space, &backward)];
+    let candidates = [echelon_form(null_space, &forward), echelon_form(null_space, &backward)];
     let members = |basis: &Vec<Vec<f64>>| basis.iter().flatten().filter(|v| **v != 0.0).count();
     let sparsest = candidates.into_iter().min_by_key(members).unwrap_or_default();
-    sparsest.iter().map(|direction| in_words(direction, names)).collect()
+    sparsest.iter().map(|direction| describe_direction(direction, names)).collect()
 }
 
 /// Reduced row-echelon form of the directions (one row each), with pivots searched in the given order.
-fn echelon(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
+fn echelon_form(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> =
         null_space.col_iter().map(|direction| direction.iter().copied().collect()).collect();
     let mut done = 0;
@@ -36,22 +36,22 @@ fn echelon(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
         else {
             break;
         };
-        if rows[pivot][unknown].abs() <= NEGLIGIBLE * largest(&rows[pivot]) {
+        if rows[pivot][unknown].abs() <= NEGLIGIBLE_ENTRY_RATIO * largest_entry(&rows[pivot]) {
             continue;
         }
         rows.swap(done, pivot);
-        eliminate(&mut rows, done, unknown);
+        eliminate_unknown(&mut rows, done, unknown);
         done += 1;
     }
     for row in &mut rows {
-        let floor = NEGLIGIBLE * largest(row);
+        let floor = NEGLIGIBLE_ENTRY_RATIO * largest_entry(row);
         row.iter_mut().filter(|entry| entry.abs() <= floor).for_each(|entry| *entry = 0.0);
     }
     rows
 }
 
 /// Scales row `pivot` to 1 at `unknown` and eliminates that unknown from all other rows.
-fn eliminate(rows: &mut [Vec<f64>], pivot: usize, unknown: usize) {
+fn eliminate_unknown(rows: &mut [Vec<f64>], pivot: usize, unknown: usize) {
     let scale = 1.0 / rows[pivot][unknown];
     rows[pivot].iter_mut().for_each(|entry| *entry *= scale);
     let pivot_row = rows[pivot].clone();
@@ -63,11 +63,11 @@ fn eliminate(rows: &mut [Vec<f64>], pivot: usize, unknown: usize) {
     }
 }
 
-fn largest(row: &[f64]) -> f64 {
+fn largest_entry(row: &[f64]) -> f64 {
     row.iter().fold(0.0, |largest: f64, entry| largest.max(entry.abs()))
 }
 
-fn in_words(direction: &[f64], names: &[String]) -> String {
+fn describe_direction(direction: &[f64], names: &[String]) -> String {
     let name = |j: usize| names.get(j).cloned().unwrap_or_else(|| format!("unknown {j}"));
     let members: Vec<(usize, f64)> =
         direction.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect();
@@ -75,17 +75,17 @@ fn in_words(direction: &[f64], names: &[String]) -> String {
         [(only, _)] => format!("{} (not seen)", name(*only)),
         // The combination orthogonal to the undetermined direction is determined.
         [(a, alpha), (b, beta)] => {
-            format!("{} {} (inseparable)", name(*a), signed(-alpha / beta, &name(*b)))
+            format!("{} {} (inseparable)", name(*a), signed_term(-alpha / beta, &name(*b)))
         }
-        many => proportion(many, name),
+        many => describe_proportion(many, name),
     }
 }
 
-fn proportion(members: &[(usize, f64)], name: impl Fn(usize) -> String) -> String {
-    let (named, rest) = members.split_at(members.len().min(NAMED));
+fn describe_proportion(members: &[(usize, f64)], name: impl Fn(usize) -> String) -> String {
+    let (named, rest) = members.split_at(members.len().min(MAX_LISTED_UNKNOWNS));
     let first = named.first().map_or(1.0, |(_, value)| *value);
     let left: Vec<String> = named.iter().map(|(j, _)| name(*j)).collect();
-    let right: Vec<String> = named.iter().map(|(_, value)| number(value / first)).collect();
+    let right: Vec<String> = named.iter().map(|(_, value)| four_digits(value / first)).collect();
     let more = match rest.len() {
         0 => String::new(),
         count => format!(" and {count} more"),
@@ -93,16 +93,16 @@ fn proportion(members: &[(usize, f64)], name: impl Fn(usize) -> String) -> Strin
     format!("{} = {}{more} (not seen)", left.join(" : "), right.join(" : "))
 }
 
-fn signed(factor: f64, name: &str) -> String {
+fn signed_term(factor: f64, name: &str) -> String {
     let sign = if factor < 0.0 { '-' } else { '+' };
-    match number(factor.abs()).as_str() {
+    match four_digits(factor.abs()).as_str() {
         "1" => format!("{sign} {name}"),
         text => format!("{sign} {text} {name}"),
     }
 }
 
 /// Four significant digits, without trailing zeros.
-fn number(value: f64) -> String {
+fn four_digits(value: f64) -> String {
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
     let text = format!("{value:.digits$}");
     if text.contains('.') {

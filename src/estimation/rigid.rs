@@ -39,7 +39,7 @@ impl RigidFit {
     }
 
     /// Subtracts the part that a small rigid motion explains from small changes of the deviations.
-    pub fn without_rigid(&self, changes: &mut [Vector3<f64>]) {
+    pub fn subtract_rigid_motion(&self, changes: &mut [Vector3<f64>]) {
         let mean = changes.iter().sum::<Vector3<f64>>() / changes.len().max(1) as f64;
         let moment: Vector3<f64> =
             self.arms.iter().zip(changes.iter()).map(|(arm, change)| arm.cross(change)).sum();
@@ -76,7 +76,7 @@ mod tests {
         assert!(mean.norm() < 1e-12 && moment.norm() < 1e-9, "{mean} {moment}");
         let mut change = vec![Vector3::zeros(); 8];
         change[3].z = 0.003;
-        exact.without_rigid(&mut change);
+        exact.subtract_rigid_motion(&mut change);
         let apart = change.iter().zip(&fit.deviations).map(|(a, b)| (a - b).norm());
         assert!(apart.fold(0.0, f64::max) < 1e-6);
     }

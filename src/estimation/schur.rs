@@ -10,20 +10,20 @@
 
 use faer::Mat;
 
-use super::gram_schmidt::Columns;
-use super::linear::{LinearError, RANK_THRESHOLD, Survey, survey};
+use super::gram_schmidt::ColumnMatrix;
+use super::linear::{LinearError, RANK_THRESHOLD, RankAnalysis, analyse_rank};
 
 /// The rows of one block, each divided by its standard uncertainty.
 #[derive(Debug, Clone)]
-pub struct Rows {
-    own: usize,
-    columns: Columns,
+pub struct BlockRows {
+    own_count: usize,
+    columns: ColumnMatrix,
 }
 
-impl Rows {
-    /// Creates `count` rows of zeros over `own` unknowns of the block and `common` unknowns.
-    pub fn zeros(count: usize, own: usize, common: usize) -> Self {
-        Self { own, columns: Columns::zeros(count, own + common + 1) }
+impl BlockRows {
+    /// Creates `count` rows of zeros over `own_count` unknowns of the block and `common` unknowns.
+    pub fn zeros(count: usize, own_count: usize, common: usize) -> Self {
+        Self { own_count, columns: ColumnMatrix::zeros(count, own_count + common + 1) }
     }
 
     pub fn set_own(&mut self, row: usize, unknown: usize, value: f64) {
@@ -31,7 +31,7 @@ impl Rows {
     }
 
     pub fn set_common(&mut self, row: usize, unknown: usize, value: f64) {
-        self.columns.set(row, self.own + unknown, value);
+        self.columns.set(row, self.own_count + unknown, value);
     }
 
     /// Sets the right-hand side of a row: measured, or measured less model.
@@ -42,17 +42,17 @@ impl Rows {
 
 /// Adds one damping row for each unknown, weight·unknown = 0 (Levenberg 1944). The damping rows of a block's own
 /// unknowns follow its rows. Those of the common unknowns are at the end.
-pub(super) fn held(mut blocks: Vec<Rows>, weights: &[f64]) -> Vec<Rows> {
-    let common = weights.len() - blocks.iter().map(|rows| rows.own).sum::<usize>();
+pub(super) fn add_damping_rows(mut blocks: Vec<BlockRows>, weights: &[f64]) -> Vec<BlockRows> {
+    let common = weights.len() - blocks.iter().map(|rows| rows.own_count).sum::<usize>();
     let (of_common, mut weights) = weights.split_at(common);
     for rows in &mut blocks {
-        let (mine, after) = weights.split_at(rows.own);
+        let (own_part, after) = weights.split_at(rows.own_count);
         let first = rows.columns.rows();
-        rows.columns.add_rows(rows.own);
-        mine.iter().enumerate().for_each(|(j, weight)| rows.set_own(first + j, j, *weight));
+        rows.columns.add_rows(rows.own_count);
+        own_part.iter().enumerate().for_each(|(j, weight)| rows.set_own(first + j, j, *weight));
         weights = after;
     }
-    let mut last = Rows::zeros(common, 0, common);
+    let mut last = BlockRows::zeros(common, 0, common);
     of_common.iter().enumerate().for_each(|(j, weight)| last.set_common(j, j, *weight));
     blocks.push(last);
     blocks
@@ -60,18 +60,18 @@ pub(super) fn held(mut blocks: Vec<Rows>, weights: &[f64]) -> Vec<Rows> {
 
 /// Factorisation A = Q·R in blocks, from which solution, covariance and rank are computed.
 #[derive(Debug, Clone)]
-pub struct Factored {
-    blocks: Vec<Block>,
+pub struct BlockFactorisation {
+    blocks: Vec<FactorBlock>,
     /// Orthonormal columns of the common unknowns over all rows, orthogonal to the blocks.
-    common: Columns,
+    common: ColumnMatrix,
     /// R of the common unknowns: common × common, upper triangle.
     triangle: Mat<f64>,
-    deficient: bool,
+    is_deficient: bool,
 }
 
 #[derive(Debug, Clone)]
-struct Block {
-    orthonormal: Columns,
+struct FactorBlock {
+    orthonormal: ColumnMatrix,
     /// R of the own unknowns: own × own, upper triangle.
     triangle: Mat<f64>,
     /// Part of R that couples own and common unknowns: own × common.
@@ -80,37 +80,38 @@ struct Block {
 
 /// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
 /// the orthonormal columns. All blocks have the same common unknowns.
-pub fn factor(blocks: Vec<Rows>) -> (Factored, Vec<f64>) {
-    let common = blocks.first().map_or(0, |rows| rows.columns.count() - rows.own - 1);
+pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
+    let common = blocks.first().map_or(0, |rows| rows.columns.count() - rows.own_count - 1);
     let total = blocks.iter().map(|rows| rows.columns.rows()).sum();
-    let mut rest = Columns::zeros(total, common + 1);
+    let mut rest = ColumnMatrix::zeros(total, common + 1);
     let (mut factored, mut coordinates) = (Vec::with_capacity(blocks.len()), Vec::new());
-    let (mut deficient, mut first) = (false, 0);
-    for Rows { own, mut columns } in blocks {
-        let (r, lost) = columns.orthonormalise(own);
-        deficient |= lost;
+    let (mut is_deficient, mut first) = (false, 0);
+    for BlockRows { own_count, mut columns } in blocks {
+        let (r, is_rank_deficient) = columns.orthonormalise(own_count);
+        is_deficient |= is_rank_deficient;
         for j in 0..=common {
-            rest.column_mut(j)[first..][..columns.rows()].copy_from_slice(columns.column(own + j));
+            rest.column_mut(j)[first..][..columns.rows()]
+                .copy_from_slice(columns.column(own_count + j));
         }
         first += columns.rows();
-        coordinates.extend((0..own).map(|i| r[(i, own + common)]));
-        columns.truncate(own);
-        factored.push(Block {
+        coordinates.extend((0..own_count).map(|i| r[(i, own_count + common)]));
+        columns.truncate(own_count);
+        factored.push(FactorBlock {
             orthonormal: columns,
-            triangle: r.get(.., ..own).to_owned(),
-            coupling: r.get(.., own..own + common).to_owned(),
+            triangle: r.get(.., ..own_count).to_owned(),
+            coupling: r.get(.., own_count..own_count + common).to_owned(),
         });
     }
-    let (r, lost) = rest.orthonormalise(common);
+    let (r, is_rank_deficient) = rest.orthonormalise(common);
     let of_common: Vec<f64> = (0..common).map(|i| r[(i, common)]).collect();
     coordinates.splice(0..0, of_common);
     rest.truncate(common);
     let triangle = r.get(.., ..common).to_owned();
-    let deficient = deficient || lost;
-    (Factored { blocks: factored, common: rest, triangle, deficient }, coordinates)
+    let is_deficient = is_deficient || is_rank_deficient;
+    (BlockFactorisation { blocks: factored, common: rest, triangle, is_deficient }, coordinates)
 }
 
-impl Factored {
+impl BlockFactorisation {
     pub fn unknowns(&self) -> usize {
         self.common.count()
             + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
@@ -121,14 +122,14 @@ impl Factored {
         self.unknowns_at(&self.coordinates(&mut y.to_vec()))
     }
 
-    /// Computes the least-squares solution of damped rows (see [`held`]). `y` holds the values without the damping
+    /// Computes the least-squares solution of damped rows (see [`add_damping_rows`]). `y` holds the values without the damping
     /// rows.
     pub(super) fn solve_damped(&self, y: &[f64]) -> Vec<f64> {
         let (mut extended, mut rest) = (Vec::new(), y);
         for block in &self.blocks {
             let more = block.orthonormal.count();
-            let (mine, after) = rest.split_at(rest.len().min(block.orthonormal.rows() - more));
-            extended.extend_from_slice(mine);
+            let (own_part, after) = rest.split_at(rest.len().min(block.orthonormal.rows() - more));
+            extended.extend_from_slice(own_part);
             extended.resize(extended.len() + more, 0.0);
             rest = after;
         }
@@ -145,7 +146,7 @@ impl Factored {
 
     /// Computes [`solve`](Self::solve) and [`remainder`](Self::remainder) for the values `y` of all rows in one
     /// pass over the rows.
-    pub fn split(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+    pub fn solution_and_remainder(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         let coordinates = self.coordinates(&mut y);
         (self.unknowns_at(&coordinates), y)
     }
@@ -156,10 +157,10 @@ impl Factored {
         let mut rest = &mut *y;
         for block in &self.blocks {
             let (rows, after) = rest.split_at_mut(block.orthonormal.rows());
-            own.extend(block.orthonormal.take_out(rows));
+            own.extend(block.orthonormal.subtract_projections(rows));
             rest = after;
         }
-        let mut all = self.common.take_out(y);
+        let mut all = self.common.subtract_projections(y);
         all.extend(own);
         all
     }
@@ -167,15 +168,15 @@ impl Factored {
     /// Computes R⁻¹·coordinates.
     pub(super) fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
         let (common, mut own) = coordinates.split_at(self.common.count());
-        let mut x = back_substituted(&self.triangle, common.to_vec());
+        let mut x = back_substitute(&self.triangle, common.to_vec());
         let count = x.len();
         for block in &self.blocks {
-            let (mine, after) = own.split_at(block.triangle.nrows());
-            let reduced = mine
+            let (own_part, after) = own.split_at(block.triangle.nrows());
+            let reduced = own_part
                 .iter()
                 .enumerate()
                 .map(|(i, z)| z - (0..count).map(|j| block.coupling[(i, j)] * x[j]).sum::<f64>());
-            let solved = back_substituted(&block.triangle, reduced.collect());
+            let solved = back_substitute(&block.triangle, reduced.collect());
             x.extend(solved);
             own = after;
         }
@@ -183,12 +184,12 @@ impl Factored {
     }
 
     /// R as a square matrix. It has the rank, the singular values and the null space of all rows.
-    fn square(&self) -> Mat<f64> {
+    fn square_factor(&self) -> Mat<f64> {
         let (common, all) = (self.common.count(), self.unknowns());
         let mut square = Mat::zeros(all, all);
         square.get_mut(..common, ..common).copy_from(&self.triangle);
         let mut first = common;
-        for Block { triangle, coupling, .. } in &self.blocks {
+        for FactorBlock { triangle, coupling, .. } in &self.blocks {
             let last = first + triangle.nrows();
             square.get_mut(first..last, first..last).copy_from(triangle);
             square.get_mut(first..last, ..common).copy_from(coupling);
@@ -201,8 +202,8 @@ impl Factored {
     ///
     /// # Errors
     /// A row is not finite.
-    pub fn survey(&self) -> Result<Survey, LinearError> {
-        survey(self.square().as_ref(), None, RANK_THRESHOLD)
+    pub fn analyse_rank(&self) -> Result<RankAnalysis, LinearError> {
+        analyse_rank(self.square_factor().as_ref(), None, RANK_THRESHOLD)
     }
 
     /// Covariance of the unknowns (unknowns × unknowns), for rows of unit variance.
@@ -221,7 +222,7 @@ impl Factored {
     /// Column norms of the rows. Multiplied by the standard uncertainties of the unknowns they do not depend on the
     /// units.
     pub fn column_norms(&self) -> Vec<f64> {
-        let square = self.square();
+        let square = self.square_factor();
         (0..square.ncols()).map(|j| square.col(j).norm_l2()).collect()
     }
 
@@ -235,20 +236,20 @@ impl Factored {
 
     /// # Errors
     /// The rows do not determine the unknowns.
-    pub(super) fn checked(self) -> Result<Self, LinearError> {
-        if self.deficient {
-            return Err(LinearError::RankDeficient(Box::new(self.survey()?)));
+    pub(super) fn require_full_rank(self) -> Result<Self, LinearError> {
+        if self.is_deficient {
+            return Err(LinearError::RankDeficient(Box::new(self.analyse_rank()?)));
         }
         Ok(self)
     }
 
-    pub(super) fn is_sound(&self) -> bool {
-        !self.deficient
+    pub(super) fn is_full_rank(&self) -> bool {
+        !self.is_deficient
     }
 }
 
 /// Solves R·x = z in place of z. An undetermined unknown is set to 0.
-fn back_substituted(triangle: &Mat<f64>, mut z: Vec<f64>) -> Vec<f64> {
+fn back_substitute(triangle: &Mat<f64>, mut z: Vec<f64>) -> Vec<f64> {
     for i in (0..z.len()).rev() {
         let known: f64 = (i + 1..z.len()).map(|j| triangle[(i, j)] * z[j]).sum();
         let pivot = triangle[(i, i)];

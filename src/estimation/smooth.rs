@@ -4,28 +4,28 @@
 use faer::{Mat, Side};
 
 /// Ratio to the largest eigenvalue below which a direction is omitted.
-const NEGLIGIBLE: f64 = 1e-9;
+const NEGLIGIBLE_EIGENVALUE_RATIO: f64 = 1e-9;
 
 /// Columns B such that B·(independent draws of unit variance) is f(x) − f(0) at `places`, one entry per place. f is
 /// a random function of standard deviation `sigma` with covariance σ²·exp(−Δ²/2ℓ²), ℓ = `length`. Without places
 /// there are no columns.
-pub fn smooth_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
-    let bell = bell(length);
-    columns(places, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
+pub fn smooth_function_columns(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
+    let bell = squared_exponential(length);
+    covariance_columns(places, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
 }
 
 /// The same columns for f(x) itself.
-pub fn stationary_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
-    let bell = bell(length);
-    columns(places, |u, v| sigma * sigma * bell(u - v))
+pub fn stationary_function_columns(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
+    let bell = squared_exponential(length);
+    covariance_columns(places, |u, v| sigma * sigma * bell(u - v))
 }
 
-fn bell(length: f64) -> impl Fn(f64) -> f64 {
+fn squared_exponential(length: f64) -> impl Fn(f64) -> f64 {
     move |d| (-0.5 * (d / length).powi(2)).exp()
 }
 
 /// Columns B such that B·Bᵀ is the covariance of the values at `places`.
-fn columns(places: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
+fn covariance_columns(places: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let mut nodes = places.to_vec();
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();
@@ -38,7 +38,7 @@ fn columns(places: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>
     let values = eigen.S().column_vector();
     let largest = values.iter().copied().fold(0.0, f64::max);
     (0..nodes.len())
-        .filter(|j| values[*j] > NEGLIGIBLE * largest)
+        .filter(|j| values[*j] > NEGLIGIBLE_EIGENVALUE_RATIO * largest)
         .map(|j| {
             let scale = values[j].sqrt();
             let node = |place: &f64| nodes.partition_point(|n| n < place);

@@ -1,7 +1,7 @@
 //! The least-squares sphere of points in space. It minimises the sum of the squared radial deviations. It is used
 //! for a few touches on a ball and for the samples of a scan.
 
-use super::radial::{self, Radial, RadialError};
+use super::radial::{self, RadialError, RadialFit};
 
 /// Least-squares sphere, in the unit of its points.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +32,8 @@ pub enum SphereError {
 /// # Errors
 /// Fewer points, points in one plane, or points that resemble no sphere.
 pub fn fit_sphere(points: &[[f64; 3]]) -> Result<Sphere, SphereError> {
-    let Radial { centre, radius, residuals, covariance } =
-        radial::fit(points).map_err(|error| match error {
+    let RadialFit { centre, radius, residuals, covariance } =
+        radial::fit_radial(points).map_err(|error| match error {
             RadialError::TooFew(count) => SphereError::TooFew(count),
             RadialError::Flat => SphereError::Coplanar,
             RadialError::NotFinite => SphereError::NotFinite,
@@ -52,7 +52,7 @@ impl Sphere {
 
 impl Sphere {
     /// Largest less smallest residual, unit of the points.
-    pub fn form(&self) -> f64 {
+    pub fn form_deviation(&self) -> f64 {
         let of =
             |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);
         of(f64::max, f64::NEG_INFINITY) - of(f64::min, f64::INFINITY)

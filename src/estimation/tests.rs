@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use faer::Mat;
 
-use super::linear::{LinearError, LinearProblem, solve, survey};
+use super::linear::{LinearError, LinearProblem, analyse_rank, solve_least_squares};
 
 const N: usize = 8;
 /// Unknowns in blocks: E_x(C_i), E_y(C_i), E_r(φ_i), W(θ_i), i = 0..8.
@@ -56,18 +56,18 @@ fn columns_removed(a: &Mat<f64>) -> Mat<f64> {
 #[test]
 fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
     let a = paper_design(1);
-    let constrained = survey(a.as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
+    let constrained = analyse_rank(a.as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
     assert_eq!((constrained.rank, constrained.nullity), (26, 0));
     // 21.88 is the condition without column scaling; all unknowns here are lengths.
     let unscaled = constrained.condition_unscaled;
     assert!((unscaled - 21.88).abs() < 0.01, "{unscaled}");
     assert!((constrained.condition - 14.203).abs() < 1e-3, "{}", constrained.condition);
 
-    let removed = survey(columns_removed(&a).as_ref(), None, 1e-9).unwrap();
+    let removed = analyse_rank(columns_removed(&a).as_ref(), None, 1e-9).unwrap();
     assert_eq!((removed.rank, removed.nullity), (26, 0));
     assert!((removed.condition - constrained.condition).abs() < 1e-9, "{}", removed.condition);
 
-    let free = survey(a.as_ref(), None, 1e-9).unwrap();
+    let free = analyse_rank(a.as_ref(), None, 1e-9).unwrap();
     assert_eq!((free.rank, free.nullity), (26, 6));
     let seen = &a * &free.null_space;
     assert!(seen.norm_max() < 1e-12);
@@ -78,7 +78,8 @@ fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
 #[test]
 fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
     for (k_b, lost) in [(1, 0), (2, 1), (3, 0), (4, 3), (5, 0), (6, 1), (7, 0)] {
-        let found = survey(paper_design(k_b).as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
+        let found =
+            analyse_rank(paper_design(k_b).as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
         assert_eq!(found.nullity, lost, "k_b = {k_b}");
         let residue = &paper_gauge() * &found.null_space;
         assert!(residue.ncols() == 0 || residue.norm_max() < 1e-12);
@@ -104,7 +105,7 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
         constraints: Some(gauge.as_ref()),
         rank_threshold: 1e-9,
     };
-    let solution = solve(&problem).unwrap();
+    let solution = solve_least_squares(&problem).unwrap();
     for (x, truth) in solution.x.iter().zip(&truth) {
         assert!((x - truth).abs() < 1e-15, "{x} {truth}");
     }
@@ -115,7 +116,9 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
     assert!((propagated - &solution.covariance).norm_max() < 1e-16);
 
     problem.constraints = None;
-    let Err(LinearError::RankDeficient(found)) = solve(&problem) else { panic!("must refuse") };
+    let Err(LinearError::RankDeficient(found)) = solve_least_squares(&problem) else {
+        panic!("must refuse")
+    };
     assert_eq!((found.rank, found.nullity), (26, 6));
 }
 
@@ -124,7 +127,7 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
 #[test]
 fn regress_weighted_line_against_normal_equations_by_hand() {
     let a = Mat::from_fn(3, 2, |i, j| if j == 0 { 1.0 } else { i as f64 - 1.0 });
-    let solution = solve(&LinearProblem {
+    let solution = solve_least_squares(&LinearProblem {
         a: a.as_ref(),
         y: &[1.0, 2.0, 4.0],
         sigma: &[1.0, 1.0, 2.0],

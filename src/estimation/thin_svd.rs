@@ -3,10 +3,10 @@
 use faer::Mat;
 
 /// Cosine of the angle between two columns below which they count as orthogonal.
-const ORTHOGONAL: f64 = 1e-15;
+const MAX_ORTHOGONAL_COSINE: f64 = 1e-15;
 /// Maximum number of sweeps over all pairs of columns. Rotations converge quadratically after a few sweeps, down to
 /// rounding.
-const SWEEPS: usize = 60;
+const MAX_SWEEP_COUNT: usize = 60;
 
 /// A = U·diag(s)·Vᵀ with s descending and a square V. If A has fewer rows than columns, rows of zeros are added.
 #[derive(Debug, Clone)]
@@ -19,7 +19,7 @@ pub struct ThinSvd {
 
 impl ThinSvd {
     /// Decomposes `a`, which must be finite.
-    pub fn of(a: &Mat<f64>) -> Self {
+    pub fn decompose(a: &Mat<f64>) -> Self {
         let rows = a.nrows().max(a.ncols());
         let padded =
             Mat::from_fn(rows, a.ncols(), |i, j| if i < a.nrows() { a[(i, j)] } else { 0.0 });
@@ -30,26 +30,26 @@ impl ThinSvd {
                 v: svd.V().to_owned(),
             },
             // faer's iteration does not converge for some matrices with entries of rounding errors.
-            Err(_) => Self::by_rotations(padded),
+            Err(_) => Self::by_jacobi_rotations(padded),
         }
     }
 
     /// One-sided Jacobi method: rotates pairs of columns until all columns are orthogonal.
-    fn by_rotations(mut a: Mat<f64>) -> Self {
+    fn by_jacobi_rotations(mut a: Mat<f64>) -> Self {
         let count = a.ncols();
         let mut v = Mat::identity(count, count);
-        for _ in 0..SWEEPS {
-            let mut is_done = true;
+        for _ in 0..MAX_SWEEP_COUNT {
+            let mut is_orthogonal = true;
             for q in 1..count {
                 for p in 0..q {
-                    if let Some(turn) = orthogonal(&a, p, q) {
-                        is_done = false;
-                        rotate(&mut a, p, q, turn);
-                        rotate(&mut v, p, q, turn);
+                    if let Some(turn) = orthogonalising_rotation(&a, p, q) {
+                        is_orthogonal = false;
+                        rotate_columns(&mut a, p, q, turn);
+                        rotate_columns(&mut v, p, q, turn);
                     }
                 }
             }
-            if is_done {
+            if is_orthogonal {
                 break;
             }
         }
@@ -66,10 +66,10 @@ impl ThinSvd {
 }
 
 /// Cosine and sine of the rotation that makes two columns orthogonal. `None`: they are orthogonal already.
-fn orthogonal(a: &Mat<f64>, p: usize, q: usize) -> Option<[f64; 2]> {
+fn orthogonalising_rotation(a: &Mat<f64>, p: usize, q: usize) -> Option<[f64; 2]> {
     let dot = |i: usize, j: usize| a.col(i).transpose() * a.col(j);
     let (own, other, both) = (dot(p, p), dot(q, q), dot(p, q));
-    if both.abs() <= ORTHOGONAL * (own * other).sqrt() {
+    if both.abs() <= MAX_ORTHOGONAL_COSINE * (own * other).sqrt() {
         return None;
     }
     let ratio = (other - own) / (2.0 * both);
@@ -78,7 +78,7 @@ fn orthogonal(a: &Mat<f64>, p: usize, q: usize) -> Option<[f64; 2]> {
     Some([cosine, cosine * tangent])
 }
 
-fn rotate(a: &mut Mat<f64>, p: usize, q: usize, [cosine, sine]: [f64; 2]) {
+fn rotate_columns(a: &mut Mat<f64>, p: usize, q: usize, [cosine, sine]: [f64; 2]) {
     for i in 0..a.nrows() {
         let (one, other) = (a[(i, p)], a[(i, q)]);
         a[(i, p)] = cosine * one - sine * other;
@@ -91,7 +91,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::random::stream;
+    use crate::random::seeded_stream;
 
     /// Largest entry of U·diag(s)·Vᵀ − `a`, and of VᵀV − 1.
     fn off(a: &Mat<f64>, svd: &ThinSvd) -> [f64; 2] {
@@ -115,7 +115,7 @@ mod tests {
             })
             .collect();
         let a = Mat::from_fn(28, 16, |i, j| rows[i][j]);
-        let svd = ThinSvd::of(&a);
+        let svd = ThinSvd::decompose(&a);
         assert!(off(&a, &svd).into_iter().all(|off| off < 1e-14), "{:?}", off(&a, &svd));
         assert!(svd.s.is_sorted_by(|one, other| one >= other));
     }
@@ -123,7 +123,7 @@ mod tests {
     /// Matrices of all ranks with columns of very different sizes, compared with faer.
     #[test]
     fn rotations_agree_with_the_other_decomposition() {
-        let mut random = stream(7, &[]);
+        let mut random = seeded_stream(7, &[]);
         for rank in 1..=6 {
             let mut draw = |rows, columns| {
                 Mat::from_fn(rows, columns, |_, _| -> f64 { StandardNormal.sample(&mut random) })
@@ -131,7 +131,7 @@ mod tests {
             let low = &draw(9, rank) * &draw(rank, 6);
             let a = Mat::from_fn(9, 6, |i, j| low[(i, j)] * 10f64.powi(j as i32));
             let size = a.norm_max();
-            let (own, other) = (ThinSvd::by_rotations(a.clone()), ThinSvd::of(&a));
+            let (own, other) = (ThinSvd::by_jacobi_rotations(a.clone()), ThinSvd::decompose(&a));
             for svd in [&own, &other] {
                 let [left, square] = off(&a, svd);
                 assert!(left < 1e-14 * size && square < 1e-14, "{rank}: {left} {square}");

@@ -10,13 +10,13 @@ use faer::c64 as Complex64;
 /// For even N the highest term is a·cos(Nθ/2). Its sine is zero at all samples and is set to 0 (the interpolant of
 /// least variation).
 #[derive(Debug, Clone)]
-pub struct Trigonometric {
+pub struct TrigonometricInterpolant {
     samples: usize,
     /// Coefficients of exp(ikθ), k = 0..=N/2, with ±k combined: the function is Re Σ c_k exp(ikθ).
     coefficients: Vec<Complex64>,
 }
 
-impl Trigonometric {
+impl TrigonometricInterpolant {
     /// Interpolates `samples` of one full turn. Without samples the function is zero.
     pub fn new(samples: &[f64]) -> Self {
         let count = samples.len();
@@ -51,7 +51,7 @@ impl Trigonometric {
     }
 
     /// Returns the function without the given harmonics (0 is the mean).
-    pub fn without(mut self, orders: &[usize]) -> Self {
+    pub fn without_harmonics(mut self, orders: &[usize]) -> Self {
         for order in orders {
             if let Some(coefficient) = self.coefficients.get_mut(*order) {
                 *coefficient = Complex64::ZERO;
@@ -76,9 +76,9 @@ impl Trigonometric {
 mod tests {
     use super::*;
 
-    fn sampled(count: usize, f: impl Fn(f64) -> f64) -> Trigonometric {
+    fn sampled(count: usize, f: impl Fn(f64) -> f64) -> TrigonometricInterpolant {
         let values: Vec<f64> = (0..count).map(|i| f(i as f64 * TAU / count as f64)).collect();
-        Trigonometric::new(&values)
+        TrigonometricInterpolant::new(&values)
     }
 
     #[test]
@@ -92,7 +92,7 @@ mod tests {
                 assert!((found.value(t) - f(t)).abs() < 1e-12, "{count} {t}");
                 assert!((found.derivative(t) - slope(t)).abs() < 1e-12, "{count} {t}");
             }
-            let rest = found.without(&[0, 1]);
+            let rest = found.without_harmonics(&[0, 1]);
             for (i, value) in rest.samples().into_iter().enumerate() {
                 let t = i as f64 * TAU / count as f64;
                 assert!((value - 0.25 * (3.0 * t + 0.4).cos()).abs() < 1e-12);
@@ -110,6 +110,6 @@ mod tests {
         assert!((found.harmonic(4).0 - 1.0).abs() < 1e-15 && found.harmonic(9) == (0.0, 0.0));
         let (a, b) = sampled(8, |t| 2.0 * t.cos() - 0.3 * t.sin()).harmonic(1);
         assert!((a - 2.0).abs() < 1e-14 && (b + 0.3).abs() < 1e-14);
-        assert_eq!(Trigonometric::new(&[]).value(1.0), 0.0);
+        assert_eq!(TrigonometricInterpolant::new(&[]).value(1.0), 0.0);
     }
 }

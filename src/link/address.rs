@@ -12,12 +12,12 @@ use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 use super::{ByteStreamHandle, Link, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.
-const CONNECT: Duration = Duration::from_secs(5);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Maximum wait for a serial port that another client has not closed yet: the last request of that client may still
 /// run until its timeout.
-const LETTING_GO: Duration = Duration::from_secs(5);
-const LOOK_AGAIN: Duration = Duration::from_millis(50);
+const MAX_BUSY_PORT_WAIT: Duration = Duration::from_secs(5);
+const BUSY_PORT_RETRY_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Address of a byte stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,38 +44,40 @@ impl fmt::Display for Address {
 
 /// Opens `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread that will own
 /// the stream. Waits some seconds for another holder to close the port.
-pub async fn open(address: &Address) -> Result<Link, LinkError> {
+pub async fn open_line_link(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
     match address.clone() {
         Address::Serial { path, baud } => {
-            Link::opened(name, serial(path, baud, Parity::None)).await
+            Link::open(name, open_serial(path, baud, Parity::None)).await
         }
-        Address::Tcp { host, port } => Link::opened(name.clone(), tcp(name, host, port)).await,
+        Address::Tcp { host, port } => {
+            Link::open(name.clone(), connect_tcp(name, host, port)).await
+        }
     }
 }
 
-/// Like [`open`], for a device that sends data without a request.
-pub async fn listen(address: &Address) -> Result<ByteStreamHandle, LinkError> {
+/// Like [`open_line_link`], for a device that sends data without a request.
+pub async fn open_byte_stream(address: &Address) -> Result<ByteStreamHandle, LinkError> {
     let name = address.to_string();
     match address.clone() {
         Address::Serial { path, baud } => {
-            ByteStreamHandle::opened(name, serial(path, baud, Parity::None)).await
+            ByteStreamHandle::open(name, open_serial(path, baud, Parity::None)).await
         }
         Address::Tcp { host, port } => {
-            ByteStreamHandle::opened(name.clone(), tcp(name, host, port)).await
+            ByteStreamHandle::open(name.clone(), connect_tcp(name, host, port)).await
         }
     }
 }
 
 /// Folder where udev lists serial ports by persistent names, which do not depend on the port number.
-pub const BY_ID: &str = "/dev/serial/by-id";
+pub const PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
 
 /// Path of the port in `directory` whose name is `id`, or of the only port whose name contains `id`. It leads to
 /// the same device after the port number has changed.
 ///
 /// # Errors
 /// No name matches, or more than one name matches.
-pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
+pub fn find_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
     // A missing folder counts as a folder without ports.
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut names: Vec<String> =
@@ -84,43 +86,49 @@ pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
     if names.iter().any(|name| name == id) {
         return Ok(directory.join(id));
     }
-    let (mut alike, others): (Vec<_>, Vec<_>) =
+    let (mut matching, others): (Vec<_>, Vec<_>) =
         names.into_iter().partition(|name| !id.is_empty() && name.contains(id));
-    match (alike.pop(), alike.is_empty()) {
+    match (matching.pop(), matching.is_empty()) {
         (Some(name), true) => Ok(directory.join(name)),
         (Some(last), false) => {
-            alike.push(last);
-            Err(LinkError::NoneNamed { id: id.to_owned(), there: alike })
+            matching.push(last);
+            Err(LinkError::NoUniquePort { id: id.to_owned(), available: matching })
         }
-        (None, _) => Err(LinkError::NoneNamed { id: id.to_owned(), there: others }),
+        (None, _) => Err(LinkError::NoUniquePort { id: id.to_owned(), available: others }),
     }
 }
 
-pub(super) async fn serial(
+pub(super) async fn open_serial(
     path: String,
     baud: u32,
     parity: Parity,
 ) -> Result<SerialStream, LinkError> {
     let port = tokio_serial::new(&path, baud).parity(parity);
-    let deadline = Instant::now() + LETTING_GO;
+    let deadline = Instant::now() + MAX_BUSY_PORT_WAIT;
     loop {
-        match port.clone().open_native_async().map_err(|error| serial_error(&path, error)) {
-            Err(LinkError::Busy { .. }) if Instant::now() < deadline => sleep(LOOK_AGAIN).await,
+        match port.clone().open_native_async().map_err(|error| map_serial_error(&path, error)) {
+            Err(LinkError::Busy { .. }) if Instant::now() < deadline => {
+                sleep(BUSY_PORT_RETRY_INTERVAL).await
+            }
             opened => return opened,
         }
     }
 }
 
-pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
+pub(super) async fn connect_tcp(
+    name: String,
+    host: String,
+    port: u16,
+) -> Result<TcpStream, LinkError> {
     // Dropping a connection attempt is harmless: nothing was sent yet.
-    timeout(CONNECT, TcpStream::connect((host.as_str(), port)))
+    timeout(CONNECT_TIMEOUT, TcpStream::connect((host.as_str(), port)))
         .await
         .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
         .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-        .map_err(|source| tcp_error(name, source))
+        .map_err(|source| map_tcp_error(name, source))
 }
 
-fn serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
+fn map_serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
     let address = path.to_owned();
     match error.kind() {
         // The serial crate reports `NoDevice` for a port that another process holds, and `NotFound` for a missing
@@ -128,15 +136,15 @@ fn serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
         ErrorKind::NoDevice => LinkError::Busy { address },
         ErrorKind::Io(io::ErrorKind::NotFound) => LinkError::Missing { address },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => LinkError::Denied { address },
-        _ => LinkError::Open { address, source: io::Error::other(error) },
+        _ => LinkError::OpenFailed { address, source: io::Error::other(error) },
     }
 }
 
-fn tcp_error(address: String, source: io::Error) -> LinkError {
+fn map_tcp_error(address: String, source: io::Error) -> LinkError {
     match source.kind() {
         io::ErrorKind::ConnectionRefused => LinkError::NotListening { address },
         io::ErrorKind::PermissionDenied => LinkError::Denied { address },
-        _ => LinkError::Open { address, source },
+        _ => LinkError::OpenFailed { address, source },
     }
 }
 
@@ -149,11 +157,12 @@ pub struct Pty {
 }
 
 /// Makes a pty in raw mode.
-pub fn pty() -> Result<Pty, LinkError> {
-    let fault = |source: io::Error| LinkError::Open { address: "a new pty".to_owned(), source };
+pub fn create_pty() -> Result<Pty, LinkError> {
+    let fault =
+        |source: io::Error| LinkError::OpenFailed { address: "a new pty".to_owned(), source };
     let (device, client_side) =
         SerialStream::pair().map_err(|error| fault(io::Error::other(error)))?;
     let path = tokio_serial::SerialPort::name(&client_side)
-        .ok_or_else(|| fault(io::Error::other("it has no name")))?;
+        .ok_or_else(|| fault(io::Error::other("the pty has no name")))?;
     Ok(Pty { device, path, client_side: Some(client_side) })
 }

@@ -26,7 +26,7 @@ use std::time::Instant;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
-pub(super) const HEAD: &str = "# trued-capture 1";
+pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 
 /// Protocol of a link: how a reader must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,14 +56,14 @@ impl LinkProtocol {
 /// Capture file that is being written.
 #[derive(Clone)]
 pub struct Capture {
-    begun: Instant,
-    out: Arc<Mutex<Out>>,
+    start: Instant,
+    out: Arc<Mutex<CaptureOutput>>,
 }
 
-struct Out {
+struct CaptureOutput {
     file: File,
     links: u32,
-    failed: Option<io::Error>,
+    first_error: Option<io::Error>,
 }
 
 impl Capture {
@@ -73,13 +73,13 @@ impl Capture {
     /// The file exists already, or cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
         let mut file = File::create_new(path)?;
-        if let Err(error) = writeln!(file, "{HEAD}") {
+        if let Err(error) = writeln!(file, "{CAPTURE_HEADER}") {
             // An empty file would block the next attempt.
             let _ = std::fs::remove_file(path);
             return Err(error);
         }
-        let out = Arc::new(Mutex::new(Out { file, links: 0, failed: None }));
-        Ok(Self { begun: Instant::now(), out })
+        let out = Arc::new(Mutex::new(CaptureOutput { file, links: 0, first_error: None }));
+        Ok(Self { start: Instant::now(), out })
     }
 
     /// Whether all lines are in the file. A run continues after a write error.
@@ -88,26 +88,26 @@ impl Capture {
     /// The first write error.
     pub fn finish(&self) -> io::Result<()> {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
-        out.failed.take().map_or_else(|| out.file.sync_all(), Err)
+        out.first_error.take().map_or_else(|| out.file.sync_all(), Err)
     }
 
-    pub(super) fn tap(&self, name: &str, speech: LinkProtocol) -> LinkRecorder {
+    pub(super) fn recorder(&self, name: &str, protocol: LinkProtocol) -> LinkRecorder {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
         out.links += 1;
-        let opening = format!("{} {name}", speech.name());
+        let opening = format!("{} {name}", protocol.name());
         LinkRecorder { capture: self.clone(), link: out.links, opening }
     }
 
     fn write(&self, link: u32, mark: char, text: impl fmt::Display) {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
-        if out.failed.is_some() {
+        if out.first_error.is_some() {
             return;
         }
         // The lock is held, so that the lines are in the order of their times.
-        let seconds = self.begun.elapsed().as_secs_f64();
+        let seconds = self.start.elapsed().as_secs_f64();
         let line = format!("{seconds:.6} {link} {mark} {text}\n");
         // One write per line: after a crash, all lines are complete.
-        out.failed = out.file.write_all(line.as_bytes()).err();
+        out.first_error = out.file.write_all(line.as_bytes()).err();
     }
 }
 
@@ -121,16 +121,16 @@ pub(super) struct LinkRecorder {
 
 impl LinkRecorder {
     /// Wraps `stream`, so that its bytes are recorded.
-    pub(super) fn on<S: AsyncRead + AsyncWrite>(&self, stream: S) -> RecordedStream<S> {
-        self.opened();
-        RecordedStream { stream: Box::pin(stream), tap: self.clone() }
+    pub(super) fn record_stream<S: AsyncRead + AsyncWrite>(&self, stream: S) -> RecordedStream<S> {
+        self.record_opening();
+        RecordedStream { stream: Box::pin(stream), recorder: self.clone() }
     }
 
-    pub(super) fn opened(&self) {
+    pub(super) fn record_opening(&self) {
         self.capture.write(self.link, '=', &self.opening);
     }
 
-    pub(super) fn note(&self, mark: char, bytes: &[u8]) {
+    pub(super) fn record(&self, mark: char, bytes: &[u8]) {
         if !bytes.is_empty() {
             self.capture.write(self.link, mark, bytes.escape_ascii());
         }
@@ -139,7 +139,7 @@ impl LinkRecorder {
 
 pub(super) struct RecordedStream<S> {
     stream: Pin<Box<S>>,
-    tap: LinkRecorder,
+    recorder: LinkRecorder,
 }
 
 impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
@@ -150,7 +150,7 @@ impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
     ) -> Poll<io::Result<()>> {
         let before = buffer.filled().len();
         ready!(self.stream.as_mut().poll_read(context, buffer))?;
-        self.tap.note('<', buffer.filled().get(before..).unwrap_or_default());
+        self.recorder.record('<', buffer.filled().get(before..).unwrap_or_default());
         Poll::Ready(Ok(()))
     }
 }
@@ -162,7 +162,7 @@ impl<S: AsyncWrite> AsyncWrite for RecordedStream<S> {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         let count = ready!(self.stream.as_mut().poll_write(context, bytes))?;
-        self.tap.note('>', bytes.get(..count).unwrap_or_default());
+        self.recorder.record('>', bytes.get(..count).unwrap_or_default());
         Poll::Ready(Ok(count))
     }
 

@@ -8,36 +8,37 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use super::capture::LinkProtocol;
-use super::wiring::{Wired, Wiring};
+use super::mode::{LinkBackend, LinkMode};
 
 /// Folder that both sides can access.
-pub struct Folder {
+pub struct SharedFolder {
     path: PathBuf,
-    wired: Wired,
+    backend: LinkBackend,
     /// Text of each file at the last read: a capture records changes only.
-    seen: Mutex<BTreeMap<String, Option<String>>>,
+    last_texts: Mutex<BTreeMap<String, Option<String>>>,
 }
 
-impl Folder {
+impl SharedFolder {
     /// Opens the folder at `path`; creates it if it is missing.
     ///
     /// # Errors
     /// The folder cannot be created.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let wired = Wiring::current().of(&path.display().to_string(), LinkProtocol::Files);
-        match &wired {
-            Wired::Played(_) => {}
-            Wired::Plain => fs::create_dir_all(path)?,
-            Wired::RecordedStream(tap) => {
+        let backend =
+            LinkMode::current().for_link(&path.display().to_string(), LinkProtocol::Files);
+        match &backend {
+            LinkBackend::Replayed(_) => {}
+            LinkBackend::Direct => fs::create_dir_all(path)?,
+            LinkBackend::Recorded(recorder) => {
                 fs::create_dir_all(path)?;
-                tap.opened();
+                recorder.record_opening();
             }
         }
-        Ok(Self { path: path.to_owned(), wired, seen: Mutex::default() })
+        Ok(Self { path: path.to_owned(), backend, last_texts: Mutex::default() })
     }
 
     /// Path of the file `name`.
-    pub fn at(&self, name: &str) -> PathBuf {
+    pub fn path_of(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
@@ -46,15 +47,15 @@ impl Folder {
     /// # Errors
     /// The file cannot be written, or the replayed capture holds another text here.
     pub fn write(&self, name: &str, text: &str) -> io::Result<()> {
-        let told = format!("{name}\n{text}");
-        match &self.wired {
-            Wired::Played(player) => return player.ask(told.as_bytes()).map(drop),
-            Wired::RecordedStream(tap) => tap.note('>', told.as_bytes()),
-            Wired::Plain => {}
+        let entry = format!("{name}\n{text}");
+        match &self.backend {
+            LinkBackend::Replayed(replay) => return replay.exchange(entry.as_bytes()).map(drop),
+            LinkBackend::Recorded(recorder) => recorder.record('>', entry.as_bytes()),
+            LinkBackend::Direct => {}
         }
-        let fresh = self.at(&format!("{name}.new"));
-        fs::write(&fresh, text)?;
-        fs::rename(&fresh, self.at(name))
+        let temporary = self.path_of(&format!("{name}.new"));
+        fs::write(&temporary, text)?;
+        fs::rename(&temporary, self.path_of(name))
     }
 
     /// Removes the file `name`, if it exists.
@@ -62,10 +63,10 @@ impl Folder {
     /// # Errors
     /// The file cannot be removed.
     pub fn remove(&self, name: &str) -> io::Result<()> {
-        if matches!(self.wired, Wired::Played(_)) {
+        if matches!(self.backend, LinkBackend::Replayed(_)) {
             return Ok(());
         }
-        match fs::remove_file(self.at(name)) {
+        match fs::remove_file(self.path_of(name)) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
             _ => Ok(()),
         }
@@ -76,21 +77,22 @@ impl Folder {
     /// # Errors
     /// The file cannot be read, or is not text.
     pub fn read(&self, name: &str) -> io::Result<Option<String>> {
-        if let Wired::Played(player) = &self.wired {
-            let said = String::from_utf8(player.ask(name.as_bytes())?).map_err(io::Error::other)?;
-            return Ok(said.split_once('\n').map(|(_, text)| text.to_owned()));
+        if let LinkBackend::Replayed(replay) = &self.backend {
+            let reply =
+                String::from_utf8(replay.exchange(name.as_bytes())?).map_err(io::Error::other)?;
+            return Ok(reply.split_once('\n').map(|(_, text)| text.to_owned()));
         }
-        let text = match fs::read_to_string(self.at(name)) {
+        let text = match fs::read_to_string(self.path_of(name)) {
             Ok(text) => Some(text),
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Err(error) => return Err(error),
         };
-        if let Wired::RecordedStream(tap) = &self.wired {
-            let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
-            if seen.get(name) != Some(&text) {
-                let told = text.as_ref().map_or(name.to_owned(), |text| format!("{name}\n{text}"));
-                tap.note('<', told.as_bytes());
-                seen.insert(name.to_owned(), text.clone());
+        if let LinkBackend::Recorded(recorder) = &self.backend {
+            let mut last_texts = self.last_texts.lock().unwrap_or_else(PoisonError::into_inner);
+            if last_texts.get(name) != Some(&text) {
+                let entry = text.as_ref().map_or(name.to_owned(), |text| format!("{name}\n{text}"));
+                recorder.record('<', entry.as_bytes());
+                last_texts.insert(name.to_owned(), text.clone());
             }
         }
         Ok(text)

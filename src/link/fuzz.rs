@@ -2,7 +2,7 @@
 
 use super::Replay;
 use super::capture::LinkProtocol;
-use super::lines::{Assembler, Received};
+use super::lines::{LineAssembler, LineEvent};
 use testing::fuzz::fuzz;
 
 const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
@@ -11,22 +11,22 @@ const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000
 fn the_line_assembler_bears_anything() {
     let words = ["ok", "\r\n", "\n", "µ", "<Idle|", "\u{7f}"];
     fuzz("link-lines", &[TALK, &[b'a'; 9_000]], &words, |input| {
-        let mut assembler = Assembler::default();
+        let mut assembler = LineAssembler::default();
         let (size, rest) = input.split_first().map_or((1, input), |(size, rest)| (*size, rest));
         let pieces = rest.chunks(usize::from(size) + 1);
-        let received: Vec<Received> = pieces.flat_map(|piece| assembler.take(piece)).collect();
+        let received: Vec<LineEvent> = pieces.flat_map(|piece| assembler.push(piece)).collect();
         let mut said = 0;
         for one in &received {
             said += match one {
-                Received::Line(line) => {
+                LineEvent::Line(line) => {
                     assert!(!line.contains('\n') && line.len() <= 4096, "{} bytes", line.len());
                     line.len() + 1
                 }
-                Received::Noise { bytes } => *bytes,
+                LineEvent::Noise { bytes } => *bytes,
             };
         }
         assert!(said <= rest.len(), "{said} bytes out of {}", rest.len());
-        said + received.len() * size_of::<Received>()
+        said + received.len() * size_of::<LineEvent>()
     });
 }
 
@@ -44,8 +44,8 @@ fn the_capture_reader_bears_anything() {
         std::fs::write(&file, input).unwrap();
         match Replay::read(&file) {
             Ok(replay) => {
-                for speech in LinkProtocol::ALL {
-                    replay.player("a", speech).hear(&[b"$I\n?", input].concat());
+                for protocol in LinkProtocol::ALL {
+                    replay.link_replay("a", protocol).process_sent(&[b"$I\n?", input].concat());
                 }
                 input.len()
             }

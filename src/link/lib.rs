@@ -6,39 +6,41 @@
 use std::io;
 
 mod address;
+mod baud;
+mod byte_stream;
 pub mod can;
 mod capture;
 pub mod clock;
-mod flow;
+mod config;
 mod folder;
 #[cfg(test)]
 mod fuzz;
 mod lines;
 pub mod modbus;
-mod named;
+mod mode;
 mod owner;
 mod replay;
+mod request_capture;
 mod shared_ports;
-mod speed;
 mod stream;
-mod talk;
 #[cfg(test)]
 mod tests;
-mod wiring;
 
-pub use address::{Address, BY_ID, Pty, by_id, listen, open, pty};
+pub use address::{
+    Address, PORTS_BY_ID_DIR, Pty, create_pty, find_port_by_id, open_byte_stream, open_line_link,
+};
+pub use baud::{create_pty_at_baud, decode_at_baud};
+pub use byte_stream::{ByteStreamHandle, RequestTurn, StreamRead};
 pub use capture::Capture;
 pub use clock::Clock;
-pub use flow::{ByteStreamHandle, RequestTurn, StreamRead};
-pub use folder::Folder;
-pub use lines::Received;
-pub use named::{HostPort, Named, timeout};
+pub use config::{HostPort, LinkConfig, parse_timeout_s};
+pub use folder::SharedFolder;
+pub use lines::LineEvent;
+pub use mode::LinkMode;
 pub use replay::{CaptureError, Replay};
+pub use request_capture::RequestCapture;
 pub use shared_ports::SharedPorts;
-pub use speed::{heard, pty_at};
-pub use stream::{Link, Urgent};
-pub use talk::Talk;
-pub use wiring::Wiring;
+pub use stream::{Link, UrgentSender};
 
 /// Errors of a link.
 #[derive(Debug, thiserror::Error)]
@@ -46,21 +48,21 @@ pub enum LinkError {
     #[error("{address} does not exist")]
     Missing { address: String },
     /// The computer at `address` refuses the connection.
-    #[error("nothing listens at {address}")]
+    #[error("no server listens at {address}")]
     NotListening { address: String },
-    #[error("no one serial port is named `{id}`; there are: {}", list(there))]
-    NoneNamed { id: String, there: Vec<String> },
+    #[error("no unique serial port matches `{id}`; available: {}", join_or_none(available))]
+    NoUniquePort { id: String, available: Vec<String> },
     #[error("{address} is in use by another program")]
     Busy { address: String },
-    #[error("{address} may not be opened: permission denied")]
+    #[error("no permission to open {address}")]
     Denied { address: String },
     #[error("{address} could not be opened: {source}")]
-    Open { address: String, source: io::Error },
+    OpenFailed { address: String, source: io::Error },
     #[error("the link to {address} is lost: {why}")]
     Lost { address: String, why: String },
 }
 
-fn list(names: &[String]) -> String {
+fn join_or_none(names: &[String]) -> String {
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
@@ -69,25 +71,24 @@ impl LinkError {
     pub fn remedy(&self) -> String {
         match self {
             Self::Missing { .. } => {
-                "check the cable, and the address in the machine file".to_owned()
+                "check the cable and the address in the machine file".to_owned()
             }
             Self::NotListening { .. } => {
-                "start the control's server, and check the address in the machine file".to_owned()
+                "start the control's server and check the address in the machine file".to_owned()
             }
             Self::Busy { .. } => {
-                "close the other program (a sender, a terminal), then start again".to_owned()
+                "close the other program (a G-code sender, a terminal), then start again".to_owned()
             }
-            Self::Denied { .. } => "give this user the device's group (often dialout)".to_owned(),
-            Self::Open { .. } => "check the address in the machine file".to_owned(),
-            Self::NoneNamed { .. } => {
-                "plug the device in and switch it on; serial_id takes a name as `ls \
-                 /dev/serial/by-id` shows it, or a part of it that no other name has"
+            Self::Denied { .. } => "add this user to the device's group (often dialout)".to_owned(),
+            Self::OpenFailed { .. } => "check the address in the machine file".to_owned(),
+            Self::NoUniquePort { .. } => {
+                "plug the device in and switch it on; set serial_id to a name from `ls \
+                 /dev/serial/by-id`, or to a part of one name that is unique"
                     .to_owned()
             }
             Self::Lost { .. } => {
-                "the state of the machine is unknown: look at it, then mend the link (a server \
-                 that has ended: start it again; a serial port that comes back under another name is found \
-                 by serial_id)"
+                "the state of the machine is unknown: check the machine, then restore the link (restart a \
+                 server that has ended; use serial_id for a serial port whose device name changes)"
                     .to_owned()
             }
         }

@@ -1,11 +1,11 @@
 //! Assembles lines from bytes that arrive in any pieces. Unreadable bytes and endless lines are reported as noise.
 
 /// Maximum length of a line, bytes; a longer line counts as noise.
-const LONGEST: usize = 4096;
+const MAX_LINE_BYTES: usize = 4096;
 
 /// Data that a peer has sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Received {
+pub enum LineEvent {
     /// One complete line without its line ending.
     Line(String),
     /// Bytes that are not text: line noise, a wrong baud rate, a wrong device. The rest of the same line is
@@ -15,30 +15,30 @@ pub enum Received {
 
 /// Assembles lines across reads.
 #[derive(Debug, Default)]
-pub(super) struct Assembler {
+pub(super) struct LineAssembler {
     partial: Vec<u8>,
-    skipping: bool,
+    is_skipping: bool,
 }
 
-impl Assembler {
+impl LineAssembler {
     /// Returns all lines that `bytes` completes, in order. Noise is reported immediately, because the end of its
     /// line may never arrive.
-    pub(super) fn take(&mut self, bytes: &[u8]) -> Vec<Received> {
+    pub(super) fn push(&mut self, bytes: &[u8]) -> Vec<LineEvent> {
         let mut received = Vec::new();
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             let complete = piece.ends_with(b"\n");
-            if !self.skipping {
+            if !self.is_skipping {
                 self.partial.extend_from_slice(piece);
-                received.extend(self.judge(complete));
+                received.extend(self.check_partial(complete));
             }
             if complete {
-                self.skipping = false;
+                self.is_skipping = false;
             }
         }
         received
     }
 
-    fn judge(&mut self, complete: bool) -> Option<Received> {
+    fn check_partial(&mut self, complete: bool) -> Option<LineEvent> {
         let text = match std::str::from_utf8(&self.partial) {
             Ok(text) => Some(text),
             // A UTF-8 character may be split between two reads.
@@ -47,18 +47,18 @@ impl Assembler {
             }
             Err(_) => None,
         };
-        match text.filter(|text| text.len() <= LONGEST && !text.contains(is_noise)) {
+        match text.filter(|text| text.len() <= MAX_LINE_BYTES && !text.contains(is_noise)) {
             Some(text) if complete => {
                 let line = text.trim_end_matches(['\r', '\n']).to_owned();
                 self.partial.clear();
-                Some(Received::Line(line))
+                Some(LineEvent::Line(line))
             }
             Some(_) => None,
             None => {
                 let bytes = self.partial.len();
                 self.partial.clear();
-                self.skipping = true;
-                Some(Received::Noise { bytes })
+                self.is_skipping = true;
+                Some(LineEvent::Noise { bytes })
             }
         }
     }
@@ -72,17 +72,17 @@ fn is_noise(character: char) -> bool {
 mod tests {
     use super::*;
 
-    fn line(text: &str) -> Received {
-        Received::Line(text.to_owned())
+    fn line(text: &str) -> LineEvent {
+        LineEvent::Line(text.to_owned())
     }
 
     #[test]
     fn lines_split_anywhere_come_out_whole() {
         let bytes = "ok\r\n<Idle|µ>\n\nerror:9\r\n".as_bytes();
         for cut in 0..bytes.len() {
-            let mut assembler = Assembler::default();
-            let mut received = assembler.take(&bytes[..cut]);
-            received.extend(assembler.take(&bytes[cut..]));
+            let mut assembler = LineAssembler::default();
+            let mut received = assembler.push(&bytes[..cut]);
+            received.extend(assembler.push(&bytes[cut..]));
             let expected = [line("ok"), line("<Idle|µ>"), line(""), line("error:9")];
             assert_eq!(received, expected, "cut at {cut}");
         }
@@ -90,16 +90,16 @@ mod tests {
 
     #[test]
     fn noise_is_told_at_once_and_its_line_dropped() {
-        let mut assembler = Assembler::default();
-        assert_eq!(assembler.take(b"<Id\xff\xfe"), [Received::Noise { bytes: 5 }]);
-        assert_eq!(assembler.take(b"le|MPos:1.000>\nok\n"), [line("ok")]);
+        let mut assembler = LineAssembler::default();
+        assert_eq!(assembler.push(b"<Id\xff\xfe"), [LineEvent::Noise { bytes: 5 }]);
+        assert_eq!(assembler.push(b"le|MPos:1.000>\nok\n"), [line("ok")]);
     }
 
     #[test]
     fn an_endless_line_is_noise_not_memory() {
-        let mut assembler = Assembler::default();
-        let told: Vec<Received> = (0..100).flat_map(|_| assembler.take(&[b'a'; 1000])).collect();
-        assert_eq!(told, [Received::Noise { bytes: 5000 }]);
-        assert_eq!(assembler.take(b"\nok\n"), [line("ok")]);
+        let mut assembler = LineAssembler::default();
+        let told: Vec<LineEvent> = (0..100).flat_map(|_| assembler.push(&[b'a'; 1000])).collect();
+        assert_eq!(told, [LineEvent::Noise { bytes: 5000 }]);
+        assert_eq!(assembler.push(b"\nok\n"), [line("ok")]);
     }
 }

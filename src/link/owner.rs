@@ -27,53 +27,55 @@ const EMPTY_POLLS: usize = 2;
 /// Receiver of the incoming bytes.
 pub(super) trait Sink: Send + 'static {
     /// Takes bytes that have just arrived. An error ends the link.
-    fn take(&mut self, bytes: &[u8]) -> io::Result<()>;
+    fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()>;
     /// Ends when no reader is left.
-    fn unwanted(&self) -> impl Future<Output = ()> + Send;
+    fn wait_for_no_readers(&self) -> impl Future<Output = ()> + Send;
     /// Reports the reason for the lost link, as the last message.
-    fn lost(self, why: String) -> impl Future<Output = ()> + Send;
+    fn report_loss(self, why: String) -> impl Future<Output = ()> + Send;
 }
 
 pub(super) struct UrgentMessage {
     pub(super) bytes: Vec<u8>,
-    pub(super) last: bool,
+    pub(super) is_final: bool,
 }
 
 /// Receiving ends of the handles' channels.
-pub(super) struct Ends<K> {
+pub(super) struct ChannelEnds<K> {
     pub(super) sink: K,
     pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<UrgentMessage>,
     /// Callers to be notified once all bytes that have already arrived are passed to the sink.
-    pub(super) emptied: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
+    pub(super) empty_requests: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
 }
 
 /// Starts a thread that opens a stream, reports the result, and owns the stream to its end.
-pub(super) fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
-    ends: Ends<impl Sink>,
+pub(super) fn start_owner_thread<S: AsyncRead + AsyncWrite + Send + 'static>(
+    ends: ChannelEnds<impl Sink>,
     open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
     opened: oneshot::Sender<Result<(), LinkError>>,
 ) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let own = async move {
+    let owner_task = async move {
         let stream = match open.await {
             Ok(stream) => stream,
             Err(error) => return drop(opened.send(Err(error))),
         };
         let _ = opened.send(Ok(()));
-        Owner::new(stream, ends).run().await;
+        StreamOwner::new(stream, ends).run().await;
     };
-    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(own))?;
+    std::thread::Builder::new()
+        .name("link".to_owned())
+        .spawn(move || runtime.block_on(owner_task))?;
     Ok(())
 }
 
 /// State of the owning task.
-pub(super) struct Owner<S, K> {
+pub(super) struct StreamOwner<S, K> {
     reader: ReadHalf<S>,
     writer: WriteHalf<S>,
-    ends: Ends<K>,
+    ends: ChannelEnds<K>,
     /// After a hold, only urgent bytes are sent.
-    closed: bool,
+    urgent_only: bool,
     /// Messages to be written; a part of the first message may already be written.
     pending: VecDeque<Message>,
 }
@@ -81,80 +83,80 @@ pub(super) struct Owner<S, K> {
 struct Message {
     bytes: Vec<u8>,
     written: usize,
-    urgent: bool,
+    is_urgent: bool,
 }
 
-impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
-    pub(super) fn new(stream: S, ends: Ends<K>) -> Self {
+impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
+    pub(super) fn new(stream: S, ends: ChannelEnds<K>) -> Self {
         let (reader, writer) = tokio::io::split(stream);
-        Self { reader, writer, ends, closed: false, pending: VecDeque::new() }
+        Self { reader, writer, ends, urgent_only: false, pending: VecDeque::new() }
     }
 
     pub(super) async fn run(mut self) {
-        let end = self.pump().await;
+        let end = self.transfer_until_closed().await;
         let why = match end {
             Ok(()) => {
-                self.say_last_words().await;
+                self.flush_queues().await;
                 return;
             }
             Err(error) => error.to_string(),
         };
-        self.ends.sink.lost(why).await;
+        self.ends.sink.report_loss(why).await;
     }
 
     /// Reads and writes until the handle is dropped (`Ok`) or the link is lost.
-    async fn pump(&mut self) -> io::Result<()> {
+    async fn transfer_until_closed(&mut self) -> io::Result<()> {
         let mut buffer = [0; 4096];
         loop {
             // `read`, `write` and `recv` are cancel safe: a branch that is not taken has moved no byte.
             tokio::select! {
                 biased;
-                Some(ahead) = self.ends.urgent_queue.recv() => self.put_ahead(ahead),
-                written = write_some(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
-                    advance(&mut self.pending, written?);
+                Some(message) = self.ends.urgent_queue.recv() => self.queue_urgent(message),
+                written = write_first_pending(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
+                    remove_written(&mut self.pending, written?);
                 }
                 message = self.ends.queued.recv(), if self.pending.is_empty() => match message {
-                    Some(_) if self.closed => {}
-                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
+                    Some(_) if self.urgent_only => {}
+                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, is_urgent: false }),
                     None => return Ok(()),
                 },
                 // If the peer has stopped reading, the queue never becomes empty.
-                () = self.ends.sink.unwanted() => return Ok(()),
-                Some(told) = self.ends.emptied.recv() => {
-                    self.take_waiting(&mut buffer).await?;
-                    let _ = told.send(());
+                () = self.ends.sink.wait_for_no_readers() => return Ok(()),
+                Some(notify) = self.ends.empty_requests.recv() => {
+                    self.drain_arrived_bytes(&mut buffer).await?;
+                    let _ = notify.send(());
                 }
                 read = self.reader.read(&mut buffer) => {
                     let count = read?;
-                    self.leave(&buffer, count)?;
+                    self.pass_to_sink(&buffer, count)?;
                 }
             }
         }
     }
 
-    fn leave(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
+    fn pass_to_sink(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
         if count == 0 {
-            return Err(io::Error::other("the other side closed it"));
+            return Err(io::Error::other("the device closed the connection"));
         }
-        self.ends.sink.take(buffer.get(..count).unwrap_or_default())
+        self.ends.sink.accept_bytes(buffer.get(..count).unwrap_or_default())
     }
 
     /// Reads all bytes in the kernel's buffer. Of a device that never pauses, it reads at most what fits into that
     /// buffer.
-    async fn take_waiting(&mut self, buffer: &mut [u8]) -> io::Result<()> {
-        let mut quiet = 0;
+    async fn drain_arrived_bytes(&mut self, buffer: &mut [u8]) -> io::Result<()> {
+        let mut empty_poll_count = 0;
         for _ in 0..MAX_DRAIN_READS {
             let mut read = pin!(self.reader.read(buffer));
             // Cancel safe: a read that is not ready has moved no byte.
             match poll_fn(|context| Poll::Ready(read.as_mut().poll(context))).await {
                 Poll::Ready(count) => {
                     let count = count?;
-                    self.leave(buffer, count)?;
-                    quiet = 0;
+                    self.pass_to_sink(buffer, count)?;
+                    empty_poll_count = 0;
                 }
                 // The runtime polls the kernel before the next read.
-                Poll::Pending if quiet < EMPTY_POLLS => {
-                    quiet += 1;
+                Poll::Pending if empty_poll_count < EMPTY_POLLS => {
+                    empty_poll_count += 1;
                     yield_now().await;
                 }
                 Poll::Pending => break,
@@ -164,31 +166,31 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
     }
 
     /// Inserts a message after a partly written message and earlier urgent messages, but before all others.
-    fn put_ahead(&mut self, ahead: UrgentMessage) {
-        let goes_first = |message: &&Message| message.urgent || message.written > 0;
-        let place = self.pending.iter().take_while(goes_first).count();
-        if ahead.last {
-            self.closed = true;
-            self.pending.truncate(place);
+    fn queue_urgent(&mut self, message: UrgentMessage) {
+        let has_precedence = |message: &&Message| message.is_urgent || message.written > 0;
+        let index = self.pending.iter().take_while(has_precedence).count();
+        if message.is_final {
+            self.urgent_only = true;
+            self.pending.truncate(index);
         }
-        self.pending.insert(place, Message { bytes: ahead.bytes, written: 0, urgent: true });
+        self.pending.insert(index, Message { bytes: message.bytes, written: 0, is_urgent: true });
     }
 
     /// Sends what is queued when the handle is dropped, including a hold.
-    async fn say_last_words(&mut self) {
+    async fn flush_queues(&mut self) {
         while let Ok(bytes) = self.ends.queued.try_recv() {
-            if self.closed {
+            if self.urgent_only {
                 continue;
             }
-            self.pending.push_back(Message { bytes, written: 0, urgent: false });
+            self.pending.push_back(Message { bytes, written: 0, is_urgent: false });
         }
-        while let Ok(ahead) = self.ends.urgent_queue.try_recv() {
-            self.put_ahead(ahead);
+        while let Ok(message) = self.ends.urgent_queue.try_recv() {
+            self.queue_urgent(message);
         }
         let write = async {
             while !self.pending.is_empty() {
-                match write_some(&mut self.writer, &self.pending).await {
-                    Ok(count) => advance(&mut self.pending, count),
+                match write_first_pending(&mut self.writer, &self.pending).await {
+                    Ok(count) => remove_written(&mut self.pending, count),
                     Err(_) => return,
                 }
             }
@@ -198,7 +200,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
     }
 }
 
-async fn write_some<S: AsyncWrite>(
+async fn write_first_pending<S: AsyncWrite>(
     writer: &mut WriteHalf<S>,
     pending: &VecDeque<Message>,
 ) -> io::Result<usize> {
@@ -210,7 +212,7 @@ async fn write_some<S: AsyncWrite>(
     Ok(count)
 }
 
-fn advance(pending: &mut VecDeque<Message>, count: usize) {
+fn remove_written(pending: &mut VecDeque<Message>, count: usize) {
     let Some(message) = pending.front_mut() else { return };
     message.written += count;
     if message.written >= message.bytes.len() {

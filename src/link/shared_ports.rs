@@ -7,9 +7,11 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
-use super::flow::WeakFlow;
-use super::modbus::{Framing, Line, Modbus, ModbusError, Settings, WeakModbus};
-use super::{Address, ByteStreamHandle, LinkError, listen};
+use super::byte_stream::WeakByteStream;
+use super::modbus::{
+    DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, WeakModbusClient,
+};
+use super::{Address, ByteStreamHandle, LinkError, open_byte_stream};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
 /// it.
@@ -18,8 +20,8 @@ pub struct SharedPorts(Arc<Mutex<OpenPorts>>);
 
 #[derive(Default)]
 struct OpenPorts {
-    flows: BTreeMap<String, WeakFlow>,
-    modbus: BTreeMap<String, WeakModbus>,
+    streams: BTreeMap<String, WeakByteStream>,
+    modbus: BTreeMap<String, WeakModbusClient>,
 }
 
 impl SharedPorts {
@@ -27,14 +29,14 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The stream cannot be opened.
-    pub async fn listen(&self, address: &Address) -> Result<ByteStreamHandle, LinkError> {
+    pub async fn open_byte_stream(&self, address: &Address) -> Result<ByteStreamHandle, LinkError> {
         let mut open = self.0.lock().await;
         let key = port_key(address);
-        if let Some(flow) = open.flows.get(&key).and_then(WeakFlow::upgrade) {
+        if let Some(flow) = open.streams.get(&key).and_then(WeakByteStream::upgrade) {
             return Ok(flow);
         }
-        let flow = listen(address).await?;
-        open.flows.insert(key, flow.downgrade());
+        let flow = open_byte_stream(address).await?;
+        open.streams.insert(key, flow.downgrade());
         Ok(flow)
     }
 
@@ -43,17 +45,21 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The line cannot be opened.
-    pub async fn modbus(&self, line: Line, settings: Settings) -> Result<Modbus, ModbusError> {
+    pub async fn modbus(
+        &self,
+        line: ModbusLine,
+        settings: DeviceSettings,
+    ) -> Result<ModbusClient, ModbusError> {
         if line.framing == Framing::Tcp {
-            return Modbus::open(line, settings).await;
+            return ModbusClient::open(line, settings).await;
         }
         let mut open = self.0.lock().await;
-        let port = line.at.address().map_or_else(|_| line.to_string(), |at| port_key(&at));
+        let port = line.link.address().map_or_else(|_| line.to_string(), |at| port_key(&at));
         let key = format!("{port} {:?}", line.parity);
         if let Some(link) = open.modbus.get(&key).and_then(|weak| weak.upgrade(settings.clone())) {
             return Ok(link);
         }
-        let link = Modbus::open(line, settings).await?;
+        let link = ModbusClient::open(line, settings).await?;
         open.modbus.insert(key, link.downgrade());
         Ok(link)
     }

@@ -10,82 +10,90 @@ use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
 use super::capture::LinkProtocol;
-use super::lines::{Assembler, Received};
-use super::owner::{Ends, Sink, UrgentMessage, start};
-use super::wiring::Wiring;
+use super::lines::{LineAssembler, LineEvent};
+use super::mode::LinkMode;
+use super::owner::{ChannelEnds, Sink, UrgentMessage, start_owner_thread};
 
 /// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.
-const WAITING_LINES: usize = 4096;
+const MAX_QUEUED_LINES: usize = 4096;
 
 /// Handle of a link: receives lines, sends bytes.
 pub struct Link {
     name: String,
-    incoming: mpsc::Receiver<Result<Received, String>>,
+    incoming: mpsc::Receiver<Result<LineEvent, String>>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
-    urgent: Urgent,
-    lost: Option<String>,
+    urgent: UrgentSender,
+    loss_reason: Option<String>,
 }
 
 /// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a message whose
 /// first byte is already written. On a lost link it sends nothing and reports nothing: the reader gets the error.
 #[derive(Clone)]
-pub struct Urgent(mpsc::UnboundedSender<UrgentMessage>);
+pub struct UrgentSender(mpsc::UnboundedSender<UrgentMessage>);
 
-impl Urgent {
+impl UrgentSender {
     pub fn send(&self, bytes: &[u8]) {
-        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), last: false });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), is_final: false });
     }
 
     /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
     pub fn send_and_close(&self, bytes: &[u8]) {
-        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), last: true });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), is_final: true });
     }
 }
 
 impl Link {
     /// Starts the owning thread for `stream`; `name` is the name in error messages. A stream that belongs to a
-    /// runtime's reactor must be opened by [`Link::opened`].
-    pub fn over(
+    /// runtime's reactor must be opened by [`Link::open`].
+    pub fn from_stream(
         name: impl Into<String>,
         stream: impl AsyncRead + AsyncWrite + Send + 'static,
     ) -> Self {
-        let (link, ends) = Self::ends(name.into());
+        let (link, ends) = Self::create_channels(name.into());
         let (opened, _) = oneshot::channel();
-        let wired = Wiring::current().of(&link.name, LinkProtocol::Lines);
+        let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
         // Without a thread, the ends are dropped, and the link is lost from the start.
-        let _ = start(ends, async move { wired.open(async { Ok(stream) }).await }, opened);
+        let _ = start_owner_thread(
+            ends,
+            async move { backend.open(async { Ok(stream) }).await },
+            opened,
+        );
         link
     }
 
     /// Starts the owning thread, which opens its stream.
-    pub(super) async fn opened<S: AsyncRead + AsyncWrite + Send + 'static>(
+    pub(super) async fn open<S: AsyncRead + AsyncWrite + Send + 'static>(
         name: String,
         open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
     ) -> Result<Self, LinkError> {
-        let (link, ends) = Self::ends(name);
+        let (link, ends) = Self::create_channels(name);
         let (opened, result) = oneshot::channel();
-        let fault = |source| LinkError::Open { address: link.name.clone(), source };
-        let wired = Wiring::current().of(&link.name, LinkProtocol::Lines);
-        start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
-        result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
+        let open_error = |source| LinkError::OpenFailed { address: link.name.clone(), source };
+        let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
+        start_owner_thread(ends, async move { backend.open(open).await }, opened)
+            .map_err(open_error)?;
+        result
+            .await
+            .map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
         Ok(link)
     }
 
-    fn ends(name: String) -> (Self, Ends<Lines>) {
-        let (lines, incoming) = mpsc::channel(WAITING_LINES);
+    fn create_channels(name: String) -> (Self, ChannelEnds<LineSink>) {
+        let (lines, incoming) = mpsc::channel(MAX_QUEUED_LINES);
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        let link = Self { name, incoming, outgoing, urgent: Urgent(urgent), lost: None };
-        let sink = Lines { assembler: Assembler::default(), lines };
+        let link =
+            Self { name, incoming, outgoing, urgent: UrgentSender(urgent), loss_reason: None };
+        let sink = LineSink { assembler: LineAssembler::default(), lines };
         // A link of lines is never emptied on request.
-        let (_, emptied) = mpsc::unbounded_channel();
-        (link, Ends { sink, queued, urgent_queue, emptied })
+        let (_, empty_requests) = mpsc::unbounded_channel();
+        (link, ChannelEnds { sink, queued, urgent_queue, empty_requests })
     }
 
     /// Queues one message. It is written completely and in order.
     pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
+        self.outgoing.send(bytes.to_vec()).map_err(|_| self.lost_error())
     }
 
     /// Queues `line` and a line feed.
@@ -93,33 +101,33 @@ impl Link {
         self.send(format!("{line}\n").as_bytes())
     }
 
-    pub fn urgent(&self) -> Urgent {
+    pub fn urgent(&self) -> UrgentSender {
         self.urgent.clone()
     }
 
     /// Next line, or noise. A lost link stays lost.
-    pub async fn recv(&mut self) -> Result<Received, LinkError> {
+    pub async fn recv(&mut self) -> Result<LineEvent, LinkError> {
         match self.incoming.recv().await {
             Some(Ok(received)) => Ok(received),
             Some(Err(why)) => {
-                self.lost = Some(why);
-                Err(self.gone())
+                self.loss_reason = Some(why);
+                Err(self.lost_error())
             }
-            None => Err(self.gone()),
+            None => Err(self.lost_error()),
         }
     }
 
     /// Next line that has already arrived, without waiting; `None` if there is none. (A deadline of now is rounded
     /// up to the timer's next millisecond.)
-    pub fn received(&mut self) -> Result<Option<Received>, LinkError> {
+    pub fn try_recv(&mut self) -> Result<Option<LineEvent>, LinkError> {
         match self.incoming.try_recv() {
             Ok(Ok(received)) => Ok(Some(received)),
             Err(TryRecvError::Empty) => Ok(None),
             Ok(Err(why)) => {
-                self.lost = Some(why);
-                Err(self.gone())
+                self.loss_reason = Some(why);
+                Err(self.lost_error())
             }
-            Err(TryRecvError::Disconnected) => Err(self.gone()),
+            Err(TryRecvError::Disconnected) => Err(self.lost_error()),
         }
     }
 
@@ -127,29 +135,31 @@ impl Link {
     pub async fn recv_deadline(
         &mut self,
         deadline: Instant,
-    ) -> Result<Option<Received>, LinkError> {
+    ) -> Result<Option<LineEvent>, LinkError> {
         // The dropped future waits on a channel, not on the device.
         timeout_at(deadline, self.recv()).await.ok().transpose()
     }
 
-    fn gone(&self) -> LinkError {
-        let why = self.lost.clone().unwrap_or_else(|| "it was closed".to_owned());
+    fn lost_error(&self) -> LinkError {
+        let why = self.loss_reason.clone().unwrap_or_else(|| "the link is closed".to_owned());
         LinkError::Lost { address: self.name.clone(), why }
     }
 }
 
 /// Sink that assembles lines.
-struct Lines {
-    assembler: Assembler,
-    lines: mpsc::Sender<Result<Received, String>>,
+struct LineSink {
+    assembler: LineAssembler,
+    lines: mpsc::Sender<Result<LineEvent, String>>,
 }
 
-impl Sink for Lines {
-    fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
-        for item in self.assembler.take(bytes) {
+impl Sink for LineSink {
+    fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
+        for item in self.assembler.push(bytes) {
             match self.lines.try_send(Ok(item)) {
                 Err(TrySendError::Full(_)) => {
-                    return Err(io::Error::other("the other side floods it with lines"));
+                    return Err(io::Error::other(
+                        "the device sends lines faster than they are read",
+                    ));
                 }
                 Ok(()) | Err(TrySendError::Closed(_)) => {}
             }
@@ -157,11 +167,11 @@ impl Sink for Lines {
         Ok(())
     }
 
-    async fn unwanted(&self) {
+    async fn wait_for_no_readers(&self) {
         self.lines.closed().await;
     }
 
-    async fn lost(self, why: String) {
+    async fn report_loss(self, why: String) {
         let _ = self.lines.send(Err(why)).await;
     }
 }

@@ -9,14 +9,14 @@ fn soon() -> Instant {
     Instant::now() + Duration::from_secs(5)
 }
 
-fn line(text: &str) -> Option<Received> {
-    Some(Received::Line(text.to_owned()))
+fn line(text: &str) -> Option<LineEvent> {
+    Some(LineEvent::Line(text.to_owned()))
 }
 
 #[tokio::test]
 async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
     let (ours, mut theirs) = tokio::io::duplex(64);
-    let mut link = Link::over("peer", ours);
+    let mut link = Link::from_stream("peer", ours);
     link.send_line("?").unwrap();
     let mut bytes = [0; 2];
     theirs.read_exact(&mut bytes).await.unwrap();
@@ -28,14 +28,14 @@ async fn lines_travel_both_ways_and_the_end_is_told_for_ever() {
     drop(theirs);
     for _ in 0..2 {
         let error = link.recv_deadline(soon()).await.unwrap_err();
-        assert_eq!(error.to_string(), "the link to peer is lost: the other side closed it");
+        assert_eq!(error.to_string(), "the link to peer is lost: the device closed the connection");
     }
 }
 
 #[tokio::test]
 async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
     let (ours, mut theirs) = tokio::io::duplex(4);
-    let link = Link::over("peer", ours);
+    let link = Link::from_stream("peer", ours);
     link.send(b"first line\n").unwrap();
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
@@ -51,7 +51,7 @@ async fn urgent_bytes_overtake_what_is_queued_but_split_no_message() {
 #[tokio::test]
 async fn after_a_hold_only_urgent_bytes_follow() {
     let (ours, mut theirs) = tokio::io::duplex(4);
-    let link = Link::over("peer", ours);
+    let link = Link::from_stream("peer", ours);
     link.send(b"first line\n").unwrap();
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
@@ -71,7 +71,7 @@ async fn after_a_hold_only_urgent_bytes_follow() {
 #[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
     let (ours, mut theirs) = tokio::io::duplex(64);
-    let link = Link::over("peer", ours);
+    let link = Link::from_stream("peer", ours);
     link.urgent().send(b"!");
     drop(link);
     let mut bytes = Vec::new();
@@ -81,10 +81,10 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
 
 #[tokio::test]
 async fn a_pty_is_opened_by_one_client_at_a_time() {
-    let mut pty = pty().unwrap();
+    let mut pty = create_pty().unwrap();
     let address = Address::Serial { path: pty.path.clone(), baud: 115_200 };
-    let mut link = open(&address).await.unwrap();
-    assert!(matches!(open(&address).await, Err(LinkError::Busy { .. })));
+    let mut link = open_line_link(&address).await.unwrap();
+    assert!(matches!(open_line_link(&address).await, Err(LinkError::Busy { .. })));
     link.send_line("$I").unwrap();
     let mut bytes = [0; 3];
     pty.device.read_exact(&mut bytes).await.unwrap();
@@ -97,23 +97,23 @@ async fn a_pty_is_opened_by_one_client_at_a_time() {
 #[tokio::test]
 async fn a_port_that_is_not_there_is_missing() {
     let path = "/dev/no-such-port".to_owned();
-    let serial = open(&Address::Serial { path, baud: 115_200 }).await;
+    let serial = open_line_link(&Address::Serial { path, baud: 115_200 }).await;
     assert!(matches!(serial, Err(LinkError::Missing { .. })));
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);
-    let tcp = open(&Address::Tcp { host: "127.0.0.1".to_owned(), port }).await;
+    let tcp = open_line_link(&Address::Tcp { host: "127.0.0.1".to_owned(), port }).await;
     let error = tcp.err().unwrap();
-    assert_eq!(error.to_string(), format!("nothing listens at 127.0.0.1:{port}"));
+    assert_eq!(error.to_string(), format!("no server listens at 127.0.0.1:{port}"));
 }
 
 #[tokio::test]
 async fn a_port_is_found_by_its_name_whatever_its_number() {
     let folder = tempfile::tempdir().unwrap();
-    let found = |id: &str| by_id(folder.path(), id);
+    let found = |id: &str| find_port_by_id(folder.path(), id);
     let none = found("board-1").unwrap_err();
-    assert_eq!(none.to_string(), "no one serial port is named `board-1`; there are: none");
-    let (before, mut after) = (pty().unwrap(), pty().unwrap());
+    assert_eq!(none.to_string(), "no unique serial port matches `board-1`; available: none");
+    let (before, mut after) = (create_pty().unwrap(), create_pty().unwrap());
     let name = "usb-Maker_board-1_A-if00";
     let link = folder.path().join(name);
     std::os::unix::fs::symlink(&before.path, &link).unwrap();
@@ -131,7 +131,7 @@ async fn a_port_is_found_by_its_name_whatever_its_number() {
     assert!(found("board-1").is_err());
     std::os::unix::fs::symlink(&after.path, &link).unwrap();
     let path = found("board-1").unwrap().display().to_string();
-    let link = open(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+    let link = open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap();
     link.send(b"?").unwrap();
     assert_eq!(after.device.read_u8().await.unwrap(), b'?');
 }

@@ -64,18 +64,18 @@ impl Axis {
     }
 
     /// Converts a value of files and messages (mm or degrees) to the internal unit (mm or rad).
-    pub fn from_edge(self, edge: f64) -> f64 {
+    pub fn to_mm_or_rad(self, external: f64) -> f64 {
         if self.is_linear() {
-            return edge;
+            return external;
         }
-        let rad = edge * PI / 180.0;
+        let rad = external * PI / 180.0;
         // No machine reaches a value that overflows here, but a file may contain one.
-        if rad.is_finite() { rad } else { edge.to_radians() }
+        if rad.is_finite() { rad } else { external.to_radians() }
     }
 
     /// Converts an internal value (mm or rad) to the unit of files and messages (mm or degrees). Degrees are rounded to
     /// 1e-9, far below any machine's resolution, so that 120° prints as 120 and not as 119.99999999999999.
-    pub fn to_edge(self, value: f64) -> f64 {
+    pub fn to_mm_or_deg(self, value: f64) -> f64 {
         if self.is_linear() {
             return value;
         }
@@ -128,7 +128,7 @@ impl Position {
     }
 
     /// Position of the axis; 0 if the axis is not contained.
-    pub fn at(&self, axis: Axis) -> f64 {
+    pub fn get_or_zero(&self, axis: Axis) -> f64 {
         self.get(axis).unwrap_or(0.0)
     }
 
@@ -139,7 +139,7 @@ impl Position {
 
     /// X, Y and Z, mm; 0 for an axis that is not contained.
     pub fn xyz(&self) -> Vector3<f64> {
-        Axis::LINEAR.map(|axis| self.at(axis)).into()
+        Axis::LINEAR.map(|axis| self.get_or_zero(axis)).into()
     }
 
     pub fn iter(&self) -> impl Iterator<Item = (Axis, f64)> + '_ {
@@ -158,12 +158,14 @@ impl Position {
     }
 
     /// The position after writing to a file and reading back: rotary positions in whole steps of 1e-9 degrees.
-    pub fn as_written(&self) -> Position {
-        self.iter().map(|(axis, value)| (axis, axis.from_edge(axis.to_edge(value)))).collect()
+    pub fn rounded_to_file_resolution(&self) -> Position {
+        self.iter()
+            .map(|(axis, value)| (axis, axis.to_mm_or_rad(axis.to_mm_or_deg(value))))
+            .collect()
     }
 
     /// The axes for which `keep` returns true.
-    pub fn only(&self, keep: impl Fn(Axis) -> bool) -> Position {
+    pub fn filter_axes(&self, keep: impl Fn(Axis) -> bool) -> Position {
         Position(self.iter().filter(|(axis, _)| keep(*axis)).collect())
     }
 }
@@ -176,14 +178,14 @@ impl FromIterator<(Axis, f64)> for Position {
 
 impl Serialize for Position {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.iter().map(|(axis, value)| (axis, axis.to_edge(value))))
+        serializer.collect_map(self.iter().map(|(axis, value)| (axis, axis.to_mm_or_deg(value))))
     }
 }
 
 impl<'de> Deserialize<'de> for Position {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let edge = BTreeMap::<Axis, f64>::deserialize(deserializer)?;
-        Ok(edge.into_iter().map(|(axis, value)| (axis, axis.from_edge(value))).collect())
+        let external = BTreeMap::<Axis, f64>::deserialize(deserializer)?;
+        Ok(external.into_iter().map(|(axis, value)| (axis, axis.to_mm_or_rad(value))).collect())
     }
 }
 
@@ -197,6 +199,6 @@ mod tests {
         let json = serde_json::to_string(&position).unwrap();
         assert_eq!(json, r#"{"X":1.5,"C":120.0}"#);
         let back: Position = serde_json::from_str(&json).unwrap();
-        assert!((back.at(Axis::C) - 2.0 * PI / 3.0).abs() < 1e-12);
+        assert!((back.get_or_zero(Axis::C) - 2.0 * PI / 3.0).abs() < 1e-12);
     }
 }

@@ -6,13 +6,13 @@ use nalgebra::{IsometryMatrix3, Vector3};
 
 /// Machine frame: origin at the zero of the machine coordinates, directions of X, Y, Z after ISO 841.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Machine;
+pub struct MachineFrame;
 /// Frame of the workpiece table: coincides with the machine frame when all axes are at zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Table;
+pub struct TableFrame;
 /// Frame of the spindle nose: origin at the spindle datum, rotating with the spindle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Spindle;
+pub struct SpindleFrame;
 
 /// Pose of one frame in another: rotation matrix and translation, mm. It transforms points of the first frame into
 /// the second.
@@ -26,7 +26,7 @@ pub fn unit_vector(vector: Vector3<f64>) -> Option<Vector3<f64>> {
 
 /// Two unit vectors, right and up, at right angles to the unit vector `along` and to each other; right, up and
 /// `along` are right-handed.
-pub fn across(along: Vector3<f64>) -> [Vector3<f64>; 2] {
+pub fn perpendicular_directions(along: Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();
     aside[along.iamin()] = 1.0;
     let right = aside.cross(&along).normalize();

@@ -21,14 +21,14 @@ pub mod probe_qualification;
 mod prompts;
 pub mod r_test;
 mod registry;
+mod revolution_steps;
 pub mod samba;
 pub mod self_calibration;
-mod turns;
 
 pub use prompts::with_prompts;
-pub use registry::{METHODS, configure, description, names};
+pub use registry::{METHOD_DESCRIPTIONS, configure_method, method_description, method_names};
 
-use estimation::linear::{LinearError, Survey};
+use estimation::linear::{LinearError, RankAnalysis};
 use estimation::nonlinear::NonlinearError;
 use estimation::revolutions::RevolutionsError;
 use identification::probe_map;
@@ -41,7 +41,7 @@ use planning::PlanningError;
 
 /// The next stage of a run, or its end.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Next {
+pub enum NextStage {
     /// A new stage. The new steps are numbered after the last step of the plan and run in this order;
     /// `stage.steps` may also name earlier steps of the plan, to repeat them.
     Stage {
@@ -51,16 +51,16 @@ pub enum Next {
     Done,
 }
 
-impl Next {
+impl NextStage {
     /// The stage that follows the `done` stages. `steps` are not numbered yet.
-    pub fn new_steps(
+    pub fn from_new_steps(
         plan: &Plan,
         done: &[Stage],
         name: impl Into<String>,
         steps: Vec<Step>,
     ) -> Self {
         let id = done.last().map_or(0, |stage| stage.id + 1);
-        let new_steps = plan.numbered(id, steps);
+        let new_steps = plan.number_steps(id, steps);
         let steps = new_steps.iter().map(|step| step.id).collect();
         let stage = Stage { id, name: name.into(), repeat: 0, steps, found: None };
         Self::Stage { stage, new_steps }
@@ -69,22 +69,22 @@ impl Next {
 
 /// A request that cannot be met, and an alternative that would work.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{why}")]
-pub struct Refused {
-    pub why: String,
-    pub instead: String,
+#[error("{reason}")]
+pub struct MethodRefusal {
+    pub reason: String,
+    pub remedy: String,
 }
 
-impl Refused {
-    pub fn new(why: impl Into<String>, instead: impl Into<String>) -> Self {
-        Self { why: why.into(), instead: instead.into() }
+impl MethodRefusal {
+    pub fn new(reason: impl Into<String>, remedy: impl Into<String>) -> Self {
+        Self { reason: reason.into(), remedy: remedy.into() }
     }
 
     /// Error for a machine without a rotary axis that turns the table.
-    pub fn no_table() -> Self {
+    pub fn missing_rotary_table() -> Self {
         Self::new(
             "no rotary axis that carries the workpiece is along Z with all others at zero",
-            "state it on the workpiece side of the topology (w-C-…) and as [axes.C]",
+            "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine file",
         )
     }
 
@@ -94,30 +94,34 @@ impl Refused {
     /// # Errors
     /// The number of Monte Carlo trials is too small; 0 stands for the adaptive rule of JCGM 101.
     pub fn check_trials(count: usize) -> Result<(), Self> {
-        Self::unless(
+        Self::require(
             count == 0 || count >= Self::MIN_TRIALS,
-            format!("{count} Monte Carlo trials show no scatter"),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+            format!("{count} Monte Carlo trials are too few for an uncertainty"),
+            "choose at least 100, better 10 000; 0 selects the adaptive rule of JCGM 101",
         )
     }
 
     /// # Errors
     /// One of the `positive` settings is not greater than 0, or one of the `not_negative` settings is
     /// negative; the error names the first one.
-    pub fn check_numbers(
+    pub fn check_number_ranges(
         positive: &[(&str, f64)],
         not_negative: &[(&str, f64)],
     ) -> Result<(), Self> {
         for (name, value) in positive {
             let is_met = *value > 0.0 && value.is_finite();
-            Self::unless(is_met, format!("{name} = {value} is not greater than 0"), "correct it")?;
+            Self::require(
+                is_met,
+                format!("{name} = {value} is not greater than 0"),
+                "correct the value in the machine file",
+            )?;
         }
         for (name, value) in not_negative {
             let is_met = *value >= 0.0 && value.is_finite();
-            Self::unless(
+            Self::require(
                 is_met,
-                format!("{name} = {value} is negative or no number"),
-                "correct it",
+                format!("{name} = {value} is negative or not a number"),
+                "correct the value in the machine file",
             )?;
         }
         Ok(())
@@ -125,31 +129,31 @@ impl Refused {
 
     /// # Errors
     /// `is_met` is false.
-    pub fn unless(
+    pub fn require(
         is_met: bool,
-        why: impl Into<String>,
-        instead: impl Into<String>,
+        reason: impl Into<String>,
+        remedy: impl Into<String>,
     ) -> Result<(), Self> {
-        if is_met { Ok(()) } else { Err(Self::new(why, instead)) }
+        if is_met { Ok(()) } else { Err(Self::new(reason, remedy)) }
     }
 }
 
-impl From<PlanningError> for Refused {
+impl From<PlanningError> for MethodRefusal {
     fn from(error: PlanningError) -> Self {
-        Self { why: error.to_string(), instead: error.remedy() }
+        Self { reason: error.to_string(), remedy: error.remedy() }
     }
 }
 
-impl From<RevolutionsError> for Refused {
+impl From<RevolutionsError> for MethodRefusal {
     fn from(error: RevolutionsError) -> Self {
-        Self { why: error.to_string(), instead: error.remedy() }
+        Self { reason: error.to_string(), remedy: error.remedy() }
     }
 }
 
-impl From<KinematicsError> for Refused {
+impl From<KinematicsError> for MethodRefusal {
     fn from(error: KinematicsError) -> Self {
-        let instead = "correct [machine] and [axes] in the machine file".to_owned();
-        Self { why: error.to_string(), instead }
+        let remedy = "correct [machine] and [axes] in the machine file".to_owned();
+        Self { reason: error.to_string(), remedy }
     }
 }
 
@@ -157,44 +161,55 @@ impl From<KinematicsError> for Refused {
 ///
 /// # Errors
 /// The step has no reading.
-pub fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
+pub fn latest_readings<'r>(
+    step: &Step,
+    readings: &'r [Reading],
+) -> Result<Vec<&'r Reading>, IdentifyError> {
     let of_step = || readings.iter().filter(|reading| reading.step == step.id);
     let last = of_step().map(|reading| reading.repeat).max();
-    let last = last.ok_or_else(|| IdentifyError::missing(step))?;
+    let last = last.ok_or_else(|| IdentifyError::missing_reading(step))?;
     Ok(of_step().filter(|reading| reading.repeat == last).collect())
 }
 
 /// Error for readings that cannot be turned into an estimate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
-    #[error("the readings lack step {step} ({label}); measure it again or give a plan without it")]
-    Missing { step: u32, label: String },
-    #[error("step {step} does not stand in the plan; are plan and readings of the same run?")]
+    #[error(
+        "step {step} ({label}) has no reading; measure the step again or give a plan without it"
+    )]
+    MissingReading { step: u32, label: String },
+    #[error(
+        "a reading is of step {step}, but the plan has no such step; check that plan and readings are of \
+        the same run"
+    )]
     UnknownStep { step: u32 },
-    #[error("step {step} repeat {repeat} stands twice; number repeated readings in `repeat`")]
-    Duplicate { step: u32, repeat: u32 },
-    #[error("rank {rank} of {unknowns}: {}", what.join("; "))]
-    RankDeficient { rank: usize, unknowns: usize, what: Vec<String> },
+    #[error(
+        "step {step} has two readings with repeat {repeat}; give repeated readings different numbers in \
+        `repeat`"
+    )]
+    DuplicateReading { step: u32, repeat: u32 },
+    #[error("the readings determine only {rank} of {unknowns} unknowns: {}", undetermined.join("; "))]
+    RankDeficient { rank: usize, unknowns: usize, undetermined: Vec<String> },
     #[error(transparent)]
-    Refused(#[from] Refused),
+    Refused(#[from] MethodRefusal),
     #[error("the identification failed: {0}")]
-    Numerical(String),
+    IdentificationFailed(String),
 }
 
 impl IdentifyError {
     /// Error for equations that could not be solved. `describe` gives the undetermined combinations of
     /// unknowns in words.
-    pub fn unsolved(
+    pub fn from_solver_error(
         error: impl Into<NonlinearError>,
-        describe: impl Fn(&Survey) -> Vec<String>,
+        describe: impl Fn(&RankAnalysis) -> Vec<String>,
     ) -> Self {
         match error.into() {
             NonlinearError::Linear(LinearError::RankDeficient(survey)) => Self::RankDeficient {
                 rank: survey.rank,
                 unknowns: survey.rank + survey.nullity,
-                what: describe(&survey),
+                undetermined: describe(&survey),
             },
-            other => Self::Numerical(other.to_string()),
+            other => Self::IdentificationFailed(other.to_string()),
         }
     }
 
@@ -207,30 +222,34 @@ impl IdentifyError {
     }
 
     /// Error for a step without a reading.
-    pub fn missing(step: &Step) -> Self {
-        Self::Missing { step: step.id, label: step.label.clone() }
+    pub fn missing_reading(step: &Step) -> Self {
+        Self::MissingReading { step: step.id, label: step.label.clone() }
     }
 
     /// What the user can do about the error.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Refused(refused) => refused.instead.clone(),
-            Self::Missing { .. } | Self::UnknownStep { .. } | Self::Duplicate { .. } => {
+            Self::Refused(refused) => refused.remedy.clone(),
+            Self::MissingReading { .. }
+            | Self::UnknownStep { .. }
+            | Self::DuplicateReading { .. } => {
                 "give the plan that was measured (--plan) and all of its readings".to_owned()
             }
             Self::RankDeficient { .. } => {
-                "measure what is missing (`trued resume` goes on with a run that was stopped), or take \
-                 what cannot be told apart out of the plan's settings (drift_order, parameters)"
+                "measure the missing steps (`trued resume` continues a stopped run), or remove the \
+                inseparable unknowns from the settings of the plan (drift_order, parameters)"
                     .to_owned()
             }
-            Self::Numerical(_) => "correct the plan or the readings named above".to_owned(),
+            Self::IdentificationFailed(_) => {
+                "correct the plan or the readings named above".to_owned()
+            }
         }
     }
 }
 
 impl From<RevolutionsError> for IdentifyError {
     fn from(error: RevolutionsError) -> Self {
-        Refused::from(error).into()
+        MethodRefusal::from(error).into()
     }
 }
 
@@ -240,33 +259,44 @@ pub trait Method: Send + Sync {
     /// All settings, as the plan stores them.
     fn settings(&self) -> serde_json::Value;
 
-    /// The next stage after the `done` stages and their readings. With [`Source::Nominal`] no readings are
+    /// The next stage after the `done` stages and their readings. With [`PositionSource::Nominal`] no readings are
     /// needed: positions come from the nominal artefact of the plan.
-    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        readings: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal>;
 
     /// The sensors of the machine that the method needs besides the probe.
     ///
     /// # Errors
     /// A sensor that the method needs is missing.
-    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
+    fn required_sensors<'a>(
+        &self,
+        sensors: &'a [Sensor],
+    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         let _ = sensors;
         Ok(Vec::new())
     }
 
     /// Checks whether this method can use the priors of the plan as known values on this machine. It is
     /// called before the first motion and before the identification. Most methods accept no priors.
-    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
-        match probe_map::others(&plan.priors).next() {
+    fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
+        match probe_map::priors_without_probe_maps(&plan.priors).next() {
             None => Ok(()),
-            Some(prior) => Err(Refused {
-                why: format!("this method takes no prior (given: an estimate of {})", prior.method),
-                instead: "leave out --with".to_owned(),
+            Some(prior) => Err(MethodRefusal {
+                reason: format!(
+                    "this method accepts no prior estimate (given: an estimate of {})",
+                    prior.method
+                ),
+                remedy: "remove --with".to_owned(),
             }),
         }
     }
 
     /// Whether the pre-travel map of a qualified probe may be subtracted from the readings of this method.
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         false
     }
 
@@ -276,9 +306,9 @@ pub trait Method: Send + Sync {
     ///
     /// # Errors
     /// The plan cannot be identified.
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let _ = machine_s;
-        Ok(identification::aliased_by_plan(plan))
+        Ok(identification::describe_plan_aliasing(plan))
     }
 
     /// Computes the estimate from the plan (with its priors) and the readings. A pure function: the same
@@ -288,22 +318,22 @@ pub trait Method: Send + Sync {
 
 /// Description of a method for users.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Description {
+pub struct MethodDescription {
     /// Name of the method on the command line, in the machine file, in plans and estimates.
     pub name: &'static str,
     /// What the operator must set up.
-    pub needs: &'static str,
+    pub required_setup: &'static str,
     /// What the method identifies.
-    pub finds: &'static str,
+    pub results: &'static str,
     /// Machine file in `config/` of the simulated machine that is used when the user names no machine.
     pub machine_file: &'static str,
 }
 
 /// A method that the registry can hold.
-pub trait Registered: Method + Sized + 'static {
+pub trait RegisteredMethod: Method + Sized + 'static {
     /// Settings of the table `[method.NAME]` of the machine file.
     type Settings: DeserializeOwned;
-    const DESCRIPTION: Description;
+    const DESCRIPTION: MethodDescription;
     fn new(settings: Self::Settings) -> Self;
 }
 
@@ -315,12 +345,12 @@ fn named_sensors<'a>(
     method: &str,
     named: &[String],
     sensors: &'a [Sensor],
-) -> Result<Vec<&'a Sensor>, Refused> {
+) -> Result<Vec<&'a Sensor>, MethodRefusal> {
     let missing = named.iter().find(|name| sensors.iter().all(|sensor| sensor.name != **name));
     if let Some(name) = missing {
-        return Err(Refused {
-            why: format!("there is no [[sensor]] `{name}`"),
-            instead: format!("correct sensors in [method.{method}], or describe it"),
+        return Err(MethodRefusal {
+            reason: format!("the machine file has no [[sensor]] `{name}`"),
+            remedy: format!("correct sensors in [method.{method}], or add the [[sensor]]"),
         });
     }
     let is_named = |sensor: &&Sensor| named.is_empty() || named.contains(&sensor.name);
@@ -329,7 +359,7 @@ fn named_sensors<'a>(
 
 /// Source of the positions that later stages need.
 #[derive(Debug, Clone, Copy)]
-pub enum Source<'a> {
+pub enum PositionSource<'a> {
     /// The readings so far.
     Measured(&'a [Reading]),
     /// No readings: the whole plan is computed from nominal positions.
@@ -340,9 +370,14 @@ pub enum Source<'a> {
 ///
 /// # Errors
 /// The method refuses a stage.
-pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
+pub fn plan_nominal_stages(
+    method: &dyn Method,
+    mut plan: Plan,
+) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
     let mut done = Vec::new();
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+    while let NextStage::Stage { stage, new_steps } =
+        method.next_stage(&plan, &done, PositionSource::Nominal)?
+    {
         plan.steps.extend(new_steps);
         done.push(stage);
     }

@@ -4,14 +4,14 @@
 
 use std::borrow::Cow;
 
-use super::{IdentifyError, Method, Next, Refused, Source};
+use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
 /// Prefix of the labels of prompts from the machine file; the prompts of a method have other labels.
-const LABEL: &str = "ask/";
+const LABEL_PREFIX: &str = "ask/";
 
 /// Returns `method` with a prompt for each of `texts` before its first stage.
 pub fn with_prompts(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
@@ -25,7 +25,7 @@ pub(super) struct PromptedMethod {
 
 impl PromptedMethod {
     /// Adds no prompts, but handles the prompts that a plan already has.
-    pub(super) fn silent(method: Box<dyn Method>) -> Self {
+    pub(super) fn without_texts(method: Box<dyn Method>) -> Self {
         Self { method, texts: Vec::new() }
     }
 
@@ -33,42 +33,43 @@ impl PromptedMethod {
         (0..).zip(&self.texts).map(move |(id, text)| Step {
             id,
             stage,
-            ..Step::prompt(format!("{LABEL}{}", id + 1), text.clone())
+            ..Step::prompt(format!("{LABEL_PREFIX}{}", id + 1), text.clone())
         })
     }
 
     /// Adds the prompts before the steps of the first stage.
-    fn with_prompts(&self, next: Next) -> Next {
-        let Next::Stage { mut stage, new_steps } = next else { return next };
+    fn with_prompts(&self, next: NextStage) -> NextStage {
+        let NextStage::Stage { mut stage, new_steps } = next else { return next };
         let mut steps: Vec<Step> = self.prompts(stage.id).collect();
         let count = steps.len() as u32;
         steps.extend(new_steps.into_iter().map(|step| Step { id: step.id + count, ..step }));
         let moves = stage.steps.iter().map(|id| id + count);
         stage.steps = (0..count).chain(moves).collect();
-        Next::Stage { stage, new_steps: steps }
+        NextStage::Stage { stage, new_steps: steps }
     }
 }
 
 /// Number of steps at the head of `plan` that are prompts of the machine file.
 fn machine_prompt_count(plan: &Plan) -> usize {
-    let is_ours = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL);
-    plan.steps.iter().take_while(is_ours).count()
+    let is_machine_prompt =
+        |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL_PREFIX);
+    plan.steps.iter().take_while(is_machine_prompt).count()
 }
 
 /// The plan without its first `count` steps; the other steps are numbered from 0.
-fn without(plan: &Plan, count: u32) -> Plan {
+fn without_first_steps(plan: &Plan, count: u32) -> Plan {
     let mut plan = plan.clone();
     plan.steps.drain(..count as usize);
     plan.steps.iter_mut().for_each(|step| step.id -= count);
     plan
 }
 
-fn stage_without(stage: &Stage, count: u32) -> Stage {
+fn stage_without_prompts(stage: &Stage, count: u32) -> Stage {
     let steps = stage.steps.iter().filter_map(|id| id.checked_sub(count));
     Stage { steps: steps.collect(), ..stage.clone() }
 }
 
-fn reading_without(reading: &Reading, count: u32) -> Reading {
+fn reading_without_prompts(reading: &Reading, count: u32) -> Reading {
     Reading { step: reading.step.saturating_sub(count), ..reading.clone() }
 }
 
@@ -77,41 +78,51 @@ impl Method for PromptedMethod {
         self.method.settings()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        readings: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let count = match (machine_prompt_count(plan) as u32, done) {
-            (_, []) => return Ok(self.with_prompts(self.method.next(plan, done, readings)?)),
-            (0, _) => return self.method.next(plan, done, readings),
+            (_, []) => return Ok(self.with_prompts(self.method.next_stage(plan, done, readings)?)),
+            (0, _) => return self.method.next_stage(plan, done, readings),
             (count, _) => count,
         };
-        let stages: Vec<Stage> = done.iter().map(|stage| stage_without(stage, count)).collect();
+        let stages: Vec<Stage> =
+            done.iter().map(|stage| stage_without_prompts(stage, count)).collect();
         let measured: Vec<Reading>;
         let readings = match readings {
-            Source::Nominal => Source::Nominal,
-            Source::Measured(all) => {
-                measured = all.iter().map(|reading| reading_without(reading, count)).collect();
-                Source::Measured(&measured)
+            PositionSource::Nominal => PositionSource::Nominal,
+            PositionSource::Measured(all) => {
+                measured =
+                    all.iter().map(|reading| reading_without_prompts(reading, count)).collect();
+                PositionSource::Measured(&measured)
             }
         };
-        let next = self.method.next(&without(plan, count), &stages, readings)?;
-        let Next::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
+        let next = self.method.next_stage(&without_first_steps(plan, count), &stages, readings)?;
+        let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
         new_steps.iter_mut().for_each(|step| step.id += count);
         stage.steps.iter_mut().for_each(|id| *id += count);
-        Ok(Next::Stage { stage, new_steps })
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
-    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
+    fn required_sensors<'a>(
+        &self,
+        sensors: &'a [Sensor],
+    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         self.method.required_sensors(sensors)
     }
 
-    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
+    fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
         self.method.check_priors(plan)
     }
 
-    fn takes_probe_map(&self) -> bool {
-        self.method.takes_probe_map()
+    fn accepts_probe_map(&self) -> bool {
+        self.method.accepts_probe_map()
     }
 
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         self.method.forecast(&without_prompts(plan), machine_s)
     }
 
@@ -149,20 +160,25 @@ mod tests {
             json!({})
         }
 
-        fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
+        fn next_stage(
+            &self,
+            plan: &Plan,
+            done: &[Stage],
+            readings: PositionSource<'_>,
+        ) -> Result<NextStage, MethodRefusal> {
             let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
             assert_eq!(ids, (0..done.len() as u32).collect::<Vec<_>>());
             assert!(plan.steps.iter().all(|step| step.kind == StepKind::Touch));
-            if let Source::Measured(readings) = readings {
+            if let PositionSource::Measured(readings) = readings {
                 assert_eq!(readings.iter().map(|reading| reading.step).collect::<Vec<_>>(), ids);
             }
             let id = plan.steps.len() as u32;
             if id == 2 {
-                return Ok(Next::Done);
+                return Ok(NextStage::Done);
             }
             let name = id.to_string();
             let stage = Stage { id, name, repeat: 0, steps: (0..=id).collect(), found: None };
-            Ok(Next::Stage { stage, new_steps: vec![touch(id)] })
+            Ok(NextStage::Stage { stage, new_steps: vec![touch(id)] })
         }
 
         fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
@@ -197,12 +213,13 @@ mod tests {
     fn the_method_sees_nothing_of_what_is_asked() {
         let method = with_prompts(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
-        let later = PromptedMethod::silent(Box::new(Toy));
+        let later = PromptedMethod::without_texts(Box::new(Toy));
         let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {
-            let source = Source::Measured(&readings);
-            let Next::Stage { stage, new_steps } = method.next(&plan, &done, source).unwrap()
+            let source = PositionSource::Measured(&readings);
+            let NextStage::Stage { stage, new_steps } =
+                method.next_stage(&plan, &done, source).unwrap()
             else {
                 break;
             };
@@ -221,7 +238,7 @@ mod tests {
         // The error names the step by its number in the plan.
         let told = later.identify(&plan, &readings).unwrap_err();
         assert_eq!(told, IdentifyError::UnknownStep { step: 2 });
-        let (nominal, stages) = super::super::nominal(method[0], header()).unwrap();
+        let (nominal, stages) = super::super::plan_nominal_stages(method[0], header()).unwrap();
         assert_eq!((nominal.steps, stages), (plan.steps, done));
     }
 }

@@ -7,22 +7,22 @@ use serde::{Deserialize, Deserializer};
 use crate::outlier_repeats::OutlierRepeater;
 use crate::probe_map_method::ProbeMapMethod;
 use crate::prompts::PromptedMethod;
-use crate::{Description, Method, Registered};
+use crate::{Method, MethodDescription, RegisteredMethod};
 
 macro_rules! registry {
     ($($method:ty,)*) => {
         /// Descriptions of all methods, in the order in which users see them.
-        pub const METHODS: &[Description] = &[$(<$method>::DESCRIPTION),*];
+        pub const METHOD_DESCRIPTIONS: &[MethodDescription] = &[$(<$method>::DESCRIPTION),*];
 
-        fn by_name<'de, D: Deserializer<'de>>(
+        fn method_by_name<'de, D: Deserializer<'de>>(
             name: &str,
             settings: D,
         ) -> Result<Box<dyn Method>, D::Error> {
             $(if name == <$method>::DESCRIPTION.name {
                 return Ok(Box::new(<$method>::new(Deserialize::deserialize(settings)?)));
             })*
-            let known = names().join(", ");
-            Err(D::Error::custom(format!("there is no method `{name}`; there are {known}")))
+            let known = method_names().join(", ");
+            Err(D::Error::custom(format!("there is no method `{name}`; the methods are {known}")))
         }
     };
 }
@@ -39,12 +39,12 @@ registry! {
     crate::probe_qualification::ProbeQualification,
 }
 
-pub fn names() -> Vec<&'static str> {
-    METHODS.iter().map(|method| method.name).collect()
+pub fn method_names() -> Vec<&'static str> {
+    METHOD_DESCRIPTIONS.iter().map(|method| method.name).collect()
 }
 
-pub fn description(name: &str) -> Option<&'static Description> {
-    METHODS.iter().find(|method| method.name == name)
+pub fn method_description(name: &str) -> Option<&'static MethodDescription> {
+    METHOD_DESCRIPTIONS.iter().find(|method| method.name == name)
 }
 
 /// The method `name` with its settings, from the machine file or from a plan. It handles the prompts that a
@@ -52,18 +52,20 @@ pub fn description(name: &str) -> Option<&'static Description> {
 ///
 /// # Errors
 /// The method is unknown, or its settings are invalid (unknown keys, wrong types).
-pub fn configure<'de, D: Deserializer<'de>>(
+pub fn configure_method<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
-    let method = by_name(name, settings)?;
+    let method = method_by_name(name, settings)?;
     let mut settings = method.settings();
     if let Some(trials) = settings.get_mut("monte_carlo_trials") {
         // Only the residuals of this copy are used, so the minimum number of trials suffices.
-        *trials = crate::Refused::MIN_TRIALS.into();
+        *trials = crate::MethodRefusal::MIN_TRIALS.into();
     }
-    let quick = ProbeMapMethod(by_name(name, settings).map_err(D::Error::custom)?);
-    let suspecting =
-        OutlierRepeater { method: Box::new(ProbeMapMethod(method)), quick: Box::new(quick) };
-    Ok(Box::new(PromptedMethod::silent(Box::new(suspecting))))
+    let fast_method = ProbeMapMethod(method_by_name(name, settings).map_err(D::Error::custom)?);
+    let suspecting = OutlierRepeater {
+        method: Box::new(ProbeMapMethod(method)),
+        fast_method: Box::new(fast_method),
+    };
+    Ok(Box::new(PromptedMethod::without_texts(Box::new(suspecting))))
 }

@@ -1,23 +1,23 @@
 //! Steps of a ball measurement, reusable by every method: four touches round the ball and one at its pole, seen
 //! along the spindle (paper 4, section 3), or more for a check of form.
 
-use super::access::{Access, Contact, TouchExtent, Unreachable};
+use super::access::{BallAccessError, TouchAccess, TouchDirection, TouchExtent};
 use machine::record::artefact::Ball;
 use machine::record::machine::Probe;
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
 
 /// Distance by which a search touch goes beyond the ball's position uncertainty, mm, so that contact always occurs.
-const BEYOND: f64 = 0.3;
+const SEARCH_OVERRUN_MM: f64 = 0.3;
 
 /// Approach to a ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Approach {
+pub enum BallApproach {
     /// Fast, from a distance at which the ball is found within `uncertainty_mm` of its expected position.
-    Find { uncertainty_mm: f64, standoff_mm: f64 },
+    Search { uncertainty_mm: f64, standoff_mm: f64 },
     /// Slow, along the normals of the ball at its found position: from `standoff_mm` before contact to `search_mm`
     /// beyond.
-    Slow { standoff_mm: f64, search_mm: f64 },
+    Measure { standoff_mm: f64, search_mm: f64 },
 }
 
 /// One measurement of one ball.
@@ -27,53 +27,56 @@ pub struct BallTask<'a> {
     pub ball: &'a Ball,
     /// Positions of all rotary axes, and of S if the spindle must be oriented.
     pub rotary: &'a Position,
-    pub approach: Approach,
+    pub approach: BallApproach,
     /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
     pub touches: usize,
 }
 
-impl Approach {
+impl BallApproach {
     /// Distances before and beyond the expected contact, mm.
-    fn ends(self) -> (f64, f64) {
+    fn approach_distances_mm(self) -> (f64, f64) {
         match self {
-            Self::Find { uncertainty_mm, standoff_mm } => {
-                (uncertainty_mm + standoff_mm, uncertainty_mm + BEYOND)
+            Self::Search { uncertainty_mm, standoff_mm } => {
+                (uncertainty_mm + standoff_mm, uncertainty_mm + SEARCH_OVERRUN_MM)
             }
-            Self::Slow { standoff_mm, search_mm } => (standoff_mm, search_mm),
+            Self::Measure { standoff_mm, search_mm } => (standoff_mm, search_mm),
         }
     }
 
-    fn stand(self) -> TouchExtent {
-        let loose = match self {
-            Self::Find { uncertainty_mm, .. } => uncertainty_mm,
-            Self::Slow { search_mm, .. } => search_mm,
+    fn touch_extent(self) -> TouchExtent {
+        let uncertainty_mm = match self {
+            Self::Search { uncertainty_mm, .. } => uncertainty_mm,
+            Self::Measure { search_mm, .. } => search_mm,
         };
-        let (out, beyond) = self.ends();
-        TouchExtent { out, beyond, loose }
+        let (before_mm, beyond_mm) = self.approach_distances_mm();
+        TouchExtent { before_mm, beyond_mm, uncertainty_mm }
     }
 
     fn feed_mm_min(self, probe: &Probe) -> f64 {
         match self {
-            Self::Find { .. } => probe.search_feed_mm_min,
-            Self::Slow { .. } => probe.feed_mm_min,
+            Self::Search { .. } => probe.search_feed_mm_min,
+            Self::Measure { .. } => probe.feed_mm_min,
         }
     }
 }
 
-impl Access {
+impl TouchAccess {
     /// Checks whether this ball can be measured. Returns the touches that would be made.
     ///
     /// # Errors
     /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
-    pub fn accessible(&self, task: &BallTask<'_>) -> Result<Vec<Contact>, Unreachable> {
-        self.contacts(task.ball, task.rotary, task.approach.stand(), task.touches)
+    pub fn accessible_touches(
+        &self,
+        task: &BallTask<'_>,
+    ) -> Result<Vec<TouchDirection>, BallAccessError> {
+        self.select_touches(task.ball, task.rotary, task.approach.touch_extent(), task.touches)
     }
 
     /// Steps of one measurement, numbered from `first`, machine frame. `label` makes the label of a step from the
     /// name of the touch.
     ///
     /// # Errors
-    /// As [`Access::accessible`]; a touch is longer than the probe's overtravel.
+    /// As [`TouchAccess::accessible_touches`]; a touch is longer than the probe's overtravel.
     pub fn steps(
         &self,
         task: &BallTask<'_>,
@@ -81,12 +84,12 @@ impl Access {
         kind: StepKind,
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
-    ) -> Result<Vec<Step>, Unreachable> {
-        let contacts = self.accessible(task)?;
-        self.steps_of(task, contacts, probe, kind, (first, stage), label)
+    ) -> Result<Vec<Step>, BallAccessError> {
+        let contacts = self.accessible_touches(task)?;
+        self.build_steps(task, contacts, probe, kind, (first, stage), label)
     }
 
-    /// Like [`Access::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame without
+    /// Like [`TouchAccess::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame without
     /// the rotation of S. Numbers and stage are 0.
     ///
     /// # Errors
@@ -97,41 +100,41 @@ impl Access {
         directions: &[[f64; 2]],
         probe: &Probe,
         label: impl Fn(&str) -> String,
-    ) -> Result<Vec<Step>, Unreachable> {
+    ) -> Result<Vec<Step>, BallAccessError> {
         let BallTask { ball, rotary, approach, .. } = *task;
-        let contacts = self.contacts_along(ball, rotary, approach.stand(), directions)?;
-        self.steps_of(task, contacts, probe, StepKind::Touch, (0, 0), label)
+        let contacts = self.touches_along(ball, rotary, approach.touch_extent(), directions)?;
+        self.build_steps(task, contacts, probe, StepKind::Touch, (0, 0), label)
     }
 
-    fn steps_of(
+    fn build_steps(
         &self,
         task: &BallTask<'_>,
-        contacts: Vec<Contact>,
+        contacts: Vec<TouchDirection>,
         probe: &Probe,
         kind: StepKind,
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
-    ) -> Result<Vec<Step>, Unreachable> {
-        let (out, beyond) = task.approach.ends();
-        let (length, overtravel) = (out + beyond, probe.overtravel_mm);
+    ) -> Result<Vec<Step>, BallAccessError> {
+        let (before_mm, beyond_mm) = task.approach.approach_distances_mm();
+        let (length, overtravel) = (before_mm + beyond_mm, probe.overtravel_mm);
         if length > overtravel {
-            return Err(Unreachable::TooLong { length, overtravel });
+            return Err(BallAccessError::SearchTooLong { length, overtravel });
         }
         let numbered = (first..).zip(contacts);
         numbered
             .map(|(id, contact)| {
-                let place = |far: f64| {
-                    let far = self.reach(task.ball) + far;
-                    self.position(task.ball, task.rotary, contact.normal, far)
+                let place = |distance_mm: f64| {
+                    let distance_mm = self.contact_distance_mm(task.ball) + distance_mm;
+                    self.position_beside_ball(task.ball, task.rotary, contact.normal, distance_mm)
                 };
-                let (from, to) = (place(out)?, place(-beyond)?);
+                let (from, to) = (place(before_mm)?, place(-beyond_mm)?);
                 Ok(Step {
                     id,
                     stage,
                     kind,
                     label: label(&contact.name),
-                    from: from.as_written(),
-                    to: to.as_written(),
+                    from: from.rounded_to_file_resolution(),
+                    to: to.rounded_to_file_resolution(),
                     feed_mm_min: task.approach.feed_mm_min(probe),
                     sensors: vec!["probe".to_owned()],
                     normal: contact.normal.into(),
@@ -148,8 +151,8 @@ impl Access {
     ///
     /// # Errors
     /// The linear axes of the machine do not span space.
-    pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, Unreachable> {
-        let centre = self.position(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
-        Ok(centre.only(Axis::is_linear))
+    pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, BallAccessError> {
+        let centre = self.position_beside_ball(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
+        Ok(centre.filter_axes(Axis::is_linear))
     }
 }

@@ -8,43 +8,47 @@ use machine::kinematics::KinematicsError;
 pub enum PlanningError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
-    #[error("Z would have to rise to {needed:.3} mm to pass over the part, but ends at {max} mm")]
-    NoRoomAbove { needed: f64, max: f64 },
-    #[error("a positive Z command does not lift the tool off the part")]
-    ZDown,
-    #[error("step {step}: {axis} would go to {value}, outside [{min}, {max}]")]
+    #[error(
+        "Z travel is too short to pass over the part: Z {needed:.3} mm is required, the upper limit is {max} mm"
+    )]
+    InsufficientZTravel { needed: f64, max: f64 },
+    #[error("a positive Z command does not move the tool away from the part")]
+    InvertedZ,
+    #[error("step {step}: the target {axis} {value} is outside the limits [{min}, {max}]")]
     OutOfTravel { step: u32, axis: Axis, value: f64, min: f64, max: f64 },
-    #[error("step {step} moves {axis}, which the machine does not have")]
-    NoAxis { step: u32, axis: Axis },
-    #[error("step {step}: the spindle does not stand upright; balls are touched from above only")]
-    Tilted { step: u32 },
-    #[error("step {step} is no touch")]
+    #[error("step {step} moves {axis}, but the machine has no axis {axis}")]
+    UnknownAxis { step: u32, axis: Axis },
+    #[error(
+        "step {step}: the spindle is tilted; balls can be touched only with the spindle axis along Z"
+    )]
+    SpindleTilted { step: u32 },
+    #[error("step {step} is not a touch")]
     NotATouch { step: u32 },
-    #[error("step {step} is no scan that can be run: {why}")]
-    NotAScan { step: u32, why: &'static str },
-    #[error("step {step} asks a person when its stage has moved already")]
-    LatePrompt { step: u32 },
-    #[error("step {step} is no prompt that can be asked: {why}")]
-    NotAPrompt { step: u32, why: &'static str },
+    #[error("step {step} is an invalid scan: {reason}")]
+    InvalidScan { step: u32, reason: &'static str },
+    #[error("step {step} is a prompt after a motion of the same stage")]
+    PromptAfterMotion { step: u32 },
+    #[error("step {step} is an invalid prompt: {reason}")]
+    InvalidPrompt { step: u32, reason: &'static str },
     #[error(
-        "step {step}: with Z at its upper end `{body}` is within the range of `{sensor}`, so an early \
-         distance would not show that the machine stands elsewhere"
+        "step {step}: with Z at its upper limit, `{body}` is within the range of `{sensor}`; a reading \
+         before the scan could then not reveal a wrong machine position"
     )]
-    InRangeAtTop { step: u32, sensor: String, body: String },
-    #[error("step {step} does not say where {axis} stands")]
-    Incomplete { step: u32, axis: Axis },
-    #[error("step {step} turns {axis} during the touch")]
-    Turns { step: u32, axis: Axis },
-    #[error("step {step}: the touch has no length")]
-    NoLength { step: u32 },
+    BodyInRangeAtTop { step: u32, sensor: String, body: String },
+    #[error("step {step} has no position of {axis}")]
+    MissingAxisPosition { step: u32, axis: Axis },
+    #[error("step {step} moves the rotary axis {axis} during the touch")]
+    RotaryMotionInTouch { step: u32, axis: Axis },
+    #[error("step {step}: the touch has zero length")]
+    ZeroLengthTouch { step: u32 },
     #[error(
-        "step {step}: the touch is {length:.3} mm long, so its unguarded back-off could be longer than the probe's overtravel of {overtravel} mm"
+        "step {step}: the touch is {length:.3} mm long; its unguarded back-off could exceed the probe's overtravel of {overtravel} mm"
     )]
-    TooLong { step: u32, length: f64, overtravel: f64 },
+    TouchTooLong { step: u32, length: f64, overtravel: f64 },
     #[error(
-        "braking from the guarded feed of {feed} mm/min takes {way:.2} mm, more than the probe's overtravel of {overtravel} mm"
+        "the braking distance from the guarded feed of {feed} mm/min is {distance_mm:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]
-    GuardTooFast { feed: f64, way: f64, overtravel: f64 },
+    GuardedFeedTooFast { feed: f64, distance_mm: f64, overtravel: f64 },
 }
 
 impl PlanningError {
@@ -52,37 +56,47 @@ impl PlanningError {
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Kinematics(_) => "correct [machine] and [axes] in the machine file",
-            Self::NoRoomAbove { .. } => {
+            Self::InsufficientZTravel { .. } => {
                 "use a shorter stylus or a lower part, or correct [axes.Z] max, [artefact] height_mm, tool_mm"
             }
-            Self::ZDown => "state Z after ISO 841: positive away from the part ([axes.Z] positive)",
-            Self::OutOfTravel { .. } => {
-                "move the part nearer to the middle, or correct the limits in [axes]"
+            Self::InvertedZ => {
+                "correct [axes.Z] positive: by ISO 841, positive Z is away from the part"
             }
-            Self::NoAxis { .. } => "describe the axis in [axes] and in the topology",
-            Self::InRangeAtTop { .. } => {
-                "lower the artefact, or take the body away; or correct [axes.Z] max, zero_mm and range_mm of \
+            Self::OutOfTravel { .. } => {
+                "move the part nearer to the middle of the travel, or correct the limits in [axes]"
+            }
+            Self::UnknownAxis { .. } => {
+                "add the axis to [axes] and to the topology in the machine file"
+            }
+            Self::BodyInRangeAtTop { .. } => {
+                "lower the artefact, remove the body, or correct [axes.Z] max, and zero_mm and range_mm of \
                  the [[sensor]]"
             }
-            Self::Tilted { .. } => {
-                "measure with the axis of the head where the spindle stands along Z"
+            Self::SpindleTilted { .. } => {
+                "move the axis of the head to the angle at which the spindle axis is along Z"
             }
-            Self::NotATouch { .. } => "this version plans touches and scans only",
-            Self::LatePrompt { .. } => "put the prompts of a stage before whatever moves in it",
-            Self::NotAPrompt { .. } => {
-                "correct the step in the plan: a `text`, and the same in `from` and `to`"
+            Self::NotATouch { .. } => {
+                "correct the step in the plan: only touches and scans can be planned"
             }
-            Self::NotAScan { .. } => {
-                "correct the step in the plan: a `path` from `from` to `to`, `dwell_s` and `samples` at \
-                 each of its points, and the name of a [[sensor]]"
+            Self::PromptAfterMotion { .. } => {
+                "put the prompts of the stage before its motions in the plan"
             }
-            Self::Incomplete { .. } | Self::Turns { .. } | Self::NoLength { .. } => {
-                "correct the step in the plan; `from` names all axes, `to` moves linear ones alone"
+            Self::InvalidPrompt { .. } => {
+                "correct the step in the plan: add a `text`, and make `from` and `to` equal"
             }
-            Self::TooLong { .. } => {
-                "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or the method's distances"
+            Self::InvalidScan { .. } => {
+                "correct the step in the plan: a scan requires a `path` from `from` to `to`, either `dwell_s` \
+                 and `samples` or `rate_hz`, and the name of a [[sensor]]"
             }
-            Self::GuardTooFast { .. } => "lower [probe] guarded_feed_mm_min",
+            Self::MissingAxisPosition { .. }
+            | Self::RotaryMotionInTouch { .. }
+            | Self::ZeroLengthTouch { .. } => {
+                "correct the step in the plan: `from` must contain all axes, `to` must move linear axes only"
+            }
+            Self::TouchTooLong { .. } => {
+                "set the part up nearer to its position in the machine file and lower [artefact] uncertainty_mm, or lower the method's distances"
+            }
+            Self::GuardedFeedTooFast { .. } => "lower [probe] guarded_feed_mm_min",
         };
         text.to_owned()
     }

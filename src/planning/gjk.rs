@@ -8,14 +8,14 @@ use parry3d_f64::query::gjk::{CsoPoint, GJKResult, VoronoiSimplex, closest_point
 use parry3d_f64::shape::SupportMap;
 
 /// A convex body.
-pub(super) trait Support {
+pub(super) trait SupportMapping {
     /// Farthest point of the body along `direction`, which need not have length 1.
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64>;
 }
 
-struct InParry<'a, T>(&'a T);
+struct ParryShape<'a, T>(&'a T);
 
-impl<T: Support> SupportMap for InParry<'_, T> {
+impl<T: SupportMapping> SupportMap for ParryShape<'_, T> {
     fn local_support_point(&self, direction: Vector) -> Vector {
         self.0.support(direction.into()).into()
     }
@@ -23,27 +23,34 @@ impl<T: Support> SupportMap for InParry<'_, T> {
 
 /// Lower bound of the distance between `one` and `other`, mm: the gap between the two supporting planes across
 /// `direction`, a unit vector from `one` to `other`.
-pub(super) fn gap_across(one: &impl Support, other: &impl Support, direction: Vector3<f64>) -> f64 {
+pub(super) fn gap_across_mm(
+    one: &impl SupportMapping,
+    other: &impl SupportMapping,
+    direction: Vector3<f64>,
+) -> f64 {
     direction.dot(&(other.support(-direction) - one.support(direction)))
 }
 
 /// Unit vectors from `one` to `other` across which the gap may be the widest; none if the bodies intersect. The
-/// search begins across `start` and ends when the distance is known to be at least `enough`, mm.
-pub(super) fn directions(
-    one: &impl Support,
-    other: &impl Support,
+/// search begins across `start` and ends when the distance is known to be at least `sufficient_mm`, mm.
+pub(super) fn separating_directions(
+    one: &impl SupportMapping,
+    other: &impl SupportMapping,
     start: Vector3<f64>,
-    enough: f64,
+    sufficient_mm: f64,
 ) -> Vec<Vector3<f64>> {
-    let (one, other) = (InParry(one), InParry(other));
+    let (one, other) = (ParryShape(one), ParryShape(other));
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, &one, &other, start.into()));
-    let found = match closest_points(&Pose::IDENTITY, &one, &other, enough, true, &mut simplex) {
-        GJKResult::Intersection => vec![],
-        // Away from an edge, the line between the two points is the better direction.
-        GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
-        GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => vec![direction],
-    };
+    let found =
+        match closest_points(&Pose::IDENTITY, &one, &other, sufficient_mm, true, &mut simplex) {
+            GJKResult::Intersection => vec![],
+            // Away from an edge, the line between the two points is the better direction.
+            GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
+            GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
+                vec![direction]
+            }
+        };
     // The gap is a bound only across a vector of length 1.
     found.into_iter().filter_map(|direction| unit_vector(direction.into())).collect()
 }

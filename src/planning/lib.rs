@@ -4,38 +4,38 @@
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod access;
-mod asked;
 mod ball;
-mod careful;
-mod clearance;
-mod confirmed;
+mod ball_evaluation;
+mod ball_round_path;
+mod confirmed_directions;
 mod error;
 pub mod gcode;
 mod gjk;
-mod hull;
 mod limits;
-mod measured;
+mod motion_sequence;
+mod obstacle_body;
 mod order;
 mod over_balls;
-mod path;
+mod prompts;
 pub mod proof;
-mod round;
+mod safe_heights;
 mod scan;
 mod surroundings;
 mod time;
 mod tool;
 mod touch;
-mod turning;
+mod turn_feeds;
+mod unconfirmed_approach;
 
-pub use access::{Access, Contact, Unreachable};
-pub use asked::asked_first;
-pub use ball::{Approach, BallTask};
-pub use clearance::Clearance;
-pub use confirmed::{Confirmed, Start};
+pub use access::{BallAccessError, TouchAccess, TouchDirection};
+pub use ball::{BallApproach, BallTask};
+pub use ball_evaluation::{BallCheckError, BallLimits, MeasuredBall, evaluate_ball};
+pub use confirmed_directions::{BlockStart, ConfirmedDirections};
 pub use error::PlanningError;
-pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
 pub use order::TravelTimes;
-pub use scan::{blocks_out_of_range, step_blocks};
+pub use prompts::split_prompts;
+pub use safe_heights::SafeHeights;
+pub use scan::{out_of_range_block_count, step_blocks};
 pub use time::{MachineTime, machine_time_s};
 pub use touch::touch_block;
 
@@ -44,75 +44,84 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
 /// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
-pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), PlanningError> {
-    let mut program = Blocks::default();
+pub fn plan_blocks(
+    plan: &Plan,
+    clearance: &SafeHeights,
+) -> Result<(Vec<Block>, f64), PlanningError> {
+    let mut program = BlockSequence::default();
     for step in &plan.steps {
         program.push(plan, step, 0, clearance)?;
     }
-    Ok((program.blocks, program.seconds))
+    Ok((program.blocks, program.duration_s))
 }
 
-/// Like [`blocks`], stage by stage as a run plans them: each with the artefact at its position found so far.
+/// Like [`plan_blocks`], stage by stage as a run plans them: each with the artefact at its position found so far.
 /// Prompts have no block.
-pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
-    let (mut program, mut found) = (Blocks::default(), None);
+pub fn plan_blocks_by_stage(
+    plan: &Plan,
+    stages: &[Stage],
+) -> Result<(Vec<Block>, f64), PlanningError> {
+    let (mut program, mut found) = (BlockSequence::default(), None);
     for stage in stages {
         found = stage.found.as_ref().or(found);
-        let clearance = Clearance::known(plan, found)?;
-        let (asked, moves) = asked_first(plan, &stage.steps)?;
+        let clearance = SafeHeights::above_known_artefact(plan, found)?;
+        let (asked, moves) = split_prompts(plan, &stage.steps)?;
         if !asked.is_empty() {
             // The operator may have moved the machine.
-            program.stands = None;
-            program.confirmed = Confirmed::default();
+            program.position = None;
+            program.confirmed = ConfirmedDirections::default();
         }
         for id in moves {
             let Some(step) = plan.steps.iter().find(|step| step.id == *id) else { continue };
             program.push(plan, step, stage.repeat, &clearance)?;
         }
     }
-    Ok((program.blocks, program.seconds))
+    Ok((program.blocks, program.duration_s))
 }
 
 /// Sequence of blocks, from an unknown machine position.
 #[derive(Default)]
-struct Blocks {
+struct BlockSequence {
     blocks: Vec<Block>,
-    seconds: f64,
-    stands: Option<Position>,
-    confirmed: Confirmed,
+    duration_s: f64,
+    position: Option<Position>,
+    confirmed: ConfirmedDirections,
 }
 
-impl Blocks {
+impl BlockSequence {
     fn push(
         &mut self,
         plan: &Plan,
         step: &Step,
         repeat: u32,
-        clearance: &Clearance,
+        clearance: &SafeHeights,
     ) -> Result<(), PlanningError> {
-        let start = Start { stands: self.stands.as_ref(), confirmed: self.confirmed };
+        let start = BlockStart { position: self.position.as_ref(), confirmed: self.confirmed };
         let blocks = step_blocks(plan, step, repeat, start, clearance)?;
         for block in blocks {
-            let begins = self.stands.take().unwrap_or_default();
-            self.seconds += machine_time_s(&block, &begins, &plan.machine);
-            self.stands = Some(end_of(&block.motions, &begins));
+            let begins = self.position.take().unwrap_or_default();
+            self.duration_s += machine_time_s(&block, &begins, &plan.machine);
+            self.position = Some(end_position(&block.motions, &begins));
             self.blocks.push(block);
         }
-        self.confirmed = self.confirmed.after(step);
+        self.confirmed = self.confirmed.after_step(step);
         Ok(())
     }
 }
 
 /// Positions of the axes after `motions`: the last target of each axis.
-pub fn end_of<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
-    motions.into_iter().fold(begins.clone(), |stands, motion| match target(motion) {
-        Some(to) => stands.updated_by(&to),
-        None => stands,
+pub fn end_position<'a>(
+    motions: impl IntoIterator<Item = &'a Motion>,
+    begins: &Position,
+) -> Position {
+    motions.into_iter().fold(begins.clone(), |position, motion| match motion_target(motion) {
+        Some(to) => position.updated_by(&to),
+        None => position,
     })
 }
 
 /// Target of a motion; `None` for a motion without one.
-fn target(motion: &Motion) -> Option<Position> {
+fn motion_target(motion: &Motion) -> Option<Position> {
     match motion {
         Motion::Rapid { to }
         | Motion::BackOff { to, .. }

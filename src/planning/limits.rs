@@ -1,34 +1,34 @@
 //! First check of travel: every position in a block is within the limits of its axis.
 
-use super::{PlanningError, target};
+use super::{PlanningError, motion_target};
 use machine::Position;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::record::motion::Block;
 
 /// Tolerance for limits in degrees, so that rounding does not refuse a move exactly to the limit.
-const SLACK: f64 = 1e-9;
+const LIMIT_TOLERANCE: f64 = 1e-9;
 
 /// Whether the machine has all axes of a position, and the position is within their limits.
-pub(super) fn within(position: &Position, machine: &Machine) -> bool {
+pub(super) fn is_within_limits(position: &Position, machine: &Machine) -> bool {
     position.iter().all(|(axis, value)| {
         let spec = machine.axes.get(&axis);
-        spec.is_some_and(|spec| inside(axis.to_edge(value), spec))
+        spec.is_some_and(|spec| is_inside_limits(axis.to_mm_or_deg(value), spec))
     })
 }
 
-fn inside(value: f64, spec: &AxisSpec) -> bool {
-    (spec.min - SLACK..=spec.max + SLACK).contains(&value)
+fn is_inside_limits(value: f64, spec: &AxisSpec) -> bool {
+    (spec.min - LIMIT_TOLERANCE..=spec.max + LIMIT_TOLERANCE).contains(&value)
 }
 
 /// # Errors
 /// The machine lacks an axis; a position is outside its limits or not finite.
-pub(super) fn check(block: &Block, machine: &Machine) -> Result<(), PlanningError> {
+pub(super) fn check_block(block: &Block, machine: &Machine) -> Result<(), PlanningError> {
     let step = block.step;
-    for to in block.motions.iter().filter_map(target) {
+    for to in block.motions.iter().filter_map(motion_target) {
         for (axis, value) in to.iter() {
-            let spec = machine.axes.get(&axis).ok_or(PlanningError::NoAxis { step, axis })?;
-            let value = axis.to_edge(value);
-            if !inside(value, spec) {
+            let spec = machine.axes.get(&axis).ok_or(PlanningError::UnknownAxis { step, axis })?;
+            let value = axis.to_mm_or_deg(value);
+            if !is_inside_limits(value, spec) {
                 let (min, max) = (spec.min, spec.max);
                 return Err(PlanningError::OutOfTravel { step, axis, value, min, max });
             }

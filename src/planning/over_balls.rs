@@ -7,135 +7,149 @@
 //! - From an unknown position: by way of the upper end of Z, one axis group after the other. Until touches have
 //!   confirmed the position of the machine, every path has this form, and is careful ([`super::careful`]).
 
-use super::careful::UnconfirmedApproach;
-use super::clearance::{LIFT, MARGIN};
-use super::path::{Path, height};
-use super::{Clearance, PlanningError, Start, round};
+use super::motion_sequence::{MotionSequence, z_position};
+use super::safe_heights::{GUARDED_CLEARANCE_MM, UNGUARDED_CLEARANCE_MM};
+use super::unconfirmed_approach::UnconfirmedApproach;
+use super::{BlockStart, PlanningError, SafeHeights, ball_round_path};
 use machine::record::machine::Machine;
 use machine::record::plan::{Plan, Step};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of a position, mm.
-const SLACK: f64 = 1e-6;
+const POSITION_TOLERANCE_MM: f64 = 1e-6;
 /// Maximum distance, seen from above, between the starts of two touches that count as touches of one ball, mm.
-const ONE_BALL: f64 = 60.0;
+const MAX_SAME_BALL_DISTANCE_MM: f64 = 60.0;
 
 /// Plans the path to the start of the touch, or above it. Returns the position at which the block ends: beside the
 /// ball, or otherwise above it.
-pub(super) fn approach(
-    path: &mut Path,
+pub(super) fn plan_ball_approach(
+    path: &mut MotionSequence,
     (plan, step): (&Plan, &Step),
-    start: Start<'_>,
-    clearance: &Clearance,
+    start: BlockStart<'_>,
+    clearance: &SafeHeights,
 ) -> Result<Position, PlanningError> {
     let machine = &plan.machine;
-    let way = Way {
+    let ball_path = BallPath {
         machine,
         from: &step.from,
-        lowest: step.from.at(Axis::Z).max(step.to.at(Axis::Z)),
+        min_z: step.from.get_or_zero(Axis::Z).max(step.to.get_or_zero(Axis::Z)),
         clearance,
     };
-    if !clearance.about.upright(&step.from) {
-        return Err(PlanningError::Tilted { step: step.id });
+    if !clearance.surroundings.is_spindle_upright(&step.from) {
+        return Err(PlanningError::SpindleTilted { step: step.id });
     }
-    let high = way.z_above(&step.from, MARGIN);
-    let above = || height(way.z_above(&step.from, LIFT));
+    let high = ball_path.clearance_z_above(&step.from, UNGUARDED_CLEARANCE_MM);
+    let above = || z_position(ball_path.clearance_z_above(&step.from, GUARDED_CLEARANCE_MM));
     if !start.confirmed.is_all() {
-        UnconfirmedApproach::new(plan, clearance, high, start.confirmed).over(path, &step.from);
+        UnconfirmedApproach::new(plan, clearance, high, start.confirmed)
+            .move_above(path, &step.from);
         return Ok(above());
     }
-    let known = |axis: Axis| axis == Axis::S || path.stands.get(axis).is_some();
-    if !step.from.iter().all(|(axis, _)| known(axis)) || !clearance.about.upright(&path.stands) {
-        way.begin_anywhere(path, high);
-    } else if way.turns(path) {
-        way.turning(path, high)?;
+    let known = |axis: Axis| axis == Axis::S || path.position.get(axis).is_some();
+    if !step.from.iter().all(|(axis, _)| known(axis))
+        || !clearance.surroundings.is_spindle_upright(&path.position)
+    {
+        ball_path.move_from_unknown_position(path, high);
+    } else if ball_path.needs_rotation(path) {
+        ball_path.move_with_rotation(path, high)?;
     } else {
-        way.straight(path, high);
+        ball_path.move_straight(path, high);
     }
-    let aside = round::aside(&clearance.about, machine, &step.from);
+    let aside = ball_round_path::end_beside_ball(&clearance.surroundings, machine, &step.from);
     Ok(aside.unwrap_or_else(above))
 }
 
-struct Way<'a> {
+struct BallPath<'a> {
     machine: &'a Machine,
     /// Start of the touch.
     from: &'a Position,
     /// Z of the path is never lower than the touch itself.
-    lowest: f64,
-    clearance: &'a Clearance,
+    min_z: f64,
+    clearance: &'a SafeHeights,
 }
 
-impl Way<'_> {
-    fn z_above(&self, at: &Position, margin: f64) -> f64 {
-        self.clearance.about.z_between(at, at, margin).max(self.lowest)
+impl BallPath<'_> {
+    fn clearance_z_above(&self, at: &Position, margin: f64) -> f64 {
+        self.clearance.surroundings.path_clearance_z(at, at, margin).max(self.min_z)
     }
 
-    fn turns(&self, path: &Path) -> bool {
+    fn needs_rotation(&self, path: &MotionSequence) -> bool {
         let mut rotary = self.from.iter().filter(|(axis, _)| !axis.is_linear());
-        rotary.any(|(axis, value)| !path.stands_at(axis, value))
+        rotary.any(|(axis, value)| !path.is_at(axis, value))
     }
 
-    fn begin_anywhere(&self, path: &mut Path, high: f64) {
-        path.rapid(&height(self.clearance.top_z));
-        path.rapid(&self.from.only(|axis| !axis.is_linear() && axis != Axis::S));
-        path.orient(self.from.get(Axis::S));
-        path.rapid(&self.over());
-        path.rapid(&height(high));
+    fn move_from_unknown_position(&self, path: &mut MotionSequence, high: f64) {
+        path.add_rapid(&z_position(self.clearance.top_z));
+        path.add_rapid(&self.from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
+        path.add_orientation(self.from.get(Axis::S));
+        path.add_rapid(&self.xy_target());
+        path.add_rapid(&z_position(high));
     }
 
     /// Moves the rotary axes and X, Y together: all obstacles are lower during the whole motion.
-    fn turning(&self, path: &mut Path, high: f64) -> Result<(), PlanningError> {
-        let needed = self.clearance.while_turning(&path.stands, self.from)?.max(high);
-        self.rise(path, needed);
-        let turned = self.from.only(|axis| !matches!(axis, Axis::Z | Axis::S));
-        path.rapid(&turned);
-        path.orient(self.from.get(Axis::S));
-        path.rapid(&height(high));
+    fn move_with_rotation(
+        &self,
+        path: &mut MotionSequence,
+        high: f64,
+    ) -> Result<(), PlanningError> {
+        let needed = self.clearance.turning_clearance_z(&path.position, self.from)?.max(high);
+        self.raise_z(path, needed);
+        let turned = self.from.filter_axes(|axis| !matches!(axis, Axis::Z | Axis::S));
+        path.add_rapid(&turned);
+        path.add_orientation(self.from.get(Axis::S));
+        path.add_rapid(&z_position(high));
         Ok(())
     }
 
     /// Moves the linear axes; the rotary axes are already in position.
-    fn straight(&self, path: &mut Path, high: f64) {
-        let apart = self.clearance.about.apart_from_above(&path.stands, self.from);
+    fn move_straight(&self, path: &mut MotionSequence, high: f64) {
+        let apart = self.clearance.surroundings.horizontal_distance_mm(&path.position, self.from);
         let between = |margin| {
-            let z = self.clearance.about.z_between(&path.stands, self.from, margin);
-            z.max(self.lowest)
+            let z = self.clearance.surroundings.path_clearance_z(&path.position, self.from, margin);
+            z.max(self.min_z)
         };
-        let places = round::round(&self.clearance.about, self.machine, &path.stands, self.from);
+        let places = ball_round_path::plan_round_ball(
+            &self.clearance.surroundings,
+            self.machine,
+            &path.position,
+            self.from,
+        );
         if let Some(places) = places {
             for place in places {
-                path.guarded(&place);
+                path.add_guarded(&place);
             }
             return;
         }
-        if apart <= ONE_BALL {
-            let needed = between(LIFT);
-            if path.stands.at(Axis::Z) < needed - SLACK {
-                path.guarded(&height(needed));
+        if apart <= MAX_SAME_BALL_DISTANCE_MM {
+            let needed = between(GUARDED_CLEARANCE_MM);
+            if path.position.get_or_zero(Axis::Z) < needed - POSITION_TOLERANCE_MM {
+                path.add_guarded(&z_position(needed));
             }
-            path.guarded(&self.over());
+            path.add_guarded(&self.xy_target());
             return;
         }
-        self.rise(path, between(MARGIN).max(high));
-        path.rapid(&self.over());
-        path.rapid(&height(high));
+        self.raise_z(path, between(UNGUARDED_CLEARANCE_MM).max(high));
+        path.add_rapid(&self.xy_target());
+        path.add_rapid(&z_position(high));
     }
 
     /// Raises Z to `needed`: guarded while an obstacle is near.
-    fn rise(&self, path: &mut Path, needed: f64) {
-        let z = path.stands.at(Axis::Z);
-        if z >= needed - SLACK {
+    fn raise_z(&self, path: &mut MotionSequence, needed: f64) {
+        let z = path.position.get_or_zero(Axis::Z);
+        if z >= needed - POSITION_TOLERANCE_MM {
             return;
         }
-        let here = |margin| self.clearance.about.z_between(&path.stands, &path.stands, margin);
-        if z < here(LIFT) - SLACK {
-            let clear = here(MARGIN).min(needed);
-            path.guarded(&height(clear));
+        let here = |margin| {
+            self.clearance.surroundings.path_clearance_z(&path.position, &path.position, margin)
+        };
+        if z < here(GUARDED_CLEARANCE_MM) - POSITION_TOLERANCE_MM {
+            let clear = here(UNGUARDED_CLEARANCE_MM).min(needed);
+            path.add_guarded(&z_position(clear));
         }
-        path.rapid(&height(needed));
+        path.add_rapid(&z_position(needed));
     }
 
-    fn over(&self) -> Position {
-        self.from.only(|axis| matches!(axis, Axis::X | Axis::Y))
+    fn xy_target(&self) -> Position {
+        self.from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y))
     }
 }

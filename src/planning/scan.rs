@@ -1,19 +1,23 @@
 //! Motions of one scan. A scan touches nothing, so its moves are not guarded; the proof checks that all of it keeps
 //! its distance.
 
-use super::careful::{UnconfirmedApproach, is_in_nest, near_feed, nest_feed};
-use super::clearance::LIFT;
-use super::path::{Path, height};
-use super::surroundings::Near;
-use super::{Clearance, Confirmed, PlanningError, Start, limits, touch_block, turning};
+use super::motion_sequence::{MotionSequence, z_position};
+use super::safe_heights::GUARDED_CLEARANCE_MM;
+use super::surroundings::Proximity;
+use super::unconfirmed_approach::{
+    UnconfirmedApproach, is_in_nest, near_part_feed_mm_min, nest_feed_mm_min,
+};
+use super::{
+    BlockStart, ConfirmedDirections, PlanningError, SafeHeights, limits, touch_block, turn_feeds,
+};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
 
 /// Height above the first point at which the descent becomes a feed move, mm.
-const SLOW_MM: f64 = 10.0;
+const SLOW_DESCENT_MM: f64 = 10.0;
 /// Maximum distance from the first point at which the ball stays in a nest of sensors on the table, mm.
-const NEST_WAY_MM: f64 = 1.0;
+const MAX_NEST_MOVE_MM: f64 = 1.0;
 
 /// Blocks of one step. A touch is one block. A scan with dwell points is one block for each section after which
 /// samples are taken, the first with the path to it. A continuous scan is the path to its first point and the scan,
@@ -25,8 +29,8 @@ pub fn step_blocks(
     plan: &Plan,
     step: &Step,
     repeat: u32,
-    start: Start<'_>,
-    clearance: &Clearance,
+    start: BlockStart<'_>,
+    clearance: &SafeHeights,
 ) -> Result<Vec<Block>, PlanningError> {
     match &step.scan {
         None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
@@ -37,40 +41,44 @@ pub fn step_blocks(
 /// If the rotary axes or the spindle turn, the path leads up to the end of Z, turns and moves across; otherwise it
 /// is no higher than its two ends. Then it leads down, the last part slowly, and from point to point. Until a scan
 /// has confirmed the position of the machine, the path is careful ([`super::careful`]), and the descent to where
-/// the sensor may reach a body is separate blocks ([`blocks_out_of_range`]). The path of the ball into a nest of
+/// the sensor may reach a body is separate blocks ([`out_of_range_block_count`]). The path of the ball into a nest of
 /// sensors on the table is always planned like this; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),
     repeat: u32,
-    start: Start<'_>,
-    clearance: &Clearance,
+    start: BlockStart<'_>,
+    clearance: &SafeHeights,
 ) -> Result<Vec<Block>, PlanningError> {
-    check(plan, step, scan)?;
+    check_scan(plan, step, scan)?;
     let in_nest = is_in_nest(plan, step);
-    let approach_feed = if in_nest { nest_feed(plan) } else { near_feed(plan, start.confirmed) };
-    let mut path = Path::from(start.stands, approach_feed);
+    let approach_feed =
+        if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
+    let mut path = MotionSequence::starting_at(start.position, approach_feed);
     let top_z = clearance.top_z;
     let mut blocks = Vec::new();
-    let begins_in_place = scan.turns_only() && still_axes_stand_at(&path, scan);
+    let begins_in_place = scan.is_rotary_only() && are_still_axes_at_start(&path, scan);
     if begins_in_place || (in_nest && stays_in_nest(&path, &step.from, start.confirmed)) {
-        turn_to(&mut path, plan, &step.from, clearance);
+        turn_to_first_point(&mut path, plan, &step.from, clearance);
     } else if start.confirmed.is_all() && !in_nest {
-        approach(&mut path, &step.from, top_z);
+        plan_scan_approach(&mut path, &step.from, top_z);
     } else {
-        let low_z = low_z(step, &path, clearance)?;
+        let low_z = lowest_out_of_range_z(step, &path, clearance)?;
         let careful = match in_nest {
             true => UnconfirmedApproach::to_nest(plan, clearance, low_z),
             false => UnconfirmedApproach::new(plan, clearance, low_z, start.confirmed),
         };
-        careful.up(&mut path, &step.from);
+        careful.move_up(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));
-        careful.across_and_down(&mut path, &step.from);
+        careful.move_across_and_down(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));
     }
     for (number, point) in scan.path.iter().enumerate() {
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
-        path.feed(&point.only(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
+        path.add_feed(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed {
+            to,
+            feed_mm_min,
+        });
         match scan.sampling {
             Sampling::Dwell { dwell_s, .. } => {
                 path.motions.push(Motion::Dwell { seconds: dwell_s });
@@ -84,42 +92,48 @@ fn scan_blocks(
     blocks.retain(|motions| !motions.is_empty());
     let block = |motions| Block { step: step.id, repeat, motions };
     let blocks: Vec<Block> = blocks.into_iter().map(block).collect();
-    blocks.iter().try_for_each(|block| limits::check(block, &plan.machine))?;
+    blocks.iter().try_for_each(|block| limits::check_block(block, &plan.machine))?;
     Ok(blocks)
 }
 
 /// Whether the axes that a scan does not move are at its start.
-fn still_axes_stand_at(path: &Path, scan: &Scan) -> bool {
+fn are_still_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
     let Some(first) = scan.path.first() else { return false };
-    let is_still = |axis: Axis, at: f64| scan.path.iter().all(|point| point.at(axis) == at);
+    let is_still =
+        |axis: Axis, at: f64| scan.path.iter().all(|point| point.get_or_zero(axis) == at);
     let mut still = first.iter().filter(|(axis, at)| is_still(*axis, *at));
-    still.all(|(axis, at)| path.stands_at(axis, at))
+    still.all(|(axis, at)| path.is_at(axis, at))
 }
 
 /// Whether the ball is so near to the first point of a scan in a nest that it can stay in the nest. Until the
 /// position is confirmed, no axis turns for this.
-fn stays_in_nest(path: &Path, from: &Position, confirmed: Confirmed) -> bool {
-    let is_in_place = |(axis, at): (Axis, f64)| match path.stands.get(axis) {
-        Some(stands) if axis.is_linear() => (stands - at).abs() <= NEST_WAY_MM,
+fn stays_in_nest(path: &MotionSequence, from: &Position, confirmed: ConfirmedDirections) -> bool {
+    let is_in_place = |(axis, at): (Axis, f64)| match path.position.get(axis) {
+        Some(position) if axis.is_linear() => (position - at).abs() <= MAX_NEST_MOVE_MM,
         Some(_) if axis != Axis::S && confirmed.is_all() => true,
-        _ => path.stands_at(axis, at),
+        _ => path.is_at(axis, at),
     };
     from.iter().all(is_in_place)
 }
 
 /// Turns to the first point, at the feed that is allowed until the position is confirmed.
-fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance) {
+fn turn_to_first_point(
+    path: &mut MotionSequence,
+    plan: &Plan,
+    from: &Position,
+    clearance: &SafeHeights,
+) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
-        let chain = &clearance.about.chain;
-        let feed_mm_min = turning::feed_at_most(plan, chain, axis, &path.stands);
-        path.feed(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
+        let chain = &clearance.surroundings.chain;
+        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(plan, chain, axis, &path.position);
+        path.add_feed(&Position::new().with(axis, at), |to| Motion::Feed { to, feed_mm_min });
     }
 }
 
 /// Number of the `count` blocks of a scan that lead to where no declared body is within the range of its sensor:
 /// straight up, then across and down. None once the position is confirmed; with sensors on the table, none if the
 /// ball is already between them.
-pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
+pub fn out_of_range_block_count(scan: &Scan, count: usize) -> usize {
     // The path to the first point is in the first of these blocks.
     let rest = match scan.sampling {
         Sampling::Dwell { .. } => scan.path.len(),
@@ -130,77 +144,83 @@ pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
 
 /// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
 /// nor on the path to it at the upper end of Z.
-fn low_z(step: &Step, path: &Path, clearance: &Clearance) -> Result<f64, PlanningError> {
+fn lowest_out_of_range_z(
+    step: &Step,
+    path: &MotionSequence,
+    clearance: &SafeHeights,
+) -> Result<f64, PlanningError> {
     let from = &step.from;
-    let stands = path.stands.only(|axis| matches!(axis, Axis::X | Axis::Y));
-    let begins = from.updated_by(&stands);
+    let position = path.position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
+    let begins = from.updated_by(&position);
     let out_of_range = |begins: &Position| {
-        let near = |near: Near| PlanningError::InRangeAtTop {
+        let near = |near: Proximity| PlanningError::BodyInRangeAtTop {
             step: step.id,
             sensor: near.tool,
             body: near.obstacle,
         };
-        clearance.about.z_out_of_range(begins, from, LIFT).map_err(near)
+        clearance.surroundings.out_of_range_z(begins, from, GUARDED_CLEARANCE_MM).map_err(near)
     };
     out_of_range(&begins)?;
-    Ok(out_of_range(from)?.max(from.at(Axis::Z) + SLOW_MM).min(clearance.top_z))
+    Ok(out_of_range(from)?.max(from.get_or_zero(Axis::Z) + SLOW_DESCENT_MM).min(clearance.top_z))
 }
 
-fn approach(path: &mut Path, from: &Position, top_z: f64) {
-    let z = from.at(Axis::Z);
-    let still = |(axis, value): (Axis, f64)| axis.is_linear() || path.stands_at(axis, value);
-    let level = match path.stands.get(Axis::Z) {
-        Some(stands) if from.iter().all(still) => stands.max(z + SLOW_MM),
+fn plan_scan_approach(path: &mut MotionSequence, from: &Position, top_z: f64) {
+    let z = from.get_or_zero(Axis::Z);
+    let still = |(axis, value): (Axis, f64)| axis.is_linear() || path.is_at(axis, value);
+    let level = match path.position.get(Axis::Z) {
+        Some(position) if from.iter().all(still) => position.max(z + SLOW_DESCENT_MM),
         _ => top_z,
     };
-    path.rapid(&height(level.min(top_z)));
-    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
-    path.orient(from.get(Axis::S));
-    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
-    path.rapid(&height((z + SLOW_MM).min(top_z)));
+    path.add_rapid(&z_position(level.min(top_z)));
+    path.add_rapid(&from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
+    path.add_orientation(from.get(Axis::S));
+    path.add_rapid(&from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
+    path.add_rapid(&z_position((z + SLOW_DESCENT_MM).min(top_z)));
 }
 
-fn check(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
+fn check_scan(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError> {
     let id = step.id;
-    let wrong = |why| Err(PlanningError::NotAScan { step: id, why });
-    let wanted = plan.machine.axes.keys().copied().filter(|axis| *axis != Axis::S);
-    for axis in wanted {
+    let invalid = |reason| Err(PlanningError::InvalidScan { step: id, reason });
+    let required_axes = plan.machine.axes.keys().copied().filter(|axis| *axis != Axis::S);
+    for axis in required_axes {
         if scan.path.iter().any(|point| point.get(axis).is_none()) {
-            return Err(PlanningError::Incomplete { step: id, axis });
+            return Err(PlanningError::MissingAxisPosition { step: id, axis });
         }
     }
     let (Some(first), Some(last)) = (scan.path.first(), scan.path.last()) else {
-        return wrong("its path has no point");
+        return invalid("the path has no points");
     };
     let differs = |one: &Position, other: &Position| {
         let same = |(axis, value)| other.get(axis).is_none_or(|other| other == value);
         !one.iter().all(same)
     };
     if differs(first, &step.from) || differs(last, &step.to) {
-        return wrong("it does not begin at `from` and end at `to`");
+        return invalid("the path does not begin at `from` and end at `to`");
     }
     if !(step.feed_mm_min.is_finite() && step.feed_mm_min > 0.0) {
-        return wrong("its feed is no speed");
+        return invalid("the feed is not a positive number");
     }
     let is_planned = |name: &String| plan.sensors.iter().any(|sensor| sensor.name == *name);
     if step.sensors.is_empty() || !step.sensors.iter().all(is_planned) {
-        return wrong("the plan has no sensor of that name");
+        return invalid("`sensors` is empty or contains a name that no sensor of the plan has");
     }
     match scan.sampling {
         Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
-        Sampling::Dwell { .. } => wrong("it rests for less than no time, or takes no sample"),
+        Sampling::Dwell { .. } => invalid("`dwell_s` is negative or `samples` is 0"),
         Sampling::Continuous { .. }
             if scan.path.windows(2).all(|way| way.first() == way.last()) =>
         {
-            wrong("samples are to be taken on its way, and it has no way")
+            invalid("a continuous scan requires a path with a length above 0")
         }
         Sampling::Continuous { rate_hz, .. } if !(rate_hz.is_finite() && rate_hz > 0.0) => {
-            wrong("its rate takes no sample")
+            invalid("`rate_hz` is not a positive number")
         }
         Sampling::Continuous { per_revolution: Some(count), .. }
-            if count == 0 || scan.turned_axis().is_none() =>
+            if count == 0 || scan.single_rotary_axis().is_none() =>
         {
-            wrong("`per_revolution` is for the turn of one rotary axis, and 1 or more")
+            invalid(
+                "`per_revolution` must be 1 or more, and the path must turn exactly one rotary axis",
+            )
         }
         Sampling::Continuous { .. } => Ok(()),
     }

@@ -68,14 +68,16 @@ fn is_near(a: &Position, b: &Position) -> bool {
 #[test]
 fn regress_the_sequence_of_one_touch() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
-    let clearance = Clearance::above(&plan).unwrap();
-    assert!((clearance.over_all.unwrap() - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0);
-    let start = Start { stands: None, confirmed: Confirmed::all() };
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    assert!(
+        (clearance.part_clearance_z.unwrap() - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0
+    );
+    let start = BlockStart { position: None, confirmed: ConfirmedDirections::all() };
     let block = touch_block(&plan, &plan.steps[0], 2, start, &clearance).unwrap();
     assert_eq!((block.step, block.repeat), (3, 2));
     let z = |z| at(&[(Axis::Z, z)]);
     let x = |x| at(&[(Axis::X, x)]);
-    let safe = clearance.over_all.unwrap();
+    let safe = clearance.part_clearance_z.unwrap();
     let expected = [
         Motion::Rapid { to: z(450.0) },
         Motion::Rapid { to: at(&[(Axis::B, 0.0), (Axis::C, 1.0)]) },
@@ -89,13 +91,13 @@ fn regress_the_sequence_of_one_touch() {
     ];
     assert_eq!(block.motions, expected);
     // A second touch of the same point needs neither a rise nor a turn.
-    let stands = end_of(&block.motions, &Position::new());
-    assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
+    let position = end_position(&block.motions, &Position::new());
+    assert!(is_near(&position, &plan.steps[0].from.updated_by(&z(safe))));
     let again = touch_block(
         &plan,
         &plan.steps[0],
         3,
-        Start { stands: Some(&stands), confirmed: Confirmed::all() },
+        BlockStart { position: Some(&position), confirmed: ConfirmedDirections::all() },
         &clearance,
     )
     .unwrap();
@@ -107,11 +109,11 @@ fn regress_the_sequence_of_one_touch() {
 #[test]
 fn the_way_to_an_unconfirmed_place_is_careful() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
-    let clearance = Clearance::above(&plan).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let [z, x] = [Axis::Z, Axis::X].map(|axis| move |to: f64| at(&[(axis, to)]));
     let guarded = |to: Position, feed_mm_min| Motion::Guarded { to, feed_mm_min };
-    let of = |stands, confirmed| {
-        let start = Start { stands, confirmed };
+    let of = |position, confirmed| {
+        let start = BlockStart { position, confirmed };
         touch_block(&plan, &plan.steps[0], 0, start, &clearance).unwrap()
     };
     let touched = |feed| {
@@ -123,8 +125,8 @@ fn the_way_to_an_unconfirmed_place_is_careful() {
         ]
     };
     // Low beside the part, only C turned, and 0.1 mm off in X: too short for a probing move.
-    let stands = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
-    let block = of(Some(&stands), Confirmed::default());
+    let position = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
+    let block = of(Some(&position), ConfirmedDirections::default());
     let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] =
         block.motions.as_slice()
     else {
@@ -136,51 +138,51 @@ fn the_way_to_an_unconfirmed_place_is_careful() {
     assert_eq!(rest[1], guarded(z(SAFE_Z), 1500.0));
     assert_eq!(rest[2..], touched(300.0));
     // From the end of that block, no sideways move is needed, and the probe is known to work.
-    let stands = end_of(&block.motions, &stands);
-    let begun = Confirmed::default().after(&plan.steps[0]);
-    assert_eq!(of(Some(&stands), begun).motions, touched(1500.0));
+    let position = end_position(&block.motions, &position);
+    let begun = ConfirmedDirections::default().after_step(&plan.steps[0]);
+    assert_eq!(of(Some(&position), begun).motions, touched(1500.0));
     // Every axis whose position is unknown must move.
-    let unknown = of(None, Confirmed::default());
+    let unknown = of(None, ConfirmedDirections::default());
     assert!(!unknown.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
     assert_eq!(unknown.motions.len(), 4 + 2 + touched(300.0).len());
 }
 
 /// Checks that every motion of `block` obeys the rules of safe motion, whatever came before.
 fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
-    let mut stands = begins.clone();
+    let mut position = begins.clone();
     let mut probe: Option<(Position, Position)> = None;
     for motion in &block.motions {
-        let to = target(motion).unwrap();
-        let next = stands.updated_by(&to);
+        let to = motion_target(motion).unwrap();
+        let next = position.updated_by(&to);
         let high = |p: &Position| p.get(Axis::Z).is_some_and(|z| z >= safe_z - 1e-9);
         let turns = to.iter().any(|(axis, _)| !axis.is_linear());
-        assert!(!turns || high(&stands), "turns low: {motion:?}");
+        assert!(!turns || high(&position), "turns low: {motion:?}");
         match motion {
             // Unguarded: high at both ends, or straight up from an unknown position.
-            Motion::Rapid { .. } if high(&stands) => assert!(high(&next), "{motion:?}"),
+            Motion::Rapid { .. } if high(&position) => assert!(high(&next), "{motion:?}"),
             Motion::Rapid { .. } => {
                 assert!(to.iter().all(|(axis, _)| axis == Axis::Z), "{motion:?}");
-                assert!(stands.get(Axis::Z).is_none(), "{motion:?}");
+                assert!(position.get(Axis::Z).is_none(), "{motion:?}");
                 assert!(high(&next));
             }
             Motion::Probe { .. } => {
                 assert!(probe.is_none(), "a second probe");
-                probe = Some((stands.clone(), next.clone()));
+                probe = Some((position.clone(), next.clone()));
             }
             Motion::BackOff { .. } => {
                 let (start, deepest) = probe.clone().expect("a back-off without a touch");
                 assert!(is_near(&next, &start), "back the way it came");
-                let square = |axis| (next.at(axis) - deepest.at(axis)).powi(2);
+                let square = |axis| (next.get_or_zero(axis) - deepest.get_or_zero(axis)).powi(2);
                 let length = Axis::LINEAR.into_iter().map(square).sum::<f64>().sqrt();
                 assert!(length > 0.0 && length <= plan.probe.overtravel_mm);
             }
             Motion::Guarded { .. } | Motion::Orient { .. } => {}
             Motion::Dwell { .. } | Motion::Feed { .. } => unreachable!("a touch does neither"),
         }
-        stands = next;
+        position = next;
     }
     assert!(probe.is_some(), "a touch probes");
-    assert!(stands.at(Axis::Z) >= safe_z - 1e-9, "ends high");
+    assert!(position.get_or_zero(Axis::Z) >= safe_z - 1e-9, "ends high");
 }
 
 #[test]
@@ -193,31 +195,31 @@ fn regress_every_touch_of_a_cycle_is_safe() {
         })
         .collect();
     let plan = plan(steps);
-    let clearance = Clearance::above(&plan).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let parked = touch(0, 1.0, 0.0, 0.0, 0.0).from;
     for begins in [
         None,
         // Low beside the part, at the safe height, and higher than the safe height.
         Some(parked.clone()),
-        Some(parked.updated_by(&at(&[(Axis::Z, clearance.over_all.unwrap())]))),
+        Some(parked.updated_by(&at(&[(Axis::Z, clearance.part_clearance_z.unwrap())]))),
         Some(parked.updated_by(&at(&[(Axis::Z, 440.0)]))),
     ] {
-        let mut stands = begins;
+        let mut position = begins;
         for step in &plan.steps {
             let block = touch_block(
                 &plan,
                 step,
                 0,
-                Start { stands: stands.as_ref(), confirmed: Confirmed::all() },
+                BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() },
                 &clearance,
             )
             .unwrap();
-            let from = stands.unwrap_or_default();
-            assert_safe(&plan, &block, &from, clearance.over_all.unwrap());
-            stands = Some(end_of(&block.motions, &from));
+            let from = position.unwrap_or_default();
+            assert_safe(&plan, &block, &from, clearance.part_clearance_z.unwrap());
+            position = Some(end_position(&block.motions, &from));
         }
     }
-    let (blocks, seconds) = blocks(&plan, &clearance).unwrap();
+    let (blocks, seconds) = plan_blocks(&plan, &clearance).unwrap();
     assert_eq!(blocks.len(), 24);
     assert!(seconds > 24.0 * 1.5);
 }
@@ -228,7 +230,7 @@ fn regress_every_touch_of_a_cycle_is_safe() {
 fn regress_the_safe_height_covers_the_way_between_tilts() {
     let plan = plan(vec![touch(0, 0.0, 0.0, 0.0, 0.0), touch(1, 0.0, FRAC_PI_2, 0.0, 0.0)]);
     let rim = 100.0_f64.hypot(45.0) + SAFE_Z - 100.0;
-    let safe = Clearance::above(&plan).unwrap().over_all.unwrap();
+    let safe = SafeHeights::above_plan_artefact(&plan).unwrap().part_clearance_z.unwrap();
     assert!(safe <= rim + 1e-9 && safe > rim - 0.2, "{safe} against {rim}");
 }
 
@@ -236,25 +238,25 @@ fn regress_the_safe_height_covers_the_way_between_tilts() {
 fn z_must_have_room_above_the_part_and_go_up() {
     let mut low = plan(Vec::new());
     low.machine.axes.get_mut(&Axis::Z).unwrap().max = 200.0;
-    match Clearance::above(&low) {
-        Err(PlanningError::NoRoomAbove { needed, max }) => {
+    match SafeHeights::above_plan_artefact(&low) {
+        Err(PlanningError::InsufficientZTravel { needed, max }) => {
             assert!((needed - SAFE_Z).abs() < 1e-9 && max == 200.0);
         }
         other => panic!("{other:?}"),
     }
     let mut down = plan(Vec::new());
     down.machine.axes.get_mut(&Axis::Z).unwrap().positive =
-        machine::record::machine::Sense::Reversed;
-    assert!(matches!(Clearance::above(&down), Err(PlanningError::ZDown)));
+        machine::record::machine::AxisSense::Reversed;
+    assert!(matches!(SafeHeights::above_plan_artefact(&down), Err(PlanningError::InvertedZ)));
 }
 
 #[track_caller]
 fn refusal(change: impl FnOnce(&mut Plan, &mut Step)) -> PlanningError {
     let mut step = touch(7, 0.0, 0.0, 0.0, 0.0);
     let mut plan = plan(vec![step.clone()]);
-    let clearance = Clearance::above(&plan).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     change(&mut plan, &mut step);
-    let error = touch_block(&plan, &step, 0, Start::default(), &clearance).unwrap_err();
+    let error = touch_block(&plan, &step, 0, BlockStart::default(), &clearance).unwrap_err();
     assert!(!error.remedy().is_empty());
     error
 }
@@ -263,12 +265,12 @@ fn refusal(change: impl FnOnce(&mut Plan, &mut Step)) -> PlanningError {
 fn what_must_not_move_is_refused_with_its_reason() {
     use PlanningError::*;
     let error = refusal(|_, step| step.from.set(Axis::X, 251.0));
-    assert!(matches!(error, TooLong { step: 7, .. }), "{error}");
+    assert!(matches!(error, TouchTooLong { step: 7, .. }), "{error}");
     let error = refusal(|plan, _| plan.machine.axes.get_mut(&Axis::X).unwrap().max = 48.0);
     let (axis, value, min, max) = (Axis::X, 48.5, -250.0, 48.0);
     assert_eq!(error, OutOfTravel { step: 7, axis, value, min, max });
     let error = refusal(|_, step| step.from.set(Axis::C, 361.0_f64.to_radians()));
-    assert!(matches!(error, Turns { axis: Axis::C, .. }), "{error}");
+    assert!(matches!(error, RotaryMotionInTouch { axis: Axis::C, .. }), "{error}");
     let error = refusal(|_, step| {
         step.from.set(Axis::C, 361.0_f64.to_radians());
         step.to.set(Axis::C, 361.0_f64.to_radians());
@@ -277,21 +279,21 @@ fn what_must_not_move_is_refused_with_its_reason() {
     let error = refusal(|_, step| step.from.set(Axis::S, f64::NAN));
     assert!(matches!(error, OutOfTravel { axis: Axis::S, .. }), "{error}");
     let error = refusal(|plan, _| plan.machine.axes.retain(|axis, _| *axis != Axis::S));
-    assert_eq!(error, NoAxis { step: 7, axis: Axis::S });
+    assert_eq!(error, UnknownAxis { step: 7, axis: Axis::S });
     let error = refusal(|_, step| step.to = step.from.clone());
-    assert_eq!(error, NoLength { step: 7 });
+    assert_eq!(error, ZeroLengthTouch { step: 7 });
     let error = refusal(|_, step| step.kind = StepKind::Scan);
     assert_eq!(error, NotATouch { step: 7 });
-    let error = refusal(|_, step| step.from = step.from.only(|axis| axis != Axis::B));
-    assert_eq!(error, Incomplete { step: 7, axis: Axis::B });
+    let error = refusal(|_, step| step.from = step.from.filter_axes(|axis| axis != Axis::B));
+    assert_eq!(error, MissingAxisPosition { step: 7, axis: Axis::B });
 }
 
 #[test]
 fn a_limit_in_degrees_may_be_reached() {
     let full = 2.0 * PI;
     let plan = plan(vec![touch(0, 0.0, 0.0, full, 0.0)]);
-    let clearance = Clearance::above(&plan).unwrap();
-    assert!(touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).is_ok());
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    assert!(touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).is_ok());
 }
 
 /// X moves at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
@@ -341,12 +343,15 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
 fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
     // 100 mm/s against 1000 mm/s² is 5 mm, the overtravel 4 mm.
     let mut plan = plan(vec![touch(3, 0.0, 0.0, 0.0, 0.0)]);
-    let clearance = Clearance::above(&plan).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     plan.probe.guarded_feed_mm_min = 6000.0;
-    let refused = touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap_err();
-    assert!(matches!(refused, PlanningError::GuardTooFast { way, .. } if (way - 5.0).abs() < 1e-9));
+    let refused =
+        touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap_err();
+    assert!(
+        matches!(refused, PlanningError::GuardedFeedTooFast { distance_mm, .. } if (distance_mm - 5.0).abs() < 1e-9)
+    );
     plan.probe.guarded_feed_mm_min = 5000.0;
-    touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap();
+    touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap();
 }
 
 #[test]
@@ -370,16 +375,16 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     };
     let mut plan = plan(vec![scan(0, 0.0), scan(1, 0.0), scan(2, 1.0)]);
     plan.sensors = vec![sensor.unwrap()];
-    let clearance = Clearance::above(&plan).unwrap();
-    let (blocks, _) = blocks(&plan, &clearance).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let (blocks, _) = plan_blocks(&plan, &clearance).unwrap();
     assert_eq!(
         blocks.iter().map(|block| block.step).collect::<Vec<_>>(),
         [0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2]
     );
     let scan = plan.steps[0].scan.as_ref().unwrap();
-    assert_eq!([5, 3].map(|count| blocks_out_of_range(scan, count)), [2, 0]);
+    assert_eq!([5, 3].map(|count| out_of_range_block_count(scan, count)), [2, 0]);
     let highest = |block: &Block| {
-        let heights = block.motions.iter().filter_map(|motion| target(motion)?.get(Axis::Z));
+        let heights = block.motions.iter().filter_map(|motion| motion_target(motion)?.get(Axis::Z));
         heights.fold(f64::NEG_INFINITY, f64::max)
     };
     // The path leads to the upper end from an unknown position, and to turn C; otherwise 10 mm above the scan path.
@@ -389,15 +394,15 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     assert_eq!(blocks[3].motions, [&to_middle[..], &rest].concat());
     let mut broken = plan.clone();
     broken.steps[0].scan.as_mut().unwrap().path[1] = at(&[(Axis::X, 0.0)]);
-    let refused = super::blocks(&broken, &clearance).unwrap_err();
-    assert!(matches!(refused, PlanningError::Incomplete { step: 0, .. }), "{refused}");
+    let refused = super::plan_blocks(&broken, &clearance).unwrap_err();
+    assert!(matches!(refused, PlanningError::MissingAxisPosition { step: 0, .. }), "{refused}");
     let mut several = plan.clone();
     several.steps[0].sensors.push("probe".into());
-    let refused = super::blocks(&several, &clearance).unwrap_err();
-    assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
+    let refused = super::plan_blocks(&several, &clearance).unwrap_err();
+    assert!(refused.to_string().contains("a name that no sensor"), "{refused}");
     plan.sensors.clear();
-    let refused = super::blocks(&plan, &clearance).unwrap_err();
-    assert!(refused.to_string().contains("no sensor of that name"), "{refused}");
+    let refused = super::plan_blocks(&plan, &clearance).unwrap_err();
+    assert!(refused.to_string().contains("a name that no sensor"), "{refused}");
 }
 
 #[test]
@@ -405,16 +410,17 @@ fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
     let mut plan = plan(vec![touch(0, 0.0, 0.0, 1.0, 0.0)]);
     let clamp = json!({"close": "M65 P3", "open": "M64 P3"});
     plan.machine.axes.get_mut(&Axis::C).unwrap().clamp = serde_json::from_value(clamp).unwrap();
-    let clearance = Clearance::above(&plan).unwrap();
-    let block = touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).unwrap();
-    let turns = |motion: &&Motion| target(motion).is_some_and(|to| to.get(Axis::C).is_some());
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let block = touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap();
+    let turns =
+        |motion: &&Motion| motion_target(motion).is_some_and(|to| to.get(Axis::C).is_some());
     let turn = block.motions.iter().find(turns);
     assert!(matches!(turn, Some(Motion::Feed { .. })), "{turn:?}");
     assert!(!block.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
 }
 
 /// The part is 100 mm high. With Z at 283, the far end of the range, 180 mm below the spindle datum, is 3 mm above
-/// the part, whose position is uncertain by `loose`.
+/// the part, whose position is uncertain by `uncertainty_mm`.
 #[test]
 fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
     let of = |range_mm: [f64; 2]| {
@@ -433,18 +439,18 @@ fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
                 "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0]}))
             .unwrap(),
         ];
-        let clearance = Clearance::above(&plan).unwrap();
-        let loose = machine::artefact::uncertainty_mm(&plan.artefact);
-        (blocks(&plan, &clearance).map(|(blocks, _)| blocks), loose)
+        let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+        let uncertainty_mm = machine::artefact::position_uncertainty_mm(&plan.artefact);
+        (plan_blocks(&plan, &clearance).map(|(blocks, _)| blocks), uncertainty_mm)
     };
-    let (blocks, loose) = of([-10.0, 30.0]);
+    let (blocks, uncertainty_mm) = of([-10.0, 30.0]);
     let blocks = blocks.unwrap();
     assert_eq!(blocks.len(), 3);
-    let targets = |block: &Block| block.motions.iter().filter_map(target).collect();
+    let targets = |block: &Block| block.motions.iter().filter_map(motion_target).collect();
     let [up, down, first]: [Vec<Position>; 3] = [0, 1, 2].map(|number| targets(&blocks[number]));
     assert_eq!(up, [at(&[(Axis::Z, 450.0)])]);
-    let low_z = down.last().unwrap().at(Axis::Z);
-    assert!((low_z - 283.0 - loose).abs() < 0.2, "{low_z}");
+    let low_z = down.last().unwrap().get_or_zero(Axis::Z);
+    assert!((low_z - 283.0 - uncertainty_mm).abs() < 0.2, "{low_z}");
     assert_eq!(first, [at(&[(Axis::Z, 255.0)])]);
     // At this height, a hold after the first distance must stop the machine within the range of 0.4 mm.
     let feed = |blocks: &[Block]| match blocks[1].motions.last() {
@@ -456,7 +462,7 @@ fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
     // With the spindle at 450 mm, a range that ends 230 mm below the zero point, which is 150 mm below the datum,
     // reaches down to 70 mm.
     let refused = of([-10.0, 230.0]).0.unwrap_err();
-    assert!(matches!(refused, PlanningError::InRangeAtTop { step: 0, .. }), "{refused}");
+    assert!(matches!(refused, PlanningError::BodyInRangeAtTop { step: 0, .. }), "{refused}");
 }
 
 #[test]
@@ -478,20 +484,24 @@ fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
     let of = |path: &[f64], rate_hz| {
         let mut plan = plan(vec![scan(path.iter().map(|x| point(*x)).collect(), rate_hz)]);
         plan.sensors = vec![serde_json::from_value(sensor.clone()).unwrap()];
-        let clearance = Clearance::above(&plan).unwrap();
-        blocks(&plan, &clearance).map(|(blocks, _)| blocks)
+        let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+        plan_blocks(&plan, &clearance).map(|(blocks, _)| blocks)
     };
     // The path passes its first point again, and stops there once.
     let found = of(&[-1.0, 1.0, -1.0, -1.0, -2.0], 1000.0).unwrap();
     assert_eq!(found.len(), 4, "up, across and down, to its first point, the scan");
     let way = |x: f64| Motion::Feed { to: at(&[(Axis::X, x)]), feed_mm_min: 60.0 };
     assert_eq!(found[3].motions, [way(1.0), way(-1.0), way(-2.0)]);
-    let why = |path: &[f64], rate| of(path, rate).unwrap_err().to_string();
+    let reason = |path: &[f64], rate| of(path, rate).unwrap_err().to_string();
     for path in [&[1.0][..], &[1.0, 1.0]] {
-        assert!(why(path, 1000.0).contains("it has no way"), "{}", why(path, 1000.0));
+        assert!(reason(path, 1000.0).contains("a length above 0"), "{}", reason(path, 1000.0));
     }
-    assert!(why(&[1.0, 2.0], 0.0).contains("takes no sample"), "{}", why(&[1.0, 2.0], 0.0));
-    assert!(why(&[1.0, 2.0], f64::NAN).contains("takes no sample"));
+    assert!(
+        reason(&[1.0, 2.0], 0.0).contains("not a positive number"),
+        "{}",
+        reason(&[1.0, 2.0], 0.0)
+    );
+    assert!(reason(&[1.0, 2.0], f64::NAN).contains("not a positive number"));
 }
 
 #[test]
@@ -511,18 +521,18 @@ fn what_asks_a_person_stands_first_and_says_something() {
         prompt(3, None),
         moving,
     ]);
-    let (asked, moves) = asked_first(&plan, &[0, 1]).unwrap();
+    let (asked, moves) = split_prompts(&plan, &[0, 1]).unwrap();
     assert_eq!((asked[0].0.id, asked[0].1, moves), (0, "clean it", &[1][..]));
-    let refused = |steps: &[u32]| asked_first(&plan, steps).unwrap_err();
-    assert_eq!(refused(&[1, 0]), PlanningError::LatePrompt { step: 0 });
+    let refused = |steps: &[u32]| split_prompts(&plan, steps).unwrap_err();
+    assert_eq!(refused(&[1, 0]), PlanningError::PromptAfterMotion { step: 0 });
     for step in 2..5 {
         assert!(
-            matches!(refused(&[step]), PlanningError::NotAPrompt { step: bad, .. } if bad == step)
+            matches!(refused(&[step]), PlanningError::InvalidPrompt { step: bad, .. } if bad == step)
         );
     }
     // A prompt contains no axes: the path to the first touch begins at an unknown position.
     let stage = Stage { id: 0, name: String::new(), repeat: 0, steps: vec![0, 1], found: None };
-    let (blocks, _) = staged_blocks(&plan, &[stage]).unwrap();
+    let (blocks, _) = plan_blocks_by_stage(&plan, &[stage]).unwrap();
     assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [1]);
 }
 
@@ -548,9 +558,10 @@ fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
     let sensor = serde_json::json!({"name": "x1", "mount": "bed", "zero_mm": [50.0, 0.0, 60.0],
         "direction": [-1.0, 0.0, 0.0], "range_mm": [-0.3, 0.3]});
     plan.sensors = vec![serde_json::from_value(sensor).unwrap()];
-    let clearance = Clearance::above(&plan).unwrap();
-    let from = |stands: Position| {
-        let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let from = |position: Position| {
+        let start =
+            BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
         blocks.into_iter().flat_map(|block| block.motions).collect::<Vec<_>>()
     };
@@ -561,7 +572,7 @@ fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
         matches!(&elsewhere[..], [Motion::Feed { to, .. }, last] if *to == at(&[(Axis::C, 0.0)]) && *last == turn)
     );
     let tilted = from(point(0.0).with(Axis::B, 0.3));
-    let ways: Vec<Position> = tilted.iter().filter_map(target).collect();
+    let ways: Vec<Position> = tilted.iter().filter_map(motion_target).collect();
     let tilts = ways.iter().position(|to| to.get(Axis::B).is_some()).unwrap();
     assert_eq!(ways[tilts - 1], at(&[(Axis::Z, 450.0)]), "{ways:?}");
 }

@@ -1,6 +1,6 @@
 //! Machine time: trapezoidal speed profile along each straight motion.
 
-use super::target;
+use super::motion_target;
 use machine::record::machine::Machine;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
@@ -11,52 +11,52 @@ pub struct MachineTime {
     /// Touches: to contact and back.
     pub touch_s: f64,
     /// Moves of X, Y, Z alone.
-    pub way_s: f64,
+    pub linear_s: f64,
     /// Moves in which a rotary axis or the spindle turns.
     pub rotary_s: f64,
     /// Dwells.
-    pub rest_s: f64,
+    pub dwell_s: f64,
 }
 
 impl MachineTime {
     /// Machine time of the blocks in their order; the move to the first position is not included.
-    pub fn of(blocks: &[Block], machine: &Machine) -> Self {
-        let (mut time, mut stands) = (Self::default(), Position::new());
+    pub fn from_blocks(blocks: &[Block], machine: &Machine) -> Self {
+        let (mut time, mut position) = (Self::default(), Position::new());
         for block in blocks {
-            time.add(block, &mut stands, machine);
+            time.add(block, &mut position, machine);
         }
         time
     }
 
     pub fn total_s(&self) -> f64 {
-        self.touch_s + self.way_s + self.rotary_s + self.rest_s
+        self.touch_s + self.linear_s + self.rotary_s + self.dwell_s
     }
 
-    fn add(&mut self, block: &Block, stands: &mut Position, machine: &Machine) {
+    fn add(&mut self, block: &Block, position: &mut Position, machine: &Machine) {
         for motion in &block.motions {
-            let Some(to) = target(motion) else {
+            let Some(to) = motion_target(motion) else {
                 if let Motion::Dwell { seconds } = motion {
-                    self.rest_s += seconds;
+                    self.dwell_s += seconds;
                 }
                 continue;
             };
             let (to, feed) = match motion {
-                Motion::Probe { feed_mm_min, .. } => (middle(stands, &to), Some(*feed_mm_min)),
+                Motion::Probe { feed_mm_min, .. } => (midpoint(position, &to), Some(*feed_mm_min)),
                 Motion::Guarded { feed_mm_min, .. }
                 | Motion::BackOff { feed_mm_min, .. }
                 | Motion::Feed { feed_mm_min, .. } => (to, Some(*feed_mm_min)),
                 _ => (to, None),
             };
             let turns = |(axis, end): (Axis, f64)| {
-                !axis.is_linear() && stands.get(axis).is_some_and(|from| from != end)
+                !axis.is_linear() && position.get(axis).is_some_and(|from| from != end)
             };
             let spent = match motion {
                 Motion::Probe { .. } | Motion::BackOff { .. } => &mut self.touch_s,
                 _ if to.iter().any(turns) => &mut self.rotary_s,
-                _ => &mut self.way_s,
+                _ => &mut self.linear_s,
             };
-            *spent += motion_s(stands, &to, feed, machine);
-            *stands = stands.updated_by(&to);
+            *spent += motion_time_s(position, &to, feed, machine);
+            *position = position.updated_by(&to);
         }
     }
 }
@@ -71,44 +71,45 @@ pub fn machine_time_s(block: &Block, begins: &Position, machine: &Machine) -> f6
     time.total_s()
 }
 
-fn middle(from: &Position, to: &Position) -> Position {
+fn midpoint(from: &Position, to: &Position) -> Position {
     to.iter().map(|(axis, end)| (axis, (from.get(axis).unwrap_or(end) + end) / 2.0)).collect()
 }
 
-pub(super) fn motion_s(
+pub(super) fn motion_time_s(
     from: &Position,
     to: &Position,
     feed_per_min: Option<f64>,
     machine: &Machine,
 ) -> f64 {
-    let ways: Vec<(Axis, f64)> = to
+    let axis_distances: Vec<(Axis, f64)> = to
         .iter()
         .map(|(axis, end)| (axis, (end - from.get(axis).unwrap_or(end)).abs()))
-        .filter(|(_, way)| *way > 0.0)
+        .filter(|(_, distance)| *distance > 0.0)
         .collect();
-    if ways.is_empty() {
+    if axis_distances.is_empty() {
         return 0.0;
     }
     // Speed and acceleration in shares of the whole path: the slowest axis limits them.
     let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
-    for (axis, way) in &ways {
+    for (axis, distance) in &axis_distances {
         if let Some(spec) = machine.axes.get(axis) {
-            speed = speed.min(axis.from_edge(spec.rapid_per_min) / 60.0 / way);
-            acceleration = acceleration.min(axis.from_edge(spec.acceleration_per_s2) / way);
+            speed = speed.min(axis.to_mm_or_rad(spec.rapid_per_min) / 60.0 / distance);
+            acceleration = acceleration.min(axis.to_mm_or_rad(spec.acceleration_per_s2) / distance);
         }
     }
     if let Some(feed) = feed_per_min {
-        speed = speed.min(feed / 60.0 / feed_length(&ways));
+        speed = speed.min(feed / 60.0 / feed_length(&axis_distances));
     }
-    trapezoid_s(speed, acceleration)
+    trapezoid_time_s(speed, acceleration)
 }
 
 /// Length to which the feed applies: mm in X, Y, Z; degrees if only rotary axes move.
-fn feed_length(ways: &[(Axis, f64)]) -> f64 {
+fn feed_length(axis_distances: &[(Axis, f64)]) -> f64 {
     let norm = |linear: bool| {
-        ways.iter()
+        axis_distances
+            .iter()
             .filter(|(axis, _)| axis.is_linear() == linear)
-            .map(|(axis, way)| axis.to_edge(*way).powi(2))
+            .map(|(axis, distance)| axis.to_mm_or_deg(*distance).powi(2))
             .sum::<f64>()
             .sqrt()
     };
@@ -116,7 +117,7 @@ fn feed_length(ways: &[(Axis, f64)]) -> f64 {
 }
 
 /// Time for the distance 1, from rest to rest.
-fn trapezoid_s(speed: f64, acceleration: f64) -> f64 {
+fn trapezoid_time_s(speed: f64, acceleration: f64) -> f64 {
     if speed * speed < acceleration {
         1.0 / speed + speed / acceleration
     } else {

@@ -1,9 +1,9 @@
 //! One touch as a safe sequence of motions.
 
-use super::careful::{UnconfirmedApproach, near_feed};
-use super::confirmed::Start;
-use super::path::{Path, SAME, height};
-use super::{Clearance, PlanningError, limits, over_balls};
+use super::confirmed_directions::BlockStart;
+use super::motion_sequence::{MotionSequence, POSITION_TOLERANCE, z_position};
+use super::unconfirmed_approach::{UnconfirmedApproach, near_part_feed_mm_min};
+use super::{PlanningError, SafeHeights, limits, over_balls};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
@@ -28,54 +28,61 @@ pub fn touch_block(
     plan: &Plan,
     step: &Step,
     repeat: u32,
-    start: Start<'_>,
-    clearance: &Clearance,
+    start: BlockStart<'_>,
+    clearance: &SafeHeights,
 ) -> Result<Block, PlanningError> {
     check_step(plan, step)?;
     check_guarded_feed(plan)?;
-    let (near_feed, back_feed) = (near_feed(plan, start.confirmed), plan.probe.search_feed_mm_min);
+    let (near_part_feed_mm_min, back_feed) =
+        (near_part_feed_mm_min(plan, start.confirmed), plan.probe.search_feed_mm_min);
     let (from, to) = (&step.from, &step.to);
-    let mut path = Path::from(start.stands, near_feed);
-    let end = match clearance.over_all {
+    let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
+    let end = match clearance.part_clearance_z {
         Some(safe_z) => over_the_part(&mut path, (plan, step), start, (clearance, safe_z)),
-        None => over_balls::approach(&mut path, (plan, step), start, clearance)?,
+        None => over_balls::plan_ball_approach(&mut path, (plan, step), start, clearance)?,
     };
-    path.guarded(&height(from.at(Axis::Z)));
+    path.add_guarded(&z_position(from.get_or_zero(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
         path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
     }
-    path.feed(&to.only(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
-    path.feed(&from.only(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
-    path.guarded(&end);
+    path.add_feed(&to.filter_axes(Axis::is_linear), |to| Motion::Probe {
+        to,
+        feed_mm_min: step.feed_mm_min,
+    });
+    path.add_feed(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff {
+        to,
+        feed_mm_min: back_feed,
+    });
+    path.add_guarded(&end);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
-    limits::check(&block, &plan.machine)?;
+    limits::check_block(&block, &plan.machine)?;
     Ok(block)
 }
 
 /// Plans the path above the start of the touch. Returns the position at which the block ends.
 fn over_the_part(
-    path: &mut Path,
+    path: &mut MotionSequence,
     (plan, step): (&Plan, &Step),
-    start: Start<'_>,
-    (clearance, safe_z): (&Clearance, f64),
+    start: BlockStart<'_>,
+    (clearance, safe_z): (&SafeHeights, f64),
 ) -> Position {
     let (from, to) = (&step.from, &step.to);
-    let safe_z = safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
+    let safe_z = safe_z.max(from.get_or_zero(Axis::Z)).max(to.get_or_zero(Axis::Z));
     if !start.confirmed.is_all() {
-        UnconfirmedApproach::new(plan, clearance, safe_z, start.confirmed).over(path, from);
-        return height(safe_z);
+        UnconfirmedApproach::new(plan, clearance, safe_z, start.confirmed).move_above(path, from);
+        return z_position(safe_z);
     }
-    match path.stands.get(Axis::Z) {
+    match path.position.get(Axis::Z) {
         Some(z) if z >= safe_z => {}
-        Some(_) => path.guarded(&height(safe_z)),
-        None => path.rapid(&height(clearance.top_z.max(safe_z))),
+        Some(_) => path.add_guarded(&z_position(safe_z)),
+        None => path.add_rapid(&z_position(clearance.top_z.max(safe_z))),
     }
-    path.rapid(&from.only(|axis| !axis.is_linear() && axis != Axis::S));
-    path.orient(from.get(Axis::S));
-    path.rapid(&from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
-    path.rapid(&height(safe_z));
-    height(safe_z)
+    path.add_rapid(&from.filter_axes(|axis| !axis.is_linear() && axis != Axis::S));
+    path.add_orientation(from.get(Axis::S));
+    path.add_rapid(&from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
+    path.add_rapid(&z_position(safe_z));
+    z_position(safe_z)
 }
 
 fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
@@ -84,7 +91,7 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
         return Err(PlanningError::NotATouch { step: id });
     }
     let named = |position: &Position, axis: Axis| {
-        position.get(axis).ok_or(PlanningError::Incomplete { step: id, axis })
+        position.get(axis).ok_or(PlanningError::MissingAxisPosition { step: id, axis })
     };
     let mut square = 0.0;
     for axis in Axis::LINEAR {
@@ -94,16 +101,21 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
         named(&step.from, *axis)?;
     }
     let turned = step.to.iter().find(|(axis, value)| {
-        !axis.is_linear() && step.from.get(*axis).is_none_or(|from| (from - value).abs() > SAME)
+        !axis.is_linear()
+            && step.from.get(*axis).is_none_or(|from| (from - value).abs() > POSITION_TOLERANCE)
     });
     if let Some((axis, _)) = turned {
-        return Err(PlanningError::Turns { step: id, axis });
+        return Err(PlanningError::RotaryMotionInTouch { step: id, axis });
     }
     let (length, overtravel) = (square.sqrt(), plan.probe.overtravel_mm);
-    if length > overtravel + SAME {
-        return Err(PlanningError::TooLong { step: id, length, overtravel });
+    if length > overtravel + POSITION_TOLERANCE {
+        return Err(PlanningError::TouchTooLong { step: id, length, overtravel });
     }
-    if length > SAME { Ok(()) } else { Err(PlanningError::NoLength { step: id }) }
+    if length > POSITION_TOLERANCE {
+        Ok(())
+    } else {
+        Err(PlanningError::ZeroLengthTouch { step: id })
+    }
 }
 
 /// A guarded move that meets an obstacle must stop within the probe's overtravel, for every linear axis.
@@ -111,10 +123,10 @@ fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
     let (feed, overtravel) = (plan.probe.guarded_feed_mm_min, plan.probe.overtravel_mm);
     let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-    let way = (feed / 60.0).powi(2) / (2.0 * weakest);
-    if way <= overtravel {
+    let distance_mm = (feed / 60.0).powi(2) / (2.0 * weakest);
+    if distance_mm <= overtravel {
         Ok(())
     } else {
-        Err(PlanningError::GuardTooFast { feed, way, overtravel })
+        Err(PlanningError::GuardedFeedTooFast { feed, distance_mm, overtravel })
     }
 }

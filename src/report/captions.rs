@@ -4,9 +4,9 @@ use minijinja::{Value, context};
 
 use super::figure::MotionCentre;
 use super::{figure, number};
-use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function};
+use machine::record::estimate::{CircleFigure, Estimate, EstimatedFunction, FigureKind};
 
-pub(super) fn figures(estimate: &Estimate) -> Vec<Value> {
+pub(super) fn figure_values(estimate: &Estimate) -> Vec<Value> {
     // Functions state u alone; the largest k of the table belongs to the fewest degrees of freedom.
     let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
     let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);
@@ -15,16 +15,16 @@ pub(super) fn figures(estimate: &Estimate) -> Vec<Value> {
     functions.chain(estimate.circles.iter().map(circle_figure)).collect()
 }
 
-fn function_figure(function: &Function, k: f64) -> Value {
+fn function_figure(function: &EstimatedFunction, k: f64) -> Value {
     context! {
-        symbol => symbol(&function.symbol),
-        caption => caption(function, k),
+        symbol => symbol_value(&function.symbol),
+        caption => function_caption(function, k),
         square => function.figure == FigureKind::Polar,
-        svg => drawing(figure::function(function, k)),
+        svg => svg_value(figure::draw_function(function, k)),
     }
 }
 
-fn caption(function: &Function, k: f64) -> String {
+fn function_caption(function: &EstimatedFunction, k: f64) -> String {
     let stated = function.u.iter().any(|u| *u > 0.0);
     match function.figure {
         FigureKind::Histogram => {
@@ -32,36 +32,39 @@ fn caption(function: &Function, k: f64) -> String {
             match function.y.iter().all(|value| *value >= 0.0) {
                 true => format!("{count} values"),
                 false => {
-                    format!("{count} values, and the normal distribution of their mean and scatter")
+                    format!(
+                        "{count} values, and the normal distribution with the same mean and standard \
+                        deviation"
+                    )
                 }
             }
         }
         FigureKind::Points | FigureKind::Curve if !stated => format!("over {}", function.argument),
         FigureKind::Spectrum if !stated => "over harmonic order".to_owned(),
-        FigureKind::Spectrum => format!("amplitude over harmonic order, {}", band(k)),
+        FigureKind::Spectrum => format!("amplitude over harmonic order, {}", band_caption(k)),
         _ => {
             let value = error_motion_value(function).unwrap_or_default();
             let height = function.at_mm.map(|[_, _, z]| format!(", at Z = {z:.1} mm"));
             let height = height.unwrap_or_default();
-            format!("over {}{height}, {}{value}", function.argument, band(k))
+            format!("over {}{height}, {}{value}", function.argument, band_caption(k))
         }
     }
 }
 
-fn band(k: f64) -> String {
-    format!("with ±U (k = {})", number::fixed(k, 2))
+fn band_caption(k: f64) -> String {
+    format!("with ±U (k = {})", number::format_fixed(k, 2))
 }
 
 /// Sentence about the circles of an error motion figure.
-fn error_motion_value(function: &Function) -> Option<String> {
+fn error_motion_value(function: &EstimatedFunction) -> Option<String> {
     let (centre, circles) = figure::error_motion(function)?;
     let u = function.u.iter().copied().filter(|u| *u > 0.0).reduce(f64::max).unwrap_or(0.0);
-    let value = number::fixed(circles.value(), number::decimals(u));
+    let value = number::format_fixed(circles.value(), number::decimals_for(u));
     let centre = match centre {
         MotionCentre::LeastSquares => "the least-squares circle centre",
         MotionCentre::Chart => "the polar chart centre",
     };
-    let unit = number::unit(function.unit);
+    let unit = number::unit_symbol(function.unit);
     Some(format!(
         "; error motion value {value} {unit}: distance of the circles about {centre} (cross)"
     ))
@@ -69,27 +72,27 @@ fn error_motion_value(function: &Function) -> Option<String> {
 
 fn circle_figure(circle: &CircleFigure) -> Value {
     let [ux, uy] = circle.centre_expanded;
-    let decimals = number::decimals(ux.min(uy));
-    let [x, y] = circle.centre.map(|value| number::fixed(value, decimals));
-    let [ux, uy] = [ux, uy].map(|value| number::fixed(value, decimals));
-    let radius = number::fixed(circle.radius, decimals);
-    let unit = number::unit(circle.unit);
+    let decimals = number::decimals_for(ux.min(uy));
+    let [x, y] = circle.centre.map(|value| number::format_fixed(value, decimals));
+    let [ux, uy] = [ux, uy].map(|value| number::format_fixed(value, decimals));
+    let radius = number::format_fixed(circle.radius, decimals);
+    let unit = number::unit_symbol(circle.unit);
     context! {
-        symbol => symbol(&circle.symbol),
+        symbol => symbol_value(&circle.symbol),
         caption => format!(
             "points in their order and fitted circle, radius {radius} {unit}; centre with ±U: \
              x = ({x} ± {ux}) {unit}, y = ({y} ± {uy}) {unit}"
         ),
         square => true,
-        svg => drawing(figure::circle(circle)),
+        svg => svg_value(figure::draw_circle(circle)),
     }
 }
 
-pub(super) fn symbol(symbol: &str) -> Value {
+pub(super) fn symbol_value(symbol: &str) -> Value {
     let (base, index) = number::split_symbol(symbol);
     context! { plain => symbol, base, index }
 }
 
-pub(super) fn drawing(svg: Option<String>) -> Value {
+pub(super) fn svg_value(svg: Option<String>) -> Value {
     svg.map_or(Value::from(()), Value::from_safe_string)
 }

@@ -1,17 +1,17 @@
 //! Files for programs and pages for users. This module knows kinds of figures, but no methods.
 
 mod captions;
+mod clearance;
+mod correlation;
 mod figure;
 mod number;
 pub mod page;
 mod planned;
-mod proven;
 pub mod readings_csv;
-mod related;
 mod rows;
 pub mod temperature;
 #[cfg(test)]
 mod tests;
 mod vectors;
 
-pub use figure::{ErrorMap, Individuals, Temperatures};
+pub use figure::{ErrorMap, IndividualsChart, Temperatures};

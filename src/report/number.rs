@@ -2,7 +2,7 @@
 
 use machine::record::estimate::Unit;
 
-pub(super) fn unit(unit: Unit) -> &'static str {
+pub(super) fn unit_symbol(unit: Unit) -> &'static str {
     match unit {
         Unit::Um => "µm",
         Unit::Urad => "µrad",
@@ -23,13 +23,13 @@ pub(super) fn argument_unit(unit: &str) -> &str {
 
 /// Number of decimals that gives `uncertainty` two significant digits (GUM 7.2.6); three without an
 /// uncertainty.
-pub(super) fn decimals(uncertainty: f64) -> usize {
+pub(super) fn decimals_for(uncertainty: f64) -> usize {
     let digits = uncertainty.abs().log10().floor();
     if digits.is_finite() { (1.0 - digits).clamp(0.0, 9.0) as usize } else { 3 }
 }
 
 /// The number with a true minus sign; a dash for a value that is not finite.
-pub(super) fn fixed(value: f64, decimals: usize) -> String {
+pub(super) fn format_fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
@@ -74,7 +74,7 @@ mod tests {
             (1.5, 0.0, "1.500"),
             (f64::NAN, 1.0, "–"),
         ] {
-            assert_eq!(fixed(value, decimals(uncertainty)), expected);
+            assert_eq!(format_fixed(value, decimals_for(uncertainty)), expected);
         }
     }
 

@@ -2,22 +2,22 @@
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-use super::captions::{drawing, figures, symbol};
+use super::captions::{figure_values, svg_value, symbol_value};
 use super::rows::Rows;
-use super::{ErrorMap, figure, number, planned, proven, related, vectors};
+use super::{ErrorMap, clearance, correlation, figure, number, planned, vectors};
 use machine::record::estimate::{
     BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict,
 };
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
-const TEMPLATE: &str = include_str!("page.html");
+const PAGE_TEMPLATE: &str = include_str!("page.html");
 /// Minimum number of results in large type at the top. A method lists its main results first.
 const MIN_KEY_RESULTS: usize = 2;
 
 /// Data of the run besides plan and estimate. Empty fields are left out.
 #[derive(Debug, Clone, Default)]
-pub struct Facts {
+pub struct ReportFacts {
     pub run: String,
     pub started: String,
     pub state: String,
@@ -27,7 +27,7 @@ pub struct Facts {
     pub signed: Option<Vec<String>>,
     pub readings: usize,
     /// Temperatures of each thermometer.
-    pub warmth: Rows,
+    pub temperatures: Rows,
     pub program_version: String,
     /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
     pub hashes: Vec<(String, String)>,
@@ -41,34 +41,38 @@ pub struct Facts {
 ///
 /// # Errors
 /// The template is invalid.
-pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String, minijinja::Error> {
+pub fn render(
+    plan: &Plan,
+    estimate: &Estimate,
+    facts: &ReportFacts,
+) -> Result<String, minijinja::Error> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     environment.render_str(
-        TEMPLATE,
+        PAGE_TEMPLATE,
         context! {
             method => plan.method.as_str(),
             machine => plan.machine.name.as_str(),
-            verdict => verdict(estimate),
+            verdict => verdict_value(estimate),
             is_judged => estimate.parameters.iter().any(|p| p.judged.is_some()),
             decision_rule => estimate.decision_rule.as_deref(),
             coverage => estimate.coverage_percent,
             trials => estimate.trials,
-            parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
+            parameters => estimate.parameters.iter().map(parameter_value).collect::<Vec<_>>(),
             key_results => key_results(&estimate.parameters),
-            figures => figures(estimate),
-            related => related::related(&estimate.covariance),
-            vectors => estimate.arrows.iter().map(vectors::vectors).collect::<Vec<_>>(),
-            volume => facts.volume.as_ref().map(|(lines, maps)| volume(lines, maps)),
-            warmth => facts.warmth.clone(),
-            budget => budget(&estimate.parameters),
+            figures => figure_values(estimate),
+            related => correlation::correlation_values(&estimate.covariance),
+            vectors => estimate.arrows.iter().map(vectors::vector_figure).collect::<Vec<_>>(),
+            volume => facts.volume.as_ref().map(|(lines, maps)| volume_value(lines, maps)),
+            warmth => facts.temperatures.clone(),
+            budget => budget_value(&estimate.parameters),
             warnings => estimate.warnings.clone(),
             gauge => estimate.gauge.clone(),
             not_identifiable => estimate.not_identifiable.clone(),
-            quality => quality(estimate),
-            plan => planned::rows(plan),
-            proof => proof(plan, &facts.proofs),
+            quality => fit_quality_rows(estimate),
+            plan => planned::plan_rows(plan),
+            proof => proof_value(plan, &facts.proofs),
             facts => fact_rows(facts, &estimate.priors),
             story => facts.story.clone(),
             signed => facts.signed.clone(),
@@ -80,101 +84,104 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
 /// Number of results at the top: the first two, or all leading parameters of one quantity, such as `EXC_range`
 /// to `ECC_range`.
 fn key_results(parameters: &[Parameter]) -> usize {
-    let quantity = |parameter: &Parameter| {
-        parameter.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned())
+    let quantity = |parameter_value: &Parameter| {
+        parameter_value.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned())
     };
     let first = parameters.first().and_then(quantity);
-    let of_first = |parameter: &&Parameter| first.is_some() && quantity(parameter) == first;
+    let of_first =
+        |parameter_value: &&Parameter| first.is_some() && quantity(parameter_value) == first;
     parameters.iter().take_while(of_first).count().max(MIN_KEY_RESULTS)
 }
 
 /// CSS class of the badge and its text.
-fn verdict(estimate: &Estimate) -> Value {
+fn verdict_value(estimate: &Estimate) -> Value {
     let (class, text) = match estimate.verdict {
-        Verdict::Pass => ("pass", "Pass: within tolerance, uncertainty included"),
-        Verdict::Fail => ("fail", "Fail: out of tolerance, uncertainty included"),
-        Verdict::Undecided => ("undecided", "Undecided: the uncertainty reaches over the limit"),
+        Verdict::Pass => ("pass", "Pass: in tolerance, with the uncertainty included"),
+        Verdict::Fail => ("fail", "Fail: out of tolerance by more than the uncertainty"),
+        Verdict::Undecided => {
+            ("undecided", "Undecided: the limit is inside the uncertainty interval")
+        }
         Verdict::UndecidedModel => (
             "undecided",
-            "Undecided (model): the readings contradict the model or what is declared; each U is a lower bound",
+            "Undecided: the readings contradict the model or the declared data; each U is a lower bound",
         ),
-        Verdict::None => ("none", "No verdict: no tolerance was given"),
+        Verdict::None => ("none", "No verdict: no tolerance in the machine file"),
     };
     let names = match estimate.verdict {
         Verdict::UndecidedModel => String::new(),
-        verdict => estimate.with_verdict(verdict).join(", "),
+        verdict => estimate.symbols_with_verdict(verdict).join(", "),
     };
     context! { class, text, names }
 }
 
-fn parameter(parameter: &Parameter) -> Value {
-    let decimals = number::decimals(parameter.expanded);
+fn parameter_value(parameter_value: &Parameter) -> Value {
+    let decimals = number::decimals_for(parameter_value.expanded);
     context! {
-        symbol => symbol(&parameter.symbol),
-        value => number::fixed(parameter.value, decimals),
-        unit => number::unit(parameter.unit),
-        u => number::fixed(parameter.u, decimals),
-        expanded => number::fixed(parameter.expanded, decimals),
-        k => number::fixed(parameter.k, 2),
-        dof => degrees_of_freedom(parameter.dof),
-        interval => parameter.interval_monte_carlo.map_or("—".to_owned(), |ends| {
-            ends.map(|end| number::fixed(end, decimals)).join(" to ")
+        symbol => symbol_value(&parameter_value.symbol),
+        value => number::format_fixed(parameter_value.value, decimals),
+        unit => number::unit_symbol(parameter_value.unit),
+        u => number::format_fixed(parameter_value.u, decimals),
+        expanded => number::format_fixed(parameter_value.expanded, decimals),
+        k => number::format_fixed(parameter_value.k, 2),
+        dof => degrees_of_freedom(parameter_value.dof),
+        interval => parameter_value.interval_monte_carlo.map_or("—".to_owned(), |ends| {
+            ends.map(|end| number::format_fixed(end, decimals)).join(" to ")
         }),
-        identifiable => parameter.identifiable,
-        judged => parameter.judged.map(judged),
+        identifiable => parameter_value.identifiable,
+        judged => parameter_value.judged.map(judged_value),
     }
 }
 
 fn degrees_of_freedom(dof: Option<f64>) -> String {
-    dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1))
+    dof.map_or("∞".to_owned(), |dof| number::format_fixed(dof, 1))
 }
 
-fn judged(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
+fn judged_value(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
     context! {
-        limit => number::fixed(limit, 1),
+        limit => number::format_fixed(limit, 1),
         verdict => verdict.to_string(),
-        conformance => conformance.map_or("—".to_owned(), |p| format!("{} %", number::fixed(100.0 * p, 1))),
+        conformance => conformance.map_or("—".to_owned(), |p| format!("{} %", number::format_fixed(100.0 * p, 1))),
     }
 }
 
-fn volume(lines: &[String], maps: &[ErrorMap]) -> Value {
-    let largest = maps.iter().map(ErrorMap::largest).fold(0.0, f64::max);
+fn volume_value(lines: &[String], maps: &[ErrorMap]) -> Value {
+    let largest = maps.iter().map(ErrorMap::max_value).fold(0.0, f64::max);
     let drawn = maps.iter().map(|map| {
-        context! { title => map.title.as_str(), panels => map.draw(largest).map(drawing).to_vec() }
+        context! { title => map.title.as_str(), panels => map.draw(largest).map(svg_value).to_vec() }
     });
     context! { lines => lines.to_vec(), maps => drawn.collect::<Vec<_>>() }
 }
 
 /// Proof of the motions, made before any motion.
-fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
+fn proof_value(plan: &Plan, proofs: &[Proof]) -> Value {
     context! {
-        rows => proven::rows(plan, proofs),
-        svg => drawing(proven::function(proofs).and_then(|f| figure::function(&f, 1.0))),
-        not_looked_at => proven::not_looked_at(proofs),
+        rows => clearance::proof_rows(plan, proofs),
+        svg => svg_value(clearance::clearance_function(proofs).and_then(|f| figure::draw_function(&f, 1.0))),
+        not_looked_at => clearance::unchecked_aspects(proofs),
     }
 }
 
 /// The uncertainty budget: a row per parameter, a column per source.
-fn budget(parameters: &[Parameter]) -> Value {
+fn budget_value(parameters: &[Parameter]) -> Value {
     let mut sources: Vec<&BudgetLine> = Vec::new();
-    for line in parameters.iter().flat_map(|parameter| &parameter.budget) {
+    for line in parameters.iter().flat_map(|parameter_value| &parameter_value.budget) {
         if sources.iter().all(|known| known.source != line.source) {
             sources.push(line);
         }
     }
     let rows = parameters.iter().filter(|row| row.identifiable && !row.budget.is_empty());
     let rows: Vec<Value> = rows
-        .map(|parameter| {
-            let decimals = number::decimals(parameter.u);
+        .map(|parameter_value| {
+            let decimals = number::decimals_for(parameter_value.u);
             let share = |source: &&BudgetLine| {
-                let line = parameter.budget.iter().find(|line| line.source == source.source);
-                line.map_or(String::new(), |line| number::fixed(line.u, decimals))
+                let line = parameter_value.budget.iter().find(|line| line.source == source.source);
+                line.map_or(String::new(), |line| number::format_fixed(line.u, decimals))
             };
             context! {
-                symbol => symbol(&parameter.symbol),
-                unit => number::unit(parameter.unit),
+                symbol => symbol_value(&parameter_value.symbol),
+                unit => number::unit_symbol(parameter_value.unit),
                 shares => sources.iter().map(share).collect::<Vec<_>>(),
-                u => number::fixed(parameter.u, decimals),
+                u => number::format_fixed(parameter_value.u, decimals),
             }
         })
         .collect();
@@ -183,14 +190,14 @@ fn budget(parameters: &[Parameter]) -> Value {
     };
     context! {
         sources => sources.iter().map(title).collect::<Vec<_>>(),
-        head => evaluations(&sources),
+        head => evaluation_rows(&sources),
         rows,
         assumed => sources.iter().any(|line| line.assumed),
     }
 }
 
 /// Evaluation of the sources: a row per property, a column per source.
-fn evaluations(sources: &[&BudgetLine]) -> Vec<Value> {
+fn evaluation_rows(sources: &[&BudgetLine]) -> Vec<Value> {
     let row = |name: &str, text: &dyn Fn(&BudgetLine) -> String| {
         let texts: Vec<String> = sources.iter().map(|line| text(line)).collect();
         context! { name, texts }
@@ -203,20 +210,20 @@ fn evaluations(sources: &[&BudgetLine]) -> Vec<Value> {
     ]
 }
 
-fn quality(estimate: &Estimate) -> Rows {
+fn fit_quality_rows(estimate: &Estimate) -> Rows {
     let mut rows = vec![
         ("Rank", format!("{} of {} unknowns", estimate.rank, estimate.unknowns)),
-        ("Scaled condition number", number::fixed(estimate.condition, 2)),
-        ("What limits it", estimate.weakest.clone().unwrap_or_default()),
-        ("Residuals (rms)", format!("{} µm", number::fixed(estimate.residual_rms_um, 3))),
+        ("Scaled condition number", number::format_fixed(estimate.condition, 2)),
+        ("Weakest combination of parameters", estimate.weakest.clone().unwrap_or_default()),
+        ("Residuals (rms)", format!("{} µm", number::format_fixed(estimate.residual_rms_um, 3))),
         ("Degrees of freedom", estimate.degrees_of_freedom.to_string()),
-        ("χ² over what is expected", number::fixed(estimate.chi2_per_dof, 2)),
+        ("χ² divided by its expected value", number::format_fixed(estimate.chi2_per_dof, 2)),
     ];
     rows.retain(|(_, text)| !text.is_empty());
     rows.into_iter().map(|(name, text)| (name.to_owned(), text)).collect()
 }
 
-fn fact_rows(facts: &Facts, priors: &[String]) -> Rows {
+fn fact_rows(facts: &ReportFacts, priors: &[String]) -> Rows {
     let text = |name: &str, value: &str| (name.to_owned(), value.to_owned());
     let mut rows = vec![
         text("Run", &facts.run),
@@ -228,7 +235,7 @@ fn fact_rows(facts: &Facts, priors: &[String]) -> Rows {
     rows.extend(
         facts.hashes.iter().map(|(what, hash)| (format!("SHA-256 of the {what}"), hash.clone())),
     );
-    rows.extend(priors.iter().map(|hash| text("Taken as known (SHA-256)", hash)));
+    rows.extend(priors.iter().map(|hash| text("Earlier estimate used as known (SHA-256)", hash)));
     rows.retain(|(_, value)| !value.is_empty());
     rows
 }

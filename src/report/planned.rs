@@ -2,37 +2,37 @@
 
 use super::number;
 use super::rows::Rows;
-use machine::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder, Section};
+use machine::record::artefact::{Artefact, Balls, Cylinder, CylinderSection, DatumCylinder};
 use machine::record::plan::{Plan, StepKind};
-use machine::record::sensor::{Mount, Sensor};
+use machine::record::sensor::{Sensor, SensorMount};
 
-pub fn rows(plan: &Plan) -> Rows {
+pub fn plan_rows(plan: &Plan) -> Rows {
     let mut rows = vec![("Topology".to_owned(), plan.machine.topology.clone())];
-    rows.extend(in_spindle(plan));
-    rows.push(("Artefact".to_owned(), artefact(&plan.artefact)));
-    rows.push(("Steps".to_owned(), steps(plan)));
+    rows.extend(instrument_rows(plan));
+    rows.push(("Artefact".to_owned(), describe_artefact(&plan.artefact)));
+    rows.push(("Steps".to_owned(), step_counts(plan)));
     let settings = plan.settings.as_object().into_iter().flatten();
     rows.extend(settings.map(|(key, value)| (format!("Setting {key}"), value.to_string())));
     rows
 }
 
 /// The measuring instrument: the sensors that replace the probe, otherwise the stylus.
-fn in_spindle(plan: &Plan) -> Rows {
+fn instrument_rows(plan: &Plan) -> Rows {
     let stylus = [
-        ("Stylus tip from spindle datum".to_owned(), vector(plan.machine.tool_mm)),
+        ("Stylus tip from spindle datum".to_owned(), format_vector_mm(plan.machine.tool_mm)),
         ("Stylus ball radius".to_owned(), format!("{} mm", plan.probe.ball_radius_mm)),
     ];
-    let told = |sensor: &Sensor| {
+    let row = |sensor: &Sensor| {
         let ([least, most], [i, j, k]) = (sensor.range_mm, sensor.direction);
         let noise = sensor.noise_um.map_or(String::new(), |um| format!(", noise {um} µm declared"));
         let text = format!(
-            "zero point {} {}, readings grow along ({i}, {j}, {k}) (both nominal), \
-             range {least} to {most} mm{noise}",
-            vector(sensor.zero_mm),
+            "zero point {} {}, positive direction ({i}, {j}, {k}) (both nominal), range {least} to {most} \
+            mm{noise}",
+            format_vector_mm(sensor.zero_mm),
             match sensor.mount {
-                Mount::Spindle => "from the spindle datum",
-                Mount::Table => "in the table frame",
-                Mount::Bed => "in the machine frame",
+                SensorMount::Spindle => "from the spindle datum",
+                SensorMount::Table => "in the table frame",
+                SensorMount::Bed => "in the machine frame",
             }
         );
         (format!("Sensor {}", sensor.name), text)
@@ -40,11 +40,11 @@ fn in_spindle(plan: &Plan) -> Rows {
     if plan.sensors.is_empty() {
         return stylus.into();
     }
-    plan.sensors.iter().map(told).collect()
+    plan.sensors.iter().map(row).collect()
 }
 
 /// Number of steps of each kind.
-fn steps(plan: &Plan) -> String {
+fn step_counts(plan: &Plan) -> String {
     let count = |kind, scan: Option<bool>| {
         let of_kind = plan.steps.iter().filter(|step| step.kind == kind);
         of_kind.filter(|step| scan.is_none_or(|scan| step.scan.is_some() == scan)).count()
@@ -62,27 +62,32 @@ fn steps(plan: &Plan) -> String {
     steps.map(|(count, name)| format!("{name}: {count}")).collect::<Vec<_>>().join(", ")
 }
 
-fn artefact(artefact: &Artefact) -> String {
+fn describe_artefact(artefact: &Artefact) -> String {
     match artefact {
         Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => format!(
             "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
-            vector(*centre_mm)
+            format_vector_mm(*centre_mm)
         ),
-        Artefact::Balls(artefact) => balls(artefact),
-        Artefact::DatumCylinder(artefact) => datum_cylinder(artefact),
+        Artefact::Balls(artefact) => describe_balls(artefact),
+        Artefact::DatumCylinder(artefact) => describe_datum_cylinder(artefact),
         Artefact::None => "none".to_owned(),
     }
 }
 
-fn datum_cylinder(artefact: &DatumCylinder) -> String {
-    let section =
-        |section: &Section| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
+fn describe_datum_cylinder(artefact: &DatumCylinder) -> String {
+    let section = |section: &CylinderSection| {
+        format!("radius {} mm at {} mm", section.radius_mm, section.z_mm)
+    };
     let mut sections: Vec<String> = artefact.sections.iter().map(section).collect();
     sections.extend(artefact.face.iter().map(|face| format!("face at {} mm", face.z_mm)));
-    format!("datum cylinder, foot {}; {}", vector(artefact.centre_mm), sections.join(", "))
+    format!(
+        "datum cylinder, foot {}; {}",
+        format_vector_mm(artefact.centre_mm),
+        sections.join(", ")
+    )
 }
 
-fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
+fn describe_balls(Balls { balls, lengths, .. }: &Balls) -> String {
     let radii = balls.iter().map(|ball| ball.radius_mm);
     let (least, most) = (radii.clone().fold(f64::INFINITY, f64::min), radii.fold(0.0, f64::max));
     let radius = match balls.len() {
@@ -92,7 +97,7 @@ fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
     };
     let certified = lengths.iter().map(|length| {
         let u_um = 1e3 * length.u_mm;
-        let u_um = number::fixed(u_um, number::decimals(u_um));
+        let u_um = number::format_fixed(u_um, number::decimals_for(u_um));
         format!("{} to {}: {} mm (u = {u_um} µm)", length.from, length.to, length.mm)
     });
     let certified: Vec<String> = certified.collect();
@@ -104,6 +109,6 @@ fn balls(Balls { balls, lengths, .. }: &Balls) -> String {
     format!("{} ball{plural}{radius}; {lengths}", balls.len())
 }
 
-fn vector([x, y, z]: [f64; 3]) -> String {
+fn format_vector_mm([x, y, z]: [f64; 3]) -> String {
     format!("({x}, {y}, {z}) mm")
 }

@@ -2,15 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use super::number::fixed;
+use super::number::format_fixed;
 use super::rows::Rows;
 use machine::record::reading::Reading;
 
 /// Decimals of a temperature in °C; thermometers at machines are not more accurate.
-const DECIMALS: usize = 2;
+const TEMPERATURE_DECIMALS: usize = 2;
 
 /// One row per thermometer with a value.
-pub fn rows(readings: &[Reading]) -> Rows {
+pub fn temperature_rows(readings: &[Reading]) -> Rows {
     let mut said = BTreeMap::<&str, Vec<f64>>::new();
     // All samples of a scan have the temperature of the scan.
     for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
@@ -18,19 +18,21 @@ pub fn rows(readings: &[Reading]) -> Rows {
             said.entry(name).or_default().push(celsius);
         }
     }
-    said.into_iter().map(|(name, all)| (name.to_owned(), in_words(&all))).collect()
+    said.into_iter().map(|(name, all)| (name.to_owned(), describe_temperatures(&all))).collect()
 }
 
-fn in_words(all: &[f64]) -> String {
+fn describe_temperatures(all: &[f64]) -> String {
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let change = all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first);
-    let [mean, least, most, by] = [mean, least, most, change].map(|value| fixed(value, DECIMALS));
+    let [mean, least, most, by] =
+        [mean, least, most, change].map(|value| format_fixed(value, TEMPERATURE_DECIMALS));
     let plus = if change > 0.0 { "+" } else { "" };
     let count = all.len();
     format!(
-        "{mean} °C on average, {least} to {most} °C, {plus}{by} K from the first of {count} readings to the last"
+        "mean {mean} °C, from {least} to {most} °C, change {plus}{by} K from the first to the last of \
+        {count} readings"
     )
 }
 
@@ -63,15 +65,17 @@ mod tests {
             reading(2, &[("spindle", 22.0), ("table", 19.25)]),
             reading(3, &[]),
         ];
-        let rows = rows(&touches);
+        let rows = temperature_rows(&touches);
         let wanted = [
             (
                 "spindle",
-                "22.50 °C on average, 21.00 to 24.50 °C, +1.00 K from the first of 3 readings to the last",
+                "mean 22.50 °C, from 21.00 to 24.50 °C, change +1.00 K from the first to the last of 3 \
+                readings",
             ),
             (
                 "table",
-                "19.62 °C on average, 19.25 to 20.00 °C, −0.75 K from the first of 2 readings to the last",
+                "mean 19.62 °C, from 19.25 to 20.00 °C, change −0.75 K from the first to the last of 2 \
+                readings",
             ),
         ];
         assert_eq!(rows, wanted.map(|(name, said)| (name.to_owned(), said.to_owned())));

@@ -1,5 +1,5 @@
 use super::ErrorMap;
-use super::page::{Facts, render};
+use super::page::{ReportFacts, render};
 use machine::record::estimate::*;
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
@@ -17,13 +17,13 @@ fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
     .unwrap()
 }
 
-fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Function {
+fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> EstimatedFunction {
     let x: Vec<f64> = (0..24).map(|n| f64::from(n) * 15.0).collect();
     let at = |x: &f64| {
         let turn = x.to_radians();
         harmonics.iter().map(|(n, size)| size * (n * turn + size).sin()).sum()
     };
-    Function {
+    EstimatedFunction {
         symbol: symbol.to_owned(),
         argument: if figure == FigureKind::Polar { "θ" } else { "C" }.to_owned(),
         argument_unit: "deg".to_owned(),
@@ -126,15 +126,15 @@ fn proof(step: u32, clearance_mm: f64) -> Proof {
     }
 }
 
-fn facts() -> Facts {
-    Facts {
+fn facts() -> ReportFacts {
+    ReportFacts {
         run: "12".to_owned(),
         started: "2025-03-14T09:26:53Z".to_owned(),
         state: "finished".to_owned(),
         signed: Some(vec!["by Ada on 2025-03-15".to_owned()]),
         readings: 96,
-        warmth: vec![("spindle".to_owned(), "20.13 °C on average".to_owned())],
-        story: vec![("10:02".to_owned(), "acknowledged by Ada: the way is free".to_owned())],
+        temperatures: vec![("spindle".to_owned(), "mean 20.13 °C".to_owned())],
+        story: vec![("10:02".to_owned(), "confirmed by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
         proofs: vec![proof(0, 2.25), proof(0, 1.26)],
@@ -148,7 +148,7 @@ fn facts() -> Facts {
 fn what_failed_is_named() {
     let mut estimate = example();
     let page = |estimate: &Estimate| render(&plan("mill"), estimate, &facts()).unwrap();
-    assert!(!page(&estimate).contains("Probability of conformance"));
+    assert!(!page(&estimate).contains("Probability of conformity"));
     estimate.verdict = Verdict::Fail;
     estimate.decision_rule = Some("guard bands".to_owned());
     let symbol = estimate.parameters[1].symbol.clone();
@@ -168,18 +168,18 @@ fn what_failed_is_named() {
 fn maps_of_the_volume_are_drawn() {
     let map = ErrorMap {
         title: "X and Y, at Z 300 mm".to_owned(),
-        across: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
-        up: ("Y, mm".to_owned(), vec![-50.0, 50.0]),
+        horizontal: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
+        vertical: ("Y, mm".to_owned(), vec![-50.0, 50.0]),
         panels: [
             ("error, µm".to_owned(), vec![vec![11.0, 22.0, 33.0], vec![44.0, 55.0, f64::NAN]]),
             ("left, µm".to_owned(), vec![vec![71.0; 3], vec![72.0; 3]]),
         ],
     };
-    assert_eq!(map.largest(), 72.0);
+    assert_eq!(map.max_value(), 72.0);
     let volume = Some((vec!["largest 55 µm".to_owned()], vec![map]));
-    let page = render(&plan("mill 3"), &example(), &Facts { volume, ..facts() }).unwrap();
+    let page = render(&plan("mill 3"), &example(), &ReportFacts { volume, ..facts() }).unwrap();
     for words in
-        ["How far off the tool is", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"]
+        ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"]
     {
         assert!(page.contains(words), "{words}");
     }
@@ -203,7 +203,7 @@ fn the_page_holds_everything() {
     let hash = facts().hashes[0].1.clone();
     for text in [
         "mill 3",
-        "<th scope=\"row\">spindle</th><td>20.13 °C on average</td>",
+        "<th scope=\"row\">spindle</th><td>mean 20.13 °C</td>",
         "class=\"verdict pass\"",
         "(49.9 ± 1.0) µm",
         "not identifiable",
@@ -218,8 +218,8 @@ fn the_page_holds_everything() {
         "cylinder, radius 45 mm",
         "[0,15,90]",
         "finished",
-        "On the way",
-        "acknowledged by Ada: the way is free",
+        "Events during the run",
+        "confirmed by Ada: the way is free",
         "1.26 mm between stylus stem and vice, step 0 (1a",
         "<li>probe body</li>",
         &hash,
@@ -240,7 +240,7 @@ fn in_space() -> Estimate {
         modelled: None,
         flagged,
     };
-    let group = |name: &str, arrows| Arrows { name: name.to_owned(), arrows };
+    let group = |name: &str, arrows| ArrowGroup { name: name.to_owned(), arrows };
     let groups = vec![
         group("B -30°, C 90°", vec![arrow("ball 1", [0.3, -0.4, 0.1], false)]),
         group("B 60°, C 0°", vec![arrow("ball 2", [0.2, -9.4, 1.25], true)]),
@@ -267,11 +267,11 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
     let page = render(&plan("mill"), &in_space(), &facts()).unwrap();
     for text in [
         "EX0S together with tool_x",
-        "<h3>Beyond ±0.5</h3>",
+        "<h3>Above ±0.5</h3>",
         "<sub>x</sub></span>: −0.999975",
         "B -30°, C 90°",
         "<li>ball 2 at B 60°, C 0°: (0.2, −9.4, 1.2) µm</li>",
-        "the longest of these are cut",
+        "the longest arrows are shortened",
     ] {
         assert!(page.contains(text), "{text}");
     }
@@ -280,7 +280,9 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
     // arrows.
     assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
     let without = render(&plan("mill"), &example(), &facts()).unwrap();
-    for absent in ["depend on each other", "What limits it", "Seen from above"] {
+    for absent in
+        ["Correlation of the results", "Weakest combination of parameters", "Views from above"]
+    {
         assert!(page.contains(absent) && !without.contains(absent), "{absent}");
     }
 }
@@ -344,7 +346,7 @@ fn names_cannot_break_out() {
     estimate.functions[0].symbol = hostile.to_owned();
     estimate.functions[0].argument = hostile.to_owned();
     estimate.circles[0].symbol = hostile.to_owned();
-    let facts = Facts { run: hostile.to_owned(), ..facts() };
+    let facts = ReportFacts { run: hostile.to_owned(), ..facts() };
     let page = render(&plan(hostile), &estimate, &facts).unwrap();
     assert!(!page.contains("<script") && !page.contains("\" onload"));
     assert!(page.contains("&lt;script&gt;"));
@@ -359,9 +361,13 @@ fn an_estimate_of_nothing_still_has_a_page() {
     estimate.circles.clear();
     estimate.warnings.clear();
     estimate.verdict = Verdict::Undecided;
-    let page = render(&plan("mill"), &estimate, &Facts::default()).unwrap();
+    let page = render(&plan("mill"), &estimate, &ReportFacts::default()).unwrap();
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
-    assert!(!page.contains("Warnings") && !page.contains("On the way") && !page.contains("<svg"));
+    assert!(
+        !page.contains("Warnings")
+            && !page.contains("Events during the run")
+            && !page.contains("<svg")
+    );
 }
 
 /// All values of the first quantity are at the top, or two values of different quantities.

@@ -6,8 +6,8 @@ use super::figure;
 use super::number;
 use machine::record::estimate::{Arrow, ArrowFigure, VectorKind};
 
-pub(super) fn vectors(figure: &ArrowFigure) -> Value {
-    let common = figure::Common::of(figure);
+pub(super) fn vector_figure(figure: &ArrowFigure) -> Value {
+    let common = figure::ArrowScales::new(figure);
     let groups = figure.groups.iter().map(|group| {
         let drawn = common.as_ref().and_then(|common| match figure.figure {
             VectorKind::Arrows => common.draw(group),
@@ -20,21 +20,25 @@ pub(super) fn vectors(figure: &ArrowFigure) -> Value {
     });
     let flagged = figure.groups.iter().flat_map(|group| {
         let flagged = group.arrows.iter().filter(|arrow| arrow.flagged);
-        flagged.map(|arrow| in_words(figure, &group.name, arrow))
+        flagged.map(|arrow| describe_arrow(figure, &group.name, arrow))
     });
     let (base, index) = number::split_symbol(&figure.symbol);
     context! {
         symbol => context! { plain => figure.symbol.as_str(), base, index },
         groups => groups.collect::<Vec<_>>(),
         flagged => flagged.collect::<Vec<_>>(),
-        cut => common.as_ref().is_some_and(|common| common.cuts(figure)),
+        cut => common.as_ref().is_some_and(|common| common.has_shortened_arrows(figure)),
         magnified => common
-            .and_then(|common| common.magnified(figure.unit))
+            .and_then(|common| common.magnification(figure.unit))
             .map(|by| format!("magnified {by:.0} times")),
     }
 }
 
-fn in_words(figure: &ArrowFigure, group: &str, Arrow { label, vector, .. }: &Arrow) -> String {
-    let [x, y, z] = vector.map(|part| number::fixed(part, 1));
-    format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit(figure.unit))
+fn describe_arrow(
+    figure: &ArrowFigure,
+    group: &str,
+    Arrow { label, vector, .. }: &Arrow,
+) -> String {
+    let [x, y, z] = vector.map(|part| number::format_fixed(part, 1));
+    format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit_symbol(figure.unit))
 }

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::sweep::{Placed, REST_TOLERANCE, thinned};
+use super::position_assignment::{PositionedSamples, REST_TOLERANCE, limit_rate};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
@@ -20,9 +20,9 @@ const MIN_JUMP_RATIO: f64 = 20.0;
 pub(super) struct CountedTurn<'a> {
     pub scale: EncoderScale,
     /// Positions that the control reports at rest, before and after the turn.
-    pub rests: [&'a Position; 2],
+    pub rest_positions: [&'a Position; 2],
     /// Sample at rest before the turn.
-    pub first: Sample,
+    pub first_sample: Sample,
     /// Maximum speed of the axis.
     pub speed_deg_s: f64,
 }
@@ -30,16 +30,16 @@ pub(super) struct CountedTurn<'a> {
 /// Reason why the counts of a turn do not match its axis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CountFault {
-    #[error("the encoder's count is {count} all the way, while {axis} turned by {turned_deg:.3}°")]
-    Stands { axis: Axis, count: u32, turned_deg: f64 },
+    #[error("the count of the encoder stayed at {count} while {axis} turned by {turned_deg:.3}°")]
+    Stuck { axis: Axis, count: u32, turned_deg: f64 },
     #[error(
-        "by the encoder's counts {axis} turned by {counted_deg:.3}°, by the control by {turned_deg:.3}°: a ratio \
-         of {:.4}", counted_deg / turned_deg
+        "{axis} turned by {counted_deg:.3}° according to the encoder, but by {turned_deg:.3}° according to \
+        the control: a ratio of {:.4}", counted_deg / turned_deg
     )]
     Ratio { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
     #[error(
-        "the encoder's count jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, farther than {axis} turns between \
-         two samples"
+        "the count of the encoder jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, more than {axis} turns \
+        between two samples"
     )]
     Jump { axis: Axis, at_deg: f64, jump_deg: f64 },
 }
@@ -48,9 +48,9 @@ impl CountFault {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Stands { .. } => {
-                "see that the encoder is connected to the amplifier and turns with the axis; compare \
-                 `encoder_count` of the sensor with its manual"
+            Self::Stuck { .. } => {
+                "check that the encoder is connected to the amplifier and turns with the axis; compare \
+                `encoder_count` of the sensor with the manual of the sensor"
                     .to_owned()
             }
             Self::Ratio { counted_deg, turned_deg, counts_per_turn, .. } => {
@@ -58,33 +58,35 @@ impl CountFault {
                 let is_reversed = (counted_deg + turned_deg).abs() <= MAX_REST_DEVIATION_DEG;
                 let ratio = if is_reversed { -1.0 } else { counted_deg / turned_deg };
                 format!(
-                    "if the ratio is the same at each turn, write counts_per_turn = {:.0} in [encoder] in place of \
-                     {stated} and start a new run; otherwise counts are lost: see to the encoder's cable and \
-                     highest frequency, then `trued resume` measures the turn anew",
+                    "if the ratio is the same for each revolution, write counts_per_turn = {:.0} in \
+                    [encoder] instead of {stated} and start a new run; otherwise counts are lost: check the \
+                    cable and the maximum frequency of the encoder, then `trued resume` measures the \
+                    revolution again",
                     stated * ratio
                 )
             }
-            Self::Jump { .. } => "see to the encoder's cable and highest frequency, and compare `width` or `round` \
-                                  of `encoder_count` with the manual; `trued resume` measures the turn anew"
+            Self::Jump { .. } => "check the cable and the maximum frequency of the encoder, and compare \
+                `width` or `round` of `encoder_count` with the manual; `trued resume` then measures the \
+                revolution again"
                 .to_owned(),
         }
     }
 }
 
 /// Angle by which the axis turned between two consecutive samples, rad.
-pub(super) fn turned_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
-    counts_between(scale, from, to).map(|counts| rad(scale, counts))
+pub(super) fn rotation_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
+    counts_between(scale, from, to).map(|counts| counts_to_rad(scale, counts))
 }
 
 /// Difference of the counts, modulo the counter's range, by the shorter way.
 fn counts_between(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<i64> {
-    let round = i64::try_from(scale.round).ok()?;
+    let round = i64::try_from(scale.wrap_count).ok()?;
     let step = i64::from(to.encoder_count?) - i64::from(from.encoder_count?);
     let step = step.rem_euclid(round);
     Some(if step > round / 2 { step - round } else { step })
 }
 
-fn rad(scale: EncoderScale, counts: i64) -> f64 {
+fn counts_to_rad(scale: EncoderScale, counts: i64) -> f64 {
     counts as f64 * TAU / scale.encoder.counts_per_turn as f64
 }
 
@@ -93,25 +95,30 @@ impl CountedTurn<'_> {
     ///
     /// # Errors
     /// The counts do not match the axis; no sample of the turn gets a position.
-    pub fn placed(&self, samples: &[Sample], rate_hz: f64) -> Result<Placed, CountFault> {
+    pub fn assign_positions(
+        &self,
+        samples: &[Sample],
+        rate_hz: f64,
+    ) -> Result<PositionedSamples, CountFault> {
         let axis = self.scale.encoder.axis;
-        let [start, end] = self.rests;
+        let [start, end] = self.rest_positions;
         let angles = self.angles(samples)?;
         let is_off = |(_, angle): &(Sample, f64), rest: &Position| {
-            (angle - rest.at(axis)).abs() > REST_TOLERANCE
+            (angle - rest.get_or_zero(axis)).abs() > REST_TOLERANCE
         };
-        let sets_out = angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
-        let arrives = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
-        let moving = angles.iter().take(arrives + 2).skip(sets_out.saturating_sub(1));
+        let start_index =
+            angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
+        let end_index = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
+        let moving = angles.iter().take(end_index + 2).skip(start_index.saturating_sub(1));
         let place =
             |(sample, angle): &(Sample, f64)| (*sample, Some(start.clone().with(axis, *angle)));
-        Ok(thinned(&moving.map(place).collect::<Vec<_>>(), rate_hz))
+        Ok(limit_rate(&moving.map(place).collect::<Vec<_>>(), rate_hz))
     }
 
     /// Samples that carry a count, with the angle of each, rad.
     fn angles(&self, samples: &[Sample]) -> Result<Vec<(Sample, f64)>, CountFault> {
-        let start = self.rests[0].at(self.scale.encoder.axis);
-        let (mut count, mut last) = (0, self.first);
+        let start = self.rest_positions[0].get_or_zero(self.scale.encoder.axis);
+        let (mut count, mut last) = (0, self.first_sample);
         let mut counted = vec![(last, 0)];
         for sample in samples {
             let Some(step) = counts_between(self.scale, &last, sample) else { continue };
@@ -120,12 +127,12 @@ impl CountedTurn<'_> {
         }
         self.check_steps(&counted)?;
         self.check_rest(&counted)?;
-        let angle = |(sample, count): (Sample, i64)| (sample, start + self.rad(count));
+        let angle = |(sample, count): (Sample, i64)| (sample, start + self.counts_to_rad(count));
         Ok(counted.into_iter().skip(1).map(angle).collect())
     }
 
-    fn rad(&self, counts: i64) -> f64 {
-        rad(self.scale, counts)
+    fn counts_to_rad(&self, counts: i64) -> f64 {
+        counts_to_rad(self.scale, counts)
     }
 
     /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
@@ -143,11 +150,13 @@ impl CountedTurn<'_> {
         let axis = self.scale.encoder.axis;
         for (from, to) in steps() {
             let (step, passed_s) = (to.1 - from.1, (to.0.t_s - from.0.t_s).max(0.0));
-            let jump_deg = self.rad(step).to_degrees();
+            let jump_deg = self.counts_to_rad(step).to_degrees();
             if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_DELAY_S)
                 && of_a_sample(step, &to.0) > MIN_JUMP_RATIO * median
             {
-                let at_deg = axis.to_edge(self.rests[0].at(axis) + self.rad(from.1));
+                let at_deg = axis.to_mm_or_deg(
+                    self.rest_positions[0].get_or_zero(axis) + self.counts_to_rad(from.1),
+                );
                 return Err(CountFault::Jump { axis, at_deg, jump_deg });
             }
         }
@@ -157,15 +166,16 @@ impl CountedTurn<'_> {
     /// Checks that counts and control agree at rest after the turn.
     fn check_rest(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
         let axis = self.scale.encoder.axis;
-        let [start, end] = self.rests.map(|rest| rest.at(axis));
+        let [start, end] = self.rest_positions.map(|rest| rest.get_or_zero(axis));
         let turned_deg = (end - start).to_degrees();
-        let counted_deg = counted.last().map_or(0.0, |(_, count)| self.rad(*count).to_degrees());
+        let counted_deg =
+            counted.last().map_or(0.0, |(_, count)| self.counts_to_rad(*count).to_degrees());
         if (counted_deg - turned_deg).abs() <= MAX_REST_DEVIATION_DEG {
             return Ok(());
         }
         if counted.iter().all(|(_, count)| count.abs() <= 1) {
-            let count = self.first.encoder_count.unwrap_or_default();
-            return Err(CountFault::Stands { axis, count, turned_deg });
+            let count = self.first_sample.encoder_count.unwrap_or_default();
+            return Err(CountFault::Stuck { axis, count, turned_deg });
         }
         let counts_per_turn = self.scale.encoder.counts_per_turn;
         Err(CountFault::Ratio { axis, counted_deg, turned_deg, counts_per_turn })
@@ -176,7 +186,7 @@ impl CountedTurn<'_> {
 mod tests {
     use super::*;
     use crate::setup::machine_file::Encoder;
-    use machine::record::reading::Flag;
+    use machine::record::reading::ReadingFlag;
 
     /// A turn by 400° from -8° within 10 s, with one second at rest before and after it, at 200 samples per
     /// second.
@@ -194,7 +204,7 @@ mod tests {
         let sample = |number: u32| Sample {
             t_s: f64::from(number) / 200.0,
             value_mm: Some(angle_deg(number)),
-            flag: Flag::None,
+            flag: ReadingFlag::None,
             missing: 0,
             encoder_count: Some(count(angle_deg(number))),
         };
@@ -202,19 +212,23 @@ mod tests {
     }
 
     /// Result for an encoder declared with `per_turn` and `round`.
-    fn placed(samples: &[Sample], per_turn: i64, round: u64) -> Result<Placed, CountFault> {
+    fn positions(
+        samples: &[Sample],
+        per_turn: i64,
+        round: u64,
+    ) -> Result<PositionedSamples, CountFault> {
         let rest =
-            |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.from_edge(deg));
+            |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
         let turn = CountedTurn {
             scale: EncoderScale {
                 encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn },
-                round,
+                wrap_count: round,
             },
-            rests: [&rest(-8.0), &rest(392.0)],
-            first: samples[0],
+            rest_positions: [&rest(-8.0), &rest(392.0)],
+            first_sample: samples[0],
             speed_deg_s: 40.0,
         };
-        turn.placed(&samples[1..], f64::INFINITY)
+        turn.assign_positions(&samples[1..], f64::INFINITY)
     }
 
     /// Counters of 16, 24 and 32 bits and of one turn, with both signs.
@@ -223,13 +237,14 @@ mod tests {
         for round in [1 << 16, 1 << 24, 1 << 32, 90_000] {
             for per_turn in [90_000, -90_000] {
                 let samples = samples(|deg| counted(deg, per_turn, round));
-                let placed = placed(&samples, per_turn, round).unwrap();
-                assert_eq!((placed.nowhere, placed.thinned), (0, 0));
+                let placed = positions(&samples, per_turn, round).unwrap();
+                assert_eq!((placed.without_position, placed.dropped_by_rate), (0, 0));
                 assert!((1990..2010).contains(&placed.samples.len()), "{}", placed.samples.len());
                 for (sample, position) in &placed.samples {
-                    let off_deg = position.at(Axis::C).to_degrees() - sample.value_mm.unwrap();
+                    let off_deg =
+                        position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
                     assert!(off_deg.abs() <= 360.0 / 90_000.0 + 1e-9, "{round}: {off_deg}");
-                    assert_eq!(position.at(Axis::X), 7.0);
+                    assert_eq!(position.get_or_zero(Axis::X), 7.0);
                 }
             }
         }
@@ -240,14 +255,14 @@ mod tests {
         let mut samples = samples(|deg| counted(deg, 90_000, 1 << 16));
         samples.drain(900..960);
         samples[900].missing = 60;
-        let placed = placed(&samples, 90_000, 1 << 16).unwrap();
+        let placed = positions(&samples, 90_000, 1 << 16).unwrap();
         let (sample, position) = placed.samples.last().unwrap();
-        let off_deg = position.at(Axis::C).to_degrees() - sample.value_mm.unwrap();
+        let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
         assert!(off_deg.abs() < 0.005, "{off_deg}");
     }
 
     fn fault(samples: &[Sample], per_turn: i64, round: u64) -> (CountFault, String) {
-        let fault = placed(samples, per_turn, round).unwrap_err();
+        let fault = positions(samples, per_turn, round).unwrap_err();
         (fault.clone(), format!("{fault}\n  -> {}", fault.remedy()))
     }
 
@@ -258,10 +273,7 @@ mod tests {
         assert!(text.contains("a ratio of -1.0000") && text.contains("= -90000 in"), "{text}");
         let (_, text) = fault(&right, -72_000, 1 << 32);
         assert!(text.contains("turned by 500.0") && text.contains("a ratio of 1.2500"), "{text}");
-        assert!(
-            text.contains("counts_per_turn = -90000 in [encoder] in place of -72000"),
-            "{text}"
-        );
+        assert!(text.contains("counts_per_turn = -90000 in [encoder] instead of -72000"), "{text}");
         let (_, text) = fault(&right, -90, 1 << 32);
         assert!(text.contains("a ratio of 1000.0"), "{text}");
         // 100 of 90000 counts are lost.
@@ -274,8 +286,8 @@ mod tests {
     fn counts_that_do_not_advance_are_named() {
         let dither = |deg: f64| 4711 + u32::from(deg.rem_euclid(1.0) > 0.5);
         let (fault, text) = fault(&samples(dither), 90_000, 1 << 16);
-        assert!(matches!(fault, CountFault::Stands { .. }), "{fault:?}");
-        assert!(text.contains("is 4711 all the way, while C turned by 400.000°"), "{text}");
+        assert!(matches!(fault, CountFault::Stuck { .. }), "{fault:?}");
+        assert!(text.contains("stayed at 4711 while C turned by 400.000°"), "{text}");
     }
 
     #[test]

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::identify::{Unidentified, identify, judged, store_identification};
-use super::qualified::{Unqualified, qualified};
+use super::identify::{IdentificationError, identify, judge_estimate, store_identification};
+use super::qualification::{QualificationError, add_qualification};
 use super::{PromptAnswers, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
-use machine::record::estimate::{Estimate, Limit};
+use machine::record::estimate::{Estimate, ParameterLimit};
 use machine::record::event::Event;
 use machine::record::plan::Plan;
 use methods::Method;
@@ -17,29 +17,29 @@ use methods::Method;
 /// Reason why a cycle ends without an estimate.
 #[derive(Debug, thiserror::Error)]
 pub enum CycleError {
-    /// The measurement is incomplete. `moved`: the machine has moved; `resumed`: the run was interrupted
+    /// The measurement is incomplete. `has_moved`: the machine has moved; `is_resumed`: the run was interrupted
     /// before; `can_resume`: its references were measured.
     #[error("{error}")]
-    Run { run: RunId, error: RunError, moved: bool, resumed: bool, can_resume: bool },
+    Run { run: RunId, error: RunError, has_moved: bool, is_resumed: bool, can_resume: bool },
     /// All readings are measured and stored.
     #[error("{why}")]
-    Identification { run: RunId, why: Unidentified },
+    Identification { run: RunId, why: IdentificationError },
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The probe lacks the qualification that the run requires. The run has not begun.
     #[error(transparent)]
-    Unqualified(#[from] Unqualified),
+    Qualification(#[from] QualificationError),
 }
 
 impl CycleError {
     /// Whether the machine holds where it was stopped until an operator decides.
-    pub fn holds(&self) -> bool {
+    pub fn holds_machine(&self) -> bool {
         match self {
-            Self::Run { error, moved, resumed, .. } => {
-                !error.closes() && (*moved || *resumed || error.is_stop())
+            Self::Run { error, has_moved, is_resumed, .. } => {
+                !error.closes_run() && (*has_moved || *is_resumed || error.is_stop())
             }
             // No motion follows the last reading.
-            Self::Identification { .. } | Self::Store(_) | Self::Unqualified(_) => false,
+            Self::Identification { .. } | Self::Store(_) | Self::Qualification(_) => false,
         }
     }
 
@@ -47,8 +47,8 @@ impl CycleError {
     pub fn is_stop(&self) -> bool {
         match self {
             Self::Run { error, .. } => error.is_stop(),
-            Self::Identification { why, .. } => matches!(why, Unidentified::Stopped),
-            Self::Store(_) | Self::Unqualified(_) => false,
+            Self::Identification { why, .. } => matches!(why, IdentificationError::Stopped),
+            Self::Store(_) | Self::Qualification(_) => false,
         }
     }
 }
@@ -64,7 +64,7 @@ pub struct Cycle<'a> {
 }
 
 impl Cycle<'_> {
-    /// Starts a new run on open devices; `begun` is called with its number.
+    /// Starts a new run on open devices; `on_start` is called with its number.
     ///
     /// # Errors
     /// A fault or a stop: the machine holds, and all readings so far are in the journal. A probe without the
@@ -73,18 +73,18 @@ impl Cycle<'_> {
         self,
         devices: &Devices,
         journal: &Journal,
-        begun: impl FnOnce(RunId),
-        tell: &mut dyn FnMut(&Event),
+        on_start: impl FnOnce(RunId),
+        on_event: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine, method, plan, answers } = self;
-        let plan = qualified(method.as_ref(), plan, journal, Timestamp::now())?;
+        let plan = add_qualification(method.as_ref(), plan, journal, Timestamp::now())?;
         let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
-        let id = journal.begin(&new).await?;
-        begun(id);
-        let run = Run::new(id, method.as_ref(), devices, journal, plan, tell);
-        let mut run = run.asking(answers);
+        let id = journal.begin_run(&new).await?;
+        on_start(id);
+        let run = Run::new(id, method.as_ref(), devices, journal, plan, on_event);
+        let mut run = run.with_answers(answers);
         let ended = run.execute().await;
-        let estimate = conclude(run, ended, &method, &machine.tolerance).await?;
+        let estimate = conclude_run(run, ended, &method, &machine.tolerance).await?;
         Ok((id, estimate))
     }
 }
@@ -94,21 +94,21 @@ impl Cycle<'_> {
 ///
 /// # Errors
 /// The error in `ended`, or the reason why the run is not identified.
-pub async fn conclude(
+pub async fn conclude_run(
     run: Run<'_>,
     ended: Result<(), RunError>,
     method: &Arc<dyn Method>,
-    tolerance: &[Limit],
+    tolerance: &[ParameterLimit],
 ) -> Result<Estimate, CycleError> {
     let can_resume = run.can_resume();
-    let Run { id, plan, readings, moved, resumed, tell, journal, devices, .. } = run;
+    let Run { id, plan, readings, has_moved, is_resumed, on_event, journal, devices, .. } = run;
     if let Err(error) = ended {
-        return Err(CycleError::Run { run: id, error, moved, resumed, can_resume });
+        return Err(CycleError::Run { run: id, error, has_moved, is_resumed, can_resume });
     }
-    let text = format!("identifying from {} readings", readings.len());
-    tell(&Event::Announced { text });
-    let found = identify(method, plan, readings, &devices.controller.halt()).await;
-    let found = found.map(|estimate| judged(estimate, tolerance));
+    let text = format!("computing the estimate from {} readings", readings.len());
+    on_event(&Event::Announced { text });
+    let found = identify(method, plan, readings, &devices.controller.halt_handle()).await;
+    let found = found.map(|estimate| judge_estimate(estimate, tolerance));
     let stored = store_identification(journal, id, found).await;
     stored.map_err(|why| CycleError::Identification { run: id, why })
 }

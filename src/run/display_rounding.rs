@@ -3,7 +3,7 @@
 use machine::{Axis, Position};
 
 /// Step of the display of such controls: a thousandth, mm or degrees.
-const STEP: f64 = 1e-3;
+const DISPLAY_STEP: f64 = 1e-3;
 /// Maximum distance to a multiple of the step, in steps: the error of binary rounding.
 const ROUNDING_TOLERANCE: f64 = 1e-6;
 /// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
@@ -12,12 +12,13 @@ const MAX_COMMAND_DIFFERENCE: f64 = 0.56;
 
 /// The position `told` by the control. If the value of an axis is the rounded command, the command replaces it,
 /// as it is more precise. Any other value is kept.
-pub(super) fn unrounded(told: &Position, commanded: &Position) -> Position {
+pub(super) fn undo_display_rounding(told: &Position, commanded: &Position) -> Position {
     let finer = |(axis, at): (Axis, f64)| {
-        let steps = axis.to_edge(at) / STEP;
+        let steps = axis.to_mm_or_deg(at) / DISPLAY_STEP;
         let coarse = (steps - steps.round()).abs() < ROUNDING_TOLERANCE;
         let near = |meant: &f64| {
-            coarse && (axis.to_edge(*meant) / STEP - steps).abs() < MAX_COMMAND_DIFFERENCE
+            coarse
+                && (axis.to_mm_or_deg(*meant) / DISPLAY_STEP - steps).abs() < MAX_COMMAND_DIFFERENCE
         };
         (axis, commanded.get(axis).filter(near).unwrap_or(at))
     };
@@ -30,24 +31,24 @@ mod tests {
 
     fn at(x: f64, y: f64, b_deg: f64) -> Position {
         let linear = Position::new().with(Axis::X, x).with(Axis::Y, y);
-        linear.with(Axis::B, Axis::B.from_edge(b_deg))
+        linear.with(Axis::B, Axis::B.to_mm_or_rad(b_deg))
     }
 
     #[test]
     fn a_command_is_taken_where_the_control_shows_it_rounded_and_nowhere_else() {
         let commanded = at(12.3456, -0.0004, 33.3333);
-        assert_eq!(unrounded(&at(12.346, 0.0, 33.333), &commanded), commanded);
+        assert_eq!(undo_display_rounding(&at(12.346, 0.0, 33.333), &commanded), commanded);
         // Rounded twice: first the command was written with four decimals.
         let twice = at(219.830_499_9, 0.0, 0.0);
-        assert_eq!(unrounded(&at(219.831, 0.0, 0.0), &twice), twice);
+        assert_eq!(undo_display_rounding(&at(219.831, 0.0, 0.0), &twice), twice);
         // A value one display step off is kept.
         let off = at(12.345, -0.001, 33.334);
-        assert_eq!(unrounded(&off, &commanded), off);
+        assert_eq!(undo_display_rounding(&off, &commanded), off);
         // A value with more decimals than the display step is kept.
         let fine = at(12.345_61, -0.000_41, 33.333_31);
-        assert_eq!(unrounded(&fine, &commanded), fine);
+        assert_eq!(undo_display_rounding(&fine, &commanded), fine);
         // An axis without a command keeps its value.
         let told = at(12.346, 0.0, 33.333).with(Axis::Z, 7.001);
-        assert_eq!(unrounded(&told, &commanded).at(Axis::Z), 7.001);
+        assert_eq!(undo_display_rounding(&told, &commanded).get_or_zero(Axis::Z), 7.001);
     }
 }

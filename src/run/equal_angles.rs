@@ -6,35 +6,39 @@ use std::collections::BTreeMap;
 use devices::sensors::Sample;
 use estimation::revolutions::{self, AngleRange, ResampleFilter, Resampler, reject_saturated};
 use machine::record::plan::{Sampling, Scan};
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::{Axis, Position};
 
 /// The axis that turns and the angles per revolution, if the plan requests equal angles.
-pub(super) fn wanted(scan: &Scan) -> Option<(Axis, usize)> {
+pub(super) fn equal_angle_request(scan: &Scan) -> Option<(Axis, usize)> {
     let Sampling::Continuous { per_revolution: Some(count), .. } = scan.sampling else {
         return None;
     };
-    Some((scan.turned_axis()?, count))
+    Some((scan.single_rotary_axis()?, count))
 }
 
 /// One turn at equal angles.
 #[derive(Debug)]
-pub(super) struct Turn {
-    /// Samples from the first angle with a value to the last; an angle without a value has [`Flag::Gap`].
+pub(super) struct ResampledTurn {
+    /// Samples from the first angle with a value to the last; an angle without a value has [`ReadingFlag::Gap`].
     pub samples: Vec<(Sample, Position)>,
     gaps: Vec<AngleRange>,
 }
 
 /// Filters `placed`, the samples in order of time with the positions of the axes.
-pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution: usize) -> Turn {
+pub(super) fn resample_turn(
+    placed: &[(Sample, Position)],
+    axis: Axis,
+    per_revolution: usize,
+) -> ResampledTurn {
     let (Some((_, first)), Some((_, last))) = (placed.first(), placed.last()) else {
-        return Turn { samples: Vec::new(), gaps: Vec::new() };
+        return ResampledTurn { samples: Vec::new(), gaps: Vec::new() };
     };
     let filter = ResampleFilter::new(per_revolution);
-    let ends_rad = [first, last].map(|position| position.at(axis));
+    let ends_rad = [first, last].map(|position| position.get_or_zero(axis));
     let of_turn = |value: &dyn Fn(&Sample) -> Option<f64>| {
-        let sample = |(sample, position): &(Sample, Position)| revolutions::Sample {
-            angle_rad: position.at(axis),
+        let sample = |(sample, position): &(Sample, Position)| revolutions::AngleSample {
+            angle_rad: position.get_or_zero(axis),
             value: value(sample).unwrap_or(f64::NAN),
             is_valid: value(sample).is_some(),
         };
@@ -42,30 +46,30 @@ pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution
     };
     let mut values = of_turn(&|sample| sample.value_mm);
     reject_saturated(&mut values);
-    let values = Resampler::of_turn(&filter, ends_rad, &values);
+    let values = Resampler::resample_all(&filter, ends_rad, &values);
     // The time passes the same filter, so that it belongs to the angle also where the speed changes.
-    let times = Resampler::of_turn(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
+    let times = Resampler::resample_all(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
     let number =
         |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
     let times: BTreeMap<i64, f64> =
         times.points().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
-        let flag = if value_mm.is_some() { Flag::None } else { Flag::Gap };
+        let flag = if value_mm.is_some() { ReadingFlag::None } else { ReadingFlag::Gap };
         let t_s = *times.get(&number(angle))?;
         let sample = Sample { t_s, value_mm, flag, missing: 0, encoder_count: None };
         Some((sample, first.clone().with(axis, angle)))
     };
-    Turn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
+    ResampledTurn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
 }
 
-impl Turn {
+impl ResampledTurn {
     /// Message about angles without a value.
-    pub fn lacking(&self, label: &str, sensor: &str) -> Option<String> {
+    pub fn gap_message(&self, label: &str, sensor: &str) -> Option<String> {
         (!self.gaps.is_empty()).then(|| {
             format!(
-                "{label}: {sensor} has no sample, or stands at an end of its range, at {}; the equal angles near \
-                 there have no value",
-                AngleRange::in_words(&self.gaps)
+                "{label}: {sensor} has no sample, or a value at the end of its range, at {}; the equally \
+                spaced angles near there have no value",
+                AngleRange::format_ranges(&self.gaps)
             )
         })
     }
@@ -89,7 +93,7 @@ mod tests {
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
             let sample =
-                Sample { t_s, value_mm, flag: Flag::None, missing: 0, encoder_count: None };
+                Sample { t_s, value_mm, flag: ReadingFlag::None, missing: 0, encoder_count: None };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };
@@ -102,13 +106,13 @@ mod tests {
         let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();
         let disturbed =
             |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
-        let turn = filtered(&placed(disturbed), Axis::C, COUNT);
+        let turn = resample_turn(&placed(disturbed), Axis::C, COUNT);
         assert!(turn.samples.len() > 2 * COUNT, "{}", turn.samples.len());
-        assert_eq!(turn.lacking("turn", "s1"), None);
+        assert_eq!(turn.gap_message("turn", "s1"), None);
         for (sample, position) in &turn.samples {
-            let deg = position.at(Axis::C).to_degrees();
+            let deg = position.get_or_zero(Axis::C).to_degrees();
             assert!((deg / 5.0 - (deg / 5.0).round()).abs() < 1e-9, "{deg}");
-            assert_eq!(position.at(Axis::X), 3.0);
+            assert_eq!(position.get_or_zero(Axis::X), 3.0);
             let off = sample.value_mm.unwrap() - smooth(deg);
             assert!(off.abs() < 1e-6, "{deg}: {off}");
             let off_deg = angle_deg(sample.t_s) - deg;
@@ -123,17 +127,18 @@ mod tests {
             let is_lost = (90.0..97.0).contains(&deg);
             (!is_lost).then_some(value.min(0.0099))
         };
-        let turn = filtered(&placed(lost), Axis::C, COUNT);
+        let turn = resample_turn(&placed(lost), Axis::C, COUNT);
         let at = |wanted: f64| {
-            let near =
-                |position: &Position| (position.at(Axis::C).to_degrees() - wanted).abs() < 1e-6;
+            let near = |position: &Position| {
+                (position.get_or_zero(Axis::C).to_degrees() - wanted).abs() < 1e-6
+            };
             turn.samples.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)
         };
         let gap = at(95.0).unwrap();
-        assert_eq!((gap.value_mm, gap.flag), (None, Flag::Gap));
+        assert_eq!((gap.value_mm, gap.flag), (None, ReadingFlag::Gap));
         assert_eq!(at(360.0).unwrap().value_mm, None, "{turn:?}");
         assert!(at(200.0).unwrap().value_mm.is_some());
-        let text = turn.lacking("index/1", "s1").unwrap();
+        let text = turn.gap_message("index/1", "s1").unwrap();
         assert!(text.contains("index/1: s1") && text.contains("89.9° to 97.1°"), "{text}");
     }
 }

@@ -5,160 +5,164 @@ use crate::store::StoreError;
 use devices::controllers::ControllerError;
 use devices::sensors::SensorError;
 use machine::record::plan::Step;
-use machine::record::reading::Flag;
-use methods::Refused;
-use methods::decision::references::{Scatter, Shift, in_words};
+use machine::record::reading::ReadingFlag;
+use methods::MethodRefusal;
+use methods::decision::references::{ReferenceShift, TouchScatter, describe_shifts};
 use planning::PlanningError;
 use planning::gcode::RenderError;
-use planning::proof::Refusal;
+use planning::proof::ProofRefusal;
 
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     #[error(transparent)]
-    Refused(#[from] Refused),
+    Refused(#[from] MethodRefusal),
     #[error(transparent)]
     Planning(#[from] PlanningError),
-    #[error("stage `{stage}` is not proven: {source}")]
-    Unproven { stage: String, source: Box<Refusal> },
-    #[error("the proof of stage `{stage}` ended without answer")]
-    ProofGone { stage: String },
-    #[error("stage `{stage}` cannot be written for this control: {source}")]
+    #[error("the collision check refuses stage `{stage}`: {source}")]
+    StageProofError { stage: String, source: Box<ProofRefusal> },
+    #[error("the collision check of stage `{stage}` ended without a result")]
+    ProofAborted { stage: String },
+    #[error("the program of stage `{stage}` cannot be written for this control: {source}")]
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
     /// A fault with the label of the step that it names.
     #[error("{label}, {source}")]
-    OnStep { label: String, source: Box<RunError> },
+    AtStep { label: String, source: Box<RunError> },
     /// Fault of the probe input while a sensor is mounted instead of the probe.
-    #[error("{source}; yet `{sensor}` sits in the probe's place")]
+    #[error("{source}; but the sensor `{sensor}` is mounted instead of the probe")]
     ProbeInput { sensor: String, source: Box<RunError> },
-    #[error("a person is asked on the way (`{text}`), and nobody is there to answer")]
-    NobodyThere { text: String },
-    #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "let go" })]
-    DeadProbe { closed: bool, seconds: u64 },
-    #[error("step {step}: the first touch met nothing up to its end")]
+    #[error("the run contains a prompt (`{text}`), but no operator can answer it")]
+    NoOperator { text: String },
+    #[error("the stylus was not {} within {seconds} s", if *closed { "deflected" } else { "released" })]
+    StylusTimeout { closed: bool, seconds: u64 },
+    #[error("step {step}: the first touch reached its end without contact")]
     NoFirstContact { step: u32 },
     #[error("sensor `{name}`: {source}")]
     Sensor { name: String, source: SensorError },
-    #[error("step {step}: `{sensor}` sees nothing that it can measure ({})", flag.as_str())]
-    Blind { step: u32, sensor: String, flag: Flag },
+    #[error("step {step}: the sensor `{sensor}` has no valid value ({})", flag.as_str())]
+    NoValidSample { step: u32, sensor: String, flag: ReadingFlag },
     #[error(
-        "step {step}: `{sensor}` reports {value_mm:.3} mm where nothing that the machine file states is \
-         within its range"
+        "step {step}: the sensor `{sensor}` reports {value_mm:.3} mm at a position where no body of the \
+        machine file is within its range"
     )]
-    EarlyDistance { step: u32, sensor: String, value_mm: f64 },
+    UnexpectedDistance { step: u32, sensor: String, value_mm: f64 },
     #[error(
-        "step {step} is sampled in motion, and this control does not stamp where its axes stand"
+        "step {step} is sampled in motion, but this control does not report time-stamped axis positions"
     )]
-    NotStamped { step: u32 },
-    #[error("step {step} was to be sampled in motion: {why}")]
-    Unswept { step: u32, why: String },
-    #[error("step {step}: the samples of `{sensor}` are not placed: {source}")]
-    Miscounted { step: u32, sensor: String, source: CountFault },
-    #[error("step {step} ended without the position of its contact")]
-    NoReading { step: u32 },
+    NoTimeStamps { step: u32 },
+    #[error("step {step} was not sampled in motion: {why}")]
+    SweepFailed { step: u32, why: String },
     #[error(
-        "not all references were measured before the stop: nobody can say whether the machine stands \
-         as it stood"
+        "step {step}: the samples of `{sensor}` cannot be assigned to axis positions: {source}"
+    )]
+    EncoderFault { step: u32, sensor: String, source: CountFault },
+    #[error("step {step} ended without a contact position")]
+    NoContactPosition { step: u32 },
+    #[error(
+        "not all references were measured before the stop: a shift of the machine cannot be detected"
     )]
     NoReferences,
-    #[error("not all references were seen again after the stop: {places}")]
-    UnseenAgain { places: String },
+    #[error("not all references could be measured again after the stop: {places}")]
+    ReferencesNotMeasured { places: String },
     #[error(
-        "the machine does not stand as it stood before the stop: {}; {}",
-        in_words(shifts), scatter.in_words()
+        "the references have shifted since the stop: {}; {}",
+        describe_shifts(shifts), scatter.describe()
     )]
-    Moved { shifts: Vec<Shift>, scatter: Scatter },
-    #[error("nothing more is measured, because it could not be kept: {0}")]
+    ReferencesShifted { shifts: Vec<ReferenceShift>, scatter: TouchScatter },
+    #[error("the run stopped, because the journal could not be written: {0}")]
     Store(#[from] StoreError),
 }
 
-const EARLY_DISTANCE: &str = "retract by hand, the way it came; then look whether the machine stands where its \
-     control shows, whether the artefact is where the machine file says, and whether another body is below the sensor";
+const PROBE_INPUT_REMEDY: &str = "make sure that the probe input of the control reads open while a sensor is in the spindle. \
+    If the machine was in motion, first check whether the sensor has touched a body. Check that \
+    the removed probe is not deflected, and that its receiver does not report an error without \
+    a probe. If the input is open only with a closed probe circuit, plug in a connector that \
+    closes the circuit";
+
+const UNEXPECTED_DISTANCE_REMEDY: &str = "retract by hand along the approach path; then check that the position of the \
+    machine agrees with the display of the control, that the artefact is at its position in the machine \
+    file, and that no other body is below the sensor";
 
 impl RunError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Refused(refused) => refused.instead.clone(),
+            Self::Refused(refused) => refused.remedy.clone(),
             Self::Planning(error) => error.remedy(),
-            Self::Unproven { source, .. } => source.remedy().to_owned(),
-            Self::ProofGone { .. } => "please report this with the plan".to_owned(),
+            Self::StageProofError { source, .. } => source.remedy().to_owned(),
+            Self::ProofAborted { .. } => "report this fault to the developers and attach the plan".to_owned(),
             Self::Unwritable { source, .. } => source.remedy(),
             Self::Controller(error) => error.remedy(),
-            Self::OnStep { source, .. } => source.remedy(),
-            Self::ProbeInput { .. } => {
-                "the control's probe input must read open while a sensor sits in the spindle. Is the probe, \
-                 taken out, pressed where it lies, or its receiver in error because it sees none? An input \
-                 that is open only while a probe closes the circuit needs a plug that does so. If the \
-                 machine was under way, look first whether the sensor has met something"
+            Self::AtStep { source, .. } => source.remedy(),
+            Self::ProbeInput { .. } => PROBE_INPUT_REMEDY.to_owned(),
+            Self::NoOperator { .. } => {
+                "start or resume the run from the page of `trued serve`, or from a terminal with an \
+                operator"
                     .to_owned()
             }
-            Self::NobodyThere { .. } => {
-                "start or resume it from the page of `trued serve`, or from a terminal where somebody sits"
-                    .to_owned()
-            }
-            Self::DeadProbe { .. } => {
-                "deflect the stylus and watch the probe's input at the control: is the probe on, its \
-                 battery fresh, its cable whole?"
+            Self::StylusTimeout { .. } => {
+                "deflect the stylus and watch the probe input at the control; check that the probe is \
+                switched on, its battery charged and its cable undamaged"
                     .to_owned()
             }
             Self::NoFirstContact { .. } => {
-                "the probe may be dead: deflect the stylus and watch its input at the control, before \
-                 anything moves again; if it lives, is the part where the machine file says \
-                 ([artefact] centre_mm, radius_mm)?"
+                "the probe may not work: before the next motion, deflect the stylus and watch the probe \
+                input at the control. If the input changes, check that the part is at its position in the \
+                machine file ([artefact] centre_mm, radius_mm)"
                     .to_owned()
             }
             Self::Sensor { source, .. } => source.remedy(),
-            Self::Blind { flag, .. } => unseen(*flag).to_owned(),
-            Self::EarlyDistance { .. } => EARLY_DISTANCE.to_owned(),
-            Self::NotStamped { .. } => {
-                "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
-                 the machine file ([controller.sampler]); the turn of one rotary axis can be measured where \
-                 each sensor sends the count of its encoder ([encoder])"
+            Self::NoValidSample { flag, .. } => flag_remedy(*flag).to_owned(),
+            Self::UnexpectedDistance { .. } => UNEXPECTED_DISTANCE_REMEDY.to_owned(),
+            Self::NoTimeStamps { .. } => {
+                "use dwell points (sampling = \"dwell\"); or, on LinuxCNC, add the sampler to the machine \
+                file ([controller.sampler]); or, for one revolution of a rotary axis, use sensors that send \
+                the count of the axis encoder ([encoder])"
                     .to_owned()
             }
-            Self::Miscounted { source, .. } => source.remedy(),
-            Self::Unswept { .. } => {
-                "`trued resume` measures it anew; if it stays so, plan it with dwell points \
-                 (sampling = \"dwell\")"
+            Self::EncoderFault { source, .. } => source.remedy(),
+            Self::SweepFailed { .. } => {
+                "`trued resume` measures the step again; if the fault repeats, use dwell points (sampling = \
+                \"dwell\")"
                     .to_owned()
             }
-            Self::NoReading { .. } => "please report this with the run's export".to_owned(),
+            Self::NoContactPosition { .. } => "report this fault to the developers and attach the export of the run".to_owned(),
             Self::Store(error) => error.remedy().to_owned(),
-            Self::UnseenAgain { .. } => {
-                "look why the sensor says nothing there that could be used, then `trued resume` once more"
+            Self::ReferencesNotMeasured { .. } => {
+                "find out why the sensor has no valid value at these positions, then run `trued resume` \
+                again"
                     .to_owned()
             }
             Self::NoReferences => {
-                "the run is closed, its readings are kept; start a new run".to_owned()
+                "the run is closed, its readings are stored; start a new run".to_owned()
             }
-            Self::Moved { .. } => {
-                "the run is closed, its readings are kept (`trued identify` with --run tells what they \
-                 hold); start a new run: after a long stop a machine may simply have drifted"
+            Self::ReferencesShifted { .. } => {
+                "the run is closed, its readings are stored (`trued identify` with --run evaluates them). \
+                Start a new run; after a long stop, thermal drift may be the cause"
                     .to_owned()
             }
         }
     }
 
     /// The error of a touch before the probe is known to work.
-    pub(super) fn of_first_touch(self) -> Self {
+    pub(super) fn into_first_touch_error(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
-            Self::OnStep { label, source } => {
-                Self::OnStep { label, source: Box::new(source.of_first_touch()) }
+            Self::AtStep { label, source } => {
+                Self::AtStep { label, source: Box::new(source.into_first_touch_error()) }
             }
             other => other,
         }
     }
 
     /// The error of a run that measures with `sensor`: no stylus can be deflected.
-    pub(super) fn of_sensor(self, sensor: &str) -> Self {
-        use ControllerError::{ProbeClosed, StillTripped, UnexpectedContact};
+    pub(super) fn into_sensor_error(self, sensor: &str) -> Self {
+        use ControllerError::{ProbeClosed, ProbeStillClosed, UnexpectedContact};
         let closed = |error: &ControllerError| {
-            matches!(error, ProbeClosed | StillTripped { .. } | UnexpectedContact { .. })
+            matches!(error, ProbeClosed | ProbeStillClosed { .. } | UnexpectedContact { .. })
         };
-        match self.of_control().is_some_and(closed) {
+        match self.controller_error().is_some_and(closed) {
             true => Self::ProbeInput { sensor: sensor.to_owned(), source: Box::new(self) },
             false => self,
         }
@@ -166,49 +170,51 @@ impl RunError {
 
     /// Adds the label of the step to an error that names the step by its number: the label tells the operator
     /// which feature was touched, and from which side.
-    pub(super) fn on(self, step: &Step) -> Self {
+    pub(super) fn with_step_label(self, step: &Step) -> Self {
         match &self {
             Self::Controller(error) if error.step() == Some(step.id) => {
-                Self::OnStep { label: step.label.clone(), source: Box::new(self) }
+                Self::AtStep { label: step.label.clone(), source: Box::new(self) }
             }
-            Self::NoReading { step: id }
-            | Self::Blind { step: id, .. }
-            | Self::EarlyDistance { step: id, .. }
-            | Self::Unswept { step: id, .. }
-            | Self::Miscounted { step: id, .. }
+            Self::NoContactPosition { step: id }
+            | Self::NoValidSample { step: id, .. }
+            | Self::UnexpectedDistance { step: id, .. }
+            | Self::SweepFailed { step: id, .. }
+            | Self::EncoderFault { step: id, .. }
                 if *id == step.id =>
             {
-                Self::OnStep { label: step.label.clone(), source: Box::new(self) }
+                Self::AtStep { label: step.label.clone(), source: Box::new(self) }
             }
             _ => self,
         }
     }
 
     /// The control's error, if the control caused this error.
-    pub fn of_control(&self) -> Option<&ControllerError> {
+    pub fn controller_error(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),
-            Self::OnStep { source, .. } | Self::ProbeInput { source, .. } => source.of_control(),
+            Self::AtStep { source, .. } | Self::ProbeInput { source, .. } => {
+                source.controller_error()
+            }
             _ => None,
         }
     }
 
     /// Whether the run can never be resumed; its readings stay.
-    pub fn closes(&self) -> bool {
-        matches!(self, Self::NoReferences | Self::Moved { .. })
+    pub fn closes_run(&self) -> bool {
+        matches!(self, Self::NoReferences | Self::ReferencesShifted { .. })
     }
 
     /// Whether the axes must be homed before any other motion.
     pub fn position_lost(&self) -> bool {
-        self.of_control().is_some_and(ControllerError::position_lost)
+        self.controller_error().is_some_and(ControllerError::is_position_lost)
     }
 
     /// Whether the link to the control or to a sensor failed.
     pub fn is_of_link(&self) -> bool {
         use ControllerError::{Link, Modbus, NoAnswer};
         match self {
-            Self::Sensor { source, .. } => source.is_of_link(),
-            _ => matches!(self.of_control(), Some(Link(_) | Modbus(_) | NoAnswer { .. })),
+            Self::Sensor { source, .. } => source.is_link_error(),
+            _ => matches!(self.controller_error(), Some(Link(_) | Modbus(_) | NoAnswer { .. })),
         }
     }
 
@@ -219,15 +225,18 @@ impl RunError {
 }
 
 /// Remedy for a sample with this flag.
-fn unseen(flag: Flag) -> &'static str {
+fn flag_remedy(flag: ReadingFlag) -> &'static str {
     match flag {
-        Flag::Stale => "the sensor has fallen silent: see to its cable, its power and its link",
-        Flag::Saturated => {
-            "too much light comes back: lower the sensor's exposure or power, or take a duller sphere"
+        ReadingFlag::Stale => {
+            "the sensor sends no more data: check its cable, its power supply and its link"
+        }
+        ReadingFlag::Saturated => {
+            "the sensor receives too much light: reduce its exposure or laser power, or use a less \
+            reflective sphere"
         }
         _ => {
-            "see that the sensor measures the artefact: does it stand where the machine file says, is its surface \
-             clean, is the sensor mounted as zero_mm and direction say?"
+            "check that the artefact is at its position in the machine file, that its surface is clean, and \
+            that the sensor is mounted as zero_mm and direction state"
         }
     }
 }

@@ -11,55 +11,59 @@ use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
 use machine::Axis;
-use machine::record::estimate::{Estimate, Limit, Provenance};
+use machine::record::estimate::{Estimate, ParameterLimit, Provenance};
 use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
-use methods::identification::add_sensitivities;
+use methods::identification::add_budget_sensitivities;
 use methods::{IdentifyError, Method};
 
 /// Polling period for a stop while the identification runs.
-const STOP_POLL: Duration = Duration::from_millis(50);
+const STOP_POLL_PERIOD: Duration = Duration::from_millis(50);
 
 /// Reason why a completed measurement has no estimate.
 #[derive(Debug, thiserror::Error)]
-pub enum Unidentified {
+pub enum IdentificationError {
     #[error(transparent)]
     Refused(#[from] IdentifyError),
     /// The machine file or the settings of the run belong to another version of this program.
     #[error(transparent)]
     Setup(Box<SetupError>),
-    #[error("the identification ended without answer")]
-    NoAnswer,
-    #[error("stopped during the identification")]
+    #[error("the computation of the estimate ended without a result")]
+    ThreadFailed,
+    #[error("stopped during the computation of the estimate")]
     Stopped,
     /// The estimate exists but is not stored. It can be computed from the readings again.
-    #[error("what was found could not be kept: {0}")]
-    Unkept(#[from] StoreError),
+    #[error("the estimate could not be stored: {0}")]
+    NotStored(#[from] StoreError),
 }
 
-impl Unidentified {
+impl IdentificationError {
     /// Remedy to show to the user.
     pub fn remedy(&self) -> Option<String> {
         match self {
             Self::Refused(error) => Some(error.remedy()),
             Self::Setup(error) => error.remedy(),
-            Self::NoAnswer => Some("please report this with the run's export".to_owned()),
-            Self::Unkept(_) => Some("make room on the journal's disk, or mend it".to_owned()),
+            Self::ThreadFailed => Some(
+                "report this fault to the developers and attach the export of the run".to_owned(),
+            ),
+            Self::NotStored(_) => {
+                Some("free space on the disk of the journal, or repair the disk".to_owned())
+            }
             Self::Stopped => None,
         }
     }
 
     /// Whether another identification of the same readings fails as well.
-    fn is_lasting(&self) -> bool {
-        matches!(self, Self::Refused(_) | Self::Setup(_) | Self::NoAnswer)
+    fn is_permanent(&self) -> bool {
+        matches!(self, Self::Refused(_) | Self::Setup(_) | Self::ThreadFailed)
     }
 }
 
 /// Runs the computation on a thread of its own with a low priority. If the receiver is dropped, the thread ends
 /// with the computation or with the program.
-fn compute<T: Send + 'static>(
+fn spawn_computation<T: Send + 'static>(
     computation: impl FnOnce() -> T + Send + 'static,
 ) -> oneshot::Receiver<T> {
     let (answer, result) = oneshot::channel();
@@ -76,16 +80,17 @@ pub(super) async fn identify(
     plan: Plan,
     readings: Vec<Reading>,
     halt: &Halt,
-) -> Result<Estimate, Unidentified> {
+) -> Result<Estimate, IdentificationError> {
     let method = method.clone();
-    let mut result = compute(move || identified(method.as_ref(), &plan, &readings));
+    let mut result =
+        spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
     loop {
         // A timeout leaves the receiver usable.
-        if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
-            return Ok(found.map_err(|_| Unidentified::NoAnswer)??);
+        if let Ok(found) = tokio::time::timeout(STOP_POLL_PERIOD, &mut result).await {
+            return Ok(found.map_err(|_| IdentificationError::ThreadFailed)??);
         }
         if halt.is_halted() {
-            return Err(Unidentified::Stopped);
+            return Err(IdentificationError::Stopped);
         }
     }
 }
@@ -95,8 +100,8 @@ pub(super) fn stored_setup(
     stored: &StoredRun,
 ) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
     let file = format!("machine file of run {}", stored.summary.id);
-    let machine = MachineFile::stored(&file, stored.config.clone(), &stored.plan.artefact)?;
-    let method = methods::configure(&stored.plan.method, stored.plan.settings.clone())
+    let machine = MachineFile::from_stored(&file, stored.config.clone(), &stored.plan.artefact)?;
+    let method = methods::configure_method(&stored.plan.method, stored.plan.settings.clone())
         .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     Ok((machine, method.into()))
 }
@@ -106,18 +111,18 @@ pub(super) fn stored_setup(
 ///
 /// # Errors
 /// The method refuses the readings, or the machine file belongs to another version.
-pub fn identify_stored(stored: StoredRun) -> Result<Estimate, Unidentified> {
-    let unreadable = |error| Unidentified::Setup(Box::new(error));
+pub fn identify_stored(stored: StoredRun) -> Result<Estimate, IdentificationError> {
+    let unreadable = |error| IdentificationError::Setup(Box::new(error));
     let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
-    let estimate = identified(method.as_ref(), &stored.plan, &stored.readings)?;
-    Ok(judged(estimate, &machine.tolerance))
+    let estimate = identify_readings(method.as_ref(), &stored.plan, &stored.readings)?;
+    Ok(judge_estimate(estimate, &machine.tolerance))
 }
 
 /// Runs [`identify_stored`] on a thread of its own. A channel error means that the thread panicked.
 pub fn start_identification(
     stored: StoredRun,
-) -> oneshot::Receiver<Result<Estimate, Unidentified>> {
-    compute(move || identify_stored(stored))
+) -> oneshot::Receiver<Result<Estimate, IdentificationError>> {
+    spawn_computation(move || identify_stored(stored))
 }
 
 /// Stores the result of an identification of `run`: the estimate, or the failure as a fault. A stop is not
@@ -128,19 +133,19 @@ pub fn start_identification(
 pub async fn store_identification(
     journal: &Journal,
     run: RunId,
-    found: Result<Estimate, Unidentified>,
-) -> Result<Estimate, Unidentified> {
+    found: Result<Estimate, IdentificationError>,
+) -> Result<Estimate, IdentificationError> {
     match found {
         Ok(estimate) => {
-            journal.estimate(run, &estimate).await?;
+            journal.add_estimate(run, &estimate).await?;
             Ok(estimate)
         }
         Err(why) => {
-            if why.is_lasting() {
-                let what = format!("not identified: {why}");
+            if why.is_permanent() {
+                let what = format!("no estimate: {why}");
                 let remedy = why.remedy().unwrap_or_default();
                 let fault = Event::Faulted { what, remedy, position_lost: false };
-                journal.event(run, &fault).await?;
+                journal.add_event(run, &fault).await?;
             }
             Err(why)
         }
@@ -152,15 +157,15 @@ pub async fn store_identification(
 ///
 /// # Errors
 /// See [`Method::identify`].
-pub fn identified(
+pub fn identify_readings(
     method: &dyn Method,
     plan: &Plan,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
-    estimate.measured = ranges(readings);
-    add_sensitivities(&mut estimate, plan);
-    estimate.provenance = provenance(plan, readings);
+    estimate.measured = axis_ranges(readings);
+    add_budget_sensitivities(&mut estimate, plan);
+    estimate.provenance = estimate_provenance(plan, readings);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)
 }
@@ -171,7 +176,7 @@ pub fn probe_sha256(plan: &Plan) -> Option<String> {
 }
 
 /// Provenance of the estimate. `None`: a value cannot be written as JSON.
-fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
+fn estimate_provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
     let times = readings.iter().map(|reading| reading.t_s);
     let [first, last] = [times.clone().reduce(f64::min), times.reduce(f64::max)];
     let mut temperatures_c: BTreeMap<String, [f64; 2]> = BTreeMap::new();
@@ -196,10 +201,10 @@ fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
 }
 
 /// Minimum and maximum position of each axis, mm and degrees, rounded outwards to three decimals.
-fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
+fn axis_ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
     let mut ranges: BTreeMap<Axis, [f64; 2]> = BTreeMap::new();
     for (axis, value) in readings.iter().flat_map(|reading| reading.position.iter()) {
-        let value = axis.to_edge(value);
+        let value = axis.to_mm_or_deg(value);
         let [least, most] = ranges.entry(axis).or_insert([value; 2]);
         (*least, *most) = (least.min(value), most.max(value));
     }
@@ -209,9 +214,9 @@ fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
 }
 
 /// The estimate with its verdict, and a warning for each limit that matches no parameter.
-pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
-    decision::judge(&mut estimate, tolerance);
-    estimate.warnings.extend(decision::unmatched(&estimate, tolerance));
+pub fn judge_estimate(mut estimate: Estimate, tolerance: &[ParameterLimit]) -> Estimate {
+    decision::judge_estimate(&mut estimate, tolerance);
+    estimate.warnings.extend(decision::describe_unmatched_limits(&estimate, tolerance));
     estimate
 }
 
@@ -219,7 +224,7 @@ pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
 mod tests {
     use super::*;
     use crate::archive::plan_for_tests;
-    use crate::archive::story::{how_it_ended, next_action};
+    use crate::archive::run_story::{describe_end, next_action};
     use crate::store::{NewRun, RunState};
 
     #[tokio::test]
@@ -227,18 +232,22 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
         let new = NewRun { config: String::new(), plan: plan_for_tests("samba", "mill") };
-        let run = journal.begin(&new).await.unwrap();
+        let run = journal.begin_run(&new).await.unwrap();
         journal.set_state(run, RunState::NotIdentified).await.unwrap();
-        let ended = || how_it_ended(&journal.load(run).unwrap());
-        let stopped = store_identification(&journal, run, Err(Unidentified::Stopped)).await;
-        assert!(matches!(stopped, Err(Unidentified::Stopped)));
+        let ended = || describe_end(&journal.load_run(run).unwrap());
+        let stopped = store_identification(&journal, run, Err(IdentificationError::Stopped)).await;
+        assert!(matches!(stopped, Err(IdentificationError::Stopped)));
         assert!(ended().ends_with("not identified after 0 readings: no estimate is stored yet"));
-        let refused = IdentifyError::Numerical("nothing converges".to_owned());
+        let refused = IdentifyError::IdentificationFailed("nothing converges".to_owned());
         let refused = store_identification(&journal, run, Err(refused.into())).await;
-        assert!(matches!(refused, Err(Unidentified::Refused(_))));
-        assert!(ended().contains("not identified: the identification failed: nothing converges ("));
-        let stored = journal.load(run).unwrap();
+        assert!(matches!(refused, Err(IdentificationError::Refused(_))));
+        assert!(ended().contains("no estimate: the identification failed: nothing converges ("));
+        let stored = journal.load_run(run).unwrap();
         assert_eq!(stored.summary.state, RunState::NotIdentified);
-        assert!(next_action(&stored, true).unwrap().starts_with("`trued resume 1` identifies it"));
+        assert!(
+            next_action(&stored, true)
+                .unwrap()
+                .starts_with("`trued resume 1` computes the estimate")
+        );
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::Run;
 use super::watched_sensors::is_distance;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues, SectionSensor, WatchedSensor};
 
 /// Minimum determinant of the normal equations of an eccentricity; for two sensors it is the squared sine of
@@ -17,20 +17,23 @@ const MIN_DETERMINANT: f64 = 0.05;
 
 impl Run<'_> {
     /// Reads the next sample of each of these sensors. The values are not stored.
-    pub(super) async fn live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
-        located(watch, join_all(watch.iter().map(|watched| self.live_sensor(watched))).await)
+    pub(super) async fn read_live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
+        add_artefact_position(
+            watch,
+            join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await,
+        )
     }
 
-    async fn live_sensor(&self, watched: &WatchedSensor) -> LiveSensor {
+    async fn read_live_sensor(&self, watched: &WatchedSensor) -> LiveSensor {
         let name = watched.sensor.as_str();
         let declared = self.plan.sensors.iter().find(|sensor| sensor.name == name);
         let read = match self.sensor(name) {
-            Ok(sensor) => sensor.current().await.map_err(|error| error.to_string()),
+            Ok(sensor) => sensor.current_sample().await.map_err(|error| error.to_string()),
             Err(error) => Err(error.to_string()),
         };
         let read = read.and_then(|sample| match sample.value_mm.filter(|_| is_distance(&sample)) {
             Some(mm) => Ok(mm),
-            None => Err(describe(sample.flag).to_owned()),
+            None => Err(describe_flag(sample.flag).to_owned()),
         });
         LiveSensor {
             sensor: name.to_owned(),
@@ -42,17 +45,20 @@ impl Run<'_> {
     }
 }
 
-fn describe(flag: Flag) -> &'static str {
+fn describe_flag(flag: ReadingFlag) -> &'static str {
     match flag {
-        Flag::Range => "out of range",
-        Flag::Saturated => "saturated",
+        ReadingFlag::Range => "out of range",
+        ReadingFlag::Saturated => "saturated",
         _ => "no signal",
     }
 }
 
 /// Adds the position of the artefact to the values.
-pub(super) fn located(watch: &[WatchedSensor], sensors: Vec<LiveSensor>) -> LiveValues {
-    let sections = sections(watch, &sensors);
+pub(super) fn add_artefact_position(
+    watch: &[WatchedSensor],
+    sensors: Vec<LiveSensor>,
+) -> LiveValues {
+    let sections = section_eccentricities(watch, &sensors);
     let numbered = |section: &Section| LiveSection {
         number: section.number,
         eccentricity_um: section.eccentricity_mm.map(|mm| mm.map(|mm| mm * 1e3)),
@@ -68,16 +74,17 @@ struct Section {
 }
 
 /// The sections that `watch` names, in the order of their numbers.
-fn sections(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
-    let mut deviations: BTreeMap<usize, (f64, Vec<Deviation>)> = BTreeMap::new();
+fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
+    let mut deviations: BTreeMap<usize, (f64, Vec<RadialDeviation>)> = BTreeMap::new();
     for (watched, live) in watch.iter().zip(sensors) {
         let Some(SectionSensor { number, z_mm, angle_deg }) = watched.section else { continue };
         let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
-        let to_target_mm = live.to_target_um().map(|um| um * 1e-3);
+        let to_target_mm = live.distance_to_target_um().map(|um| um * 1e-3);
         let angle_rad = angle_deg.to_radians();
-        of_section.extend(to_target_mm.map(|to_target_mm| Deviation { angle_rad, to_target_mm }));
+        of_section
+            .extend(to_target_mm.map(|to_target_mm| RadialDeviation { angle_rad, to_target_mm }));
     }
-    let section = |(number, (z_mm, of_section)): (usize, (f64, Vec<Deviation>))| {
+    let section = |(number, (z_mm, of_section)): (usize, (f64, Vec<RadialDeviation>))| {
         let eccentricity_mm = eccentricity_mm(&of_section);
         Section { number, z_mm, eccentricity_mm }
     };
@@ -85,16 +92,16 @@ fn sections(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
 }
 
 /// Deviation at one radial sensor.
-struct Deviation {
+struct RadialDeviation {
     angle_rad: f64,
     /// Target minus value, mm: the eccentricity's component towards the sensor.
     to_target_mm: f64,
 }
 
 /// Eccentricity by least squares, mm. `None`: fewer than two sensors, or two opposite ones.
-fn eccentricity_mm(deviations: &[Deviation]) -> Option<[f64; 2]> {
+fn eccentricity_mm(deviations: &[RadialDeviation]) -> Option<[f64; 2]> {
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
-    for Deviation { angle_rad, to_target_mm } in deviations {
+    for RadialDeviation { angle_rad, to_target_mm } in deviations {
         let towards = Vector2::new(angle_rad.cos(), angle_rad.sin());
         normal += towards * towards.transpose();
         right += towards * *to_target_mm;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::live_values::located;
+use super::live_values::add_artefact_position;
 use super::*;
 use crate::setup::{self, MachineFile, Pace, RunHistory};
 use crate::store::NewRun;
@@ -46,7 +46,7 @@ fn sender(signal: Arc<Mutex<Signal>>) -> SocketAddr {
 
 /// The built-in machine with its first sensor on a TCP port.
 fn machine(address: SocketAddr) -> MachineFile {
-    let text = setup::built_in("multiprobe").text;
+    let text = setup::built_in_file("multiprobe").text;
     let serial = format!(
         "[sensor.serial]\ntcp = \"{address}\"\ntimeout_s = 0.3\n[sensor.serial.line]\nend = \"\\r\\n\"\n\
          separator = \",\"\ncolumns = 2\n\
@@ -75,14 +75,14 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     let file = machine(sender(signal.clone()));
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::header(&file, "multiprobe", None).unwrap();
+    let (method, plan) = setup::plan_header(&file, "multiprobe", None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).await.unwrap();
-    let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let id = journal.begin_run(&new).await.unwrap();
+    let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
 
     let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
     let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));
-    let mut tell = |event: &Event| match event {
+    let mut on_event = |event: &Event| match event {
         Event::Watched { values } => {
             assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
             if let Some((is, next)) = next_signal(&values.sensors[0]) {
@@ -90,7 +90,7 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
                 is_done.store(is == Signal::Closed, Ordering::SeqCst);
                 seen.extend((seen.last() != Some(&is)).then_some(is));
             }
-            kept.push(journal.load(id).unwrap().events.len());
+            kept.push(journal.load_run(id).unwrap().events.len());
             told.push(values.clone());
         }
         Event::Answered { .. } => is_answered.store(true, Ordering::SeqCst),
@@ -100,15 +100,15 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
         let is_done = is_done.clone();
         PromptAnswers::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
     };
-    let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
-    let ended = run.asking(answers).execute().await;
+    let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut on_event);
+    let ended = run.with_answers(answers).execute().await;
 
     assert_eq!(seen, [Signal::Distance, Signal::NoEcho, Signal::Silent, Signal::Closed]);
     assert!(kept.windows(2).all(|pair| pair[0] == pair[1]), "the journal has grown: {kept:?}");
     // The turn needs the sensor.
     let failed = ended.unwrap_err();
     assert!(!failed.is_stop() && failed.to_string().contains("x1"), "{failed}");
-    let stored = journal.load(id).unwrap();
+    let stored = journal.load_run(id).unwrap();
     assert!(stored.readings.is_empty());
     let asked = stored.events.iter().filter(|(_, event)| matches!(event, Event::Watched { .. }));
     assert_eq!(asked.count(), 0);
@@ -151,7 +151,7 @@ fn eccentricity_and_tilt_are_those_of_displaced_circles() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
     for angles_deg in [&[0.0, 90.0, 230.0][..], &[10.0, 95.0]] {
         let (watch, live): (Vec<_>, Vec<_>) = watched(&truth, angles_deg).into_iter().unzip();
-        let LiveValues { sections, tilt_urad, .. } = located(&watch, live);
+        let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);
         for (section, (_, truly_mm)) in sections.iter().zip(truth) {
             let found = section.eccentricity_um.unwrap();
             let off = [0, 1].map(|k| (found[k] - truly_mm[k] * 1e3).abs());
@@ -169,7 +169,7 @@ fn a_section_with_too_few_sensors_has_no_eccentricity() {
         watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
     // Two opposite sensors remain in the second section.
     live[4].value_mm = None;
-    let LiveValues { sections, tilt_urad, .. } = located(&watch, live);
+    let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);
     assert!(sections[0].eccentricity_um.is_some());
     assert_eq!((sections[1].eccentricity_um, tilt_urad), (None, None));
 }

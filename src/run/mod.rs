@@ -4,7 +4,6 @@
 //!
 //! After a fault or a stop the machine holds; this module does not move it again.
 
-mod again;
 mod counted_turn;
 mod cycle;
 mod display_rounding;
@@ -15,46 +14,48 @@ mod live_check;
 mod live_values;
 #[cfg(test)]
 mod live_values_tests;
+mod position_assignment;
 mod priority;
 mod prompts;
-mod qualified;
+mod qualification;
 mod remaining_stages;
+mod resumable_run;
 mod resume;
 mod scan;
 mod scan_in_motion;
 mod stage;
-mod sweep;
 mod temperature;
 #[cfg(test)]
 mod tests;
 mod timeline;
 mod watched_sensors;
 
-pub use again::{AgainError, Question, ResumableRun, question};
-pub use cycle::{Cycle, CycleError, conclude};
+pub use cycle::{Cycle, CycleError, conclude_run};
 pub use error::RunError;
 pub use identify::{
-    Unidentified, identified, identify_stored, judged, start_identification, store_identification,
+    IdentificationError, identify_readings, identify_stored, judge_estimate, start_identification,
+    store_identification,
 };
 pub use priority::{HTTP_NICE, lower_priority};
-pub use prompts::{Asked, PromptAnswers};
-pub use qualified::{Unqualified, check_probe};
-pub use resume::{Interrupted, can_resume};
-pub use stage::{Rehearsed, rehearse};
+pub use prompts::{OpenPrompt, PromptAnswers};
+pub use qualification::{QualificationError, check_probe};
+pub use resumable_run::{ResumableRun, ResumeQuestion, ResumeRefusal, resume_question};
+pub use resume::{InterruptedRun, can_resume};
+pub use stage::{RehearsalResult, rehearse};
 
-use self::prompts::first_question;
-use self::remaining_stages::Ahead;
+use self::prompts::first_prompt_text;
+use self::remaining_stages::RemainingStages;
 use self::temperature::TemperatureLog;
 use self::timeline::Timeline;
-use crate::setup::{Devices, Mounted};
+use crate::setup::{Devices, MountedSensor};
 use crate::store::{Journal, RunId, RunState};
-use devices::controllers::describe_not_readable;
+use devices::controllers::describe_unreadable_items;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
-use methods::{Method, Next, Source};
-use planning::Confirmed;
+use methods::{Method, NextStage, PositionSource};
+use planning::ConfirmedDirections;
 use planning::gcode::Transmission;
 
 /// One run of one method.
@@ -67,25 +68,25 @@ pub struct Run<'a> {
     pub plan: Plan,
     pub readings: Vec<Reading>,
     /// Whether any block was sent that moves the machine.
-    pub moved: bool,
+    pub has_moved: bool,
     /// Whether the run was resumed after an interruption.
-    pub resumed: bool,
+    pub is_resumed: bool,
     /// Directions that touches have confirmed since the control was prepared.
-    confirmed: Confirmed,
+    confirmed: ConfirmedDirections,
     /// How the control receives blocks; valid after it was prepared.
     transmission: Transmission,
     timeline: Timeline,
     /// Open sensors of the plan.
-    looking: Vec<Mounted>,
+    open_sensors: Vec<MountedSensor>,
     /// Source of the answers to prompts, and the answered prompts as (step, repeat).
     answers: PromptAnswers,
-    answered: Vec<(u32, u32)>,
-    warmth: TemperatureLog,
-    ahead: Ahead,
+    answered_prompts: Vec<(u32, u32)>,
+    temperature_log: TemperatureLog,
+    remaining: RemainingStages,
     /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
-    probe_lives: bool,
+    is_probe_confirmed: bool,
     /// Called with each event after it is durable.
-    tell: &'a mut dyn FnMut(&Event),
+    on_event: &'a mut dyn FnMut(&Event),
 }
 
 impl<'a> Run<'a> {
@@ -96,7 +97,7 @@ impl<'a> Run<'a> {
         devices: &'a Devices,
         journal: &'a Journal,
         plan: Plan,
-        tell: &'a mut dyn FnMut(&Event),
+        on_event: &'a mut dyn FnMut(&Event),
     ) -> Self {
         Self {
             id,
@@ -105,23 +106,23 @@ impl<'a> Run<'a> {
             journal,
             plan,
             readings: Vec::new(),
-            moved: false,
-            resumed: false,
-            confirmed: Confirmed::default(),
+            has_moved: false,
+            is_resumed: false,
+            confirmed: ConfirmedDirections::default(),
             transmission: Transmission::Rows,
             timeline: Timeline::new(),
-            looking: Vec::new(),
-            answers: PromptAnswers::nobody(),
-            answered: Vec::new(),
-            warmth: TemperatureLog::default(),
-            ahead: Ahead::default(),
-            probe_lives: false,
-            tell,
+            open_sensors: Vec::new(),
+            answers: PromptAnswers::none(),
+            answered_prompts: Vec::new(),
+            temperature_log: TemperatureLog::default(),
+            remaining: RemainingStages::default(),
+            is_probe_confirmed: false,
+            on_event,
         }
     }
 
     /// Sets the source of the answers to prompts.
-    pub fn asking(self, answers: PromptAnswers) -> Self {
+    pub fn with_answers(self, answers: PromptAnswers) -> Self {
         Self { answers, ..self }
     }
 
@@ -132,23 +133,23 @@ impl<'a> Run<'a> {
     /// the first motion), `failed` (refused before the first motion) or `closed` (not resumable).
     pub async fn execute(&mut self) -> Result<(), RunError> {
         let ended = self.measure().await;
-        self.end(ended).await
+        self.record_end(ended).await
     }
 
     /// Journals the end of the run.
-    async fn end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
+    async fn record_end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
         match ended {
             Ok(()) => {
                 self.journal.set_state(self.id, RunState::NotIdentified).await?;
-                self.note(Event::Finished).await
+                self.record_event(Event::Finished).await
             }
             Err(error) => {
                 let error = match self.plan.sensors.first() {
-                    Some(sensor) => error.of_sensor(&sensor.name),
-                    None if self.probe_lives => error,
-                    None => error.of_first_touch(),
+                    Some(sensor) => error.into_sensor_error(&sensor.name),
+                    None if self.is_probe_confirmed => error,
+                    None => error.into_first_touch_error(),
                 };
-                self.keep(&error).await;
+                self.record_failure(&error).await;
                 Err(error)
             }
         }
@@ -156,93 +157,93 @@ impl<'a> Run<'a> {
 
     async fn measure(&mut self) -> Result<(), RunError> {
         let steps = self.rehearse().await?;
-        self.can_sweep(&steps)?;
-        self.can_ask(first_question(&steps))?;
+        self.check_sweep_positions(&steps)?;
+        self.check_operator_available(first_prompt_text(&steps))?;
         // The method refuses a plan before the first motion.
-        self.next(&[])?;
+        self.next_stage(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
-        for text in self.method.forecast(&planned, self.ahead.machine_s())? {
-            self.note(Event::Announced { text }).await?;
+        for text in self.method.forecast(&planned, self.remaining.machine_s())? {
+            self.record_event(Event::Announced { text }).await?;
         }
         let stands = self.prepare().await?;
-        self.stages(Vec::new(), Some(stands)).await
+        self.run_stages(Vec::new(), Some(stands)).await
     }
 
     /// Rehearses the run from nominal positions: stores the remaining stages and returns their steps.
     async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
-        let (ahead, steps) =
-            stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
-        self.ahead = ahead;
+        let (remaining, steps) =
+            stage::rehearse_stages(self.method, &self.plan, &self.devices.dialect).await?;
+        self.remaining = remaining;
         Ok(steps)
     }
 
     /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare(&mut self) -> Result<Position, RunError> {
         let prepared = self.devices.controller.prepare().await?;
-        let text = format!("{}; {}", prepared.identity, prepared.stop);
-        self.note(Event::Announced { text }).await?;
-        if let Some(text) = describe_not_readable(&prepared.not_readable) {
-            self.note(Event::Announced { text }).await?;
+        let text = format!("{}; {}", prepared.identity, prepared.stop_description);
+        self.record_event(Event::Announced { text }).await?;
+        if let Some(text) = describe_unreadable_items(&prepared.unreadable_items) {
+            self.record_event(Event::Announced { text }).await?;
         }
-        self.warmth.begin(&self.devices.thermometers).await;
-        self.confirmed = Confirmed::default();
+        self.temperature_log.begin(&self.devices.thermometers).await;
+        self.confirmed = ConfirmedDirections::default();
         self.transmission = prepared.transmission;
         if !self.plan.sensors.is_empty() {
-            self.sensors_live().await?;
-            return Ok(prepared.stands);
+            self.open_sensors().await?;
+            return Ok(prepared.position);
         }
-        Ok(self.live_check().await?.unwrap_or(prepared.stands))
+        Ok(self.live_check().await?.unwrap_or(prepared.position))
     }
 
     /// Runs all stages after the `done` ones.
-    async fn stages(
+    async fn run_stages(
         &mut self,
         mut done: Vec<Stage>,
         mut stands: Option<Position>,
     ) -> Result<(), RunError> {
-        let mut next = self.next(&done)?;
-        while let Next::Stage { stage, new_steps } = next {
+        let mut next = self.next_stage(&done)?;
+        while let NextStage::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
-            self.journal.stage(self.id, &stage, &new_steps).await?;
-            self.note(Event::StageStarted { stage: stage.clone() }).await?;
-            self.ahead.begin(&stage.name);
+            self.journal.add_stage(self.id, &stage, &new_steps).await?;
+            self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
+            self.remaining.begin(&stage.name);
             stands = self.run_stage(&done, &stage, stands).await?;
             done.push(stage);
-            next = self.next(&done)?;
+            next = self.next_stage(&done)?;
         }
-        self.tell_of_samples().await?;
-        self.tell_of_thermometers().await?;
+        self.report_sample_counts().await?;
+        self.report_missing_temperatures().await?;
         Ok(self.devices.controller.finish().await?)
     }
 
     /// Reports for each sensor how many samples came and how many were ignored.
-    async fn tell_of_samples(&mut self) -> Result<(), RunError> {
+    async fn report_sample_counts(&mut self) -> Result<(), RunError> {
         let mut told = Vec::new();
-        for sensor in &self.looking {
+        for sensor in &self.open_sensors {
             // A sensor that has failed since then was reported where it was needed.
-            let tally = sensor.tally().await.unwrap_or_default();
-            told.extend((tally.came > 0).then(|| format!("{}: {tally}", sensor.name())));
+            let tally = sensor.counters().await.unwrap_or_default();
+            told.extend((tally.received_count > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
         for text in told {
-            self.note(Event::Announced { text }).await?;
+            self.record_event(Event::Announced { text }).await?;
         }
         Ok(())
     }
 
-    fn next(&self, done: &[Stage]) -> Result<Next, RunError> {
-        Ok(self.method.next(&self.plan, done, Source::Measured(&self.readings))?)
+    fn next_stage(&self, done: &[Stage]) -> Result<NextStage, RunError> {
+        Ok(self.method.next_stage(&self.plan, done, PositionSource::Measured(&self.readings))?)
     }
 
     /// Journals the event, then reports it.
-    async fn note(&mut self, event: Event) -> Result<(), RunError> {
-        self.journal.event(self.id, &event).await?;
-        (self.tell)(&event);
+    async fn record_event(&mut self, event: Event) -> Result<(), RunError> {
+        self.journal.add_event(self.id, &event).await?;
+        (self.on_event)(&event);
         Ok(())
     }
 
     /// Journals how the run ended. If the journal itself has failed, its own error is reported instead, and
     /// there is nowhere to write.
-    async fn keep(&mut self, error: &RunError) {
+    async fn record_failure(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_stop() => Event::Held { reason: error.to_string() },
             _ => Event::Faulted {
@@ -252,12 +253,12 @@ impl<'a> Run<'a> {
             },
         };
         let state = match error {
-            _ if error.closes() => RunState::Closed,
-            _ if self.moved || self.resumed || error.is_stop() => RunState::Held,
+            _ if error.closes_run() => RunState::Closed,
+            _ if self.has_moved || self.is_resumed || error.is_stop() => RunState::Held,
             _ => RunState::Failed,
         };
-        drop(self.journal.event(self.id, &event).await);
+        drop(self.journal.add_event(self.id, &event).await);
         drop(self.journal.set_state(self.id, state).await);
-        (self.tell)(&event);
+        (self.on_event)(&event);
     }
 }

@@ -14,47 +14,47 @@ use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Stage, Step, StepKind};
 use machine::record::watch::WatchedSensor;
-use planning::{Confirmed, asked_first};
+use planning::{ConfirmedDirections, split_prompts};
 
 /// Polling period for an answer and for a halt.
-const POLL: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Minimum time between two readings of the watched sensors.
 const WATCH_PERIOD: Duration = Duration::from_millis(250);
 
 /// Prompt text, and its step and repeat in the plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Asked {
+pub struct OpenPrompt {
     pub step: u32,
     pub repeat: u32,
     pub text: String,
 }
 
-type Look = dyn Fn(&Asked) -> Option<String> + Send + Sync;
+type PollAnswer = dyn Fn(&OpenPrompt) -> Option<String> + Send + Sync;
 
 /// Source of the answers to prompts. Cloneable.
 #[derive(Clone)]
-pub struct PromptAnswers(Option<Arc<Look>>);
+pub struct PromptAnswers(Option<Arc<PollAnswer>>);
 
 impl PromptAnswers {
-    /// `look` is polled while the run waits and must not block. It returns the name of the person who has
+    /// `poll` is polled while the run waits and must not block. It returns the name of the person who has
     /// confirmed the prompt, or `None` before that.
-    pub fn new(look: impl Fn(&Asked) -> Option<String> + Send + Sync + 'static) -> Self {
+    pub fn new(look: impl Fn(&OpenPrompt) -> Option<String> + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(look)))
     }
 
     /// No operator is available: a run with a prompt is refused.
-    pub fn nobody() -> Self {
+    pub fn none() -> Self {
         Self(None)
     }
 
     /// The answer, if there is one yet.
-    pub fn look(&self, asked: &Asked) -> Option<String> {
+    pub fn poll(&self, asked: &OpenPrompt) -> Option<String> {
         self.0.as_ref().and_then(|look| look(asked))
     }
 }
 
 /// Answered prompts as (step, repeat).
-pub(super) fn answered(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
+pub(super) fn answered_prompts(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
     let answer = |(_, event): &(_, Event)| match event {
         Event::Answered { step, repeat, .. } => Some((*step, *repeat)),
         _ => None,
@@ -63,29 +63,30 @@ pub(super) fn answered(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
 }
 
 /// Text of the first prompt among `steps`.
-pub(super) fn first_question(steps: &[Step]) -> Option<&str> {
+pub(super) fn first_prompt_text(steps: &[Step]) -> Option<&str> {
     let prompt = steps.iter().find(|step| step.kind == StepKind::Prompt)?;
     Some(prompt.text.as_deref().unwrap_or_default())
 }
 
 impl Run<'_> {
     /// Prompts of `stage` that are not answered yet.
-    pub(super) fn open_questions(&self, stage: &Stage) -> Result<Vec<Asked>, RunError> {
-        let (asked, _) = asked_first(&self.plan, &stage.steps)?;
+    pub(super) fn open_prompts(&self, stage: &Stage) -> Result<Vec<OpenPrompt>, RunError> {
+        let (asked, _) = split_prompts(&self.plan, &stage.steps)?;
         let repeat = stage.repeat;
-        let open =
-            asked.into_iter().filter(|(step, _)| !self.answered.contains(&(step.id, repeat)));
+        let open = asked
+            .into_iter()
+            .filter(|(step, _)| !self.answered_prompts.contains(&(step.id, repeat)));
         let asked = |(step, text): (&Step, &str)| {
             let (step, text) = (step.id, text.to_owned());
-            Asked { step, repeat, text }
+            OpenPrompt { step, repeat, text }
         };
         Ok(open.map(asked).collect())
     }
 
     /// Checks before any motion that a prompt can be answered.
-    pub(super) fn can_ask(&self, text: Option<&str>) -> Result<(), RunError> {
+    pub(super) fn check_operator_available(&self, text: Option<&str>) -> Result<(), RunError> {
         match (text, &self.answers.0) {
-            (Some(text), None) => Err(RunError::NobodyThere { text: text.to_owned() }),
+            (Some(text), None) => Err(RunError::NoOperator { text: text.to_owned() }),
             _ => Ok(()),
         }
     }
@@ -95,12 +96,12 @@ impl Run<'_> {
     ///
     /// # Errors
     /// No operator is available, the machine is halted, or the control is not ready after the answer.
-    pub(super) async fn ask_first(
+    pub(super) async fn wait_for_prompts(
         &mut self,
         stage: &Stage,
         stands: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
-        let open = self.open_questions(stage)?;
+        let open = self.open_prompts(stage)?;
         if open.is_empty() {
             return Ok(stands);
         }
@@ -108,35 +109,39 @@ impl Run<'_> {
             let step = self.plan.steps.iter().find(|step| step.id == asked.step);
             let mount = step.and_then(|step| step.mount);
             let watch = step.map_or(Vec::new(), |step| step.watch.clone());
-            self.ask(asked, &watch).await?;
-            mount.into_iter().for_each(|mount| self.devices.artefact_mounted(mount));
+            self.wait_for_prompt(asked, &watch).await?;
+            mount.into_iter().for_each(|mount| self.devices.remount_artefact(mount));
         }
         // The operator may have moved the machine, and changed modes, offsets or overrides.
-        self.confirmed = Confirmed::default();
-        Ok(Some(self.devices.controller.prepare().await?.stands))
+        self.confirmed = ConfirmedDirections::default();
+        Ok(Some(self.devices.controller.prepare().await?.position))
     }
 
-    async fn ask(&mut self, asked: Asked, watch: &[WatchedSensor]) -> Result<(), RunError> {
-        self.can_ask(Some(&asked.text))?;
-        let Asked { step, repeat, text } = asked.clone();
-        self.note(Event::Asked { step, repeat, text }).await?;
-        let halt = self.devices.controller.halt();
+    async fn wait_for_prompt(
+        &mut self,
+        asked: OpenPrompt,
+        watch: &[WatchedSensor],
+    ) -> Result<(), RunError> {
+        self.check_operator_available(Some(&asked.text))?;
+        let OpenPrompt { step, repeat, text } = asked.clone();
+        self.record_event(Event::Asked { step, repeat, text }).await?;
+        let halt = self.devices.controller.halt_handle();
         let mut next_values = Instant::now();
         let who = loop {
             if halt.is_halted() {
                 return Err(ControllerError::Halted.into());
             }
-            if let Some(who) = self.answers.look(&asked) {
+            if let Some(who) = self.answers.poll(&asked) {
                 break who;
             }
             if !watch.is_empty() && Instant::now() >= next_values {
-                let values = self.live_values(watch).await;
-                (self.tell)(&Event::Watched { values });
+                let values = self.read_live_values(watch).await;
+                (self.on_event)(&Event::Watched { values });
                 next_values = Instant::now() + WATCH_PERIOD;
             }
-            sleep(POLL).await;
+            sleep(POLL_PERIOD).await;
         };
-        self.answered.push((step, repeat));
-        self.note(Event::Answered { step, repeat, who }).await
+        self.answered_prompts.push((step, repeat));
+        self.record_event(Event::Answered { step, repeat, who }).await
     }
 }

@@ -2,7 +2,7 @@
 
 /// Rehearsed stages that the run has not begun.
 #[derive(Debug, Default)]
-pub(super) struct Ahead {
+pub(super) struct RemainingStages {
     stages: Vec<RehearsedStage>,
 }
 
@@ -12,7 +12,7 @@ pub(super) struct RehearsedStage {
     pub(super) machine_s: f64,
 }
 
-impl Ahead {
+impl RemainingStages {
     pub(super) fn new(stages: Vec<RehearsedStage>) -> Self {
         Self { stages }
     }
@@ -35,9 +35,9 @@ impl Ahead {
 mod tests {
     use super::*;
 
-    fn ahead() -> Ahead {
+    fn remaining() -> RemainingStages {
         let stage = |name: &str, machine_s| RehearsedStage { name: name.to_owned(), machine_s };
-        Ahead::new(vec![
+        RemainingStages::new(vec![
             stage("find", 1.0),
             stage("reference", 2.0),
             stage("measure", 4.0),
@@ -47,19 +47,19 @@ mod tests {
 
     #[test]
     fn stages_that_were_not_rehearsed_take_nothing_away() {
-        let mut ahead = ahead();
+        let mut remaining = remaining();
         let names = ["find", "find, once more", "reference", "at rest?", "measure", "reference"];
         let left = names.map(|name| {
-            ahead.begin(name);
-            ahead.machine_s()
+            remaining.begin(name);
+            remaining.machine_s()
         });
         assert_eq!(left, [14.0, 14.0, 12.0, 12.0, 8.0, 0.0]);
     }
 
     #[test]
     fn of_a_resumed_run_the_stages_before_are_not_ahead() {
-        let mut ahead = ahead();
-        ahead.begin("measure");
-        assert_eq!(ahead.machine_s(), 8.0);
+        let mut remaining = remaining();
+        remaining.begin("measure");
+        assert_eq!(remaining.machine_s(), 8.0);
     }
 }

@@ -6,26 +6,26 @@ use super::{Run, RunError};
 use crate::store::RunState;
 use machine::Position;
 use machine::record::event::Event;
-use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Stage};
 use machine::record::reading::Reading;
 use methods::decision::reference_check::References;
-use methods::decision::references::{Shift, in_words};
+use methods::decision::references::{ReferenceShift, describe_shifts};
 
 /// Stored data of an unfinished run.
 #[derive(Debug, Clone)]
-pub struct Interrupted {
+pub struct InterruptedRun {
     /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
     pub readings: Vec<Reading>,
     /// Answered prompts as (step, repeat).
-    pub answered: Vec<(u32, u32)>,
+    pub answered_prompts: Vec<(u32, u32)>,
     /// Wall time since the last reading, s.
     pub elapsed_s: f64,
 }
 
 /// Whether a run can be resumed after a stop: its references were measured.
 pub fn can_resume(plan: &Plan, readings: &[Reading]) -> bool {
-    References::of(plan, readings).see_all()
+    References::from_readings(plan, readings).covers_all_directions()
 }
 
 impl Run<'_> {
@@ -38,52 +38,55 @@ impl Run<'_> {
     /// the operator's acknowledgement.
     ///
     /// # Errors
-    /// As [`Run::execute`]; [`RunError::Moved`] and [`RunError::NoReferences`] close the run.
-    pub async fn resume(&mut self, before: Interrupted) -> Result<(), RunError> {
-        self.resumed = true;
-        let ended = self.go_on(before).await;
-        self.end(ended).await
+    /// As [`Run::execute`]; [`RunError::ReferencesShifted`] and [`RunError::NoReferences`] close the run.
+    pub async fn resume(&mut self, before: InterruptedRun) -> Result<(), RunError> {
+        self.is_resumed = true;
+        let ended = self.resume_measurement(before).await;
+        self.record_end(ended).await
     }
 
-    async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
-        let Interrupted { stages, readings, answered, elapsed_s } = before;
-        (self.readings, self.answered) = (readings, answered);
+    async fn resume_measurement(&mut self, before: InterruptedRun) -> Result<(), RunError> {
+        let InterruptedRun { stages, readings, answered_prompts, elapsed_s } = before;
+        (self.readings, self.answered_prompts) = (readings, answered_prompts);
         // The last stored sample of several sensors need not be the latest.
         let last_s = self.readings.iter().map(|reading| reading.t_s).max_by(f64::total_cmp);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
         };
-        self.can_sweep(&self.plan.steps)?;
+        self.check_sweep_positions(&self.plan.steps)?;
         for stage in &stages {
-            self.can_ask(self.open_questions(stage)?.first().map(|asked| asked.text.as_str()))?;
+            self.check_operator_available(
+                self.open_prompts(stage)?.first().map(|asked| asked.text.as_str()),
+            )?;
         }
         self.rehearse().await?;
-        stages.iter().for_each(|stage| self.ahead.begin(&stage.name));
+        stages.iter().for_each(|stage| self.remaining.begin(&stage.name));
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Journaled before the first touch: all later readings come after the gap.
-        self.note(Event::Resumed { gap_s }).await?;
+        self.record_event(Event::Resumed { gap_s }).await?;
         if self.plan.gaps_s.last() != Some(&gap_s) {
             self.plan.gaps_s.push(gap_s);
         }
-        self.timeline = Timeline::after(gap_s, elapsed_s);
-        let stands = if self.is_mounted_anew() {
-            let text = "the artefact was mounted anew after the last reading: no reference can be compared";
-            self.note(Event::Announced { text: text.to_owned() }).await?;
+        self.timeline = Timeline::resumed_after(gap_s, elapsed_s);
+        let stands = if self.is_remounted() {
+            let text = "the artefact was remounted after the last reading: the references cannot be \
+                compared";
+            self.record_event(Event::Announced { text: text.to_owned() }).await?;
             Some(stands)
         } else {
             self.measure_references(&stages, stands).await?
         };
         let (done, stands) = self.finish_stage(stages, stands).await?;
-        self.stages(done, stands).await
+        self.run_stages(done, stands).await
     }
 
     /// Whether a person has turned the artefact on its stage since the last reading.
-    fn is_mounted_anew(&self) -> bool {
+    fn is_remounted(&self) -> bool {
         let last_read = self.readings.iter().map(|reading| reading.step).max();
         let is_mount =
             |id: u32| self.plan.steps.iter().any(|step| step.id == id && step.mount.is_some());
-        self.answered.iter().any(|(id, _)| Some(*id) > last_read && is_mount(*id))
+        self.answered_prompts.iter().any(|(id, _)| Some(*id) > last_read && is_mount(*id))
     }
 
     /// Measures the references again; no other motion follows unless all of them agree.
@@ -94,27 +97,28 @@ impl Run<'_> {
     ) -> Result<Option<Position>, RunError> {
         let count = self.readings.len();
         let (mut stages, mut stands) = (stages.to_vec(), Some(stands));
-        for _ in 0..References::of(&self.plan, &self.readings).rounds() {
-            let stage = References::of(&self.plan, &self.readings[..count]).stage(&stages);
-            self.journal.stage(self.id, &stage, &[]).await?;
-            self.note(Event::StageStarted { stage: stage.clone() }).await?;
+        for _ in 0..References::from_readings(&self.plan, &self.readings).round_count() {
+            let stage = References::from_readings(&self.plan, &self.readings[..count])
+                .repeat_stage(&stages);
+            self.journal.add_stage(self.id, &stage, &[]).await?;
+            self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
             stands = self.run_stage(&stages, &stage, stands).await?;
             stages.push(stage);
         }
         let (before, after) = self.readings.split_at(count);
-        let references = References::of(&self.plan, before);
-        let unseen = references.unseen(after);
+        let references = References::from_readings(&self.plan, before);
+        let unseen = references.labels_without_reading(after);
         if !unseen.is_empty() {
-            return Err(RunError::UnseenAgain { places: unseen.join("; ") });
+            return Err(RunError::ReferencesNotMeasured { places: unseen.join("; ") });
         }
         let (mut shifts, scatter) = references.compare(after);
-        if shifts.iter().all(Shift::agrees) {
-            let text = format!("the references agree: {}", in_words(&shifts));
-            self.note(Event::Announced { text }).await?;
+        if shifts.iter().all(ReferenceShift::is_within_limit) {
+            let text = format!("the references agree: {}", describe_shifts(&shifts));
+            self.record_event(Event::Announced { text }).await?;
             return Ok(stands);
         }
-        shifts.retain(|shift| !shift.agrees());
-        Err(RunError::Moved { shifts, scatter })
+        shifts.retain(|shift| !shift.is_within_limit());
+        Err(RunError::ReferencesShifted { shifts, scatter })
     }
 
     /// Measures the rest of the interrupted stage. Returns the method's stages so far, all done.
@@ -123,17 +127,17 @@ impl Run<'_> {
         mut stages: Vec<Stage>,
         stands: Option<Position>,
     ) -> Result<(Vec<Stage>, Option<Position>), RunError> {
-        stages.retain(|stage| stage.repeat < REPEAT_AFTER_STOP);
+        stages.retain(|stage| stage.repeat < FIRST_REPEAT_AFTER_STOP);
         let Some(mut rest) = stages.last().cloned() else { return Ok((stages, stands)) };
         let repeat = rest.repeat;
         let is_read =
             |step: &u32| self.readings.iter().any(|r| (r.step, r.repeat) == (*step, repeat));
-        let is_answered = |step: &u32| self.answered.contains(&(*step, repeat));
+        let is_answered = |step: &u32| self.answered_prompts.contains(&(*step, repeat));
         rest.steps.retain(|step| !is_read(step) && !is_answered(step));
         if rest.steps.is_empty() {
             return Ok((stages, stands));
         }
-        self.note(Event::StageStarted { stage: rest.clone() }).await?;
+        self.record_event(Event::StageStarted { stage: rest.clone() }).await?;
         let stands = self.run_stage(&stages, &rest, stands).await?;
         Ok((stages, stands))
     }

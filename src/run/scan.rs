@@ -1,19 +1,19 @@
 //! One scan: samples at rest at each point of the path, or samples in motion along the whole path
 //! (`scan_in_motion.rs`).
 
-use super::display_rounding::unrounded;
-use super::watched_sensors::{Accepts, is_alive, is_distance, is_out_of_range};
+use super::display_rounding::undo_display_rounding;
+use super::watched_sensors::{AcceptSample, has_signal, is_distance, is_out_of_range};
 use super::{Run, RunError};
 use devices::sensors::Sample;
 use machine::Position;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::record::reading::Reading;
-use machine::record::sensor::Mount;
+use machine::record::sensor::SensorMount;
 use planning::proof::ProvenBlock;
-use planning::{blocks_out_of_range, end_of};
+use planning::{end_position, out_of_range_block_count};
 
 /// A sample of a sensor with the position of the axes.
-pub(super) struct Sampled<'a> {
+pub(super) struct PositionedSample<'a> {
     pub sensor: &'a str,
     pub sample: Sample,
     pub t_s: f64,
@@ -22,28 +22,28 @@ pub(super) struct Sampled<'a> {
 
 impl Run<'_> {
     /// Executes the blocks of a scan and returns all samples taken along it.
-    pub(super) async fn scan(
+    pub(super) async fn run_scan(
         &mut self,
         (step, scan): (&Step, &Scan),
         repeat: u32,
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
-        let rest = blocks.split_off(blocks_out_of_range(scan, blocks.len()));
+        let rest = blocks.split_off(out_of_range_block_count(scan, blocks.len()));
         let in_nest = blocks.is_empty();
-        self.out_of_range(step, blocks).await?;
+        self.leave_sensor_range(step, blocks).await?;
         if in_nest {
-            for sensor in self.sensors_on(step, &[Mount::Table]) {
-                self.reports(step, &sensor.name, is_distance).await?;
+            for sensor in self.step_sensors_on(step, &[SensorMount::Table]) {
+                self.check_sample(step, &sensor.name, is_distance).await?;
             }
         }
         match scan.sampling {
             Sampling::Dwell { samples, .. } => {
-                self.dwells(step, repeat, samples, rest, in_nest).await
+                self.run_dwells(step, repeat, samples, rest, in_nest).await
             }
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
                 let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
-                self.sweep((step, scan), repeat, most_hz, rest, in_nest).await
+                self.run_sweep((step, scan), repeat, most_hz, rest, in_nest).await
             }
         }
     }
@@ -52,32 +52,32 @@ impl Run<'_> {
     /// then to a position where no declared body is within the range of a sensor in the spindle and the ball is
     /// outside the range of a sensor on the table. A distance during or after that last motion means that a
     /// body is not at its stated position; the machine is held.
-    async fn out_of_range(
+    async fn leave_sensor_range(
         &mut self,
         step: &Step,
         blocks: Vec<ProvenBlock>,
     ) -> Result<(), RunError> {
-        let moving = self.sensors_on(step, &[Mount::Spindle, Mount::Table]);
+        let moving = self.step_sensors_on(step, &[SensorMount::Spindle, SensorMount::Table]);
         let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();
-        let accepts = |name: &String, is_last: bool| -> Accepts {
-            Box::new(if is_last && moving.contains(name) { is_out_of_range } else { is_alive })
+        let accepts = |name: &String, is_last: bool| -> AcceptSample {
+            Box::new(if is_last && moving.contains(name) { is_out_of_range } else { has_signal })
         };
         let count = blocks.len();
         for (number, block) in (1..).zip(blocks) {
             let all = step.sensors.iter().map(|name| accepts(name, number == count)).collect();
-            self.watched(step, block, all).await?;
+            self.execute_watched(step, block, all).await?;
         }
         if count > 0 {
             // A simulated sensor without a wire cannot be watched: it reports only when it is polled.
             for name in &moving {
-                self.reports(step, name, is_out_of_range).await?;
+                self.check_sample(step, name, is_out_of_range).await?;
             }
         }
         Ok(())
     }
 
     /// Executes a block for each point and takes `count` samples of each sensor there.
-    async fn dwells(
+    async fn run_dwells(
         &mut self,
         step: &Step,
         repeat: u32,
@@ -90,48 +90,48 @@ impl Run<'_> {
         let mut commanded = first.cloned().unwrap_or_default();
         for (number, block) in blocks.into_iter().enumerate() {
             let accepts = match number {
-                0 => self.accepted_on_entry(step, in_nest),
-                _ => step.sensors.iter().map(|_| Box::new(is_distance) as Accepts).collect(),
+                0 => self.entry_conditions(step, in_nest),
+                _ => step.sensors.iter().map(|_| Box::new(is_distance) as AcceptSample).collect(),
             };
-            commanded = end_of(block.motions(), &commanded);
-            let outcome = self.watched(step, block, accepts).await?;
+            commanded = end_position(block.motions(), &commanded);
+            let outcome = self.execute_watched(step, block, accepts).await?;
             let own_s = outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s());
-            let stands = self.devices.controller.look().await?.stands;
-            let stands = unrounded(&stands, &commanded);
+            let stands = self.devices.controller.read_snapshot().await?.position;
+            let stands = undo_display_rounding(&stands, &commanded);
             let samples = self.samples_at_rest(step, count).await?;
-            readings.extend(self.at_point(step, repeat, (own_s, &stands), &samples));
+            readings.extend(self.point_readings(step, repeat, (own_s, &stands), &samples));
         }
         Ok(readings)
     }
 
     /// Readings at one point. The axes were at rest; the samples are spaced in time by the clock of the first
     /// sensor.
-    fn at_point(
+    fn point_readings(
         &mut self,
         step: &Step,
         repeat: u32,
         (own_s, stands): (f64, &Position),
         samples: &[Vec<Sample>],
     ) -> Vec<Reading> {
-        let began = self.timeline.at(own_s);
+        let began = self.timeline.run_time_s(own_s);
         let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.t_s).collect();
         let after_s =
             |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
         let of_sensor = |(sensor, samples): (&String, &Vec<Sample>)| -> Vec<Reading> {
-            let sampled = samples.iter().enumerate().map(|(k, sample)| Sampled {
+            let sampled = samples.iter().enumerate().map(|(k, sample)| PositionedSample {
                 sensor,
                 sample: *sample,
                 t_s: began + after_s(k),
                 position: stands.clone(),
             });
-            sampled.map(|sampled| reading(step, repeat, sampled)).collect()
+            sampled.map(|sampled| to_reading(step, repeat, sampled)).collect()
         };
         step.sensors.iter().zip(samples).flat_map(of_sensor).collect()
     }
 }
 
-pub(super) fn reading(step: &Step, repeat: u32, sampled: Sampled<'_>) -> Reading {
-    let Sampled { sensor, sample, t_s, position } = sampled;
+pub(super) fn to_reading(step: &Step, repeat: u32, sampled: PositionedSample<'_>) -> Reading {
+    let PositionedSample { sensor, sample, t_s, position } = sampled;
     Reading {
         step: step.id,
         repeat,

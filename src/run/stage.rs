@@ -3,29 +3,32 @@
 use tokio::sync::oneshot;
 
 use super::priority::{COMPUTATION_NICE, lower_priority};
-use super::prompts::first_question;
-use super::remaining_stages::{Ahead, RehearsedStage};
+use super::prompts::first_prompt_text;
+use super::remaining_stages::{RehearsedStage, RemainingStages};
 use super::{Run, RunError};
 use machine::Position;
 use machine::record::artefact::Artefact;
 use machine::record::event::Event;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::record::plan::{Plan, Stage, Step};
 use machine::record::proof::Proof;
-use machine::record::reading::{Flag, Reading};
-use methods::{Method, Next, Source};
+use machine::record::reading::{Reading, ReadingFlag};
+use methods::{Method, NextStage, PositionSource};
 use planning::gcode::{Dialect, Transmission};
-use planning::proof::{ProvenBlock, StageRequest, Staged, Unproven, prove_blocks};
-use planning::{Clearance, Confirmed, Start, asked_first, end_of, machine_time_s, step_blocks};
+use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
+use planning::{
+    BlockStart, ConfirmedDirections, SafeHeights, end_position, machine_time_s, split_prompts,
+    step_blocks,
+};
 
 /// The blocks of a step with their data: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
-struct Task<B> {
+struct StepTask<B> {
     step: Step,
     blocks: Vec<B>,
     /// Machine time from the start of this step to the end of the stage, s.
     remaining_s: f64,
     /// Position of the machine at the end of the step.
-    ends: Position,
+    end_position: Position,
 }
 
 /// Maximum number of motions in a block. The window of a resident program takes 20 rows at once
@@ -42,8 +45,8 @@ struct ControlText<'a> {
 /// State of the machine at the start of a stage.
 #[derive(Clone)]
 struct StageStart {
-    stands: Option<Position>,
-    confirmed: Confirmed,
+    position: Option<Position>,
+    confirmed: ConfirmedDirections,
 }
 
 impl Run<'_> {
@@ -54,76 +57,80 @@ impl Run<'_> {
         stage: &Stage,
         stands: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
-        let stands = self.ask_first(stage, stands).await?;
-        let begin = StageStart { stands: stands.clone(), confirmed: self.confirmed };
+        let stands = self.wait_for_prompts(stage, stands).await?;
+        let begin = StageStart { position: stands.clone(), confirmed: self.confirmed };
         let sent = ControlText { dialect: &self.devices.dialect, transmission: &self.transmission };
-        let (tasks, proof) = prove(&self.plan, sent, done, stage, begin).await?;
-        self.note(Event::StageProven { stage: stage.id, proof }).await?;
+        let (tasks, proof) = prove_stage(&self.plan, sent, done, stage, begin).await?;
+        self.record_event(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
         for task in tasks {
-            let Task { step, blocks, remaining_s, ends } = task;
+            let StepTask { step, blocks, remaining_s, end_position } = task;
             let (id, repeat) = (step.id, stage.repeat);
-            (self.tell)(&Event::StepStarted {
+            (self.on_event)(&Event::StepStarted {
                 step: id,
                 repeat,
                 label: step.label.clone(),
-                remaining_s: remaining_s + self.ahead.machine_s(),
+                remaining_s: remaining_s + self.remaining.machine_s(),
             });
-            self.moved = true;
+            self.has_moved = true;
             let measured = match &step.scan {
-                None => self.touch(&step, repeat, blocks).await,
-                Some(scan) => self.scan((&step, scan), repeat, blocks).await,
+                None => self.run_touch(&step, repeat, blocks).await,
+                Some(scan) => self.run_scan((&step, scan), repeat, blocks).await,
             };
-            self.keep_readings(&step, measured.map_err(|error| error.on(&step))?).await?;
-            self.confirmed = self.confirmed.after(&step);
-            stands = Some(ends);
+            self.store_readings(&step, measured.map_err(|error| error.with_step_label(&step))?)
+                .await?;
+            self.confirmed = self.confirmed.after_step(&step);
+            stands = Some(end_position);
         }
         Ok(stands)
     }
 
     /// Stores the readings before they are reported.
-    async fn keep_readings(
+    async fn store_readings(
         &mut self,
         step: &Step,
         mut readings: Vec<Reading>,
     ) -> Result<(), RunError> {
-        let felt = self.temperatures_c().await?;
-        readings.iter_mut().for_each(|reading| reading.temperatures_c = felt.clone());
+        let temperatures = self.temperatures_c().await?;
+        readings.iter_mut().for_each(|reading| reading.temperatures_c = temperatures.clone());
         match (readings.as_slice(), &step.scan) {
             ([touch], None) => {
-                self.journal.reading(self.id, touch).await?;
-                (self.tell)(&Event::ReadingStored { reading: touch.clone() });
+                self.journal.add_reading(self.id, touch).await?;
+                (self.on_event)(&Event::ReadingStored { reading: touch.clone() });
             }
             (samples, _) => {
-                self.journal.scan(self.id, samples).await?;
-                let flagged = samples.iter().filter(|sample| sample.flag != Flag::None).count();
+                self.journal.add_scan(self.id, samples).await?;
+                let flagged =
+                    samples.iter().filter(|sample| sample.flag != ReadingFlag::None).count();
                 let (step, samples) = (step.id, samples.len());
-                (self.tell)(&Event::ScanStored { step, samples, flagged });
+                (self.on_event)(&Event::ScanStored { step, samples, flagged });
             }
         }
         self.readings.extend(readings);
-        self.probe_lives = true;
+        self.is_probe_confirmed = true;
         Ok(())
     }
 
-    async fn touch(
+    async fn run_touch(
         &mut self,
         step: &Step,
         repeat: u32,
         blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
-        let mut outcome = Outcome::default();
+        let mut outcome = BlockOutcome::default();
         for block in blocks {
             outcome = self.devices.controller.execute(block).await?;
         }
         Ok(vec![Reading {
             step: step.id,
             repeat,
-            position: outcome.touch.ok_or(RunError::NoReading { step: step.id })?,
+            position: outcome.touch.ok_or(RunError::NoContactPosition { step: step.id })?,
             value_mm: None,
-            sensor: step.sensor().to_owned(),
-            t_s: self.timeline.at(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
-            flag: Flag::None,
+            sensor: step.first_sensor().to_owned(),
+            t_s: self
+                .timeline
+                .run_time_s(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
+            flag: ReadingFlag::None,
             temperatures_c: Default::default(),
         }])
     }
@@ -137,55 +144,60 @@ pub async fn rehearse(
     method: &dyn Method,
     plan: &Plan,
     dialect: &Dialect,
-) -> Result<Rehearsed, RunError> {
-    let (ahead, steps) = rehearsed(method, plan, dialect).await?;
-    Ok(Rehearsed { machine_s: ahead.machine_s(), asks: first_question(&steps).is_some() })
+) -> Result<RehearsalResult, RunError> {
+    let (remaining, steps) = rehearse_stages(method, plan, dialect).await?;
+    Ok(RehearsalResult {
+        machine_s: remaining.machine_s(),
+        has_prompts: first_prompt_text(&steps).is_some(),
+    })
 }
 
 /// Facts about a run that its rehearsal gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rehearsed {
+pub struct RehearsalResult {
     /// Machine time of all stages, s.
     pub machine_s: f64,
     /// Whether the run contains a prompt to the operator.
-    pub asks: bool,
+    pub has_prompts: bool,
 }
 
 /// Rehearses a run as [`rehearse`]; returns all of its stages and steps.
-pub(super) async fn rehearsed(
+pub(super) async fn rehearse_stages(
     method: &dyn Method,
     plan: &Plan,
     dialect: &Dialect,
-) -> Result<(Ahead, Vec<Step>), RunError> {
+) -> Result<(RemainingStages, Vec<Step>), RunError> {
     let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
     let (mut done, mut stages) = (Vec::new(), Vec::new());
-    let mut begin = StageStart { stands: None, confirmed: Confirmed::default() };
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
+    let mut begin = StageStart { position: None, confirmed: ConfirmedDirections::default() };
+    while let NextStage::Stage { stage, new_steps } =
+        method.next_stage(&plan, &done, PositionSource::Nominal)?
+    {
         plan.steps.extend(new_steps);
-        if !asked_first(&plan, &stage.steps)?.0.is_empty() {
-            begin.confirmed = Confirmed::default();
+        if !split_prompts(&plan, &stage.steps)?.0.is_empty() {
+            begin.confirmed = ConfirmedDirections::default();
         }
         let sent = ControlText { dialect, transmission: &Transmission::Rows };
-        let (tasks, _) = prove(&plan, sent, &done, &stage, begin.clone()).await?;
+        let (tasks, _) = prove_stage(&plan, sent, &done, &stage, begin.clone()).await?;
         let machine_s = tasks.first().map_or(0.0, |task| task.remaining_s);
         stages.push(RehearsedStage { name: stage.name.clone(), machine_s });
         for task in tasks {
-            begin.confirmed = begin.confirmed.after(&task.step);
-            begin.stands = Some(task.ends);
+            begin.confirmed = begin.confirmed.after_step(&task.step);
+            begin.position = Some(task.end_position);
         }
         done.push(stage);
     }
-    Ok((Ahead::new(stages), plan.steps))
+    Ok((RemainingStages::new(stages), plan.steps))
 }
 
 /// Plans and proves on a separate thread: a halt must not wait for the proof.
-async fn prove(
+async fn prove_stage(
     plan: &Plan,
     sent: ControlText<'_>,
     done: &[Stage],
     stage: &Stage,
     begin: StageStart,
-) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
+) -> Result<(Vec<StepTask<ProvenBlock>>, Proof), RunError> {
     let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
     let (plan, dialect) = (plan.clone(), sent.dialect.clone());
@@ -194,44 +206,53 @@ async fn prove(
     std::thread::spawn(move || {
         lower_priority(COMPUTATION_NICE);
         let sent = ControlText { dialect: &dialect, transmission: &transmission };
-        drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, sent)));
+        drop(answer.send(prove_stage_blocks(&plan, &stage, found.as_ref(), &begin, sent)));
     });
-    result.await.map_err(|_| RunError::ProofGone { stage: name })?
+    result.await.map_err(|_| RunError::ProofAborted { stage: name })?
 }
 
 /// The blocks of a stage, and the proof of their text for this control.
-fn proven(
+fn prove_stage_blocks(
     plan: &Plan,
     stage: &Stage,
     found: Option<&Artefact>,
     begin: &StageStart,
     ControlText { dialect, transmission }: ControlText<'_>,
-) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
-    let tasks = tasks(plan, stage, found, begin)?;
+) -> Result<(Vec<StepTask<ProvenBlock>>, Proof), RunError> {
+    let tasks = plan_tasks(plan, stage, found, begin)?;
     let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
-    let (_, moves) = asked_first(plan, &stage.steps)?;
-    let stages = [Staged { steps: moves, found }];
-    let (stages, stands, confirmed) = (&stages, begin.stands.as_ref(), begin.confirmed);
-    let request =
-        StageRequest { plan, stages, stands, confirmed, dialect, transmission, blocks: &blocks };
+    let (_, moves) = split_prompts(plan, &stage.steps)?;
+    let stages = [StageSteps { steps: moves, found_artefact: found }];
+    let (stages, stands, confirmed) = (&stages, begin.position.as_ref(), begin.confirmed);
+    let request = StageProofRequest {
+        plan,
+        stages,
+        position: stands,
+        confirmed,
+        dialect,
+        transmission,
+        blocks: &blocks,
+    };
     let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
-            Unproven::Unwritable(source) => RunError::Unwritable { stage, source },
-            Unproven::Refused(source) => RunError::Unproven { stage, source: Box::new(source) },
+            StageProofError::Render(source) => RunError::Unwritable { stage, source },
+            StageProofError::Refused(source) => {
+                RunError::StageProofError { stage, source: Box::new(source) }
+            }
         }
     })?;
     let mut proven = proven.into_iter();
-    let of_task = |Task { step, blocks, remaining_s, ends }: Task<Block>| {
+    let of_task = |StepTask { step, blocks, remaining_s, end_position }: StepTask<Block>| {
         let blocks = proven.by_ref().take(blocks.len()).collect();
-        Task { step, blocks, remaining_s, ends }
+        StepTask { step, blocks, remaining_s, end_position }
     };
     Ok((tasks.into_iter().map(of_task).collect(), proof))
 }
 
 /// Splits a long path into parts, as a control holds a limited number of rows. The last part contains the touch
 /// and the motions that belong to it. A scan is not split: samples are taken along it.
-fn parts(step: &Step, mut block: Block) -> Vec<Block> {
+fn split_block(step: &Step, mut block: Block) -> Vec<Block> {
     if step.scan.is_some() {
         return vec![block];
     }
@@ -242,29 +263,35 @@ fn parts(step: &Step, mut block: Block) -> Vec<Block> {
 }
 
 /// The blocks of a stage. A stage without a path to its start is refused.
-fn tasks(
+fn plan_tasks(
     plan: &Plan,
     stage: &Stage,
     found: Option<&Artefact>,
     begin: &StageStart,
-) -> Result<Vec<Task<Block>>, RunError> {
-    let clearance = Clearance::known(plan, found)?;
-    let StageStart { mut stands, mut confirmed } = begin.clone();
+) -> Result<Vec<StepTask<Block>>, RunError> {
+    let clearance = SafeHeights::above_known_artefact(plan, found)?;
+    let StageStart { position: mut stands, mut confirmed } = begin.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
-    let (_, moves) = asked_first(plan, &stage.steps)?;
+    let (_, moves) = split_prompts(plan, &stage.steps)?;
     for step in moves.iter().filter_map(step_of) {
-        let start = Start { stands: stands.as_ref(), confirmed };
+        let start = BlockStart { position: stands.as_ref(), confirmed };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
-        let blocks: Vec<Block> = blocks.into_iter().flat_map(|block| parts(step, block)).collect();
-        let (mut ends, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
+        let blocks: Vec<Block> =
+            blocks.into_iter().flat_map(|block| split_block(step, block)).collect();
+        let (mut end, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
-            seconds += machine_time_s(block, &ends, &plan.machine);
-            ends = end_of(&block.motions, &ends);
+            seconds += machine_time_s(block, &end, &plan.machine);
+            end = end_position(&block.motions, &end);
         }
-        stands = Some(ends.clone());
-        confirmed = confirmed.after(step);
-        tasks.push(Task { step: step.clone(), blocks, remaining_s: seconds, ends });
+        stands = Some(end.clone());
+        confirmed = confirmed.after_step(step);
+        tasks.push(StepTask {
+            step: step.clone(),
+            blocks,
+            remaining_s: seconds,
+            end_position: end,
+        });
     }
     let mut left = 0.0;
     for task in tasks.iter_mut().rev() {

@@ -5,66 +5,67 @@ use std::collections::BTreeMap;
 
 use super::{Run, RunError};
 use crate::setup::Thermometers;
-use devices::sensors::thermometer::Watch;
+use devices::sensors::thermometer::ThermometerPoller;
 use machine::record::event::Event;
 use machine::record::reading::Temperatures;
 
 #[derive(Default)]
 pub(super) struct TemperatureLog {
-    watch: Option<Watch>,
+    watch: Option<ThermometerPoller>,
     readings: u32,
     /// Number of readings without a temperature, for each thermometer.
-    missed: BTreeMap<String, u32>,
+    missing_counts: BTreeMap<String, u32>,
 }
 
 impl TemperatureLog {
     /// Starts the reading of the thermometers; waits for the first value of each that answers.
     pub async fn begin(&mut self, thermometers: &Thermometers) {
         let watch = thermometers.watch();
-        watch.begun().await;
+        watch.wait_for_first_values().await;
         self.watch = Some(watch);
     }
 
     /// Temperatures at a reading, and the cause for each thermometer that does not answer for the first time.
-    fn at_a_reading(&mut self) -> (Temperatures, Vec<(String, String)>) {
-        let Self { watch, readings, missed } = self;
+    fn record_reading(&mut self) -> (Temperatures, Vec<(String, String)>) {
+        let Self { watch, readings, missing_counts } = self;
         *readings += 1;
-        let (mut felt, mut away) = (BTreeMap::new(), Vec::new());
-        for (name, said) in watch.iter().flat_map(Watch::now) {
+        let (mut temperatures, mut not_replying) = (BTreeMap::new(), Vec::new());
+        for (name, said) in watch.iter().flat_map(ThermometerPoller::current_values) {
             match said {
-                Ok(celsius) => drop(felt.insert(name.to_owned(), celsius)),
+                Ok(celsius) => drop(temperatures.insert(name.to_owned(), celsius)),
                 Err(why) => {
-                    let count = missed.entry(name.to_owned()).or_default();
+                    let count = missing_counts.entry(name.to_owned()).or_default();
                     *count += 1;
-                    away.extend((*count == 1).then(|| (name.to_owned(), why)));
+                    not_replying.extend((*count == 1).then(|| (name.to_owned(), why)));
                 }
             }
         }
-        (felt.into(), away)
+        (temperatures.into(), not_replying)
     }
 }
 
 impl Run<'_> {
     /// Temperatures for the newest reading: a touch, or all samples of a scan.
     pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
-        let (felt, away) = self.warmth.at_a_reading();
-        for (name, why) in away {
+        let (temperatures, not_replying) = self.temperature_log.record_reading();
+        for (name, why) in not_replying {
             let text = format!(
-                "thermometer {name} says nothing: {why}; readings have no temperature of it until it is back"
+                "thermometer {name} does not reply: {why}; readings have no temperature of {name} until the \
+                thermometer replies again"
             );
-            self.note(Event::Announced { text }).await?;
+            self.record_event(Event::Announced { text }).await?;
         }
-        Ok(felt)
+        Ok(temperatures)
     }
 
     /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
-    pub(super) async fn tell_of_thermometers(&mut self) -> Result<(), RunError> {
-        let TemperatureLog { readings, missed, .. } = &self.warmth;
-        let told = missed.iter().map(|(name, count)| {
-            format!("thermometer {name}: {count} of {readings} readings are without it")
+    pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
+        let TemperatureLog { readings, missing_counts, .. } = &self.temperature_log;
+        let told = missing_counts.iter().map(|(name, count)| {
+            format!("thermometer {name}: {count} of {readings} readings have no temperature")
         });
         for text in told.collect::<Vec<_>>() {
-            self.note(Event::Announced { text }).await?;
+            self.record_event(Event::Announced { text }).await?;
         }
         Ok(())
     }

@@ -6,9 +6,9 @@ use std::time::Instant;
 /// Conversion from the time of this session's control to the time of the run, s.
 #[derive(Debug)]
 pub(super) struct Timeline {
-    since: Instant,
-    /// Time of the run at `since`, s. `None`: the control's own time is used.
-    at_start_s: Option<f64>,
+    started: Instant,
+    /// Time of the run at `started`, s. `None`: the control's own time is used.
+    start_s: Option<f64>,
     /// Time of the run minus time of the control, s; set at the first reading.
     offset_s: Option<f64>,
 }
@@ -16,20 +16,20 @@ pub(super) struct Timeline {
 impl Timeline {
     /// Timeline of a new run: the time of the control is the time of the run.
     pub fn new() -> Self {
-        Self { since: Instant::now(), at_start_s: None, offset_s: Some(0.0) }
+        Self { started: Instant::now(), start_s: None, offset_s: Some(0.0) }
     }
 
     /// Timeline of a run that is resumed `elapsed_s` (wall time) after its last reading at `last_s`.
-    pub fn after(last_s: f64, elapsed_s: f64) -> Self {
-        let at_start_s = Some(last_s + elapsed_s.max(0.0));
-        Self { since: Instant::now(), at_start_s, offset_s: None }
+    pub fn resumed_after(last_s: f64, elapsed_s: f64) -> Self {
+        let start_s = Some(last_s + elapsed_s.max(0.0));
+        Self { started: Instant::now(), start_s, offset_s: None }
     }
 
     /// Time of the run that corresponds to the present control time `own_s`, s.
-    pub fn at(&mut self, own_s: f64) -> f64 {
-        let (since, start) = (self.since, self.at_start_s.unwrap_or(own_s));
+    pub fn run_time_s(&mut self, own_s: f64) -> f64 {
+        let (started, start) = (self.started, self.start_s.unwrap_or(own_s));
         let offset =
-            self.offset_s.get_or_insert_with(|| start + since.elapsed().as_secs_f64() - own_s);
+            self.offset_s.get_or_insert_with(|| start + started.elapsed().as_secs_f64() - own_s);
         own_s + *offset
     }
 }

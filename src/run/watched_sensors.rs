@@ -6,30 +6,30 @@ use std::cell::Cell;
 use futures_util::future::try_join_all;
 
 use super::{Run, RunError};
-use crate::setup::Mounted;
+use crate::setup::MountedSensor;
 use devices::controllers::ControllerError;
 use devices::sensors::{Sample, SensorError};
 use machine::record::event::Event;
-use machine::record::motion::Outcome;
+use machine::record::motion::BlockOutcome;
 use machine::record::plan::Step;
-use machine::record::reading::Flag;
-use machine::record::sensor::Mount;
+use machine::record::reading::ReadingFlag;
+use machine::record::sensor::SensorMount;
 use planning::proof::ProvenBlock;
 
 /// Whether a sample allows the motion to continue.
-pub(super) type Accepts = Box<dyn Fn(&Sample) -> bool + Send>;
+pub(super) type AcceptSample = Box<dyn Fn(&Sample) -> bool + Send>;
 
 /// Accepts a distance, or an out-of-range sample as on the path to the first point.
-pub(super) fn is_alive(sample: &Sample) -> bool {
-    !matches!(sample.flag, Flag::Saturated | Flag::Stale)
+pub(super) fn has_signal(sample: &Sample) -> bool {
+    !matches!(sample.flag, ReadingFlag::Saturated | ReadingFlag::Stale)
 }
 
 pub(super) fn is_out_of_range(sample: &Sample) -> bool {
-    sample.flag == Flag::Range
+    sample.flag == ReadingFlag::Range
 }
 
 pub(super) fn is_distance(sample: &Sample) -> bool {
-    matches!(sample.flag, Flag::None | Flag::Gap)
+    matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap)
 }
 
 /// Share of the range, at each of its ends, where noise may make a distance appear and disappear.
@@ -37,7 +37,7 @@ const RANGE_EDGE_SHARE: f64 = 0.1;
 
 /// Condition while a ball enters the range of a sensor: any sample but a failure until the distance is well
 /// within the range, afterwards distances alone.
-pub(super) fn accepts_entry(range_mm: [f64; 2]) -> Accepts {
+pub(super) fn entry_condition(range_mm: [f64; 2]) -> AcceptSample {
     let [least, greatest] = range_mm;
     let edge = RANGE_EDGE_SHARE * (greatest - least);
     let inner = least + edge..=greatest - edge;
@@ -45,31 +45,31 @@ pub(super) fn accepts_entry(range_mm: [f64; 2]) -> Accepts {
     Box::new(move |sample| {
         let is_inside = sample.value_mm.is_some_and(|value| inner.contains(&value));
         has_entered.set(has_entered.get() || (is_distance(sample) && is_inside));
-        if has_entered.get() { is_distance(sample) } else { is_alive(sample) }
+        if has_entered.get() { is_distance(sample) } else { has_signal(sample) }
     })
 }
 
 impl Run<'_> {
     /// Opens the sensors of the plan and checks, before any motion, that they respond.
-    pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
-        self.looking.clear();
+    pub(super) async fn open_sensors(&mut self) -> Result<(), RunError> {
+        self.open_sensors.clear();
         for wanted in self.plan.sensors.clone() {
-            let fault = faulty(&wanted.name);
+            let fault = sensor_error(&wanted.name);
             let sensor = self.devices.sensors.open(&wanted.name).await.map_err(&fault)?;
             let prepared = sensor.prepare().await.map_err(&fault)?;
-            self.looking.push(sensor);
+            self.open_sensors.push(sensor);
             let text = format!("{}: {}", wanted.name, prepared.identity);
-            self.note(Event::Announced { text }).await?;
+            self.record_event(Event::Announced { text }).await?;
         }
-        self.probe_lives = true;
+        self.is_probe_confirmed = true;
         Ok(())
     }
 
     /// Sensors of `step` on one of `mounts`.
-    pub(super) fn sensors_on(
+    pub(super) fn step_sensors_on(
         &self,
         step: &Step,
-        mounts: &[Mount],
+        mounts: &[SensorMount],
     ) -> Vec<machine::record::sensor::Sensor> {
         let sensors = self.plan.sensors.iter();
         let wanted =
@@ -80,33 +80,34 @@ impl Run<'_> {
     /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
     /// measures the ball in the spindle, which is between the sensors during the whole motion (`in_nest`) or
     /// enters their range.
-    pub(super) fn accepted_on_entry(&self, step: &Step, in_nest: bool) -> Vec<Accepts> {
-        let on_table = self.sensors_on(step, &[Mount::Table]);
+    pub(super) fn entry_conditions(&self, step: &Step, in_nest: bool) -> Vec<AcceptSample> {
+        let on_table = self.step_sensors_on(step, &[SensorMount::Table]);
         let accepts = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
-            None => Box::new(is_alive) as Accepts,
+            None => Box::new(has_signal) as AcceptSample,
             Some(_) if in_nest => Box::new(is_distance),
-            Some(sensor) => accepts_entry(sensor.range_mm),
+            Some(sensor) => entry_condition(sensor.range_mm),
         };
         step.sensors.iter().map(accepts).collect()
     }
 
-    pub(super) fn sensor(&self, name: &str) -> Result<&Mounted, RunError> {
-        let named = self.looking.iter().find(|sensor| sensor.name() == name);
-        named.ok_or_else(|| faulty(name)(SensorError::Unknown { name: name.to_owned() }))
+    pub(super) fn sensor(&self, name: &str) -> Result<&MountedSensor, RunError> {
+        let named = self.open_sensors.iter().find(|sensor| sensor.name() == name);
+        named
+            .ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
     }
 
-    fn sensors_of(&self, step: &Step) -> Result<Vec<&Mounted>, RunError> {
+    fn step_sensors(&self, step: &Step) -> Result<Vec<&MountedSensor>, RunError> {
         step.sensors.iter().map(|name| self.sensor(name)).collect()
     }
 
     /// Executes `block`. The machine is held as soon as a sensor of `step` reports a sample that its entry of
     /// `accepts` refuses.
-    pub(super) async fn watched(
+    pub(super) async fn execute_watched(
         &self,
         step: &Step,
         block: ProvenBlock,
-        accepts: Vec<Accepts>,
-    ) -> Result<Outcome, RunError> {
+        accepts: Vec<AcceptSample>,
+    ) -> Result<BlockOutcome, RunError> {
         self.begin_watch(step, accepts).await?;
         let executed = self.devices.controller.execute(block).await;
         self.end_watch(step, executed).await
@@ -116,13 +117,13 @@ impl Run<'_> {
     pub(super) async fn begin_watch(
         &self,
         step: &Step,
-        accepts: Vec<Accepts>,
+        accepts: Vec<AcceptSample>,
     ) -> Result<(), RunError> {
-        for (sensor, accepts) in self.sensors_of(step)?.iter().zip(accepts) {
-            let halt = self.devices.controller.halt();
-            let watched = sensor.watch(accepts, move || halt.now()).await;
-            let watched = watched.map_err(faulty(sensor.name()));
-            watched.inspect_err(|_| self.devices.controller.halt().now())?;
+        for (sensor, accepts) in self.step_sensors(step)?.iter().zip(accepts) {
+            let halt = self.devices.controller.halt_handle();
+            let watched = sensor.watch(accepts, move || halt.trigger()).await;
+            let watched = watched.map_err(sensor_error(sensor.name()));
+            watched.inspect_err(|_| self.devices.controller.halt_handle().trigger())?;
         }
         Ok(())
     }
@@ -131,11 +132,11 @@ impl Run<'_> {
     pub(super) async fn end_watch(
         &self,
         step: &Step,
-        executed: Result<Outcome, ControllerError>,
-    ) -> Result<Outcome, RunError> {
+        executed: Result<BlockOutcome, ControllerError>,
+    ) -> Result<BlockOutcome, RunError> {
         let mut accepted = Ok(());
-        for sensor in self.sensors_of(step)? {
-            accepted = accepted.and(end_watch_of(step, sensor).await);
+        for sensor in self.step_sensors(step)? {
+            accepted = accepted.and(end_sensor_watch(step, sensor).await);
         }
         match executed {
             // The control's own error comes first, unless it is the hold that a sensor has requested.
@@ -145,18 +146,18 @@ impl Run<'_> {
     }
 
     /// Takes one sample of a sensor, which must satisfy `expected`. Otherwise the machine is held.
-    pub(super) async fn reports(
+    pub(super) async fn check_sample(
         &self,
         step: &Step,
         name: &str,
         expected: fn(&Sample) -> bool,
     ) -> Result<(), RunError> {
-        let taken = self.sensor(name)?.take(1).await.map_err(faulty(name));
+        let taken = self.sensor(name)?.read_samples(1).await.map_err(sensor_error(name));
         let seen = taken.and_then(|samples| match samples.iter().find(|s| !expected(s)) {
-            Some(sample) => Err(blind(step, name, Some(sample))),
+            Some(sample) => Err(sample_error(step, name, Some(sample))),
             None => Ok(()),
         });
-        seen.inspect_err(|_| self.devices.controller.halt().now())
+        seen.inspect_err(|_| self.devices.controller.halt_handle().trigger())
     }
 
     /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
@@ -166,39 +167,48 @@ impl Run<'_> {
         step: &Step,
         count: u32,
     ) -> Result<Vec<Vec<Sample>>, RunError> {
-        let sensors = self.sensors_of(step)?;
-        let taken = try_join_all(sensors.iter().map(|sensor| take(step, sensor, count))).await;
-        taken.inspect_err(|_| self.devices.controller.halt().now())
+        let sensors = self.step_sensors(step)?;
+        let taken =
+            try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
+        taken.inspect_err(|_| self.devices.controller.halt_handle().trigger())
     }
 }
 
-async fn end_watch_of(step: &Step, sensor: &Mounted) -> Result<(), RunError> {
-    match sensor.rest().await.map_err(faulty(sensor.name()))? {
-        Some(sample) => Err(blind(step, sensor.name(), Some(&sample))),
+async fn end_sensor_watch(step: &Step, sensor: &MountedSensor) -> Result<(), RunError> {
+    match sensor.end_watch().await.map_err(sensor_error(sensor.name()))? {
+        Some(sample) => Err(sample_error(step, sensor.name(), Some(&sample))),
         None => Ok(()),
     }
 }
 
-async fn take(step: &Step, sensor: &Mounted, count: u32) -> Result<Vec<Sample>, RunError> {
+async fn take_samples(
+    step: &Step,
+    sensor: &MountedSensor,
+    count: u32,
+) -> Result<Vec<Sample>, RunError> {
     let name = sensor.name();
-    let samples = sensor.take(count).await.map_err(faulty(name))?;
+    let samples = sensor.read_samples(count).await.map_err(sensor_error(name))?;
     match samples.iter().find(|sample| sample.value_mm.is_some()) {
-        _ if samples.len() < count as usize => Err(blind(step, name, samples.last())),
-        None => Err(blind(step, name, samples.first())),
+        _ if samples.len() < count as usize => Err(sample_error(step, name, samples.last())),
+        None => Err(sample_error(step, name, samples.first())),
         Some(_) => Ok(samples),
     }
 }
 
 /// The error for a sample with an unexpected flag or distance.
-fn blind(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
+fn sample_error(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
     let (step, sensor) = (step.id, sensor.to_owned());
     if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
-        return RunError::EarlyDistance { step, sensor, value_mm };
+        return RunError::UnexpectedDistance { step, sensor, value_mm };
     }
-    RunError::Blind { step, sensor, flag: seen.map_or(Flag::Stale, |sample| sample.flag) }
+    RunError::NoValidSample {
+        step,
+        sensor,
+        flag: seen.map_or(ReadingFlag::Stale, |sample| sample.flag),
+    }
 }
 
-fn faulty(name: &str) -> impl Fn(SensorError) -> RunError {
+fn sensor_error(name: &str) -> impl Fn(SensorError) -> RunError {
     let name = name.to_owned();
     move |source| RunError::Sensor { name: name.clone(), source }
 }
@@ -207,25 +217,28 @@ fn faulty(name: &str) -> impl Fn(SensorError) -> RunError {
 mod tests {
     use super::*;
 
-    fn sample(value_mm: Option<f64>, flag: Flag) -> Sample {
+    fn sample(value_mm: Option<f64>, flag: ReadingFlag) -> Sample {
         Sample { t_s: 0.0, value_mm, flag, missing: 0, encoder_count: None }
     }
 
     fn distance(mm: f64) -> Sample {
-        sample(Some(mm), Flag::None)
+        sample(Some(mm), ReadingFlag::None)
     }
 
     #[test]
     fn a_ball_may_enter_the_range_of_a_sensor_but_not_leave_it() {
-        let out_of_range = sample(None, Flag::Range);
-        let accepts = accepts_entry([-1.0, 1.0]);
+        let out_of_range = sample(None, ReadingFlag::Range);
+        let accepts = entry_condition([-1.0, 1.0]);
         // At the far end of the range noise makes the distance appear and disappear.
         for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)]
         {
             assert!(accepts(&entering), "{entering:?}");
         }
         assert!(!accepts(&out_of_range));
-        let accepts = accepts_entry([-1.0, 1.0]);
-        assert!(!accepts(&sample(None, Flag::Stale)) && !accepts(&sample(None, Flag::Saturated)));
+        let accepts = entry_condition([-1.0, 1.0]);
+        assert!(
+            !accepts(&sample(None, ReadingFlag::Stale))
+                && !accepts(&sample(None, ReadingFlag::Saturated))
+        );
     }
 }

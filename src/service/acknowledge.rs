@@ -11,17 +11,17 @@ use machine::record::event::Event;
 impl MachineWorker {
     /// Acts on the acknowledgement of a person at the machine. A new cycle may then start; the held run is not
     /// resumed.
-    pub(super) async fn acknowledged(
+    pub(super) async fn handle_acknowledgement(
         &mut self,
         acknowledgement: Acknowledgement,
         journal: &Journal,
     ) {
-        let cleared = self.clear(&acknowledgement, journal).await;
-        let refused = match cleared {
+        let result = self.acknowledge_held_run(&acknowledgement, journal).await;
+        let refused = match result {
             Ok(None) => {
                 self.gate.update(|machine_state| machine_state.failure = None);
                 self.gate.finish_command(State::Waiting);
-                self.log.say("acknowledged; ready");
+                self.log.info("the held or failed state of the machine is acknowledged; a new cycle may start");
                 None
             }
             Ok(Some(why)) => Some((why, String::new())),
@@ -29,18 +29,18 @@ impl MachineWorker {
             Err(error) => Some((Refusal::NotReady, format!(" ({error})"))),
         };
         if let Some((why, because)) = &refused {
-            let before = self.gate.machine_state().state;
-            if before == State::Held {
+            let previous_state = self.gate.machine_state().state;
+            if previous_state == State::Held {
                 self.lock = None;
             }
             self.gate.refuse(*why, &format!("acknowledgement by {}{because}", acknowledgement.who));
-            self.gate.finish_command(before);
+            self.gate.finish_command(previous_state);
         }
         // The receiver may have been dropped.
-        let _ = acknowledgement.answer.send(refused.map_or(Ok(()), |(why, _)| Err(why)));
+        let _ = acknowledgement.result_sender.send(refused.map_or(Ok(()), |(why, _)| Err(why)));
     }
 
-    async fn clear(
+    async fn acknowledge_held_run(
         &mut self,
         Acknowledgement { who, why, homed, .. }: &Acknowledgement,
         journal: &Journal,
@@ -49,21 +49,21 @@ impl MachineWorker {
             None => self.lock = Some(self.acquire_lock(journal).await?),
             Some(_) => self.find_unidentified(journal)?,
         }
-        let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
-        if before.position_lost && !homed {
+        let Some(unfinished_run) = unfinished(journal, self.name())? else { return Ok(None) };
+        if unfinished_run.position_lost && !homed {
             return Ok(Some(Refusal::PositionLost));
         }
         let homed = if *homed { ", all axes are homed" } else { "" };
         let why = if why.is_empty() { String::new() } else { format!(" ({why})") };
-        let what = format!("it is left as it is{homed}; new cycles may start{why}");
+        let what = format!("the run stays unfinished{homed}; new cycles may start{why}");
         let acknowledgement = Event::Acknowledged { who: who.clone(), what, leaves: true };
-        journal.event(before.run, &acknowledgement).await?;
+        journal.add_event(unfinished_run.run, &acknowledgement).await?;
         Ok(None)
     }
 
     /// Updates the machine state while the machine is held: whether another process holds the machine's lock, and
     /// how that process left the run.
-    pub(super) async fn look_elsewhere(&mut self, journal: &Journal) {
+    pub(super) async fn check_other_process(&mut self, journal: &Journal) {
         let machine_state = self.gate.machine_state();
         if self.lock.is_some() || machine_state.state != State::Held {
             return;
@@ -75,12 +75,12 @@ impl MachineWorker {
         let last = last_of(journal, self.name()).ok().flatten();
         let changed = last.is_some_and(|run| !run.state.is_resumable());
         if !elsewhere && (machine_state.elsewhere || changed) {
-            self.see_what_became(journal).await;
+            self.reload_run_state(journal).await;
         }
     }
 
     /// The lock is acquired first: only then is a run whose process has died marked as interrupted.
-    async fn see_what_became(&mut self, journal: &Journal) {
+    async fn reload_run_state(&mut self, journal: &Journal) {
         // Another process has acquired the lock meanwhile: the next call detects that.
         let Ok(lock) = self.acquire_lock(journal).await else { return };
         match unfinished(journal, self.name()) {
@@ -88,13 +88,15 @@ impl MachineWorker {
                 self.lock = Some(lock);
                 if self.gate.set_state_if_idle(State::Waiting) {
                     self.gate.update(|machine_state| machine_state.failure = None);
-                    self.log.say("the run was seen to elsewhere; ready");
+                    self.log.info(
+                        "another program has completed or closed the run; a new cycle may start",
+                    );
                 }
             }
-            Ok(Some(before)) => {
-                self.gate.update(|machine_state| machine_state.failure = Some(before.why))
+            Ok(Some(unfinished_run)) => {
+                self.gate.update(|machine_state| machine_state.failure = Some(unfinished_run.why))
             }
-            Err(error) => self.log.fault(&error.to_string()),
+            Err(error) => self.log.error(&error.to_string()),
         }
     }
 }

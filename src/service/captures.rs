@@ -5,37 +5,40 @@ use std::path::{Path, PathBuf};
 
 use super::Log;
 use crate::store::RunId;
-use link::{Capture, Wiring};
+use link::{Capture, LinkMode};
 
 /// Names of the capture files: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct Captures(PathBuf);
+pub(super) struct CaptureFiles(PathBuf);
 
 /// The capture of one cycle.
-pub(super) struct Begun<'a> {
-    captures: &'a Captures,
+pub(super) struct RunCapture<'a> {
+    captures: &'a CaptureFiles,
     file: PathBuf,
     capture: Capture,
     log: &'a Log,
 }
 
-impl Captures {
+impl CaptureFiles {
     pub(super) fn new(file: PathBuf) -> Self {
         Self(file)
     }
 
     /// Creates the capture file of a cycle; never overwrites a file. On failure, a fault is logged and the run
     /// continues without a capture.
-    pub(super) fn begin<'a>(&'a self, log: &'a Log) -> Option<Begun<'a>> {
-        let later = (2..).map(|number| self.named(&format!("begun-{number}")));
-        for file in std::iter::once(self.named("begun")).chain(later) {
+    pub(super) fn create_for_cycle<'a>(&'a self, log: &'a Log) -> Option<RunCapture<'a>> {
+        let numbered_paths = (2..).map(|number| self.path_for(&format!("begun-{number}")));
+        for file in std::iter::once(self.path_for("begun")).chain(numbered_paths) {
             match Capture::create(&file) {
-                Ok(capture) => return Some(Begun { captures: self, file, capture, log }),
+                Ok(capture) => return Some(RunCapture { captures: self, file, capture, log }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
-                    log.fault(&format!("{}: no capture: {error}", file.display()));
+                    log.error(&format!(
+                        "{}: the capture file cannot be created: {error}",
+                        file.display()
+                    ));
                     return None;
                 }
             }
@@ -44,29 +47,30 @@ impl Captures {
     }
 
     /// Removes the capture of `run`. Returns whether a file was removed.
-    pub(super) fn forget(&self, run: RunId) -> bool {
-        std::fs::remove_file(self.named(&run.to_string())).is_ok()
+    pub(super) fn remove(&self, run: RunId) -> bool {
+        std::fs::remove_file(self.path_for(&run.to_string())).is_ok()
     }
 
-    fn named(&self, what: &str) -> PathBuf {
+    fn path_for(&self, label: &str) -> PathBuf {
         let Self(file) = self;
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-        let ending = file.extension().map(|ending| format!(".{}", ending.to_string_lossy()));
-        file.with_file_name(format!("{stem}-{what}{}", ending.unwrap_or_default()))
+        let extension =
+            file.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
+        file.with_file_name(format!("{stem}-{label}{}", extension.unwrap_or_default()))
     }
 }
 
-impl Begun<'_> {
-    pub(super) fn wiring(&self) -> Wiring {
-        Wiring::Captured(self.capture.clone())
+impl RunCapture<'_> {
+    pub(super) fn wiring(&self) -> LinkMode {
+        LinkMode::Captured(self.capture.clone())
     }
 
     /// Renames the capture after the run, which now has its number.
-    pub(super) fn is_of(&self, run: RunId) {
-        let (from, to) = (&self.file, self.captures.named(&run.to_string()));
-        if let Err(error) = keep(from, &to) {
-            self.log.fault(&format!(
-                "{}: {error}: the capture stays {}",
+    pub(super) fn name_after_run(&self, run: RunId) {
+        let (from, to) = (&self.file, self.captures.path_for(&run.to_string()));
+        if let Err(error) = rename_without_overwrite(from, &to) {
+            self.log.error(&format!(
+                "{}: the capture file cannot be renamed: {error}; the file keeps the name {}",
                 to.display(),
                 from.display()
             ));
@@ -76,13 +80,13 @@ impl Begun<'_> {
     /// Completes the capture after the run, whatever its outcome.
     pub(super) fn finish(self) {
         if let Err(error) = self.capture.finish() {
-            self.log.fault(&format!("the capture is not whole: {error}"));
+            self.log.error(&format!("the capture file is incomplete: {error}"));
         }
     }
 }
 
 /// Renames `from` to `to`; never overwrites a file.
-fn keep(from: &Path, to: &Path) -> std::io::Result<()> {
+fn rename_without_overwrite(from: &Path, to: &Path) -> std::io::Result<()> {
     match std::fs::hard_link(from, to) {
         Ok(()) => std::fs::remove_file(from),
         Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(error),
@@ -101,14 +105,14 @@ mod tests {
     #[test]
     fn what_a_cycle_left_is_kept_and_the_next_takes_another_name() {
         let folder = tempfile::tempdir().unwrap();
-        let captures = Captures::new(folder.path().join("talk.capture"));
+        let captures = CaptureFiles::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();
         }
         let log: Log = Log::new(|_, line| panic!("{line}"));
-        let begun = captures.begin(&log).unwrap();
-        begun.is_of(RunId(17));
+        let begun = captures.create_for_cycle(&log).unwrap();
+        begun.name_after_run(RunId(17));
         begun.finish();
         let mut names: Vec<_> = std::fs::read_dir(folder.path())
             .unwrap()

@@ -12,12 +12,12 @@ use tracing::field::Empty;
 use tracing::info_span;
 
 use super::Log;
-use super::config::{Config, Demand};
+use super::config::{ServeConfig, StartInterlock};
 use super::heartbeat::Heartbeat;
 use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, State};
 use super::schedule_state::{DueRequest, ReadinessSource};
-use super::worker_command::{Answer, Inspection, Stopped, WorkerCommand};
-use crate::run::{Asked, PromptAnswers, Rehearsed};
+use super::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection, WorkerCommand};
+use crate::run::{OpenPrompt, PromptAnswers, RehearsalResult};
 use crate::store::{Journal, NewestRuns, RunId, StoreError};
 use devices::controllers::Halt;
 
@@ -29,9 +29,9 @@ pub(super) struct Inner {
     /// Whether an accepted command is not finished yet.
     acting: bool,
     /// The answered prompt and the name of the person who answered, until the run reads them.
-    answer: Option<(Asked, String)>,
+    answer: Option<(OpenPrompt, String)>,
     /// Results of the rehearsal, by cycle number.
-    rehearsed: BTreeMap<u16, Rehearsed>,
+    rehearsed: BTreeMap<u16, RehearsalResult>,
     /// Time at which the last cycle ended.
     last_end: Option<Instant>,
     pub(super) heartbeat: Heartbeat,
@@ -44,7 +44,7 @@ pub struct CommandGate {
     inner: Arc<Mutex<Inner>>,
     commands: mpsc::Sender<WorkerCommand>,
     cycles: Arc<[u16]>,
-    demand: Arc<[Demand]>,
+    demand: Arc<[StartInterlock]>,
     min_interval: Duration,
     log: Log,
     /// Counter of the changes of the machine state.
@@ -55,7 +55,7 @@ pub struct CommandGate {
 
 impl CommandGate {
     /// The receiver gets the accepted commands.
-    pub fn new(config: &Config, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
+    pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (commands, todo) = mpsc::channel(8);
         let inner = Inner {
             machine_state: MachineState::default(),
@@ -65,15 +65,15 @@ impl CommandGate {
             answer: None,
             rehearsed: BTreeMap::new(),
             last_end: None,
-            heartbeat: Heartbeat::now(config.patience),
+            heartbeat: Heartbeat::now(config.event_timeout),
             readiness_sources: Vec::new(),
             due_requests: None,
         };
         let gate = Self {
             inner: Arc::new(Mutex::new(inner)),
             commands,
-            cycles: config.cycle.iter().map(|cycle| cycle.number).collect(),
-            demand: config.demand.clone().into(),
+            cycles: config.cycles.iter().map(|cycle| cycle.number).collect(),
+            demand: config.required_interlocks.clone().into(),
             min_interval: config.min_interval,
             log,
             changes: Arc::new(watch::Sender::new(0)),
@@ -105,7 +105,7 @@ impl CommandGate {
     /// The journal cannot be read; the previous result is discarded.
     pub fn query_newest(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
         let query = self.newest_query.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = journal.newest(machine);
+        let found = journal.newest_results(machine);
         let newest = found.as_ref().map_or_else(|_| NewestRuns::default(), NewestRuns::clone);
         if *self.inner().machine_state.newest != newest {
             self.update(|machine_state| machine_state.newest = Arc::new(newest));
@@ -142,7 +142,7 @@ impl CommandGate {
         inner.machine_state.begins(cycle, machine_s);
         drop(inner);
         self.changed();
-        self.log.say(&format!("cycle {cycle} is started by {by}"));
+        self.log.info(&format!("cycle {cycle} is started by {by}"));
         Ok(())
     }
 
@@ -156,14 +156,14 @@ impl CommandGate {
         run: RunId,
         inspection: Inspection<'_>,
         interlocks: Interlocks,
-    ) -> Result<Answer, Refusal> {
+    ) -> Result<AcknowledgementReceiver, Refusal> {
         let mut inner = self.inner();
         let judged = match inner.machine_state.state {
             State::Held => interlocks.lacks(&self.demand).map_or(Ok(()), Err),
             State::Running => Err(Refusal::Busy),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (acknowledgement, answer) = inspection.acknowledgement();
+        let (acknowledgement, answer) = inspection.acknowledgement_channel();
         let command = WorkerCommand::Resume { run, acknowledgement };
         if let Err(why) = judged.and_then(|()| self.send(&mut inner, command)) {
             drop(inner);
@@ -177,7 +177,7 @@ impl CommandGate {
         inner.machine_state.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
-        self.log.say(&format!("run {run} is resumed by {}", inspection.who));
+        self.log.info(&format!("run {run} is resumed by {}", inspection.who));
         Ok(answer)
     }
 
@@ -202,7 +202,8 @@ impl CommandGate {
         if !self.cycles.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.rehearsed.get(&cycle).is_some_and(|known| known.asks) && !interlocks.person {
+        if inner.rehearsed.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person
+        {
             return Err(Refusal::AsksPerson);
         }
         if let Some(why) = interlocks.lacks(&self.demand) {
@@ -222,20 +223,23 @@ impl CommandGate {
         *inner.machine_state.counters.refusals.entry(why).or_default() += 1;
         drop(inner);
         self.changed();
-        self.log.say(&format!("refused, {what}: {why}"));
+        self.log.info(&format!("request refused: {what}: {why}"));
     }
 
     /// Acknowledges the held or failed state: a person has inspected the machine. The held run stays as it is.
     ///
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
-    pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<Answer, Refusal> {
+    pub fn acknowledge(
+        &self,
+        inspection: Inspection<'_>,
+    ) -> Result<AcknowledgementReceiver, Refusal> {
         let mut inner = self.inner();
         let judged = match inner.machine_state.state {
             State::Held | State::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
-        let (acknowledgement, answer) = inspection.acknowledgement();
+        let (acknowledgement, answer) = inspection.acknowledgement_channel();
         if let Err(why) =
             judged.and_then(|()| self.send(&mut inner, WorkerCommand::Acknowledge(acknowledgement)))
         {
@@ -247,7 +251,7 @@ impl CommandGate {
     }
 
     /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
-    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, Rehearsed>) {
+    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, RehearsalResult>) {
         self.inner().rehearsed = cycles;
     }
 
@@ -257,7 +261,7 @@ impl CommandGate {
     /// No prompt, or another one, is open; the refusal is also in the machine state and in the log.
     pub fn answer(&self, (step, repeat): (u32, u32), who: &str) -> Result<(), Refusal> {
         let mut inner = self.inner();
-        let meant = |asked: &mut Asked| (asked.step, asked.repeat) == (step, repeat);
+        let meant = |asked: &mut OpenPrompt| (asked.step, asked.repeat) == (step, repeat);
         let Some(asked) = inner.machine_state.asked.take_if(meant) else {
             drop(inner);
             let why = Refusal::NotAsked;
@@ -283,26 +287,26 @@ impl CommandGate {
 
     /// Holds the machine at once if a run is in progress or about to begin, even if the machine state does not show
     /// a run.
-    pub fn stop(&self, by: &str) -> Stopped {
+    pub fn stop(&self, by: &str) -> HoldEffect {
         let mut inner = self.inner();
         if inner.machine_state.state != State::Running && inner.halt.is_none() {
             return if inner.machine_state.elsewhere {
-                Stopped::Elsewhere
+                HoldEffect::OtherProcess
             } else {
-                Stopped::Nothing
+                HoldEffect::NoRun
             };
         }
         inner.stop = true;
         let (halt, run) = (inner.halt.clone(), inner.machine_state.run);
         drop(inner);
         if let Some(halt) = halt {
-            halt.now();
+            halt.trigger();
         }
         // Logged on the caller's thread, with the number of the run that is held; 0 means none.
         let span = info_span!("hold", run = Empty);
         span.record("run", (run > 0).then_some(run));
-        span.in_scope(|| self.log.say(&format!("stopped by {by}")));
-        Stopped::Run
+        span.in_scope(|| self.log.info(&format!("hold requested by {by}")));
+        HoldEffect::RunHeld
     }
 
     /// Ends the service: holds the machine as [`Self::stop`] does, and accepts no further start.
@@ -313,7 +317,7 @@ impl CommandGate {
         let halt = inner.halt.clone();
         drop(inner);
         if let Some(halt) = halt {
-            halt.now();
+            halt.trigger();
         }
         self.changed();
         // If the channel is full, the worker checks the state before each command.
@@ -331,7 +335,7 @@ impl CommandGate {
         let stop = inner.stop;
         drop(inner);
         if stop {
-            halt.now();
+            halt.trigger();
         }
     }
 

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::schedule::entry::{self, Entry};
-use link::{HostPort, Named};
+use super::schedule::entry::{self, ScheduleEntry};
+use link::{HostPort, LinkConfig};
 
 /// Highest cycle number; the lowest is 1. The Modbus map has one start coil for each cycle.
 pub const MAX_CYCLES: u16 = 8;
@@ -15,7 +15,7 @@ pub const MAX_CYCLES: u16 = 8;
 /// A condition that the machine itself must report before a cycle starts from outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Demand {
+pub enum StartInterlock {
     /// The external start is enabled: by a key switch at the machine, or by a bit of its PLC.
     Enable,
     /// The control is in automatic mode.
@@ -26,7 +26,7 @@ pub enum Demand {
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Cycle {
+pub struct CycleConfig {
     /// Number by which the cycle is started, from 1.
     pub number: u16,
     pub method: String,
@@ -37,7 +37,7 @@ pub struct Cycle {
 /// The daemon's own Modbus TCP server.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Modbus {
+pub struct ModbusConfig {
     /// Address and port of this computer to listen on.
     pub listen: SocketAddr,
     #[serde(default)]
@@ -46,7 +46,7 @@ pub struct Modbus {
     pub allow: Vec<IpAddr>,
     /// Maximum time between two changes of the control's `alive` register, s. After that, the inputs of the control
     /// count as stale.
-    #[serde(default = "fresh_s")]
+    #[serde(default = "default_fresh_s")]
     pub fresh_s: f64,
 }
 
@@ -63,29 +63,29 @@ struct HttpKeys {
 /// The page and the HTTP API.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "HttpKeys")]
-pub struct Http {
+pub struct HttpConfig {
     /// Address and port to listen on; a loopback address only.
     pub listen: SocketAddr,
     /// Host names under which a proxy on this computer receives requests, with the port unless it is the default.
-    pub names: Vec<String>,
+    pub proxy_names: Vec<String>,
     /// Whether every client must present its own token.
-    pub tokens: bool,
+    pub requires_tokens: bool,
 }
 
-impl TryFrom<HttpKeys> for Http {
+impl TryFrom<HttpKeys> for HttpConfig {
     type Error = String;
 
     fn try_from(HttpKeys { listen, names, tokens }: HttpKeys) -> Result<Self, String> {
         if !names.is_empty() && !tokens {
-            return Err("names let people elsewhere in, and whoever asks may start a cycle: say `tokens = true`, \
-                        and make a token for each with `trued token add`"
+            return Err("`names` gives access from other computers, where any client may start a cycle: set \
+                        `tokens = true`, and create a token for each client with `trued token add`"
                 .to_owned());
         }
         match listen.ip().is_loopback() {
-            true => Ok(Self { listen, names, tokens }),
+            true => Ok(Self { listen, proxy_names: names, requires_tokens: tokens }),
             false => Err(format!(
-                "listen is `{listen}`, which others can reach, and whoever reaches it may start a cycle: \
-                 listen on 127.0.0.1"
+                "listen is `{listen}`, which other computers can reach, and any client there may start a cycle: \
+                 set it to 127.0.0.1"
             )),
         }
     }
@@ -103,82 +103,82 @@ struct LineKeys {
 /// The serial or TCP text interface, with lines such as `START 1 ENABLE AUTO DOOR`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "LineKeys")]
-pub struct Line(pub Named);
+pub struct LineConfig(pub LinkConfig);
 
-const USUAL_BAUD: u32 = 9600;
+const DEFAULT_BAUD: u32 = 9600;
 
-impl TryFrom<LineKeys> for Line {
+impl TryFrom<LineKeys> for LineConfig {
     type Error = String;
 
     fn try_from(LineKeys { serial, serial_id, baud, tcp }: LineKeys) -> Result<Self, String> {
-        Named::of((serial, serial_id, tcp), baud, USUAL_BAUD).map(Self)
+        LinkConfig::from_keys((serial, serial_id, tcp), baud, DEFAULT_BAUD).map(Self)
     }
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
-    #[serde(default = "min_interval_s")]
+struct ServeKeys {
+    #[serde(default = "default_min_interval_s")]
     min_interval_s: f64,
-    #[serde(default = "patience_s")]
+    #[serde(default = "default_patience_s")]
     patience_s: f64,
-    #[serde(default = "verdict_h")]
+    #[serde(default = "default_verdict_h")]
     verdict_h: f64,
-    #[serde(default = "all")]
-    demand: Vec<Demand>,
-    cycle: Vec<Cycle>,
-    modbus: Option<Modbus>,
-    line: Option<Line>,
-    http: Option<Http>,
+    #[serde(default = "default_demand")]
+    demand: Vec<StartInterlock>,
+    cycle: Vec<CycleConfig>,
+    modbus: Option<ModbusConfig>,
+    line: Option<LineConfig>,
+    http: Option<HttpConfig>,
     #[serde(default)]
-    schedule: Vec<Entry>,
+    schedule: Vec<ScheduleEntry>,
 }
 
 /// `[serve]`, validated.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
+#[serde(try_from = "ServeKeys")]
+pub struct ServeConfig {
     /// Minimum time between the end of a cycle and the start of the next.
     pub min_interval: Duration,
     /// Maximum time between two events of a run; after that, the run counts as hung.
-    pub patience: Duration,
+    pub event_timeout: Duration,
     /// Time for which a verdict stays valid.
-    pub verdict: Duration,
-    /// Conditions of an external start; always contains [`Demand::Enable`].
-    pub demand: Vec<Demand>,
-    pub cycle: Vec<Cycle>,
-    pub modbus: Option<Modbus>,
-    pub line: Option<Line>,
-    pub http: Option<Http>,
-    pub schedule: Vec<Entry>,
+    pub verdict_validity: Duration,
+    /// Conditions of an external start; always contains [`StartInterlock::Enable`].
+    pub required_interlocks: Vec<StartInterlock>,
+    pub cycles: Vec<CycleConfig>,
+    pub modbus: Option<ModbusConfig>,
+    pub line: Option<LineConfig>,
+    pub http: Option<HttpConfig>,
+    pub schedules: Vec<ScheduleEntry>,
 }
 
-fn min_interval_s() -> f64 {
+fn default_min_interval_s() -> f64 {
     5.0
 }
 
-fn patience_s() -> f64 {
+fn default_patience_s() -> f64 {
     900.0
 }
 
 /// Default validity of a verdict, h: one week between measurements, and one day of tolerance.
-fn verdict_h() -> f64 {
+fn default_verdict_h() -> f64 {
     192.0
 }
 
-fn fresh_s() -> f64 {
+fn default_fresh_s() -> f64 {
     1.0
 }
 
-fn all() -> Vec<Demand> {
-    vec![Demand::Enable, Demand::Auto, Demand::Door]
+fn default_demand() -> Vec<StartInterlock> {
+    vec![StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door]
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<ServeKeys> for ServeConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys {
+    fn try_from(keys: ServeKeys) -> Result<Self, String> {
+        let ServeKeys {
             min_interval_s,
             patience_s,
             verdict_h,
@@ -190,60 +190,72 @@ impl TryFrom<Keys> for Config {
             schedule,
         } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
-            return Err(format!("min_interval_s is {min_interval_s}; from 0 to 86400"));
+            return Err(format!("min_interval_s is {min_interval_s}; allowed: 0 to 86400"));
         }
         if !(1.0..=86_400.0).contains(&patience_s) {
-            return Err(format!("patience_s is {patience_s}; from 1 to 86400"));
+            return Err(format!("patience_s is {patience_s}; allowed: 1 to 86400"));
         }
         if !(0.1..=8784.0).contains(&verdict_h) {
-            return Err(format!("verdict_h is {verdict_h}; from 0.1 to 8784"));
+            return Err(format!("verdict_h is {verdict_h}; allowed: 0.1 to 8784"));
         }
-        if !demand.contains(&Demand::Enable) {
+        if !demand.contains(&StartInterlock::Enable) {
             return Err(
-                "demand must contain `enable`: a start from outside is enabled at the machine, \
-                        never by software alone"
+                "demand must contain `enable`: an external start must be enabled at the machine, \
+                        not by software alone"
                     .to_owned(),
             );
         }
         check_cycles(&cycle)?;
         let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
-        entry::check(&schedule, &numbers)?;
+        entry::validate_entries(&schedule, &numbers)?;
         modbus.as_ref().map_or(Ok(()), check_modbus)?;
         let min_interval = Duration::from_secs_f64(min_interval_s);
-        let patience = Duration::from_secs_f64(patience_s);
-        let verdict = Duration::from_secs_f64(3600.0 * verdict_h);
-        Ok(Self { min_interval, patience, verdict, demand, cycle, modbus, line, http, schedule })
+        let event_timeout = Duration::from_secs_f64(patience_s);
+        let verdict_validity = Duration::from_secs_f64(3600.0 * verdict_h);
+        Ok(Self {
+            min_interval,
+            event_timeout,
+            verdict_validity,
+            required_interlocks: demand,
+            cycles: cycle,
+            modbus,
+            line,
+            http,
+            schedules: schedule,
+        })
     }
 }
 
-fn check_cycles(cycles: &[Cycle]) -> Result<(), String> {
+fn check_cycles(cycles: &[CycleConfig]) -> Result<(), String> {
     for (index, cycle) in cycles.iter().enumerate() {
         if !(1..=MAX_CYCLES).contains(&cycle.number) {
             return Err(format!("cycle number {} is not from 1 to {MAX_CYCLES}", cycle.number));
         }
         if cycles[..index].iter().any(|other| other.number == cycle.number) {
-            return Err(format!("cycle number {} is given twice", cycle.number));
+            return Err(format!("cycle number {} occurs twice", cycle.number));
         }
     }
     match cycles.is_empty() {
-        true => Err("no cycle may be started: add [[serve.cycle]]".to_owned()),
+        true => Err("no cycle is configured: add [[serve.cycle]]".to_owned()),
         false => Ok(()),
     }
 }
 
-fn check_modbus(modbus: &Modbus) -> Result<(), String> {
+fn check_modbus(modbus: &ModbusConfig) -> Result<(), String> {
     if modbus.listen.ip().is_unspecified() && !modbus.any_interface {
         return Err(format!(
-            "modbus.listen is `{}`, every interface of this computer: name the address that leads to \
-             the machine, or say `any_interface = true`",
+            "modbus.listen is `{}`, every interface of this computer: set the address of the interface to \
+             the machine, or set `any_interface = true`",
             modbus.listen
         ));
     }
     if modbus.allow.is_empty() {
-        return Err("modbus.allow is empty: name the addresses that may connect".to_owned());
+        return Err(
+            "modbus.allow is empty: list the addresses of the clients that may connect".to_owned()
+        );
     }
     match (0.1..=60.0).contains(&modbus.fresh_s) {
         true => Ok(()),
-        false => Err(format!("modbus.fresh_s is {}; from 0.1 to 60", modbus.fresh_s)),
+        false => Err(format!("modbus.fresh_s is {}; allowed: 0.1 to 60", modbus.fresh_s)),
     }
 }

@@ -21,16 +21,18 @@ impl CycleFailure {
 }
 
 /// Message and remedy of a cycle that failed.
-pub(super) fn failure_of(error: &CycleError) -> Failure {
+pub(super) fn describe_failure(error: &CycleError) -> Failure {
     let (what, remedy) = match error {
         CycleError::Run { run, error, .. } => (format!("run {run}: {error}"), error.remedy()),
         CycleError::Identification { run, why } => (
-            format!("run {run} is measured and kept, but not identified: {why}"),
+            format!("run {run} is measured and stored, but not identified: {why}"),
             why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
-                + &format!("`trued resume {run}` tries again, the machine does not move"),
+                + &format!(
+                    "`trued resume {run}` repeats the identification; the machine does not move"
+                ),
         ),
         CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
-        CycleError::Unqualified(error) => (error.to_string(), error.remedy()),
+        CycleError::Qualification(error) => (error.to_string(), error.remedy()),
     };
     Failure { what, remedy: Some(remedy) }
 }

@@ -5,23 +5,23 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::config::{Config, Http};
+use super::config::{HttpConfig, ServeConfig};
 use super::retention::Retention;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{Document, MachineFileError, value_problem};
 
-const SECTIONS: [&str; 3] = ["http", "machine", "retention"];
+const SECTION_NAMES: [&str; 3] = ["http", "machine", "retention"];
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Entry {
+struct MachineEntry {
     file: PathBuf,
 }
 
 /// Content of the daemon's file.
 pub struct DaemonFile {
-    pub machines: Vec<(MachineFile, Config)>,
-    pub http: Option<Http>,
+    pub machines: Vec<(MachineFile, ServeConfig)>,
+    pub http: Option<HttpConfig>,
     pub retention: Option<Retention>,
 }
 
@@ -30,17 +30,17 @@ impl DaemonFile {
     /// This file or a machine file is invalid; the error gives file, line, key and remedy.
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let document = Document::read(path)?;
-        document.only(&[], &SECTIONS)?;
-        let http = document.section(&["http"], Http::deserialize)?;
-        let retention = document.section(&["retention"], Retention::deserialize)?;
-        let entries: Vec<Entry> = document.required(&["machine"])?;
+        document.check_known_keys(&[], &SECTION_NAMES)?;
+        let http = document.read_section(&["http"], HttpConfig::deserialize)?;
+        let retention = document.read_section(&["retention"], Retention::deserialize)?;
+        let entries: Vec<MachineEntry> = document.read_required(&["machine"])?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let machines = entries.iter().enumerate().map(|(index, entry)| {
-            let (machine, config) = served(MachineFile::read(&folder.join(&entry.file))?)?;
+            let (machine, config) = with_serve_section(MachineFile::read(&folder.join(&entry.file))?)?;
             let Some(http) = &config.http else { return Ok((machine, config)) };
             let why = format!(
-                "names a machine with a page of its own at {}: one daemon has one page; move \
-                 [serve.http] of that file here as [http]",
+                "refers to a machine file that configures its own page at {}: one daemon serves one page; \
+                 move [serve.http] of that file to this file as [http]",
                 http.listen
             );
             let problem = value_problem(&["machine", "file"], why);
@@ -53,8 +53,8 @@ impl DaemonFile {
     ///
     /// # Errors
     /// As [`Self::read`].
-    pub fn of_machine(path: &Path) -> Result<Self, MachineFileError> {
-        let (machine, config) = served(MachineFile::read(path)?)?;
+    pub fn for_machine_file(path: &Path) -> Result<Self, MachineFileError> {
+        let (machine, config) = with_serve_section(MachineFile::read(path)?)?;
         let http = config.http.clone();
         Ok(Self { machines: vec![(machine, config)], http, retention: None })
     }
@@ -64,15 +64,21 @@ impl DaemonFile {
     /// # Errors
     /// As [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
-        let machine = served(MachineFile::embedded_for("self-calibration")?)?;
-        let http = Http { listen: ([127, 0, 0, 1], 8137).into(), names: Vec::new(), tokens: false };
+        let machine = with_serve_section(MachineFile::embedded_for("self-calibration")?)?;
+        let http = HttpConfig {
+            listen: ([127, 0, 0, 1], 8137).into(),
+            proxy_names: Vec::new(),
+            requires_tokens: false,
+        };
         Ok(Self { machines: vec![machine], http: Some(http), retention: None })
     }
 }
 
-fn served(machine: MachineFile) -> Result<(MachineFile, Config), MachineFileError> {
-    machine.check_method_names(&methods::names())?;
-    let config = machine.serve()?;
+fn with_serve_section(
+    machine: MachineFile,
+) -> Result<(MachineFile, ServeConfig), MachineFileError> {
+    machine.check_method_names(&methods::method_names())?;
+    let config = machine.read_serve()?;
     Ok((machine, config))
 }
 
@@ -85,7 +91,7 @@ mod tests {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/trued.toml");
         let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);
-        assert_eq!(machines[0].1.cycle[0].method, "self-calibration");
+        assert_eq!(machines[0].1.cycles[0].method, "self-calibration");
         // The built-in machine is what `trued serve` serves without a file.
         let DaemonFile { machines: built_in, http: page, .. } = DaemonFile::built_in().unwrap();
         assert_eq!(machines[0].0.text(), built_in[0].0.text());

@@ -1,8 +1,8 @@
 //! State of the machine's last run in the journal: whether it waits for a person.
 
 use super::machine_state::Failure;
-use crate::archive::story::{how_it_ended, is_left, position_lost};
-use crate::store::{Journal, RunId, RunSummary, StoreError, Wanted};
+use crate::archive::run_story::{describe_end, is_abandoned, position_lost};
+use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 
 /// An unfinished run that waits for a person.
 pub struct Unfinished {
@@ -14,8 +14,8 @@ pub struct Unfinished {
 
 /// The newest run of `machine`.
 pub fn last_of(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, StoreError> {
-    let wanted = Wanted { machine: Some(machine), ..Wanted::default() };
-    Ok(journal.some_runs(wanted, 1)?.pop())
+    let wanted = RunFilter { machine: Some(machine), ..RunFilter::default() };
+    Ok(journal.list_runs(wanted, 1)?.pop())
 }
 
 /// The last run of `machine`, if it is unfinished and no person has acknowledged that it stays unfinished.
@@ -23,12 +23,12 @@ pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>
     let Some(last) = last_of(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
     };
-    let stored = journal.load(last.id)?;
-    if is_left(&stored) {
+    let stored = journal.load_run(last.id)?;
+    if is_abandoned(&stored) {
         return Ok(None);
     }
-    let (position_lost, what) = (position_lost(&stored), how_it_ended(&stored));
-    let why = Failure { what, remedy: Some("look at the machine".to_owned()) };
+    let (position_lost, what) = (position_lost(&stored), describe_end(&stored));
+    let why = Failure { what, remedy: Some("inspect the machine".to_owned()) };
     Ok(Some(Unfinished { run: last.id, position_lost, why }))
 }
 
@@ -46,10 +46,10 @@ mod tests {
         let journal = Journal::open(dir.path()).unwrap();
         let new =
             NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
-        let run = journal.begin(&new).wait().unwrap();
+        let run = journal.begin_run(&new).wait().unwrap();
         journal.set_state(run, RunState::Held).wait().unwrap();
         let waits = |event: Event| {
-            journal.event(run, &event).wait().unwrap();
+            journal.add_event(run, &event).wait().unwrap();
             unfinished(&journal, "mill").unwrap().map(|before| before.position_lost)
         };
         let word =

@@ -7,7 +7,7 @@ use std::sync::Arc;
 pub enum Severity {
     Info,
     /// An error that needs attention.
-    Fault,
+    Error,
 }
 
 type LogSink = dyn Fn(Severity, &str) + Send + Sync;
@@ -21,17 +21,17 @@ impl Log {
         Self(Arc::new(sink))
     }
 
-    pub fn say(&self, words: &str) {
-        (self.0)(Severity::Info, words);
+    pub fn info(&self, line: &str) {
+        (self.0)(Severity::Info, line);
     }
 
-    pub fn fault(&self, words: &str) {
-        (self.0)(Severity::Fault, words);
+    pub fn error(&self, line: &str) {
+        (self.0)(Severity::Error, line);
     }
 
     /// A log that puts the machine's name before each line.
-    pub fn of(&self, name: String) -> Self {
+    pub fn for_machine(&self, name: String) -> Self {
         let log = self.clone();
-        Self::new(move |kind, words| (log.0)(kind, &format!("{name}: {words}")))
+        Self::new(move |severity, line| (log.0)(severity, &format!("{name}: {line}")))
     }
 }

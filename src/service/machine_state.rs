@@ -6,10 +6,10 @@ use std::sync::Arc;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::config::Demand;
+use super::config::StartInterlock;
 use super::metrics::Outcome;
 use super::schedule_state::Planned;
-use crate::run::Asked;
+use crate::run::OpenPrompt;
 use crate::store::NewestRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::watch::LiveValues;
@@ -47,41 +47,41 @@ impl State {
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Refusal {
-    #[error("a run is on")]
+    #[error("a run is in progress")]
     Busy = 1,
-    #[error("the machine is held: a person must look at it and acknowledge")]
+    #[error("the machine is held: inspect the machine, then acknowledge")]
     Held = 2,
     #[error("the last cycle failed and is not acknowledged")]
     Failed = 3,
-    #[error("the configuration has no such cycle")]
+    #[error("the configuration does not contain this cycle")]
     NoSuchCycle = 4,
     #[error("the external start is not enabled at the machine")]
     NotEnabled = 5,
-    #[error("the control is not in its automatic mode")]
+    #[error("the control is not in automatic mode")]
     NotAuto = 6,
     #[error("a guard is open")]
     DoorOpen = 7,
-    #[error("the control's sign of life is too old")]
+    #[error("the inputs from the control are out of date")]
     Stale = 8,
-    #[error("the last cycle ended or was asked for only just now")]
+    #[error("the last cycle ended less than `min_interval_s` ago")]
     TooSoon = 9,
-    #[error("the stop is asked for as well")]
+    #[error("the stop input is set")]
     Stopped = 10,
-    #[error("several cycles at once")]
+    #[error("one request contains the start of several cycles")]
     Several = 11,
     #[error("the service is not ready")]
     NotReady = 12,
-    #[error("the control may have lost its position: home, then `trued resume`")]
+    #[error("the control may have lost its position: home all axes, then run `trued resume`")]
     PositionLost = 13,
-    #[error("another program has the machine")]
+    #[error("another program uses the machine")]
     Elsewhere = 14,
     #[error("there is nothing to acknowledge")]
     NothingToAcknowledge = 15,
-    #[error("no such word")]
+    #[error("the line is not a valid command")]
     Unreadable = 16,
-    #[error("its plan asks a person: somebody must be there who starts and answers it")]
+    #[error("the plan of this cycle has prompts: a person must start it and answer them")]
     AsksPerson = 17,
-    #[error("that is not asked, or not any more")]
+    #[error("this prompt is not open")]
     NotAsked = 18,
 }
 
@@ -121,14 +121,14 @@ pub struct Interlocks {
 }
 
 impl Interlocks {
-    pub(super) fn lacks(self, demands: &[Demand]) -> Option<Refusal> {
+    pub(super) fn lacks(self, demands: &[StartInterlock]) -> Option<Refusal> {
         if !self.fresh {
             return Some(Refusal::Stale);
         }
-        let missing = |demand: &Demand| match demand {
-            Demand::Enable => (!self.enable).then_some(Refusal::NotEnabled),
-            Demand::Auto => (!self.auto).then_some(Refusal::NotAuto),
-            Demand::Door => (!self.door).then_some(Refusal::DoorOpen),
+        let missing = |demand: &StartInterlock| match demand {
+            StartInterlock::Enable => (!self.enable).then_some(Refusal::NotEnabled),
+            StartInterlock::Auto => (!self.auto).then_some(Refusal::NotAuto),
+            StartInterlock::Door => (!self.door).then_some(Refusal::DoorOpen),
         };
         demands.iter().find_map(missing).or(self.stop.then_some(Refusal::Stopped))
     }
@@ -165,7 +165,7 @@ pub struct MachineState {
     /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
     pub failure: Option<Failure>,
     /// Open prompt; the machine does not move before a person answers it.
-    pub asked: Option<Asked>,
+    pub asked: Option<OpenPrompt>,
     /// Live values of the sensors that the open prompt names; `None` before the first values.
     pub live: Option<LiveValues>,
     /// Schedules with their next times and the reasons why due slots wait.

@@ -89,17 +89,18 @@ impl Metrics {
     fn registered(&self) -> Registry {
         let mut registry = Registry::with_prefix("trued");
         let build = Info::new([("version", env!("CARGO_PKG_VERSION"))]);
-        registry.register("build", "This program", build);
-        registry.register("runs", "Cycles by how they ended", self.runs.clone());
+        registry.register("build", "Version of the program", build);
+        registry.register("runs", "Cycles by outcome", self.runs.clone());
         registry.register("readings", "Touches and scans in the journal", self.readings.clone());
-        registry.register("refusals", "What was asked for in vain", self.refusals.clone());
+        registry.register("refusals", "Refused requests by reason", self.refusals.clone());
         let link_errors = self.link_errors.clone();
-        registry.register("link_errors", "Cycles that a link has ended", link_errors);
-        registry.register("state", "1 for the state that a machine is in", self.state.clone());
+        registry.register("link_errors", "Cycles that ended with a link error", link_errors);
+        registry.register("state", "1 for the current state of a machine", self.state.clone());
         let age = self.progress_age.clone();
-        let help = "Since the worker of a machine last made progress: what feeds the watchdog";
+        let help =
+            "Time since the worker of a machine last made progress; the watchdog monitors it";
         registry.register("progress_age_seconds", help, age);
-        let help = "How long the journal's writer took for a job, its commit included";
+        let help = "Duration of a write job of the journal, including its commit";
         registry.register("journal_write_seconds", help, self.wrote.clone());
         registry
     }

@@ -32,10 +32,10 @@ pub mod triggers;
 mod worker;
 mod worker_command;
 
-pub use self::config::{Config, Http};
+pub use self::config::{HttpConfig, ServeConfig};
 pub use self::daemon::Service;
 pub use self::daemon_file::DaemonFile;
-pub use self::http::{PageAddressFile, Role, Token, TokenError, Tokens, address};
+pub use self::http::{PageAddressFile, Role, Token, TokenError, Tokens, machine_page_path};
 pub use self::log::Log;
 use crate::run::RunError;
 use crate::setup::SetupError;
@@ -51,19 +51,19 @@ pub enum ServeError {
     #[error(transparent)]
     Lock(#[from] LockError),
     #[error("cycle {number} cannot be measured: {error}")]
-    Cycle { number: u16, error: Box<RunError> },
-    #[error("{what} cannot listen on {listen}: {source}")]
-    Listen { what: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
-    #[error("two machines are named `{0}`")]
-    SameName(String),
-    #[error("nothing could start a cycle of `{0}`")]
-    NoWayIn(String),
+    InvalidCycle { number: u16, error: Box<RunError> },
+    #[error("{server} cannot listen on {listen}: {source}")]
+    Listen { server: &'static str, listen: std::net::SocketAddr, source: std::io::Error },
+    #[error("two machines have the name `{0}`")]
+    DuplicateMachineName(String),
+    #[error("no interface can start a cycle of `{0}`")]
+    NoTrigger(String),
     #[error(transparent)]
     Token(#[from] TokenError),
     #[error("a thread cannot be started: {0}")]
     Thread(std::io::Error),
-    #[error("the thread of `{0}` has died")]
-    Died(String),
+    #[error("the worker thread of `{0}` panicked")]
+    ThreadPanicked(String),
 }
 
 impl ServeError {
@@ -73,23 +73,23 @@ impl ServeError {
             Self::Setup(error) => error.remedy(),
             Self::Store(error) => Some(error.remedy().to_owned()),
             Self::Lock(error) => Some(error.remedy().to_owned()),
-            Self::Cycle { error, .. } => Some(error.remedy()),
+            Self::InvalidCycle { error, .. } => Some(error.remedy()),
             Self::Listen { .. } => Some(
-                "its listen is an address of this computer and a port that nobody else \
-                 has; ports below 1024 need a right of their own"
+                "set `listen` to an address of this computer and a free port; a port below 1024 \
+                 requires the capability CAP_NET_BIND_SERVICE"
                     .to_owned(),
             ),
-            Self::SameName(_) => Some(
-                "the journal tells machines by their name: give each its own in [machine]"
+            Self::DuplicateMachineName(_) => Some(
+                "the journal identifies machines by name: give each machine its own `name` in [machine]"
                     .to_owned(),
             ),
-            Self::NoWayIn(_) => {
-                Some("add [serve.modbus], [serve.line] or [serve.http] to its file".to_owned())
+            Self::NoTrigger(_) => {
+                Some("add [serve.modbus], [serve.line] or [serve.http] to its machine file".to_owned())
             }
             Self::Token(error) => Some(error.remedy().to_owned()),
             Self::Thread(_) => None,
-            Self::Died(_) => Some(
-                "look at the machine and report what stands in the log as an error of trued"
+            Self::ThreadPanicked(_) => Some(
+                "inspect the machine, and report the error in the log as a defect of trued"
                     .to_owned(),
             ),
         }
@@ -98,7 +98,7 @@ impl ServeError {
 
 /// State in which the service ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
+pub enum ExitState {
     /// No run was in progress.
     Waiting,
     /// A run was in progress and is not complete: the machine is held.

@@ -14,56 +14,58 @@ use super::machine_state::State;
 use super::{Log, ServeError};
 
 /// Maximum time between two checks of the workers.
-const TICK: Duration = Duration::from_secs(1);
+const MAX_CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 /// Watched machines: name and gate of each.
-pub type Watched = Vec<(String, CommandGate)>;
+pub type WatchedMachines = Vec<(String, CommandGate)>;
 
 /// Notifies systemd that the daemon is ready, and watches the workers for as long as the process lives.
 ///
 /// # Errors
 /// The thread cannot be started.
-pub fn ready(watched: Watched, log: &Log) -> Result<(), ServeError> {
-    tell(&[Ready, Status(&status(&watched))], log);
-    let (mut watch, log) = (Watch::new(watched), log.clone());
-    let third = sd_notify::watchdog_enabled().map(|whole| whole / 3);
+pub fn start_watchdog(machines: WatchedMachines, log: &Log) -> Result<(), ServeError> {
+    notify_systemd(&[Ready, Status(&status_line(&machines))], log);
+    let (mut watch, log) = (WorkerWatch::new(machines), log.clone());
+    let feed_period = sd_notify::watchdog_enabled().map(|whole| whole / 3);
     let thread = Builder::new().name("watchdog".to_owned());
-    let thread = thread.spawn(move || look(&mut watch, third, &log));
+    let thread = thread.spawn(move || watch_workers(&mut watch, feed_period, &log));
     thread.map(drop).map_err(ServeError::Thread)
 }
 
-/// `third`: one third of systemd's watchdog timeout; `None` without a watchdog.
-fn look(watch: &mut Watch, third: Option<Duration>, log: &Log) {
-    let (mut fed, mut told) = (Instant::now(), String::new());
+/// `feed_period`: one third of systemd's watchdog timeout; `None` without a watchdog.
+fn watch_workers(watch: &mut WorkerWatch, feed_period: Option<Duration>, log: &Log) {
+    let (mut last_feed, mut last_status) = (Instant::now(), String::new());
     loop {
-        let live = watch.all_live(log);
-        if live && third.is_some_and(|third| fed.elapsed() >= third) {
-            fed = Instant::now();
-            tell(&[Watchdog], log);
+        let live = watch.check_workers(log);
+        if live && feed_period.is_some_and(|feed_period| last_feed.elapsed() >= feed_period) {
+            last_feed = Instant::now();
+            notify_systemd(&[Watchdog], log);
         }
-        let now = status(&watch.watched);
-        if now != told {
-            tell(&[Status(&now)], log);
-            told = now;
+        let now = status_line(&watch.machines);
+        if now != last_status {
+            notify_systemd(&[Status(&now)], log);
+            last_status = now;
         }
-        sleep(third.map_or(TICK, |third| third.min(TICK)));
+        sleep(
+            feed_period.map_or(MAX_CHECK_PERIOD, |feed_period| feed_period.min(MAX_CHECK_PERIOD)),
+        );
     }
 }
 
 /// Notifies systemd that the daemon is ending.
-pub fn stopping(log: &Log) {
-    tell(&[Stopping, Status("ending: machines are held where they stand")], log);
+pub fn notify_stopping(log: &Log) {
+    notify_systemd(&[Stopping, Status("ending: runs in progress are held")], log);
 }
 
-fn tell(states: &[NotifyState<'_>], log: &Log) {
+fn notify_systemd(states: &[NotifyState<'_>], log: &Log) {
     if let Err(error) = sd_notify::notify(states) {
-        log.fault(&format!("systemd cannot be told: {error}"));
+        log.error(&format!("the notification to systemd failed: {error}"));
     }
 }
 
 /// Status of all machines in one line.
-fn status(watched: &Watched) -> String {
-    let each = watched.iter().map(|(name, gate)| {
+fn status_line(machines: &WatchedMachines) -> String {
+    let each = machines.iter().map(|(name, gate)| {
         let machine_state = gate.machine_state();
         let name = name.replace(char::is_control, " ");
         match machine_state.state {
@@ -76,35 +78,35 @@ fn status(watched: &Watched) -> String {
     each.collect::<Vec<_>>().join("; ")
 }
 
-struct Watch {
-    watched: Watched,
+struct WorkerWatch {
+    machines: WatchedMachines,
     /// Whether each worker was late at the last check.
-    late: Vec<bool>,
+    was_late: Vec<bool>,
 }
 
-impl Watch {
-    fn new(watched: Watched) -> Self {
-        let late = vec![false; watched.len()];
-        Self { watched, late }
+impl WorkerWatch {
+    fn new(machines: WatchedMachines) -> Self {
+        let late = vec![false; machines.len()];
+        Self { machines, was_late: late }
     }
 
     /// Whether all workers make progress. A worker that no longer does is logged, and its machine is held: the hold
     /// reaches the control independently of the hung thread.
-    fn all_live(&mut self, log: &Log) -> bool {
-        for ((name, gate), was_late) in self.watched.iter().zip(&mut self.late) {
+    fn check_workers(&mut self, log: &Log) -> bool {
+        for ((name, gate), was_late) in self.machines.iter().zip(&mut self.was_late) {
             let is_late = gate.is_progress_late();
             if is_late && !*was_late {
                 let seconds = gate.progress_age().as_secs();
-                log.fault(&format!(
-                    "{name}: no progress for {seconds} s: the watchdog is fed no more"
+                log.error(&format!(
+                    "{name}: no progress for {seconds} s: the machine is held, and the systemd watchdog is no longer notified"
                 ));
                 let _ = gate.stop("the watchdog");
             } else if *was_late && !is_late {
-                log.say(&format!("{name}: progress again"));
+                log.info(&format!("{name}: progress has resumed"));
             }
             *was_late = is_late;
         }
-        !self.late.contains(&true)
+        !self.was_late.contains(&true)
     }
 }
 
@@ -113,33 +115,33 @@ mod tests {
     use super::*;
     use devices::controllers::Halt;
 
-    const LONG: Duration = Duration::from_secs(3600);
+    const LONG_TIMEOUT: Duration = Duration::from_secs(3600);
 
     #[test]
     fn one_that_hangs_stops_the_feed_and_is_held() {
         let log: Log = Log::new(|_, _| {});
-        let machines: Watched =
+        let machines: WatchedMachines =
             ["mill", "lathe"].map(|name| (name.to_owned(), CommandGate::for_tests().0)).into();
-        let mut watch = Watch::new(machines.clone());
+        let mut watch = WorkerWatch::new(machines.clone());
         let halt = Halt::new(|| {});
         let (_, mill) = &machines[0];
         mill.update(|machine_state| machine_state.state = State::Running);
         mill.register_halt(&halt);
-        machines.iter().for_each(|(_, gate)| gate.report_progress(LONG));
-        assert!(watch.all_live(&log) && !halt.is_halted());
+        machines.iter().for_each(|(_, gate)| gate.report_progress(LONG_TIMEOUT));
+        assert!(watch.check_workers(&log) && !halt.is_halted());
         mill.report_progress(Duration::ZERO);
         sleep(Duration::from_millis(1));
         // The live worker of the other machine does not mask the hung one.
-        machines[1].1.report_progress(LONG);
-        assert!(!watch.all_live(&log) && halt.is_halted());
-        assert!(!watch.all_live(&log));
-        mill.report_progress(LONG);
-        assert!(watch.all_live(&log));
+        machines[1].1.report_progress(LONG_TIMEOUT);
+        assert!(!watch.check_workers(&log) && halt.is_halted());
+        assert!(!watch.check_workers(&log));
+        mill.report_progress(LONG_TIMEOUT);
+        assert!(watch.check_workers(&log));
     }
 
     #[test]
     fn a_name_cannot_say_more_than_a_name() {
         let machines = vec![("mill\nREADY=1".to_owned(), CommandGate::for_tests().0)];
-        assert_eq!(status(&machines), "mill READY=1: starting");
+        assert_eq!(status_line(&machines), "mill READY=1: starting");
     }
 }

@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 
 use super::ServeError;
-use super::captures::Begun;
+use super::captures::RunCapture;
 use super::cycle_failure::CycleFailure;
 use super::machine_state::{Refusal, State};
 use super::run_events::RunEvents;
 use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
-use crate::run::{AgainError, ResumableRun};
+use crate::run::{ResumableRun, ResumeRefusal};
 use crate::setup;
 use crate::store::{Journal, RunId};
 use machine::record::estimate::Estimate;
@@ -21,40 +21,40 @@ enum ResumeError {
     #[error(transparent)]
     Serve(#[from] ServeError),
     #[error(transparent)]
-    ResumableRun(#[from] AgainError),
+    ResumableRun(#[from] ResumeRefusal),
 }
 
 impl MachineWorker {
     /// Prepares the resume of a run: this process acquires the machine's lock and writes the acknowledgement to the
     /// journal. Returns `None` after a refusal; the lock is then released, so that another process may resume the run.
-    pub(super) async fn acknowledged_again(
+    pub(super) async fn prepare_resume(
         &mut self,
         run: RunId,
         acknowledgement: Acknowledgement,
         journal: &Journal,
     ) -> Option<ResumableRun> {
-        let Acknowledgement { who, homed, answer, .. } = acknowledgement;
-        match self.let_go_on(run, (&who, homed), journal).await {
-            Ok(again) => {
-                let _ = answer.send(Ok(()));
-                Some(again)
+        let Acknowledgement { who, homed, result_sender, .. } = acknowledgement;
+        match self.acknowledge_resume(run, (&who, homed), journal).await {
+            Ok(resumable_run) => {
+                let _ = result_sender.send(Ok(()));
+                Some(resumable_run)
             }
             Err(error) => {
                 let why = match error {
                     ResumeError::Serve(ServeError::Lock(_)) => Refusal::Elsewhere,
-                    ResumeError::ResumableRun(AgainError::NotHomed(_)) => Refusal::PositionLost,
+                    ResumeError::ResumableRun(ResumeRefusal::NotHomed(_)) => Refusal::PositionLost,
                     _ => Refusal::NotReady,
                 };
                 self.gate.refuse(why, &format!("resume of run {run} by {who} ({error})"));
                 self.lock = None;
                 self.gate.finish_command(State::Held);
-                let _ = answer.send(Err(why));
+                let _ = result_sender.send(Err(why));
                 None
             }
         }
     }
 
-    async fn let_go_on(
+    async fn acknowledge_resume(
         &mut self,
         run: RunId,
         (who, homed): (&str, bool),
@@ -64,30 +64,35 @@ impl MachineWorker {
             self.lock = Some(self.acquire_lock(journal).await?);
         }
         // Another process may have resumed the run meanwhile: the journal's current content decides.
-        let again = ResumableRun::of(journal.load(run).map_err(ServeError::from)?)?;
-        let acknowledged = again.acknowledged(who, homed)?;
-        journal.event(run, &acknowledged).await.map_err(ServeError::from)?;
-        Ok(again)
+        let resumable_run =
+            ResumableRun::from_stored(journal.load_run(run).map_err(ServeError::from)?)?;
+        let acknowledged = resumable_run.acknowledgement(who, homed)?;
+        journal.add_event(run, &acknowledged).await.map_err(ServeError::from)?;
+        Ok(resumable_run)
     }
 
-    pub(super) async fn measured_again(
+    pub(super) async fn resume_run(
         &self,
-        again: ResumableRun,
+        resumable_run: ResumableRun,
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
-        let opening = setup::devices(&again.machine, self.pace, again.past());
+        let opening =
+            setup::open_devices(&resumable_run.machine, self.pace, resumable_run.history());
         let (devices, capture) = self.open(opening).await?;
         let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
-        let mut tell = |event: &Event| events.publish(event);
-        capture.iter().for_each(|capture| capture.is_of(again.stored().summary.id));
-        let readings = again.stored().readings.iter();
-        let kept: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
+        let mut publish = |event: &Event| events.publish(event);
+        capture
+            .iter()
+            .for_each(|capture| capture.name_after_run(resumable_run.stored().summary.id));
+        let readings = resumable_run.stored().readings.iter();
+        let stored_readings: BTreeSet<_> =
+            readings.map(|reading| (reading.step, reading.repeat)).collect();
         self.gate.update(|machine_state| {
-            machine_state.measured = u32::try_from(kept.len()).unwrap_or(u32::MAX)
+            machine_state.measured = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
         });
         let answers = self.gate.answers(self.patience());
-        let ended = again.run(&devices, journal, answers, &mut tell).await;
-        capture.into_iter().for_each(Begun::finish);
+        let ended = resumable_run.run(&devices, journal, answers, &mut publish).await;
+        capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)
     }
 }

@@ -7,7 +7,7 @@ use tracing::debug;
 use super::Log;
 use super::command_gate::CommandGate;
 use super::machine_state::MachineState;
-use crate::run::Asked;
+use crate::run::OpenPrompt;
 use machine::record::event::Event;
 
 /// Receiver of the events of one run.
@@ -15,29 +15,29 @@ pub(super) struct RunEvents<'a> {
     gate: &'a CommandGate,
     log: &'a Log,
     /// Maximum time to the next event.
-    patience: Duration,
+    event_timeout: Duration,
     /// Longest machine time left that the run has stated, s.
-    whole_s: f64,
-    /// Progress, %; it decreases only if the remaining time exceeds `whole_s`.
-    percent: u16,
+    max_remaining_s: f64,
+    /// Progress, %; it decreases only if the remaining time exceeds `max_remaining_s`.
+    progress_percent: u16,
 }
 
 impl<'a> RunEvents<'a> {
-    pub(super) fn new(gate: &'a CommandGate, log: &'a Log, patience: Duration) -> Self {
-        Self { gate, log, patience, whole_s: 0.0, percent: 0 }
+    pub(super) fn new(gate: &'a CommandGate, log: &'a Log, event_timeout: Duration) -> Self {
+        Self { gate, log, event_timeout, max_remaining_s: 0.0, progress_percent: 0 }
     }
 
     pub(super) fn publish(&mut self, event: &Event) {
-        self.gate.report_progress(self.patience);
+        self.gate.report_progress(self.event_timeout);
         match event {
-            Event::Announced { text } => self.log.say(text),
+            Event::Announced { text } => self.log.info(text),
             Event::StageStarted { stage } => {
-                self.log.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
+                self.log.info(&format!("{}: {} touches", stage.name, stage.steps.len()));
                 self.gate.update(|machine_state| machine_state.stage.clone_from(&stage.name));
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
-                let percent = self.progress(*remaining_s);
+                let percent = self.update_progress(*remaining_s);
                 self.gate.update(|machine_state: &mut MachineState| {
                     machine_state.progress_percent = percent;
                     machine_state.remaining_s = Some(*remaining_s);
@@ -45,16 +45,16 @@ impl<'a> RunEvents<'a> {
                 });
             }
             Event::Asked { step, repeat, text } => {
-                self.log.say(&format!("a person is asked: {text}"));
-                let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
+                self.log.info(&format!("prompt: {text}"));
+                let prompt = OpenPrompt { step: *step, repeat: *repeat, text: text.clone() };
                 self.gate.update(|machine_state| {
-                    (machine_state.asked, machine_state.live) = (Some(asked), None)
+                    (machine_state.asked, machine_state.live) = (Some(prompt), None)
                 });
             }
             Event::Watched { values } => {
                 self.gate.update(|machine_state| machine_state.live = Some(values.clone()));
             }
-            Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
+            Event::Answered { who, .. } => self.log.info(&format!("prompt answered by {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
                 self.gate.update(|machine_state| {
                     machine_state.measured += 1;
@@ -66,13 +66,13 @@ impl<'a> RunEvents<'a> {
     }
 
     /// Progress, %; 100 is reserved for the end.
-    fn progress(&mut self, remaining_s: f64) -> u16 {
-        if remaining_s > self.whole_s {
+    fn update_progress(&mut self, remaining_s: f64) -> u16 {
+        if remaining_s > self.max_remaining_s {
             // After a stop, the reference checks run on their own; the remaining time is known only after them.
-            (self.whole_s, self.percent) = (remaining_s, 0);
+            (self.max_remaining_s, self.progress_percent) = (remaining_s, 0);
         }
-        let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));
-        self.percent = self.percent.max(done.clamp(0.0, 99.0) as u16);
-        self.percent
+        let done = 100.0 * (1.0 - remaining_s / self.max_remaining_s.max(f64::MIN_POSITIVE));
+        self.progress_percent = self.progress_percent.max(done.clamp(0.0, 99.0) as u16);
+        self.progress_percent
     }
 }

@@ -11,7 +11,7 @@ use tokio::sync::oneshot;
 
 use super::command_gate::CommandGate;
 use super::machine_state::Interlocks;
-use crate::store::{Arming, Journal, Slot, StoreError};
+use crate::store::{Arming, Journal, ScheduleSlot, StoreError};
 
 /// Interlocks that the machine reports, and the further conditions of an unattended cycle.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub struct Planned {
 pub struct Agenda {
     pub planned: Vec<Planned>,
     pub armed: Vec<Arming>,
-    pub last: Vec<Slot>,
+    pub last: Vec<ScheduleSlot>,
 }
 
 /// Collects what the page and the HTTP API show of a schedule.
@@ -78,7 +78,11 @@ pub fn agenda(
     machine: &str,
 ) -> Result<Agenda, StoreError> {
     const LAST: usize = 50;
-    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.slots(machine, LAST)? })
+    Ok(Agenda {
+        planned,
+        armed: journal.armings(machine)?,
+        last: journal.newest_slots(machine, LAST)?,
+    })
 }
 
 /// Maximum duration of an arming.
@@ -103,13 +107,13 @@ pub fn arming(
     let instant = instant.or_else(|| until.parse::<Zoned>().ok().map(|zoned| zoned.timestamp()));
     let instant = instant.or_else(|| until.parse::<Span>().ok().and_then(for_so_long));
     let Some(until) = instant else {
-        return Err(format!("`{until}` is neither an instant nor a time span"));
+        return Err(format!("`{until}` is neither a time nor a duration"));
     };
     if until <= now {
-        return Err(format!("{until} is over already"));
+        return Err(format!("{until} has already passed"));
     }
     if until.duration_since(now) > LONGEST {
-        return Err(format!("{until} is more than a year away; an arming must be renewed"));
+        return Err(format!("{until} is more than a year away; an arming lasts at most a year"));
     }
     let [machine, who, why] = [machine, who, why].map(str::to_owned);
     Ok(Arming { machine, cycle, who, why, armed: now, until, ended: None, broken: None })
@@ -187,8 +191,8 @@ mod tests {
         for (words, why) in [
             ("tomorrow", "neither"),
             ("2026-12-24T06:00", "neither"),
-            ("-1d", "over"),
-            ("2026-11-22T12:00:00Z", "over"),
+            ("-1d", "passed"),
+            ("2026-11-22T12:00:00Z", "passed"),
             ("2y", "more than a year"),
         ] {
             let told = until(words).unwrap_err();

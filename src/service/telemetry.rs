@@ -17,25 +17,27 @@ use tracing_subscriber::util::SubscriberInitExt;
 use super::log::{Log, Severity};
 
 /// Prefix of the journal fields of this program.
-const PREFIX: &str = "TRUED";
+const JOURNAL_FIELD_PREFIX: &str = "TRUED";
 
 /// Starts the log for the whole process. The systemd journal also gets each step of a run, at level debug.
-pub fn start() -> Log {
-    let journal = is_journal().then(tracing_journald::layer).and_then(Result::ok);
+pub fn start_log() -> Log {
+    let journal = is_stderr_journal().then(tracing_journald::layer).and_then(Result::ok);
     let journal = journal.map(|layer| {
-        layer.with_field_prefix(Some(PREFIX.to_owned())).with_filter(LevelFilter::DEBUG)
+        layer
+            .with_field_prefix(Some(JOURNAL_FIELD_PREFIX.to_owned()))
+            .with_filter(LevelFilter::DEBUG)
     });
-    let words = journal.is_none().then(|| Words.with_filter(LevelFilter::INFO));
+    let plain_lines = journal.is_none().then(|| PlainLines.with_filter(LevelFilter::INFO));
     // If a subscriber is already set, it stays in use.
-    let _ = tracing_subscriber::registry().with(journal).with(words).try_init();
-    Log::new(|kind, words| match kind {
-        Severity::Info => tracing::info!("{words}"),
-        Severity::Fault => tracing::error!("{words}"),
+    let _ = tracing_subscriber::registry().with(journal).with(plain_lines).try_init();
+    Log::new(|severity, message| match severity {
+        Severity::Info => tracing::info!("{message}"),
+        Severity::Error => tracing::error!("{message}"),
     })
 }
 
 /// Whether standard error goes to systemd's journal (systemd.exec, `$JOURNAL_STREAM`).
-fn is_journal() -> bool {
+fn is_stderr_journal() -> bool {
     let own = || {
         let stderr = std::io::stderr().as_fd().try_clone_to_owned().ok()?;
         let about = File::from(stderr).metadata().ok()?;
@@ -45,19 +47,19 @@ fn is_journal() -> bool {
 }
 
 /// Plain lines on standard error; write errors are ignored.
-struct Words;
+struct PlainLines;
 
-impl<S: Subscriber> Layer<S> for Words {
+impl<S: Subscriber> Layer<S> for PlainLines {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut message = Message(String::new());
+        let mut message = MessageText(String::new());
         event.record(&mut message);
         let _ = writeln!(std::io::stderr(), "{}", message.0);
     }
 }
 
-struct Message(String);
+struct MessageText(String);
 
-impl Visit for Message {
+impl Visit for MessageText {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
         if field.name() == "message" {
             let _ = write!(self.0, "{value:?}");

@@ -10,10 +10,10 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, info_span};
 
-use super::captures::{Begun, Captures};
+use super::captures::{CaptureFiles, RunCapture};
 use super::command_gate::CommandGate;
-use super::config::{Config, Cycle};
-use super::cycle_failure::{CycleFailure, failure_of};
+use super::config::{CycleConfig, ServeConfig};
+use super::cycle_failure::{CycleFailure, describe_failure};
 use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished;
@@ -21,11 +21,11 @@ use super::machine_state::{CycleEnd, Failure, State};
 use super::metrics::Outcome;
 use super::run_events::RunEvents;
 use super::worker_command::{Acknowledgement, WorkerCommand};
-use super::{Ended, Log, ServeError, schedule, triggers};
-use crate::run::{self, CycleError, Unidentified};
+use super::{ExitState, Log, ServeError, schedule, triggers};
+use crate::run::{self, CycleError, IdentificationError};
 use crate::setup::{self, Devices, MachineFile, Pace, RunHistory, SetupError};
 use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
-use link::Wiring;
+use link::LinkMode;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
@@ -37,13 +37,13 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Worker of one machine.
 pub(super) struct MachineWorker {
     machine: MachineFile,
-    config: Config,
+    config: ServeConfig,
     pub(super) folder: PathBuf,
     pub(super) pace: Pace,
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    captures: Option<Captures>,
+    captures: Option<CaptureFiles>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -56,13 +56,13 @@ impl MachineWorker {
     /// # Errors
     /// A cycle has an unknown method or invalid settings.
     pub fn new(
-        (machine, config): (MachineFile, Config),
+        (machine, config): (MachineFile, ServeConfig),
         folder: PathBuf,
         pace: Pace,
         log: Log,
     ) -> Result<Self, ServeError> {
-        for cycle in &config.cycle {
-            setup::header(&machine, &cycle.method, cycle.repeat)?;
+        for cycle in &config.cycles {
+            setup::plan_header(&machine, &cycle.method, cycle.repeat)?;
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
         let (captures, lock, identifications) = (None, None, Identifications::default());
@@ -80,7 +80,7 @@ impl MachineWorker {
         })
     }
 
-    pub fn capturing(self, captures: Captures) -> Self {
+    pub fn capturing(self, captures: CaptureFiles) -> Self {
         Self { captures: Some(captures), ..self }
     }
 
@@ -92,10 +92,13 @@ impl MachineWorker {
     pub async fn start(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
         self.lock = Some(self.acquire_lock(journal).await?);
         self.rehearse().await?;
-        triggers::start(&self.config, &self.gate, &self.log)?;
+        triggers::start_triggers(&self.config, &self.gate, &self.log)?;
         match unfinished(journal, self.name())? {
             Some(before) => {
-                self.log.say(&format!("run {} is unfinished and waits for a person", before.run));
+                self.log.info(&format!(
+                    "run {} is unfinished: a person must resume or acknowledge it",
+                    before.run
+                ));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
                 self.gate.update(|machine_state| {
@@ -105,15 +108,15 @@ impl MachineWorker {
             }
             None => self.gate.finish_command(State::Waiting),
         }
-        let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
-        schedule::start(self.name(), kept, &self.gate, journal, &self.log)?;
+        let kept = (self.config.schedules.as_slice(), self.config.required_interlocks.as_slice());
+        schedule::start_schedule(self.name(), kept, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
         self.gate.report_progress(HEARTBEAT_TIMEOUT);
         Ok(())
     }
 
     /// Works until the gate ends. Errors of a cycle are in the machine state and in the log.
-    pub async fn run(mut self, journal: &Journal) -> Ended {
+    pub async fn run(mut self, journal: &Journal) -> ExitState {
         loop {
             self.gate.report_progress(HEARTBEAT_TIMEOUT);
             let command = match timeout(TICK, self.commands.recv()).await {
@@ -121,17 +124,17 @@ impl MachineWorker {
                 Ok(None) => break,
                 // No command within the tick.
                 Err(_) => {
-                    self.look_elsewhere(journal).await;
-                    self.identifications.step(&self.gate, &self.log, journal).await;
+                    self.check_other_process(journal).await;
+                    self.identifications.poll(&self.gate, &self.log, journal).await;
                     continue;
                 }
             };
-            self.gate.report_progress(self.config.patience);
+            self.gate.report_progress(self.config.event_timeout);
             match command {
                 _ if self.gate.is_ending() => break,
                 WorkerCommand::End => break,
                 WorkerCommand::Acknowledge(acknowledgement) => {
-                    self.acknowledged(acknowledgement, journal).await
+                    self.handle_acknowledgement(acknowledgement, journal).await
                 }
                 WorkerCommand::Start { cycle } => {
                     let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
@@ -148,10 +151,10 @@ impl MachineWorker {
                 }
             }
         }
-        Ended::Waiting
+        ExitState::Waiting
     }
 
-    async fn cycle(&mut self, number: u16, journal: &Journal) -> Option<Ended> {
+    async fn cycle(&mut self, number: u16, journal: &Journal) -> Option<ExitState> {
         let measured = self.measured(number, journal).await;
         self.finish_cycle(measured, State::Failed)
     }
@@ -160,28 +163,27 @@ impl MachineWorker {
         &mut self,
         (run, acknowledgement): (RunId, Acknowledgement),
         journal: &Journal,
-    ) -> Option<Ended> {
-        let again = self.acknowledged_again(run, acknowledgement, journal).await?;
-        let measured = self.measured_again(again, journal).await;
+    ) -> Option<ExitState> {
+        let again = self.prepare_resume(run, acknowledgement, journal).await?;
+        let measured = self.resume_run(again, journal).await;
         // If the devices could not be opened, the run still waits for a person.
         self.finish_cycle(measured, State::Held)
     }
 
     /// Rehearses all cycles, so that an error is reported at the start and not when the operator presses the button.
     pub async fn rehearse(&self) -> Result<(), ServeError> {
-        let dialect = setup::dialect(&self.machine)?;
+        let dialect = setup::machine_dialect(&self.machine)?;
         let mut all = BTreeMap::new();
-        for Cycle { number, method, repeat } in &self.config.cycle {
-            let (method, plan) = setup::header(&self.machine, method, *repeat)?;
+        for CycleConfig { number, method, repeat } in &self.config.cycles {
+            let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
             let rehearsed = run::rehearse(method.as_ref(), &plan, &dialect).await;
             let rehearsed = rehearsed.map_err(|error| {
                 let (number, error) = (*number, Box::new(error));
-                ServeError::Cycle { number, error }
+                ServeError::InvalidCycle { number, error }
             })?;
             let minutes = rehearsed.machine_s / 60.0;
-            let person = if rehearsed.asks { "; it asks a person" } else { "" };
-            self.log
-                .say(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
+            let person = if rehearsed.has_prompts { "; its plan has prompts" } else { "" };
+            self.log.info(&format!("cycle {number}: machine time about {minutes:.0} min{person}"));
             all.insert(*number, rehearsed);
         }
         self.gate.rehearsed(all);
@@ -189,16 +191,17 @@ impl MachineWorker {
     }
 
     pub fn served_machine(&self) -> ServedMachine {
-        let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
+        let (cycles, demand) =
+            (self.config.cycles.clone(), self.config.required_interlocks.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
         ServedMachine {
             name,
             file_sha256: sha256_text(self.machine.text()),
             gate: self.gate.clone(),
             cycles,
-            demand,
+            required_interlocks: demand,
             tolerance,
-            verdict_validity: self.config.verdict,
+            verdict_validity: self.config.verdict_validity,
         }
     }
 
@@ -212,7 +215,7 @@ impl MachineWorker {
 
     /// Maximum time between two events of a run; after that, the run counts as hung.
     pub(super) fn patience(&self) -> Duration {
-        self.config.patience
+        self.config.event_timeout
     }
 
     pub(super) async fn acquire_lock(
@@ -227,7 +230,7 @@ impl MachineWorker {
 
     /// Call it only while this process holds the machine's lock.
     pub(super) fn find_unidentified(&mut self, journal: &Journal) -> Result<(), StoreError> {
-        self.identifications.find(journal, &self.machine.machine.name)
+        self.identifications.find_waiting(journal, &self.machine.machine.name)
     }
 
     /// Records the result of a cycle; returns a value if the service must end with it. `unopened`: state of the
@@ -236,21 +239,21 @@ impl MachineWorker {
         &mut self,
         measured: Result<(RunId, Estimate), CycleFailure>,
         unopened: State,
-    ) -> Option<Ended> {
+    ) -> Option<ExitState> {
         let (state, why) = match &measured {
             Ok(_) => (State::Waiting, None),
-            Err(CycleFailure::Cycle(error)) if error.holds() => {
-                (State::Held, Some(failure_of(error)))
+            Err(CycleFailure::Cycle(error)) if error.holds_machine() => {
+                (State::Held, Some(describe_failure(error)))
             }
             // The run is completely measured and nothing moves; it is identified while the machine waits.
             Err(CycleFailure::Cycle(CycleError::Identification {
                 run,
-                why: Unidentified::Stopped,
+                why: IdentificationError::Stopped,
             })) => {
                 self.identifications.add(*run);
                 (State::Waiting, None)
             }
-            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(failure_of(error))),
+            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(describe_failure(error))),
             Err(CycleFailure::Setup(error)) => {
                 let (what, remedy) = (error.to_string(), error.remedy());
                 (unopened, Some(Failure { what, remedy }))
@@ -261,12 +264,12 @@ impl MachineWorker {
                 format!("run {run} is finished, verdict {}", estimate.verdict)
             }
             (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
-            (Err(CycleFailure::Cycle(error)), None) => failure_of(error).what,
+            (Err(CycleFailure::Cycle(error)), None) => describe_failure(error).what,
             (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
         };
         match &measured {
-            Err(failed) if !failed.is_stop() => self.log.fault(&told),
-            _ => self.log.say(&told),
+            Err(failed) if !failed.is_stop() => self.log.error(&told),
+            _ => self.log.info(&told),
         }
         if state == State::Held {
             // From now on a person may resume the run, from the page or from the command line.
@@ -274,7 +277,7 @@ impl MachineWorker {
         }
         let outcome = match &measured {
             Ok((_, estimate)) => Some(Outcome::Judged(estimate.verdict)),
-            Err(CycleFailure::Cycle(error)) if error.holds() => Some(Outcome::Held),
+            Err(CycleFailure::Cycle(error)) if error.holds_machine() => Some(Outcome::Held),
             // The run is counted when it is identified.
             Err(failed) if failed.is_stop() => None,
             Err(_) => Some(Outcome::Failed),
@@ -286,7 +289,7 @@ impl MachineWorker {
         let estimate = measured.as_ref().ok().map(|(_, estimate)| estimate);
         let end = CycleEnd { state, estimate, failure: why, outcome, is_link_error };
         self.gate.record_end(end);
-        (state != State::Waiting && self.gate.is_ending()).then_some(Ended::Held)
+        (state != State::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
     }
 
     async fn measured(
@@ -294,28 +297,28 @@ impl MachineWorker {
         number: u16,
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
-        let allowed = self.config.cycle.iter().find(|cycle| cycle.number == number);
-        let Some(Cycle { method, repeat, .. }) = allowed else {
+        let allowed = self.config.cycles.iter().find(|cycle| cycle.number == number);
+        let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
-        let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-        let opening = setup::devices(&self.machine, self.pace, RunHistory::default());
+        let (method, plan) = setup::plan_header(&self.machine, method, *repeat)?;
+        let opening = setup::open_devices(&self.machine, self.pace, RunHistory::default());
         let (devices, capture) = self.open(opening).await?;
         let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
         let mut tell = |event: &Event| events.publish(event);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
-            self.log.say(&format!("run {id} begins"));
-            capture.iter().for_each(|capture| capture.is_of(id));
+            self.log.info(&format!("run {id} begins"));
+            capture.iter().for_each(|capture| capture.name_after_run(id));
             self.gate.update(|machine_state| {
                 machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX)
             });
         };
         let machine = &self.machine;
-        let (method, answers) = (method.into(), self.gate.answers(self.config.patience));
+        let (method, answers) = (method.into(), self.gate.answers(self.config.event_timeout));
         let cycle = run::Cycle { machine, method, plan, answers };
         let ended = cycle.run(&devices, journal, begun, &mut tell).await;
-        capture.into_iter().for_each(Begun::finish);
+        capture.into_iter().for_each(RunCapture::finish);
         Ok(ended?)
     }
 
@@ -323,11 +326,12 @@ impl MachineWorker {
     pub(super) async fn open(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
-    ) -> Result<(Devices, Option<Begun<'_>>), SetupError> {
-        let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
-        let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
-        let devices = wiring.during(opening).await?;
-        self.gate.register_halt(&devices.controller.halt());
+    ) -> Result<(Devices, Option<RunCapture<'_>>), SetupError> {
+        let capture =
+            self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
+        let wiring = capture.as_ref().map_or(LinkMode::Direct, RunCapture::wiring);
+        let devices = wiring.apply_to(opening).await?;
+        self.gate.register_halt(&devices.controller.halt_handle());
         Ok((devices, capture))
     }
 }

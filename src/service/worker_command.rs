@@ -22,7 +22,7 @@ pub struct Acknowledgement {
     /// Whether all axes are homed; required where the control may have lost its position.
     pub homed: bool,
     /// Channel for the result.
-    pub answer: oneshot::Sender<Result<(), Refusal>>,
+    pub result_sender: oneshot::Sender<Result<(), Refusal>>,
 }
 
 /// The person who inspected the machine, the reason, and whether the axes are homed.
@@ -34,22 +34,25 @@ pub struct Inspection<'a> {
 }
 
 impl Inspection<'_> {
-    pub(super) fn acknowledgement(self) -> (Acknowledgement, Answer) {
-        let (answer, told) = oneshot::channel();
+    pub(super) fn acknowledgement_channel(self) -> (Acknowledgement, AcknowledgementReceiver) {
+        let (result_sender, result_receiver) = oneshot::channel();
         let Self { who, why, homed } = self;
-        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, answer }, told)
+        (
+            Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, result_sender },
+            result_receiver,
+        )
     }
 }
 
 /// Receiver of the result of an accepted acknowledgement.
-pub type Answer = oneshot::Receiver<Result<(), Refusal>>;
+pub type AcknowledgementReceiver = oneshot::Receiver<Result<(), Refusal>>;
 
 /// Effect of a hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stopped {
-    Run,
+pub enum HoldEffect {
+    RunHeld,
     /// No motion of this program was in progress.
-    Nothing,
+    NoRun,
     /// Another process may move the machine; this one cannot hold it.
-    Elsewhere,
+    OtherProcess,
 }

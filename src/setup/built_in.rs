@@ -2,22 +2,23 @@
 
 use include_dir::{Dir, include_dir};
 
-static CONFIG: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
+static CONFIG_FOLDER: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
 
 /// Machine file that is used for a method when the user gives none.
 #[derive(Debug, Clone)]
-pub struct BuiltIn {
+pub struct BuiltInFile {
     /// File name in error messages.
     pub file: String,
     pub text: &'static str,
 }
 
 /// The machine file for the method `name`, or for the first method if the name is unknown.
-pub fn built_in(name: &str) -> BuiltIn {
-    let method = methods::description(name).or(methods::METHODS.first());
+pub fn built_in_file(name: &str) -> BuiltInFile {
+    let method = methods::method_description(name).or(methods::METHOD_DESCRIPTIONS.first());
     let file = method.map_or("", |method| method.machine_file);
-    let text = CONFIG.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
-    BuiltIn { file: format!("{file} (built in)"), text }
+    let text =
+        CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
+    BuiltInFile { file: format!("{file} (built in)"), text }
 }
 
 #[cfg(test)]
@@ -26,9 +27,9 @@ mod tests {
 
     #[test]
     fn each_method_has_a_plan_on_its_built_in_machine() {
-        for method in methods::METHODS {
-            let file = setup::load(None, method.name).unwrap();
-            let (_, plan) = setup::header(&file, method.name, None).unwrap();
+        for method in methods::METHOD_DESCRIPTIONS {
+            let file = setup::load_machine_file(None, method.name).unwrap();
+            let (_, plan) = setup::plan_header(&file, method.name, None).unwrap();
             assert_eq!(plan.method, method.name);
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::MachineFile;
-use super::simulated::Served;
+use super::simulated::ServedControl;
 use super::{Sensors, SetupError, Thermometers};
 use devices::controllers::Controller;
 use link::Clock;
@@ -13,7 +13,7 @@ use machine::record::plan::ArtefactMount;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use planning::proof::{ProvenModes, prove_modes};
-use simulator::World;
+use simulator::SimulatedWorld;
 
 /// The open devices of a machine, as a run needs them.
 pub struct Devices {
@@ -27,45 +27,53 @@ pub struct Devices {
     /// Clock for readings that the control does not stamp.
     pub clock: Arc<dyn Clock>,
     /// The simulated world, if the machine is simulated.
-    world: Option<Arc<Mutex<World>>>,
+    world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// The simulated end of the wire, if this program serves it; dropped after the controller.
-    _served: Option<Served>,
+    _served: Option<ServedControl>,
 }
 
 impl Devices {
     /// Devices with a control that is open already; readings that it does not stamp are timed by the host's
     /// clock.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
-        Self::timed(controller, dialect, Arc::new(HostClock::start()))
+        Self::with_clock(controller, dialect, Arc::new(HostClock::start()))
     }
 
     /// Devices with the clock that the control was opened with.
-    pub(super) fn timed(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
-        let sensors = Sensors::none(clock.clone());
-        let thermometers = Thermometers::of(&[], None);
+    pub(super) fn with_clock(
+        controller: Controller,
+        dialect: Dialect,
+        clock: Arc<dyn Clock>,
+    ) -> Self {
+        let sensors = Sensors::without_sensors(clock.clone());
+        let thermometers = Thermometers::new(&[], None);
         Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
     }
 
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
-    pub(super) fn of(self, file: &MachineFile, world: Option<Arc<Mutex<World>>>) -> Self {
-        let thermometers = Thermometers::of(&file.thermometers, world.clone());
-        let sensors = self.sensors.of(&file.sensors, file.encoder);
+    pub(super) fn with_sensors(
+        self,
+        file: &MachineFile,
+        world: Option<Arc<Mutex<SimulatedWorld>>>,
+    ) -> Self {
+        let thermometers = Thermometers::new(&file.thermometers, world.clone());
+        let sensors = self.sensors.with_entries(&file.sensors, file.encoder);
         let sensors = match world.clone() {
-            Some(world) => sensors.looking_at(world),
+            Some(world) => sensors.with_world(world),
             None => sensors,
         };
         Self { sensors, thermometers, world, ..self }
     }
 
     /// Mounts the artefact anew in the simulated world, as the operator has done.
-    pub fn artefact_mounted(&self, mount: ArtefactMount) {
+    pub fn remount_artefact(&self, mount: ArtefactMount) {
         if let Some(world) = &self.world {
-            world.lock().unwrap_or_else(PoisonError::into_inner).mount(mount.turn_deg);
+            world.lock().unwrap_or_else(PoisonError::into_inner).mount_artefact(mount.turn_deg);
         }
     }
 
     /// Adds the simulated end of the wire.
-    pub(super) fn with_served_control(self, served: Option<Served>) -> Self {
+    pub(super) fn with_served_control(self, served: Option<ServedControl>) -> Self {
         Self { _served: served, ..self }
     }
 }
@@ -75,7 +83,7 @@ impl Devices {
 pub struct RunHistory<'a> {
     pub readings: &'a [Reading],
     /// Mountings of the artefact in their order.
-    pub mounts: &'a [ArtefactMount],
+    pub mountings: &'a [ArtefactMount],
     /// Time since the last reading, s.
     pub elapsed_s: f64,
 }
@@ -84,7 +92,7 @@ pub struct RunHistory<'a> {
 ///
 /// # Errors
 /// The text cannot be rendered or proven.
-pub fn modes(
+pub fn render_modes(
     dialect: &Dialect,
     machine: &Machine,
     log: Option<String>,
@@ -93,7 +101,7 @@ pub fn modes(
 }
 
 /// Dialect of the machine's control, with the additions of the machine file.
-pub fn dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
-    let named = Dialect::named(file.controller.control.dialect())?;
-    Ok(named.with(&file.machine, &file.probe)?)
+pub fn machine_dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
+    let named = Dialect::from_name(file.controller.control.dialect())?;
+    Ok(named.with_options(&file.machine, &file.probe)?)
 }

@@ -4,28 +4,28 @@ use super::machine_file::MachineFileError;
 use devices::controllers::ControllerError;
 use devices::sensors::SensorError;
 use link::LinkError;
-use methods::Refused;
+use methods::MethodRefusal;
 use planning::gcode::DialectError;
-use planning::proof::Unproven;
-use simulator::WorldError;
+use planning::proof::StageProofError;
+use simulator::SimulatedWorldError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
     #[error(transparent)]
     MachineFile(#[from] MachineFileError),
-    #[error("there is no method `{name}`; there are {}", methods::names().join(", "))]
+    #[error("the method `{name}` is not known; known are {}", methods::method_names().join(", "))]
     NoSuchMethod { name: String },
-    #[error("`{name}` measures no cycle that could be repeated")]
+    #[error("the method `{name}` does not support repetitions")]
     NoRepeats { name: String },
     #[error("settings of the method: {why}")]
     Settings { why: String },
     #[error(transparent)]
     Dialect(#[from] DialectError),
-    #[error("the text that sets the control's modes: {0}")]
-    Modes(#[from] Unproven),
+    #[error("the block that sets the modes of the control is refused: {0}")]
+    Modes(#[from] StageProofError),
     #[error("the machine file cannot be written: {why}")]
     Draft { why: String },
-    #[error("the head of the program cannot be written: {0}")]
+    #[error("the header of the program cannot be written: {0}")]
     Render(#[from] planning::gcode::RenderError),
     #[error(transparent)]
     Link(#[from] LinkError),
@@ -34,9 +34,9 @@ pub enum SetupError {
     #[error(transparent)]
     Sensor(#[from] SensorError),
     #[error(transparent)]
-    Refused(#[from] Refused),
-    #[error("the simulated machine: {0}")]
-    World(#[from] WorldError),
+    Refused(#[from] MethodRefusal),
+    #[error("the simulated machine cannot be built: {0}")]
+    World(#[from] SimulatedWorldError),
 }
 
 impl SetupError {
@@ -46,11 +46,12 @@ impl SetupError {
             Self::Link(error) => Some(error.remedy()),
             Self::Controller(error) => Some(error.remedy()),
             Self::Sensor(error) => Some(error.remedy()),
-            Self::Refused(refused) => Some(refused.instead.clone()),
+            Self::Refused(refused) => Some(refused.remedy.clone()),
             Self::Dialect(error) => Some(error.remedy().to_owned()),
             Self::Modes(error) => Some(error.remedy()),
             Self::NoRepeats { name } => Some(format!(
-                "leave --repeat out; a larger budget in [method.{name}] (balls, indexations) measures more"
+                "omit --repeat; for more readings, increase the numbers in [method.{name}] (balls, \
+                indexations)"
             )),
             Self::MachineFile(_)
             | Self::NoSuchMethod { .. }

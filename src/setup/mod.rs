@@ -6,76 +6,77 @@ mod devices;
 mod draft;
 mod error;
 pub mod machine_file;
-mod rehearsal;
+mod reopenable_machine;
 mod sensors;
 #[cfg(test)]
 mod sensors_tests;
 mod simulated;
-mod site;
+mod simulated_machine;
 mod thermometers;
 mod world;
 
 use std::path::Path;
 
-pub use self::devices::{Devices, RunHistory, dialect, modes};
-pub use built_in::{BuiltIn, built_in};
-pub use controls::configure;
-pub use draft::Draft;
+pub use self::devices::{Devices, RunHistory, machine_dialect, render_modes};
+pub use built_in::{BuiltInFile, built_in_file};
+pub use controls::configure_control;
+pub use draft::MachineFileDraft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
-pub use rehearsal::Rehearsal;
-pub use sensors::{EncoderScale, Mounted, Sensors, sensor};
-pub use simulated::Served;
-pub use site::{Site, devices};
+pub use reopenable_machine::{ReopenableMachine, open_devices};
+pub use sensors::{EncoderScale, MountedSensor, Sensors, open_sensor};
+pub use simulated::ServedControl;
+pub use simulated_machine::SimulatedMachine;
 pub use thermometers::Thermometers;
-pub use world::world;
+pub use world::build_world;
 
 use machine::record::plan::{PLAN_VERSION, Plan};
 use methods::Method;
 pub use simulator::interpreter::Pace;
 
 /// The machine file at `path`; without a path, the built-in simulated machine for the method.
-pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
-    check_name(method)?;
+pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
+    check_method_name(method)?;
     let file = match path {
         Some(path) => MachineFile::read(path)?,
         None => MachineFile::embedded_for(method)?,
     };
-    file.check_method_names(&methods::names())?;
+    file.check_method_names(&methods::method_names())?;
     Ok(file)
 }
 
 /// The method with its settings and prompts, and the plan without steps. `repeat` overrides the number of
 /// repeats.
-pub fn header(
+pub fn plan_header(
     file: &MachineFile,
     name: &str,
     repeat: Option<u32>,
 ) -> Result<(Box<dyn Method>, Plan), SetupError> {
-    check_name(name)?;
-    let mut method = file.method(name, |settings| methods::configure(name, settings))?;
+    check_method_name(name)?;
+    let mut method =
+        file.read_method(name, |settings| methods::configure_method(name, settings))?;
     if let Some(repeat) = repeat {
         let mut settings = method.settings();
         let repeats = settings.get_mut("repeats");
         *repeats.ok_or(SetupError::NoRepeats { name: name.to_owned() })? = repeat.into();
-        method = methods::configure(name, settings)
+        method = methods::configure_method(name, settings)
             .map_err(|error| SetupError::Settings { why: error.to_string() })?;
     }
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let required = method.required_sensors(&sensors)?;
-    let asked = file.asks_before(name, &required);
+    let prompts = file.prompts_before(name, &required);
     let plan = Plan {
         sensors: required.into_iter().cloned().collect(),
-        ..without_steps(file, name, method.settings())
+        ..plan_without_steps(file, name, method.settings())
     };
-    Ok((methods::with_prompts(method, asked), plan))
+    Ok((methods::with_prompts(method, prompts), plan))
 }
 
-/// A plan without steps for the machine and its artefact; `what` is the name of the purpose.
-pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value) -> Plan {
+/// A plan without steps for the machine and its artefact; `purpose` is the name of the purpose.
+pub fn plan_without_steps(file: &MachineFile, purpose: &str, settings: serde_json::Value) -> Plan {
     Plan {
         trued_plan: PLAN_VERSION,
-        method: what.to_owned(),
+        method: purpose.to_owned(),
         settings,
         machine: file.machine.clone(),
         probe: file.probe.clone(),
@@ -91,8 +92,8 @@ pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value
     }
 }
 
-fn check_name(method: &str) -> Result<(), SetupError> {
-    if methods::description(method).is_some() {
+fn check_method_name(method: &str) -> Result<(), SetupError> {
+    if methods::method_description(method).is_some() {
         return Ok(());
     }
     Err(SetupError::NoSuchMethod { name: method.to_owned() })

@@ -3,26 +3,28 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::machine_file::{Encoder, Reached, SensorEntry};
-use super::simulated::View;
-use super::{MachineFile, SetupError, world};
+use super::machine_file::{Encoder, SensorConnection, SensorEntry};
+use super::simulated::WorldView;
+use super::{MachineFile, SetupError, build_world};
 use devices::sensors::{Sensor, SensorError};
 use link::clock::HostClock;
-use link::{Clock, SharedPorts, Talk, Wiring};
-use simulator::World;
+use link::{Clock, LinkMode, RequestCapture, SharedPorts};
+use simulator::SimulatedWorld;
 
 /// Opens the sensor `name` alone, without its machine. A simulated sensor measures the world before any motion.
 /// Call inside a tokio runtime.
 ///
 /// # Errors
 /// There is no sensor of this name, the simulated world cannot be built, or the sensor cannot be opened.
-pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
-    let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors, file.encoder);
-    let simulated = |entry: &&SensorEntry| matches!(entry.reached, Reached::Simulated(_));
+pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<MountedSensor, SetupError> {
+    let sensors = Sensors::without_sensors(Arc::new(HostClock::start()))
+        .with_entries(&file.sensors, file.encoder);
+    let simulated =
+        |entry: &&SensorEntry| matches!(entry.connection, SensorConnection::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
     let sensors = match named.filter(simulated) {
-        Some(_) => alone.looking_at(Arc::new(Mutex::new(world(file)?))),
-        None => alone,
+        Some(_) => sensors.with_world(Arc::new(Mutex::new(build_world(file)?))),
+        None => sensors,
     };
     Ok(sensors.open(name).await?)
 }
@@ -32,33 +34,33 @@ pub struct Sensors {
     entries: Vec<SensorEntry>,
     encoder: Option<Encoder>,
     clock: Arc<dyn Clock>,
-    world: Option<Arc<Mutex<World>>>,
+    world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// Wiring of the control, also for sensors, which are opened later.
-    wiring: Wiring,
+    wiring: LinkMode,
     /// Ports that several sensors may share.
     ports: SharedPorts,
 }
 
 impl Sensors {
     /// No sensors.
-    pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
+    pub(super) fn without_sensors(clock: Arc<dyn Clock>) -> Self {
         let (entries, ports) = (Vec::new(), SharedPorts::default());
-        Self { entries, encoder: None, clock, world: None, wiring: Wiring::current(), ports }
+        Self { entries, encoder: None, clock, world: None, wiring: LinkMode::current(), ports }
     }
 
-    pub(super) fn of(self, entries: &[SensorEntry], encoder: Option<Encoder>) -> Self {
+    pub(super) fn with_entries(self, entries: &[SensorEntry], encoder: Option<Encoder>) -> Self {
         Self { entries: entries.to_vec(), encoder, ..self }
     }
 
     /// Sets the simulated world that simulated sensors measure.
-    pub(super) fn looking_at(self, world: Arc<Mutex<World>>) -> Self {
+    pub(super) fn with_world(self, world: Arc<Mutex<SimulatedWorld>>) -> Self {
         Self { world: Some(world), ..self }
     }
 
     /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
         let entry = self.entries.iter().find(|entry| entry.sensor.name == name)?;
-        Some(EncoderScale { encoder: self.encoder?, round: entry.reached.encoder_round()? })
+        Some(EncoderScale { encoder: self.encoder?, wrap_count: entry.connection.encoder_round()? })
     }
 
     /// Opens the sensor of this name. A sensor in the spindle replaces the probe until dropped. Call inside a
@@ -66,35 +68,37 @@ impl Sensors {
     ///
     /// # Errors
     /// There is no such sensor, or it cannot be opened.
-    pub async fn open(&self, name: &str) -> Result<Mounted, SensorError> {
-        let sensor = self.opened(name).await?;
+    pub async fn open(&self, name: &str) -> Result<MountedSensor, SensorError> {
+        let sensor = self.connect(name).await?;
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
         let in_spindle = named.is_some_and(|entry| entry.sensor.mount.is_spindle());
         let world = self.world.clone().filter(|_| in_spindle);
         if let Some(world) = &world {
-            without_probe(world, true);
+            set_probe_removed(world, true);
         }
-        Ok(Mounted { sensor, world })
+        Ok(MountedSensor { sensor, world })
     }
 
-    async fn opened(&self, name: &str) -> Result<Sensor, SensorError> {
+    async fn connect(&self, name: &str) -> Result<Sensor, SensorError> {
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
-        let SensorEntry { sensor, reached, .. } =
-            named.ok_or_else(|| SensorError::Unknown { name: name.to_owned() })?;
-        let talk = Talk::over(&self.wiring, &format!("sensor {name}"));
+        let SensorEntry { sensor, connection, .. } =
+            named.ok_or_else(|| SensorError::UnknownSensor { name: name.to_owned() })?;
+        let talk = RequestCapture::from_mode(&self.wiring, &format!("sensor {name}"));
         if talk.is_replayed() {
-            return Ok(Sensor::replayed(name, talk));
+            return Ok(Sensor::from_capture(name, talk));
         }
-        let opened = match (reached, &self.world) {
-            (Reached::Simulated(simulated), Some(world)) => {
-                simulated.open(sensor, view(world)).await
+        let opened = match (connection, &self.world) {
+            (SensorConnection::Simulated(simulated), Some(world)) => {
+                simulated.open(sensor, world_view(world)).await
             }
-            (Reached::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
-            (Reached::Simulated(_), None) => {
-                Err(SensorError::NothingToSee { name: name.to_owned() })
+            (SensorConnection::Real(real), _) => {
+                real.open(sensor, self.clock.clone(), &self.ports).await
+            }
+            (SensorConnection::Simulated(_), None) => {
+                Err(SensorError::NoSimulatedMachine { name: name.to_owned() })
             }
         };
-        opened?.captured(talk).await
+        opened?.with_capture(talk).await
     }
 }
 
@@ -103,16 +107,16 @@ impl Sensors {
 pub struct EncoderScale {
     pub encoder: Encoder,
     /// Number of counts after which the count wraps.
-    pub round: u64,
+    pub wrap_count: u64,
 }
 
 /// An open sensor of a run.
-pub struct Mounted {
+pub struct MountedSensor {
     sensor: Sensor,
-    world: Option<Arc<Mutex<World>>>,
+    world: Option<Arc<Mutex<SimulatedWorld>>>,
 }
 
-impl Deref for Mounted {
+impl Deref for MountedSensor {
     type Target = Sensor;
 
     fn deref(&self) -> &Sensor {
@@ -120,24 +124,24 @@ impl Deref for Mounted {
     }
 }
 
-impl Drop for Mounted {
+impl Drop for MountedSensor {
     fn drop(&mut self) {
         if let Some(world) = &self.world {
-            without_probe(world, false);
+            set_probe_removed(world, false);
         }
     }
 }
 
-fn without_probe(world: &Mutex<World>, away: bool) {
-    world.lock().unwrap_or_else(PoisonError::into_inner).without_probe(away);
+fn set_probe_removed(world: &Mutex<SimulatedWorld>, away: bool) {
+    world.lock().unwrap_or_else(PoisonError::into_inner).set_probe_removed(away);
 }
 
-fn view(world: &Arc<Mutex<World>>) -> View {
-    View { world: world.clone(), clock: Arc::new(WorldClock(world.clone())) }
+fn world_view(world: &Arc<Mutex<SimulatedWorld>>) -> WorldView {
+    WorldView { world: world.clone(), clock: Arc::new(WorldClock(world.clone())) }
 }
 
 /// Clock of simulated time.
-struct WorldClock(Arc<Mutex<World>>);
+struct WorldClock(Arc<Mutex<SimulatedWorld>>);
 
 impl Clock for WorldClock {
     fn now_s(&self) -> f64 {

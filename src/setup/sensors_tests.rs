@@ -13,10 +13,10 @@ use super::machine_file::SensorEntry;
 use super::sensors::Sensors;
 use devices::sensors::{Sample, SensorError};
 use link::clock::HostClock;
-use link::{Pty, pty};
-use machine::record::reading::Flag;
-use simulator::Sensed;
-use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_tcp};
+use link::{Pty, create_pty};
+use machine::record::reading::ReadingFlag;
+use simulator::SensorOutput;
+use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_tcp};
 
 /// A sensor entry; `reached` is the table of its interface.
 fn entry(name: &str, reached: &str) -> SensorEntry {
@@ -32,7 +32,7 @@ fn column(name: &str, path: &str, column: usize) -> SensorEntry {
 }
 
 fn sensors(entries: &[SensorEntry]) -> Sensors {
-    Sensors::none(Arc::new(HostClock::start())).of(entries, None)
+    Sensors::without_sensors(Arc::new(HostClock::start())).with_entries(entries, None)
 }
 
 fn values(samples: &[Sample]) -> Vec<f64> {
@@ -41,7 +41,7 @@ fn values(samples: &[Sample]) -> Vec<f64> {
 
 #[tokio::test]
 async fn columns_of_one_serial_port_are_sensors_of_their_own() {
-    let Pty { mut device, path, client_side } = pty().unwrap();
+    let Pty { mut device, path, client_side } = create_pty().unwrap();
     let amplifier = tokio::spawn(async move {
         for count in 0_u32.. {
             let line = format!("0.0123,-0.0040,{}\n", count % 1000);
@@ -58,39 +58,39 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
     y1.prepare().await.unwrap();
     // The drivers hold the pseudo-terminal open now.
     drop(client_side);
-    let (of_x1, of_y1) = tokio::join!(x1.take(20), y1.take(20));
+    let (of_x1, of_y1) = tokio::join!(x1.read_samples(20), y1.read_samples(20));
     assert_eq!(values(&of_x1.unwrap()), [0.0123; 20]);
     assert_eq!(values(&of_y1.unwrap()), [-0.0040; 20]);
     for sensor in [&x1, &y1] {
-        let tally = sensor.tally().await.unwrap();
-        assert_eq!(tally.missing, 0, "{}", sensor.name());
-        sensor.watch(|sample| sample.flag == Flag::None, || ()).await.unwrap();
+        let tally = sensor.counters().await.unwrap();
+        assert_eq!(tally.missing_count, 0, "{}", sensor.name());
+        sensor.watch(|sample| sample.flag == ReadingFlag::None, || ()).await.unwrap();
     }
     // After one sensor is closed, the other continues.
     drop(y1);
-    assert_eq!(x1.take(3).await.unwrap().len(), 3);
+    assert_eq!(x1.read_samples(3).await.unwrap().len(), 3);
     let y1 = sensors.open("y1").await.unwrap();
-    assert_eq!(values(&y1.take(3).await.unwrap()), [-0.0040; 3]);
+    assert_eq!(values(&y1.read_samples(3).await.unwrap()), [-0.0040; 3]);
     // The port is lost while both sensors are watched: each holds the machine and reports the loss.
     let (hold, mut held) = mpsc::unbounded_channel();
     for sensor in [&x1, &y1] {
         let (hold, name) = (hold.clone(), sensor.name().to_owned());
         let holds = move || drop(hold.send(name.clone()));
-        sensor.watch(|sample| sample.flag == Flag::None, holds).await.unwrap();
+        sensor.watch(|sample| sample.flag == ReadingFlag::None, holds).await.unwrap();
     }
     amplifier.abort();
     let mut names = [held.recv().await.unwrap(), held.recv().await.unwrap()];
     names.sort();
     assert_eq!(names, ["x1", "y1"]);
     for sensor in [x1, y1] {
-        let lost = sensor.rest().await.unwrap_err();
+        let lost = sensor.end_watch().await.unwrap_err();
         assert!(matches!(lost, SensorError::Link(_)), "{}: {lost}", sensor.name());
     }
 }
 
 #[tokio::test]
 async fn sensors_that_answer_requests_take_turns_on_one_port() {
-    let Pty { mut device, path, client_side: _client } = pty().unwrap();
+    let Pty { mut device, path, client_side: _client } = create_pty().unwrap();
     let addressed = tokio::spawn(async move {
         let mut request = [0; 3];
         while device.read_exact(&mut request).await.is_ok() {
@@ -105,7 +105,7 @@ async fn sensors_that_answer_requests_take_turns_on_one_port() {
     };
     let sensors = sensors(&[queried("x1", "M1"), queried("y1", "M2")]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
-    let (of_x1, of_y1) = tokio::join!(x1.take(50), y1.take(50));
+    let (of_x1, of_y1) = tokio::join!(x1.read_samples(50), y1.read_samples(50));
     assert_eq!(values(&of_x1.unwrap()), [0.1; 50]);
     assert_eq!(values(&of_y1.unwrap()), [0.2; 50]);
     addressed.abort();
@@ -125,7 +125,7 @@ fn unit(name: &str, path: &str, unit: u8) -> SensorEntry {
 
 #[tokio::test]
 async fn units_of_one_modbus_line_are_sensors_of_their_own() {
-    let Pty { mut device, path, client_side: _client } = pty().unwrap();
+    let Pty { mut device, path, client_side: _client } = create_pty().unwrap();
     let bus = tokio::spawn(async move {
         let (mut request, mut owed) = ([0; 8], 0);
         for count in 0_u32.. {
@@ -146,7 +146,7 @@ async fn units_of_one_modbus_line_are_sensors_of_their_own() {
     });
     let sensors = sensors(&[unit("x1", &path, 1), unit("y1", &path, 2)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
-    let (of_x1, of_y1) = tokio::join!(x1.take(40), y1.take(40));
+    let (of_x1, of_y1) = tokio::join!(x1.read_samples(40), y1.read_samples(40));
     let (of_x1, of_y1) = (of_x1.unwrap(), of_y1.unwrap());
     assert!(of_x1.len() == 40 && values(&of_x1).len() > 20, "{of_x1:?}");
     assert!(of_y1.len() == 40 && values(&of_y1).len() > 20, "{of_y1:?}");
@@ -157,12 +157,12 @@ async fn units_of_one_modbus_line_are_sensors_of_their_own() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn sensors_of_one_modbus_tcp_server_have_connections_of_their_own() {
-    let distance = Box::new(|| Sensed::Distance(0.25));
-    let (at, _) = serve_on_tcp(Measures::AtItsRate, distance, 200.0).unwrap();
+    let distance = Box::new(|| SensorOutput::Distance(0.25));
+    let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, distance, 200.0).unwrap();
     let reached = format!("[modbus]\n{}{DATA_SHEET}", at.to_toml());
     let sensors = sensors(&[entry("x1", &reached), entry("y1", &reached)]);
     let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
-    let (of_x1, of_y1) = tokio::join!(x1.take(10), y1.take(10));
+    let (of_x1, of_y1) = tokio::join!(x1.read_samples(10), y1.read_samples(10));
     for samples in [of_x1.unwrap(), of_y1.unwrap()] {
         assert_eq!(values(&samples).len(), 10, "{samples:?}");
     }
@@ -187,8 +187,8 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
         let error = read(a, &b.replace(from, to)).unwrap_err();
         assert!(error.starts_with("shop.toml:"), "{error}");
         let expected = format!(
-            "`b` is on the same port as `a` (/dev/ttyS7), but {expected} there: sensors that share a port must \
-             have it alike"
+            "`b` shares the port /dev/ttyS7 with `a`, but {expected} there: set the same value for all sensors \
+             of a port"
         );
         assert!(error.contains(&expected), "{error}");
     };
@@ -231,7 +231,11 @@ fn an_encoder_is_stated_once_and_used() {
         let error = encoder(table, of_a).unwrap_err();
         assert!(error.starts_with("shop.toml:") && error.contains(expected), "{error}");
     };
-    refused("", counts, "has `encoder_count`; add [encoder] with `axis` and `counts_per_turn`");
+    refused(
+        "",
+        counts,
+        "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`",
+    );
     refused(table, &plain, "no sensor has `encoder_count`");
     refused(&table.replace("-36000", "0"), counts, "`counts_per_turn` in [encoder] is 0");
     refused(&table.replace("-36000", "0.1"), counts, "counts_per_turn");

@@ -2,34 +2,39 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use devices::sensors::thermometer::{self, Entry, SimulatedTemperature, ThermometerError, Watch};
-use link::Wiring;
-use simulator::World;
+use devices::sensors::thermometer::{
+    self, SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller,
+};
+use link::LinkMode;
+use simulator::SimulatedWorld;
 
 /// Thermometers of the machine file, and the world that simulated ones measure.
 pub struct Thermometers {
-    entries: Vec<Entry>,
-    world: Option<Arc<Mutex<World>>>,
+    entries: Vec<ThermometerConfig>,
+    world: Option<Arc<Mutex<SimulatedWorld>>>,
 }
 
 impl Thermometers {
     /// No thermometers during the replay of a capture, which does not contain their values.
-    pub(super) fn of(entries: &[Entry], world: Option<Arc<Mutex<World>>>) -> Self {
-        let there = !Wiring::current().is_replayed();
-        Self { entries: entries.iter().filter(|_| there).cloned().collect(), world }
+    pub(super) fn new(
+        entries: &[ThermometerConfig],
+        world: Option<Arc<Mutex<SimulatedWorld>>>,
+    ) -> Self {
+        let is_live = !LinkMode::current().is_replayed();
+        Self { entries: entries.iter().filter(|_| is_live).cloned().collect(), world }
     }
 
     /// Reads all thermometers until the returned value is dropped. Call inside a tokio runtime.
-    pub fn watch(&self) -> Watch {
-        Watch::of(&self.entries, |name| self.feel(name))
+    pub fn watch(&self) -> ThermometerPoller {
+        ThermometerPoller::start(&self.entries, |name| self.simulated_reading(name))
     }
 
     /// Reads each thermometer once.
-    pub async fn once(&self) -> Vec<(&Entry, Result<f64, ThermometerError>)> {
-        thermometer::once(&self.entries, |name| self.feel(name)).await
+    pub async fn read_once(&self) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
+        thermometer::read_once(&self.entries, |name| self.simulated_reading(name)).await
     }
 
-    fn feel(&self, name: &str) -> Option<SimulatedTemperature> {
+    fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperature> {
         let (world, name) = (self.world.clone()?, name.to_owned());
         Some(Box::new(move || {
             world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)

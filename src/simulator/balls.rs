@@ -4,20 +4,20 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::WorldError;
-use super::drawn::{self, LengthDraw};
-use super::nearest::Nearest;
-use super::truth::Truth;
+use super::SimulatedWorldError;
+use super::nearest_surface::NearestSurface;
+use super::random_draws::{self, LengthDraw};
+use super::truth::MachineTruth;
 use machine::frame::unit_vector;
-use machine::record::artefact::{self, REFERENCE_C};
+use machine::record::artefact::{self, REFERENCE_TEMPERATURE_C};
 
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Balls {
-    balls: Vec<Ball>,
+pub(super) struct TrueBalls {
+    balls: Vec<TrueBall>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-struct Ball {
+struct TrueBall {
     centre: Vector3<f64>,
     radius: f64,
     /// The form adds uᵀ·form·u to the radius along the unit vector u: an oval.
@@ -35,46 +35,51 @@ struct Stem {
     radius: f64,
 }
 
-impl Balls {
-    pub fn new(stated: &artefact::Balls, truth: &Truth) -> Result<Self, WorldError> {
+impl TrueBalls {
+    pub fn new(
+        stated: &artefact::Balls,
+        truth: &MachineTruth,
+    ) -> Result<Self, SimulatedWorldError> {
         let balls = stated.balls.iter().enumerate();
-        let mut balls: Vec<Ball> = balls.map(|(i, ball)| Ball::new(i, ball, truth)).collect();
+        let mut balls: Vec<TrueBall> =
+            balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
         // `>` is false for NaN as well.
-        if balls.is_empty() || !balls.iter().all(Ball::is_sound) {
-            return Err(WorldError::Balls);
+        if balls.is_empty() || !balls.iter().all(TrueBall::is_valid) {
+            return Err(SimulatedWorldError::InvalidBalls);
         }
-        let [expansion, u_expansion] = stated.expansion();
-        let longer = 1.0 + expansion + u_expansion * drawn::artefact_temperature(truth.seed);
-        balls.iter_mut().for_each(|ball| ball.centre *= longer);
-        hold_lengths(&mut balls, stated, truth);
+        let [expansion, u_expansion] = stated.relative_expansion();
+        let scale =
+            1.0 + expansion + u_expansion * random_draws::draw_artefact_temperature(truth.seed);
+        balls.iter_mut().for_each(|ball| ball.centre *= scale);
+        apply_certified_lengths(&mut balls, stated, truth);
         Ok(Self { balls })
     }
 
     /// Nearest surface to `point` in the table frame at the time `t_s`. Inside several bodies, the deepest one
     /// counts.
-    pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> Nearest {
-        let far = Nearest { distance: f64::INFINITY, normal: Vector3::z() };
-        let place = |ball: &Ball| point - ball.shift(t_s);
-        let at_least = |ball: &Ball| ball.at_least(place(ball));
+    pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> NearestSurface {
+        let far = NearestSurface { distance: f64::INFINITY, normal: Vector3::z() };
+        let relative_point = |ball: &TrueBall| point - ball.displacement_at(t_s);
+        let min_distance = |ball: &TrueBall| ball.min_distance(relative_point(ball));
         // The ball with the smallest lower bound comes first: most other balls then need no oval iteration.
-        let first = self.balls.iter().min_by(|a, b| at_least(a).total_cmp(&at_least(b)));
-        let best = first.map_or(far, |ball| ball.nearer(place(ball), far));
-        self.balls.iter().fold(best, |best, ball| ball.nearer(place(ball), best))
+        let first = self.balls.iter().min_by(|a, b| min_distance(a).total_cmp(&min_distance(b)));
+        let best = first.map_or(far, |ball| ball.nearer_surface(relative_point(ball), far));
+        self.balls.iter().fold(best, |best, ball| ball.nearer_surface(relative_point(ball), best))
     }
 
     #[cfg(test)]
     pub fn centre(&self, index: usize, t_s: f64) -> Vector3<f64> {
-        self.balls[index].centre + self.balls[index].shift(t_s)
+        self.balls[index].centre + self.balls[index].displacement_at(t_s)
     }
 }
 
-impl Ball {
-    fn new(index: usize, stated: &artefact::Ball, truth: &Truth) -> Self {
+impl TrueBall {
+    fn new(index: usize, stated: &artefact::Ball, truth: &MachineTruth) -> Self {
         let own = truth.ball.iter().find(|ball| ball.id == stated.id).cloned().unwrap_or_default();
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
         let along = unit_vector(Vector3::from(stated.stem)).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
-        let drawn = drawn::ball(truth.seed, index);
+        let drawn = random_draws::draw_ball(truth.seed, index);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
         Self {
@@ -93,25 +98,25 @@ impl Ball {
         }
     }
 
-    fn is_sound(&self) -> bool {
-        let centre = self.centre.iter().all(|place| place.is_finite());
+    fn is_valid(&self) -> bool {
+        let centre = self.centre.iter().all(|coordinate| coordinate.is_finite());
         centre && self.radius > 2.0 * self.form.abs().sum() && self.radius.is_finite()
     }
 
-    fn shift(&self, t_s: f64) -> Vector3<f64> {
+    fn displacement_at(&self, t_s: f64) -> Vector3<f64> {
         self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
     /// Lower bound of the distance between `point` and the ball.
-    fn at_least(&self, point: Vector3<f64>) -> f64 {
+    fn min_distance(&self, point: Vector3<f64>) -> f64 {
         (point - self.centre).norm() - self.radius - 2.0 * self.form.abs().sum()
     }
 
     /// The nearer of `best` and the surface of this ball with its stem.
-    fn nearer(&self, point: Vector3<f64>, best: Nearest) -> Nearest {
+    fn nearer_surface(&self, point: Vector3<f64>, best: NearestSurface) -> NearestSurface {
         let from_centre = point - self.centre;
         let mut best = best;
-        if self.at_least(point) < best.distance {
+        if self.min_distance(point) < best.distance {
             let ball = self.nearest(from_centre);
             best = if ball.distance < best.distance { ball } else { best };
         }
@@ -126,22 +131,23 @@ impl Ball {
 
     /// Foot of the perpendicular: `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of
     /// the point; for an oval of micrometres, each iteration leaves a thousandth of the error.
-    fn nearest(&self, point: Vector3<f64>) -> Nearest {
+    fn nearest(&self, point: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(point).unwrap_or(Vector3::z());
-        let mut nearest = Nearest { distance: point.norm() - self.radius, normal: direction };
+        let mut nearest =
+            NearestSurface { distance: point.norm() - self.radius, normal: direction };
         if self.form == Matrix3::zeros() {
             return nearest;
         }
-        for _ in 0..ROUNDS {
-            let pulled = self.form * direction;
-            let longer = direction.dot(&pulled);
-            let radius = self.radius + longer;
-            let slope = 2.0 * (pulled - direction * longer);
+        for _ in 0..MAX_FOOT_ITERATIONS {
+            let form_product = self.form * direction;
+            let form_deviation = direction.dot(&form_product);
+            let radius = self.radius + form_deviation;
+            let slope = 2.0 * (form_product - direction * form_deviation);
             let normal = (direction - slope / radius).normalize();
             let distance = (point - direction * radius).dot(&normal);
-            nearest = Nearest { distance, normal };
+            nearest = NearestSurface { distance, normal };
             let next = unit_vector(point - normal * distance).unwrap_or(direction);
-            if (next - direction).norm_squared() < SAME_DIRECTION {
+            if (next - direction).norm_squared() < FOOT_TOLERANCE_RAD2 {
                 break;
             }
             direction = next;
@@ -150,12 +156,12 @@ impl Ball {
     }
 }
 
-const ROUNDS: usize = 30;
+const MAX_FOOT_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
-const SAME_DIRECTION: f64 = 1e-28;
+const FOOT_TOLERANCE_RAD2: f64 = 1e-28;
 
 impl Stem {
-    fn nearest(&self, from_centre: Vector3<f64>) -> Nearest {
+    fn nearest(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let along = from_centre.dot(&self.along);
         let across = from_centre - self.along * along;
         let (reach, outward) = (across.norm(), unit_vector(across).unwrap_or(Vector3::x()));
@@ -164,11 +170,11 @@ impl Stem {
         let cap = self.along * (along - self.length / 2.0).signum();
         if side > 0.0 && end > 0.0 {
             let distance = side.hypot(end);
-            Nearest { distance, normal: (outward * side + cap * end) / distance }
+            NearestSurface { distance, normal: (outward * side + cap * end) / distance }
         } else if side > end {
-            Nearest { distance: side, normal: outward }
+            NearestSurface { distance: side, normal: outward }
         } else {
-            Nearest { distance: end, normal: cap }
+            NearestSurface { distance: end, normal: cap }
         }
     }
 }
@@ -176,35 +182,37 @@ impl Stem {
 /// Moves the balls until their distances equal the certified lengths, plus the drawn error of the certificate,
 /// the true temperature and the declared faults. Both balls of a length move by the same amount; the corrections
 /// alternate where balls share lengths.
-fn hold_lengths(balls: &mut [Ball], stated: &artefact::Balls, truth: &Truth) {
-    let places: BTreeMap<&str, usize> =
+fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, truth: &MachineTruth) {
+    let ball_indices: BTreeMap<&str, usize> =
         stated.balls.iter().enumerate().map(|(i, ball)| (ball.id.as_str(), i)).collect();
-    for _ in 0..LENGTH_ROUNDS {
-        let mut worst = 0.0_f64;
+    for _ in 0..MAX_LENGTH_ITERATIONS {
+        let mut max_correction = 0.0_f64;
         for (number, length) in stated.lengths.iter().enumerate() {
-            let ends = (places.get(length.from.as_str()), places.get(length.to.as_str()));
+            let ends =
+                (ball_indices.get(length.from.as_str()), ball_indices.get(length.to.as_str()));
             let (Some(&from), Some(&to)) = ends else { continue };
-            let apart = balls[to].centre - balls[from].centre;
-            let short = true_length(number, length, truth) - apart.norm();
-            let half = unit_vector(apart).unwrap_or(Vector3::x()) * (short / 2.0);
+            let separation = balls[to].centre - balls[from].centre;
+            let shortfall = true_length(number, length, truth) - separation.norm();
+            let half = unit_vector(separation).unwrap_or(Vector3::x()) * (shortfall / 2.0);
             balls[from].centre -= half;
             balls[to].centre += half;
-            worst = worst.max(short.abs());
+            max_correction = max_correction.max(shortfall.abs());
         }
-        if worst < 1e-13 {
+        if max_correction < 1e-13 {
             return;
         }
     }
 }
 
-const LENGTH_ROUNDS: usize = 1000;
+const MAX_LENGTH_ITERATIONS: usize = 1000;
 
-fn true_length(number: usize, length: &artefact::Length, truth: &Truth) -> f64 {
-    let LengthDraw { certificate, temperature } = drawn::length(truth.seed, number);
-    let warmer = length.temperature_c.unwrap_or(REFERENCE_C) - REFERENCE_C
+fn true_length(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
+    let LengthDraw { certificate, temperature } = random_draws::draw_length(truth.seed, number);
+    let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C)
+        - REFERENCE_TEMPERATURE_C
         + length.u_temperature_k * temperature;
     let certified = length.mm + length.u_mm * certificate;
     certified
-        * (1.0 + length.expansion_um_per_m_k * 1e-6 * warmer)
+        * (1.0 + length.expansion_um_per_m_k * 1e-6 * temperature_rise_k)
         * (1.0 + truth.length_error_um_per_m * 1e-6)
 }

@@ -4,16 +4,16 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::WorldError;
-use super::drawn;
-use super::sensor_truth::{SensorTruth, Wave};
-use super::sensor_view::{Hit, SensorView};
+use super::SimulatedWorldError;
+use super::random_draws;
+use super::sensor_truth::{LinearityWave, SensorTruth};
+use super::sensor_view::{SensorView, SurfaceHit};
 use machine::frame::unit_vector;
 use machine::record::sensor::Sensor;
 
 /// Output of a sensor for one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Sensed {
+pub enum SensorOutput {
     /// Distance from the zero point to the surface, mm.
     Distance(f64),
     /// No light came back: there is no surface, or it is too steep.
@@ -30,11 +30,11 @@ pub(super) struct Beam {
     zero: Vector3<f64>,
     along: Vector3<f64>,
     /// Unit vectors across the nominal direction, for `tilt_urad` and `lean_um`.
-    across: [Vector3<f64>; 2],
+    transverse: [Vector3<f64>; 2],
     range: [f64; 2],
     /// Smallest and largest distance at which the sensor detects a surface, mm.
     reach: [f64; 2],
-    curve: Vec<Wave>,
+    linearity_waves: Vec<LinearityWave>,
     noise_mm: f64,
     truth: SensorTruth,
 }
@@ -46,65 +46,71 @@ impl Beam {
         truth: SensorTruth,
         seed: u64,
         number: usize,
-    ) -> Result<Self, WorldError> {
-        let nonsense = |key| Err(WorldError::Sensor { name: nominal.name.clone(), key });
+    ) -> Result<Self, SimulatedWorldError> {
+        let invalid =
+            |key| Err(SimulatedWorldError::InvalidSensor { name: nominal.name.clone(), key });
         let zero = Vector3::from(nominal.zero_mm);
         let [least, greatest] = nominal.range_mm;
         let span = greatest - least;
         // `>` is false for NaN as well.
         let Some(direction) = unit_vector(Vector3::from(nominal.direction)) else {
-            return nonsense("direction");
+            return invalid("direction");
         };
-        if !zero.iter().all(|place| place.is_finite()) {
-            return nonsense("zero_mm");
+        if !zero.iter().all(|coordinate| coordinate.is_finite()) {
+            return invalid("zero_mm");
         }
         if !(span > 0.0 && span.is_finite()) {
-            return nonsense("range_mm");
+            return invalid("range_mm");
         }
         let noise_um = nominal.noise_um.unwrap_or_default();
         if !(noise_um >= 0.0 && nominal.linearity_um >= 0.0 && nominal.incidence_um >= 0.0) {
-            return nonsense("noise_um, linearity_um or incidence_um");
+            return invalid("noise_um, linearity_um or incidence_um");
         }
         truth.check()?;
-        let truth = slanting(truth, nominal, seed, number);
-        let across = across(direction);
+        let truth = with_drawn_incidence(truth, nominal, seed, number);
+        let across = transverse_directions(direction);
         let [lean_1, lean_2] = truth.tilt_urad.map(|urad| urad * 1e-6);
-        let drawn = || drawn::linearity(seed, number, nominal.linearity_um, span);
+        let drawn = || random_draws::draw_linearity_waves(seed, number, nominal.linearity_um, span);
         Ok(Self {
             zero: zero + Vector3::from(truth.zero_offset_um) * 1e-3,
             along: (direction + across[0] * lean_1 + across[1] * lean_2).normalize(),
-            across,
+            transverse: across,
             range: nominal.range_mm,
             reach: [least.min(-nominal.stand_off_mm), greatest + span],
-            curve: truth.linearity.clone().unwrap_or_else(drawn),
+            linearity_waves: truth.linearity.clone().unwrap_or_else(drawn),
             noise_mm: truth.noise_um.or(nominal.noise_um).unwrap_or_default() * 1e-3,
             truth,
         })
     }
 
     /// Output for one sample. `deviate`: noise in standard deviations.
-    pub fn says(&self, sight: &SensorView<'_>, deviate: f64) -> Sensed {
-        let Some(hit) = self.spot(sight) else { return Sensed::NoEcho };
-        let facing = -hit.normal.dot(&self.along);
-        if facing < self.truth.echo_limit_deg.to_radians().cos() {
-            return Sensed::NoEcho;
+    pub fn output(&self, view: &SensorView<'_>, deviate: f64) -> SensorOutput {
+        let Some(hit) = self.mean_over_spot(view) else { return SensorOutput::NoEcho };
+        let cosine = -hit.normal.dot(&self.along);
+        if cosine < self.truth.echo_limit_deg.to_radians().cos() {
+            return SensorOutput::NoEcho;
         }
-        if facing > self.truth.dazzled_deg.to_radians().cos() {
-            return Sensed::Saturated;
+        if cosine > self.truth.dazzled_deg.to_radians().cos() {
+            return SensorOutput::Saturated;
         }
-        let said = self.truth.gain * hit.distance
-            + self.curve_at(hit.distance)
-            + self.slanted(hit.normal, facing)
+        let output_mm = self.truth.gain * hit.distance
+            + self.linearity_error_mm(hit.distance)
+            + self.incidence_error_mm(hit.normal, cosine)
             + self.noise_mm * deviate;
-        let said = self.truth.clips_mm.map_or(said, |[low, high]| said.clamp(low, high));
+        let output_mm =
+            self.truth.clips_mm.map_or(output_mm, |[low, high]| output_mm.clamp(low, high));
         let [least, greatest] = self.range;
-        let within = said >= least && said <= greatest;
-        if within { Sensed::Distance(said) } else { Sensed::OutOfRange(said) }
+        let is_in_range = output_mm >= least && output_mm <= greatest;
+        if is_in_range {
+            SensorOutput::Distance(output_mm)
+        } else {
+            SensorOutput::OutOfRange(output_mm)
+        }
     }
 
     /// Mean distance over the light spot, and the surface normal at the centre of the spot.
-    fn spot(&self, sight: &SensorView<'_>) -> Option<Hit> {
-        let first = |from: Vector3<f64>| sight.first(self.zero + from, self.along, self.reach);
+    fn mean_over_spot(&self, view: &SensorView<'_>) -> Option<SurfaceHit> {
+        let first = |from: Vector3<f64>| view.first_hit(self.zero + from, self.along, self.reach);
         let middle = first(Vector3::zeros())?;
         if self.truth.spot_mm == 0.0 {
             return Some(middle);
@@ -112,45 +118,51 @@ impl Beam {
         // The mean over a disc of radius a is, up to third order, that of four points a/√2 away.
         let aside = self.truth.spot_mm / 8.0_f64.sqrt();
         let mut sum = 0.0;
-        for across in self.across {
+        for across in self.transverse {
             // Perpendicular to the true beam: the mean over a slanted disc differs.
             let step = across - self.along * self.along.dot(&across);
             let step = unit_vector(step).unwrap_or_default() * aside;
             sum += first(step)?.distance + first(-step)?.distance;
         }
-        Some(Hit { distance: sum / 4.0, ..middle })
+        Some(SurfaceHit { distance: sum / 4.0, ..middle })
     }
 
     /// Deviation of the characteristic curve from a straight line, mm.
-    fn curve_at(&self, distance: f64) -> f64 {
-        let wave = |wave: &Wave| {
+    fn linearity_error_mm(&self, distance: f64) -> f64 {
+        let wave = |wave: &LinearityWave| {
             let phase = TAU * distance / wave.period_mm + wave.phase_deg.to_radians();
             wave.amplitude_um * 1e-3 * phase.sin()
         };
-        self.curve.iter().map(wave).sum()
+        self.linearity_waves.iter().map(wave).sum()
     }
 
     /// Error from a surface that is not perpendicular to the beam, mm.
-    fn slanted(&self, normal: Vector3<f64>, facing: f64) -> f64 {
-        let tangent2 = (1.0 - facing * facing).max(0.0) / (facing * facing);
+    fn incidence_error_mm(&self, normal: Vector3<f64>, cosine: f64) -> f64 {
+        let tangent2 = (1.0 - cosine * cosine).max(0.0) / (cosine * cosine);
         // Slope of the distance along each direction across the beam.
-        let slopes = self.across.map(|across| normal.dot(&across) / facing);
+        let slopes = self.transverse.map(|across| normal.dot(&across) / cosine);
         let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
         (self.truth.incidence_um * tangent2 + lean) * 1e-3
     }
 }
 
 /// Draws the declared incidence errors, unless the truth states values.
-fn slanting(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
+fn with_drawn_incidence(
+    truth: SensorTruth,
+    nominal: &Sensor,
+    seed: u64,
+    number: usize,
+) -> SensorTruth {
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;
     }
-    let (incidence_um, lean_um) = drawn::incidence(seed, number, nominal.incidence_um);
+    let (incidence_um, lean_um) =
+        random_draws::draw_incidence_errors(seed, number, nominal.incidence_um);
     SensorTruth { incidence_um, lean_um, ..truth }
 }
 
 /// Unit vectors across `direction`, near the two axes that are not nearest to it.
-fn across(direction: Vector3<f64>) -> [Vector3<f64>; 2] {
+fn transverse_directions(direction: Vector3<f64>) -> [Vector3<f64>; 2] {
     let size = direction.abs();
     let [first, second] = if size.z >= size.x && size.z >= size.y {
         [Vector3::x(), Vector3::y()]

@@ -1,12 +1,16 @@
 //! Rejects a machine, a probe or a truth with physically impossible numbers.
 
-use super::WorldError;
-use super::truth::Truth;
+use super::SimulatedWorldError;
+use super::truth::MachineTruth;
 use machine::record::machine::{Machine, Probe};
 
 /// Checks magnitudes and speeds against physical limits.
-pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(), WorldError> {
-    let sound = |value: f64| value.is_finite() && value >= 0.0;
+pub(super) fn check_magnitudes(
+    machine: &Machine,
+    probe: &Probe,
+    truth: &MachineTruth,
+) -> Result<(), SimulatedWorldError> {
+    let is_non_negative = |value: f64| value.is_finite() && value >= 0.0;
     let mut magnitudes = vec![
         probe.ball_radius_mm,
         probe.repeatability_um.unwrap_or_default(),
@@ -26,15 +30,15 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
     for (axis, spec) in &machine.axes {
         magnitudes.extend([spec.resolution_um, spec.error_motion_um, spec.backlash_um]);
         if !(spec.rapid_per_min > 0.0 && spec.acceleration_per_s2 > 0.0) {
-            return Err(WorldError::Dynamics { axis: *axis });
+            return Err(SimulatedWorldError::InvalidDynamics { axis: *axis });
         }
         if spec.error_wavelength_mm <= 0.0 {
-            return Err(WorldError::Magnitude);
+            return Err(SimulatedWorldError::InvalidMagnitude);
         }
     }
     for term in &truth.sag {
         if term.axis.is_linear() || !machine.axes.contains_key(&term.axis) {
-            return Err(WorldError::NoTilt { axis: term.axis });
+            return Err(SimulatedWorldError::NoTiltAxis { axis: term.axis });
         }
     }
     let form = truth.form.iter().flat_map(|h| [h.cos_um, h.sin_um]);
@@ -47,9 +51,13 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
         truth.ball_moves.iter().flat_map(|moved| moved.by_mm.into_iter().chain([moved.at_s]));
     let sag = truth.sag.iter().flat_map(|term| term.um.into_iter().chain(term.urad));
     let mut stated = truth.errors.values().copied().chain(form).chain(offsets);
-    let mut of_balls = balls.chain(moves).chain(sag).chain([truth.length_error_um_per_m]);
-    if !(stated.all(f64::is_finite) && of_balls.all(f64::is_finite)) {
-        return Err(WorldError::Magnitude);
+    let mut ball_values = balls.chain(moves).chain(sag).chain([truth.length_error_um_per_m]);
+    if !(stated.all(f64::is_finite) && ball_values.all(f64::is_finite)) {
+        return Err(SimulatedWorldError::InvalidMagnitude);
     }
-    if magnitudes.into_iter().all(sound) { Ok(()) } else { Err(WorldError::Magnitude) }
+    if magnitudes.into_iter().all(is_non_negative) {
+        Ok(())
+    } else {
+        Err(SimulatedWorldError::InvalidMagnitude)
+    }
 }

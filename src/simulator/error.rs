@@ -5,53 +5,55 @@ use machine::kinematics::{KinematicsError, ParameterError};
 
 /// The reason why a world cannot be built, and what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum WorldError {
+pub enum SimulatedWorldError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
     #[error("[simulated]: {0}")]
-    Symbol(#[from] ParameterError),
-    #[error("[simulated] {key}: the unit behind the symbol must be {unit}")]
-    Unit { key: String, unit: &'static str },
+    InvalidSymbol(#[from] ParameterError),
+    #[error("[simulated] {key}: the unit after the symbol must be {unit}")]
+    WrongUnit { key: String, unit: &'static str },
     #[error(
-        "[artefact]: the axis must not be zero, height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
+        "[artefact]: the axis must not be zero, and height and radius must be positive; check also radius_offset_mm, form and roughness_um in [simulated]"
     )]
-    Artefact,
+    InvalidArtefact,
     #[error(
-        "[artefact]: a datum cylinder needs an axis and sections of positive radius; check also radius_offset_mm, form and section_form in [simulated] (sections are counted from 1)"
+        "[artefact]: a datum cylinder needs an axis and at least one section, each section of positive radius; check also radius_offset_mm, form and section_form in [simulated] (sections are counted from 1)"
     )]
-    DatumCylinder,
+    InvalidDatumCylinder,
     #[error(
-        "[artefact]: there must be balls, each of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
+        "[artefact]: at least one ball is required, each ball of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
     )]
-    Balls,
-    #[error("[simulated] {key} is for an artefact of the kind \"{belongs}\": remove it")]
-    OtherKind { key: &'static str, belongs: &'static str },
-    #[error("[simulated] names the ball `{id}`, which the artefact does not have")]
-    NoBall { id: String },
-    #[error("[[simulated.sag]]: there is no tilt axis {axis} in the topology")]
-    NoTilt { axis: Axis },
+    InvalidBalls,
     #[error(
-        "[[simulated.sensor]] names `{name}`, and there is no [[sensor]] of that name: give it one, or take it out"
+        "[simulated] {key} is valid only for an artefact of the kind \"{kind}\"; remove the key"
     )]
-    NoSensor { name: String },
-    #[error("[[sensor]] or [[simulated.sensor]]: `{name}` stands there twice; keep one")]
-    TwoSensors { name: String },
+    WrongArtefactKind { key: &'static str, kind: &'static str },
+    #[error("[simulated] refers to ball `{id}`, but the artefact has no such ball; correct the id")]
+    UnknownBall { id: String },
+    #[error("[[simulated.sag]]: the machine has no rotary axis {axis}; correct axis")]
+    NoTiltAxis { axis: Axis },
     #[error(
-        "[[sensor]] and [[simulated.sensor]] `{name}`: no sensor has such a {key}; check its numbers"
+        "[[simulated.sensor]] `{name}`: no [[sensor]] has this name; correct the name or remove the table"
     )]
-    Sensor { name: String, key: &'static str },
+    UnknownSensor { name: String },
+    #[error("[[sensor]] or [[simulated.sensor]]: `{name}` occurs twice; remove one")]
+    DuplicateSensor { name: String },
     #[error(
-        "[[simulated.thermometer]] `{name}` needs one [[thermometer]] of that name, and stands there once: give it one, or take it out"
+        "[[sensor]] or [[simulated.sensor]] `{name}`: the value of {key} is not possible for a sensor; correct the value"
     )]
-    NoThermometer { name: String },
+    InvalidSensor { name: String, key: &'static str },
     #[error(
-        "[[simulated.thermometer]] `{name}`: begins_c, warms_k and noise_k must be finite, noise_k not negative"
+        "[[simulated.thermometer]] `{name}`: no [[thermometer]] has this name, or `{name}` occurs twice; correct the name or remove the table"
     )]
-    Thermometer { name: String },
+    UnknownThermometer { name: String },
+    #[error(
+        "[[simulated.thermometer]] `{name}`: begins_c, warms_k and noise_k must be finite, and noise_k must not be negative"
+    )]
+    InvalidThermometer { name: String },
     #[error("[axes.{axis}]: rapid_per_min and acceleration_per_s2 must be positive")]
-    Dynamics { axis: Axis },
+    InvalidDynamics { axis: Axis },
     #[error(
-        "lengths, delays, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative, error_wavelength_mm must be positive, and every number finite"
+        "lengths, delays, noise, drift and backlash in [probe], [machine], [axes] and [simulated] must not be negative; error_wavelength_mm must be positive; every number must be finite"
     )]
-    Magnitude,
+    InvalidMagnitude,
 }

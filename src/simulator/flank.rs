@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::nearest::Nearest;
+use super::nearest_surface::NearestSurface;
 
 /// `cos·cos(nψ) + sin·sin(nψ)`, ψ counter-clockwise about the artefact's axis.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -38,7 +38,7 @@ impl Flank {
     }
 
     /// The solid turned about its own axis, rad.
-    pub fn turned(self, angle: f64) -> Self {
+    pub fn rotated(self, angle: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         Self { frame: self.frame * turn, ..self }
     }
@@ -49,17 +49,17 @@ impl Flank {
     }
 
     /// Lower bound of the distance between `point` and the solid.
-    pub fn at_least(&self, point: Vector3<f64>) -> f64 {
-        let own = self.frame.inverse() * (point - self.foot);
-        (own.z - self.height / 2.0).abs() - self.height / 2.0
+    pub fn min_distance(&self, point: Vector3<f64>) -> f64 {
+        let local_point = self.frame.inverse() * (point - self.foot);
+        (local_point.z - self.height / 2.0).abs() - self.height / 2.0
     }
 
     /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
-    pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> Nearest {
-        let own = self.frame.inverse() * (point - self.foot);
-        let (across, outward) = self.profile.nearest(own.xy(), growth);
-        let along = (own.z - self.height / 2.0).abs() - self.height / 2.0;
-        let end = Vector3::z() * (own.z - self.height / 2.0).signum();
+    pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> NearestSurface {
+        let local_point = self.frame.inverse() * (point - self.foot);
+        let (across, outward) = self.profile.nearest(local_point.xy(), growth);
+        let along = (local_point.z - self.height / 2.0).abs() - self.height / 2.0;
+        let end = Vector3::z() * (local_point.z - self.height / 2.0).signum();
         let (distance, normal) = if across > 0.0 && along > 0.0 {
             let distance = across.hypot(along);
             (distance, (outward.push(0.0) * across + end * along) / distance)
@@ -68,7 +68,7 @@ impl Flank {
         } else {
             (along, end)
         };
-        Nearest { distance, normal: self.frame * normal }
+        NearestSurface { distance, normal: self.frame * normal }
     }
 }
 
@@ -108,7 +108,7 @@ impl Profile {
     fn nearest(&self, point: Vector2<f64>, growth: f64) -> (f64, Vector2<f64>) {
         let (rho, angle) = (point.norm(), point.y.atan2(point.x));
         let [r, ..] = self.radius(angle);
-        let psi = if self.terms.is_empty() { angle } else { self.foot(rho, angle, growth) };
+        let psi = if self.terms.is_empty() { angle } else { self.foot_angle(rho, angle, growth) };
         let [r_foot, slope, _] = self.radius(psi);
         let (sin, cos) = psi.sin_cos();
         let (radial, round) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
@@ -120,31 +120,31 @@ impl Profile {
 
     /// Angle of the profile's nearest point. It lies in a window about the angle of `point`; the best sample of
     /// the window starts Newton's iteration.
-    fn foot(&self, rho: f64, angle: f64, growth: f64) -> f64 {
+    fn foot_angle(&self, rho: f64, angle: f64, growth: f64) -> f64 {
         let distance2 = |psi: f64| {
             let r = self.radius(psi)[0] + growth;
             (rho - r).powi(2) + 4.0 * rho * r * ((psi - angle) / 2.0).sin().powi(2)
         };
-        let window = self.window(rho, distance2(angle).sqrt(), growth);
+        let window = self.search_window(rho, distance2(angle).sqrt(), growth);
         let order = self.terms.iter().map(|t| t.0).fold(1.0, f64::max);
         let samples = (window * order * 4.0 / PI).ceil().max(1.0) as i32;
         let best = (-samples..=samples)
             .map(|i| angle + window * f64::from(i) / f64::from(samples))
             .min_by(|a, b| distance2(*a).total_cmp(&distance2(*b)))
             .unwrap_or(angle);
-        self.newton(rho, angle, growth, best)
+        self.refine_foot_angle(rho, angle, growth, best)
     }
 
     /// Half-width of the window, rad. A profile point outside of it is farther away than the profile point at
     /// the same angle, whose distance is `straight`.
-    fn window(&self, rho: f64, straight: f64, growth: f64) -> f64 {
+    fn search_window(&self, rho: f64, straight: f64, growth: f64) -> f64 {
         let chord = 4.0 * rho * (self.smallest_radius() + growth);
         let sine2 = 4.0 * self.amplitude * straight / chord;
         if sine2 < 1.0 { 2.0 * sine2.sqrt().asin() } else { PI }
     }
 
     /// Newton's iteration on the derivative of half the squared distance.
-    fn newton(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
+    fn refine_foot_angle(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
         let mut psi = start;
         for _ in 0..30 {
             let [r, d, dd] = self.radius(psi);

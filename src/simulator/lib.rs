@@ -14,16 +14,18 @@ mod check;
 pub mod controls;
 mod datum;
 mod datum_truth;
-mod drawn;
 mod error;
 pub mod faulty_wire;
 mod flank;
 pub mod interpreter;
 mod linear_errors;
-mod nearest;
+mod machine_pose;
+mod motion_history;
+mod nearest_surface;
 mod operator;
 mod path;
 mod ramp;
+mod random_draws;
 mod rotary_errors;
 mod rotary_motion;
 mod sag;
@@ -32,54 +34,52 @@ mod sensing;
 mod sensor_truth;
 mod sensor_view;
 pub mod sensors;
-mod stand;
 mod surface;
 mod thermometer_truth;
-mod trail;
 mod truth;
 mod wiring;
 
 use std::collections::BTreeMap;
 
-pub use beam::Sensed;
+pub use beam::SensorOutput;
 pub use datum_truth::{DatumTruth, IndexFault, SectionForm, StageTruth};
-pub use error::WorldError;
+pub use error::SimulatedWorldError;
 pub use flank::FormHarmonic;
 pub use operator::SimulatedOperator;
 pub use ramp::Speed;
 pub use rotary_motion::RotaryMotion;
 pub use sensing::SampleInMotion;
-pub use sensor_truth::{SensorTruth, Wave};
-pub use truth::{ErrorMotion, Latch, Truth};
+pub use sensor_truth::{LinearityWave, SensorTruth};
+pub use truth::{ErrorMotion, LatchDelay, MachineTruth};
 
 use machine::record::artefact::Artefact;
 use machine::record::machine::{AxisSpec, Machine, Probe};
 use machine::{Axis, Position};
-use path::{Limits, Path, Play};
-use ramp::{FINEST_MM, first_crossing};
+use motion_history::MotionHistory;
+use path::{LostMotion, MoveLimits, MovePath};
+use ramp::{MIN_SEARCH_STEP_MM, first_crossing};
 use scene::Scene;
 use sensing::SimulatedSensor;
 use thermometer_truth::ThermometerTruth;
-use trail::MotionHistory;
-use wiring::Wired;
+use wiring::TrueWiring;
 
 /// Result of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Travel {
+pub struct MoveResult {
     /// The probe closed during the move, or reads closed at its end.
-    pub touched: bool,
+    pub has_touched: bool,
     /// The stylus was deflected beyond its overtravel.
-    pub crashed: bool,
+    pub has_crashed: bool,
     pub duration_s: f64,
 }
 
 /// Result of a probing move.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Probed {
+pub struct ProbeResult {
     /// `None`: the move reached its target without contact.
     pub contact: Option<Contact>,
     /// Braking deflected the stylus beyond its overtravel.
-    pub crashed: bool,
+    pub has_crashed: bool,
     pub duration_s: f64,
 }
 
@@ -92,34 +92,34 @@ pub struct Contact {
 
 /// The only owner of simulated time, axis positions and the state of the probe.
 #[derive(Debug, Clone)]
-pub struct World {
+pub struct SimulatedWorld {
     scene: Scene,
     axes: BTreeMap<Axis, AxisSpec>,
     seed: u64,
     repeatability_mm: f64,
     overtravel_mm: f64,
-    latch: Latch,
+    latch: LatchDelay,
     t_s: f64,
     /// Commanded positions of all axes.
     command: Position,
-    play: Play,
-    wired: Wired,
+    lost_motion: LostMotion,
+    true_wiring: TrueWiring,
     /// Scatter of the current touch (of the last one between touches), mm.
     scatter_mm: f64,
     /// Whether a person deflects the stylus by hand.
-    deflected: bool,
+    is_stylus_deflected: bool,
     /// Whether the probe is not in the spindle.
-    probe_away: bool,
+    is_probe_removed: bool,
     /// Number of probing moves for each N word.
-    probed: BTreeMap<u32, u32>,
+    probe_counts: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
-    eyes: Vec<SimulatedSensor>,
+    sensors: Vec<SimulatedSensor>,
     /// Past motion, recorded only if there are sensors.
-    trail: MotionHistory,
-    warmths: Vec<ThermometerTruth>,
+    motion_history: MotionHistory,
+    thermometers: Vec<ThermometerTruth>,
 }
 
-impl World {
+impl SimulatedWorld {
     /// Creates a world with all axes at zero, except Z at its upper limit, at time zero.
     ///
     /// # Errors
@@ -129,9 +129,9 @@ impl World {
         machine: &Machine,
         probe: &Probe,
         artefact: &Artefact,
-        truth: &Truth,
-    ) -> Result<Self, WorldError> {
-        check::check(machine, probe, truth)?;
+        truth: &MachineTruth,
+    ) -> Result<Self, SimulatedWorldError> {
+        check::check_magnitudes(machine, probe, truth)?;
         let scene = Scene::new(machine, probe, artefact, truth)?;
         let mut command: Position = scene.axes().map(|axis| (axis, 0.0)).collect();
         command.set(Axis::Z, machine.axes.get(&Axis::Z).map_or(0.0, |spec| spec.max));
@@ -143,28 +143,28 @@ impl World {
             overtravel_mm: probe.overtravel_mm,
             latch: truth.latch,
             t_s: 0.0,
-            play: Play::new(&backlash_um(machine, truth), &command),
-            wired: Wired::new(&truth.wiring, &command),
+            lost_motion: LostMotion::new(&true_backlash_um(machine, truth), &command),
+            true_wiring: TrueWiring::new(&truth.wiring, &command),
             command,
             scatter_mm: 0.0,
-            deflected: false,
-            probe_away: false,
-            probed: BTreeMap::new(),
+            is_stylus_deflected: false,
+            is_probe_removed: false,
+            probe_counts: BTreeMap::new(),
             sensor_truths: truth.sensor.clone(),
-            eyes: Vec::new(),
-            trail: MotionHistory::default(),
-            warmths: truth.thermometer.clone(),
+            sensors: Vec::new(),
+            motion_history: MotionHistory::default(),
+            thermometers: truth.thermometer.clone(),
         })
     }
 
     /// Advances the world by `seconds`, and counts a probing move for each of these N words, so that the next
     /// touches have new scatter.
-    pub fn pass(&mut self, seconds: f64, probed: impl IntoIterator<Item = u32>) {
+    pub fn advance(&mut self, seconds: f64, probe_lines: impl IntoIterator<Item = u32>) {
         self.dwell(seconds);
-        for n in probed {
-            *self.probed.entry(n).or_default() += 1;
+        for n in probe_lines {
+            *self.probe_counts.entry(n).or_default() += 1;
         }
-        self.eyes.iter_mut().for_each(|eye| eye.pass(self.t_s));
+        self.sensors.iter_mut().for_each(|sensor| sensor.advance_to(self.t_s));
     }
 
     /// Simulated time since the world was created.
@@ -174,42 +174,42 @@ impl World {
 
     /// Axis positions as displayed by the control: linear axes in whole steps.
     pub fn position(&self) -> Position {
-        self.displayed(&self.command)
+        self.displayed_position(&self.command)
     }
 
     /// Whether the probe input reads closed now.
-    pub fn tripped(&self) -> bool {
-        self.wired.shows(self.touches())
+    pub fn is_probe_closed(&self) -> bool {
+        self.true_wiring.input_state(self.is_in_contact())
     }
 
     /// Whether the probe is truly closed.
-    fn touches(&self) -> bool {
-        if self.deflected {
+    fn is_in_contact(&self) -> bool {
+        if self.is_stylus_deflected {
             return true;
         }
-        !self.probe_away && self.margin_here() + self.scatter_mm <= 0.0
+        !self.is_probe_removed && self.trigger_distance() + self.scatter_mm <= 0.0
     }
 
     /// Distance of the stylus from the trigger point at the true axis positions, mm; negative in contact.
-    fn margin_here(&self) -> f64 {
-        let command = self.wired.truly(self.command.clone());
-        self.scene.margin(&self.true_axes(), &command, self.t_s)
+    fn trigger_distance(&self) -> f64 {
+        let command = self.true_wiring.true_position(self.command.clone());
+        self.scene.trigger_distance(&self.true_axes(), &command, self.t_s)
     }
 
     /// True axis positions.
     fn true_axes(&self) -> Position {
-        self.wired.truly(self.play.follow(&self.command))
+        self.true_wiring.true_position(self.lost_motion.position_after_move_to(&self.command))
     }
 
     /// Removes the probe from the spindle, or puts it back. Without it there is no contact and no damage.
-    pub fn without_probe(&mut self, away: bool) {
-        self.probe_away = away;
+    pub fn set_probe_removed(&mut self, is_removed: bool) {
+        self.is_probe_removed = is_removed;
     }
 
     /// Mounts the artefact again on its indexing stage, turned by this angle against its first mounting,
     /// counter-clockwise seen from its tip.
-    pub fn mount(&mut self, turn_deg: f64) {
-        self.scene.mount(turn_deg);
+    pub fn mount_artefact(&mut self, turn_deg: f64) {
+        self.scene.mount_artefact(turn_deg);
     }
 
     /// For tests alone: error motion of the rotary axis along or about the axis `component` at the unwrapped
@@ -219,51 +219,61 @@ impl World {
     }
 
     /// Deflects the stylus by hand, or releases it.
-    pub fn deflect(&mut self, deflected: bool) {
-        self.deflected = deflected;
+    pub fn set_stylus_deflected(&mut self, is_stylus_deflected: bool) {
+        self.is_stylus_deflected = is_stylus_deflected;
     }
 
     /// Makes a straight, unguarded move of the axes named in `to`; no contact stops it. Axes that the machine
     /// lacks do not move.
-    pub fn travel(&mut self, to: &Position, speed: Speed) -> Travel {
+    pub fn travel(&mut self, to: &Position, speed: Speed) -> MoveResult {
         let Some(path) = self.path(to, speed) else {
-            return Travel { touched: self.tripped(), ..Travel::default() };
+            return MoveResult { has_touched: self.is_probe_closed(), ..MoveResult::default() };
         };
-        let touched = self.closes(&path);
-        let pressed = |fraction| self.clearance(&path, fraction) + self.overtravel_mm;
-        let crashed = first_crossing(pressed, path.steepest(), 0.0).is_some();
+        let has_touched = self.probe_closes_on_path(&path);
+        let stylus_travel_left =
+            |fraction| self.clearance_on_path(&path, fraction) + self.overtravel_mm;
+        let has_crashed =
+            first_crossing(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
         let duration_s = path.ramp().duration_s();
-        self.arrive(&path, 1.0, duration_s);
-        Travel { touched, crashed, duration_s }
+        self.finish_move(&path, 1.0, duration_s);
+        MoveResult { has_touched, has_crashed, duration_s }
     }
 
     /// Sets the delay with which contacts are latched from now on.
-    pub fn latch_by(&mut self, latch: Latch) {
+    pub fn set_latch(&mut self, latch: LatchDelay) {
         self.latch = latch;
     }
 
     /// Moves until the probe triggers and the contact is latched, then brakes. `n` is the N word of the line:
     /// together with the number of probing moves under this word it keys the scatter, so that the order of the
     /// touches does not matter. With the probe closed at the start, contact is reported there.
-    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
-        let occurrence = self.probed.entry(n).or_default();
-        self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
-        let share = drawn::scan_share(self.seed, n, *occurrence);
+    pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
+        let occurrence = self.probe_counts.entry(n).or_default();
+        self.scatter_mm =
+            self.repeatability_mm * random_draws::draw_touch_scatter(self.seed, n, *occurrence);
+        let scan_phase = random_draws::draw_scan_phase(self.seed, n, *occurrence);
         *occurrence += 1;
         let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
             let here = Contact { position: self.position(), t_s: self.t_s };
-            return Probed { contact: self.tripped().then_some(here), ..Probed::default() };
+            return ProbeResult {
+                contact: self.is_probe_closed().then_some(here),
+                ..ProbeResult::default()
+            };
         };
-        let contact = first_crossing(|fraction| self.margin(&path, fraction), path.steepest(), 0.0);
-        match contact.filter(|_| self.wired.feels()) {
+        let contact = first_crossing(
+            |fraction| self.trigger_distance_on_path(&path, fraction),
+            path.max_ball_travel_mm(),
+            0.0,
+        );
+        match contact.filter(|_| self.true_wiring.reacts_to_contact()) {
             Some(fraction) => {
-                let late_s = (self.latch.delay_ms + share * self.latch.scan_ms) * 1e-3;
-                self.stop_on_contact(&path, path.ramp().later(fraction, late_s))
+                let late_s = (self.latch.delay_ms + scan_phase * self.latch.scan_ms) * 1e-3;
+                self.stop_on_contact(&path, path.ramp().fraction_after(fraction, late_s))
             }
             None => {
                 let duration_s = path.ramp().duration_s();
-                self.arrive(&path, 1.0, duration_s);
-                Probed { duration_s, ..Probed::default() }
+                self.finish_move(&path, 1.0, duration_s);
+                ProbeResult { duration_s, ..ProbeResult::default() }
             }
         }
     }
@@ -286,94 +296,97 @@ impl World {
 
     /// For tests alone: displacement of the table by drift at `t_s`, machine frame, mm.
     pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
-        self.scene.drift_at(t_s).into()
+        self.scene.table_drift(t_s).into()
     }
 
     /// For tests alone: stylus-ball centre relative to the spindle datum, mm.
     pub fn true_stylus_mm(&self) -> [f64; 3] {
-        self.scene.stylus().into()
+        self.scene.stylus_centre().into()
     }
 
-    fn stop_on_contact(&mut self, path: &Path, fraction: f64) -> Probed {
+    fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
         let t_s = self.t_s + path.ramp().time_s(fraction);
-        let contact = Contact { position: self.displayed(&path.command(fraction)), t_s };
+        let contact = Contact { position: self.displayed_position(&path.command(fraction)), t_s };
         let (rest, duration_s) = path.ramp().stop_from(fraction);
-        let crashed = self.clearance(path, rest) < -self.overtravel_mm;
-        self.arrive(path, rest, duration_s);
-        Probed { contact: Some(contact), crashed, duration_s }
+        let has_crashed = self.clearance_on_path(path, rest) < -self.overtravel_mm;
+        self.finish_move(path, rest, duration_s);
+        ProbeResult { contact: Some(contact), has_crashed, duration_s }
     }
 
     /// Whether the probe closes during the move; a move that starts in contact must lose it first.
-    fn closes(&self, path: &Path) -> bool {
-        let margin = |fraction| self.margin(path, fraction);
-        let steepest = path.steepest();
+    fn probe_closes_on_path(&self, path: &MovePath) -> bool {
+        let margin = |fraction| self.trigger_distance_on_path(path, fraction);
+        let max_slope_mm = path.max_ball_travel_mm();
         let open = if margin(0.0) > 0.0 {
             Some(0.0)
         } else {
             // Slightly beyond the opening, where the input is safely open.
-            first_crossing(|fraction| -margin(fraction), steepest, 0.0)
-                .map(|fraction| (fraction + FINEST_MM / steepest).min(1.0))
+            first_crossing(|fraction| -margin(fraction), max_slope_mm, 0.0)
+                .map(|fraction| (fraction + MIN_SEARCH_STEP_MM / max_slope_mm).min(1.0))
         };
-        margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, steepest, o).is_some())
+        margin(1.0) <= 0.0 || open.is_none_or(|o| first_crossing(margin, max_slope_mm, o).is_some())
     }
 
-    fn path(&self, to: &Position, speed: Speed) -> Option<Path> {
-        let longest = self.wired.longest();
-        let lever = |axis, at: &Position| self.scene.lever(axis, at);
-        let limits = Limits { axes: &self.axes, lever: &lever, longest };
-        Path::new(&self.command, to, speed, &self.play, &limits)
+    fn path(&self, to: &Position, speed: Speed) -> Option<MovePath> {
+        let max_travel_ratio = self.true_wiring.max_travel_ratio();
+        let lever_arm = |axis, at: &Position| self.scene.lever_arm(axis, at);
+        let limits = MoveLimits { axes: &self.axes, lever_arm: &lever_arm, max_travel_ratio };
+        MovePath::new(&self.command, to, speed, &self.lost_motion, &limits)
     }
 
-    fn margin(&self, path: &Path, fraction: f64) -> f64 {
-        if self.probe_away {
+    fn trigger_distance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
+        if self.is_probe_removed {
             return f64::MAX;
         }
-        let (axes, command) = self.true_on(path, fraction);
+        let (axes, command) = self.true_positions_on_path(path, fraction);
         let t_s = self.t_s + path.ramp().time_s(fraction);
-        self.scene.margin(&axes, &command, t_s) + self.scatter_mm
+        self.scene.trigger_distance(&axes, &command, t_s) + self.scatter_mm
     }
 
-    fn clearance(&self, path: &Path, fraction: f64) -> f64 {
-        if self.probe_away {
+    fn clearance_on_path(&self, path: &MovePath, fraction: f64) -> f64 {
+        if self.is_probe_removed {
             return f64::MAX;
         }
-        let (axes, command) = self.true_on(path, fraction);
+        let (axes, command) = self.true_positions_on_path(path, fraction);
         self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
     }
 
     /// True axis positions, with and without lost motion.
-    fn true_on(&self, path: &Path, fraction: f64) -> (Position, Position) {
-        (self.wired.truly(path.axes(fraction)), self.wired.truly(path.command(fraction)))
+    fn true_positions_on_path(&self, path: &MovePath, fraction: f64) -> (Position, Position) {
+        (
+            self.true_wiring.true_position(path.true_axes(fraction)),
+            self.true_wiring.true_position(path.command(fraction)),
+        )
     }
 
-    fn arrive(&mut self, path: &Path, fraction: f64, duration_s: f64) {
-        if !self.eyes.is_empty() {
-            self.trail.went(self.t_s, path, fraction);
+    fn finish_move(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
+        if !self.sensors.is_empty() {
+            self.motion_history.record_move(self.t_s, path, fraction);
         }
-        self.stop_at(path, fraction, duration_s);
+        self.set_stop_position(path, fraction, duration_s);
     }
 
-    fn stop_at(&mut self, path: &Path, fraction: f64, duration_s: f64) {
+    fn set_stop_position(&mut self, path: &MovePath, fraction: f64, duration_s: f64) {
         self.command = path.command(fraction);
-        self.play.settle(&self.command);
+        self.lost_motion.update_actual(&self.command);
         self.t_s += duration_s;
     }
 
-    fn displayed(&self, command: &Position) -> Position {
+    fn displayed_position(&self, command: &Position) -> Position {
         let rounded = |(axis, value): (Axis, f64)| {
             let step = self.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um * 1e-3);
-            let whole = axis.is_linear() && step > 0.0;
-            (axis, if whole { (value / step).round() * step } else { value })
+            let rounds_to_steps = axis.is_linear() && step > 0.0;
+            (axis, if rounds_to_steps { (value / step).round() * step } else { value })
         };
         command.iter().map(rounded).collect()
     }
 }
 
 /// Lost motion of the linear axes: as stated, or drawn from the declared magnitude.
-fn backlash_um(machine: &Machine, truth: &Truth) -> BTreeMap<Axis, f64> {
+fn true_backlash_um(machine: &Machine, truth: &MachineTruth) -> BTreeMap<Axis, f64> {
     let drawn =
         machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0).map(|(axis, spec)| {
-            (*axis, spec.backlash_um * drawn::backlash(truth.seed, *axis as u64))
+            (*axis, spec.backlash_um * random_draws::draw_backlash(truth.seed, *axis as u64))
         });
     let mut backlash_um: BTreeMap<Axis, f64> = drawn.collect();
     backlash_um.extend(&truth.backlash_um);

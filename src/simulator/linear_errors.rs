@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use rand_distr::Distribution;
 
-use super::drawn::{Source, first_normal, normals};
+use super::random_draws::{RandomSource, first_normal, standard_normals};
 use estimation::random;
-use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm};
 use machine::{Axis, Position};
 
 /// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random frequency and
@@ -17,7 +17,7 @@ struct RandomFunction {
     amplitude: f64,
     /// (angular frequency per mm, phase in rad).
     waves: Vec<(f64, f64)>,
-    at_zero: f64,
+    value_at_zero: f64,
     pitch: f64,
     /// Value, and derivative times pitch, at multiples of the pitch, where the function has been tabulated.
     /// Cubic Hermite interpolation between them is within 1e-6 σ of the sum of cosines.
@@ -25,7 +25,7 @@ struct RandomFunction {
 }
 
 impl RandomFunction {
-    const WAVES: usize = 64;
+    const WAVE_COUNT: usize = 64;
     /// Maximum number of knots on either side of zero: more than a metre at the shortest correlation length,
     /// whatever the axis limits. Beyond it the sum of cosines is evaluated.
     const MAX_KNOTS_PER_SIDE: f64 = 20_000.0;
@@ -34,15 +34,17 @@ impl RandomFunction {
         if sigma == 0.0 {
             return Self::default();
         }
-        let frequencies = normals(seed, Source::ErrorMotion, key).take(Self::WAVES);
+        let frequencies =
+            standard_normals(seed, RandomSource::ErrorMotion, key).take(Self::WAVE_COUNT);
         let phase_key: Vec<u64> =
-            [Source::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
-        let phases = rand_distr::StandardUniform.sample_iter(random::stream(seed, &phase_key));
+            [RandomSource::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let phases =
+            rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
         let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
-        let amplitude = sigma * (2.0 / Self::WAVES as f64).sqrt();
+        let amplitude = sigma * (2.0 / Self::WAVE_COUNT as f64).sqrt();
         let pitch = length / 10.0;
         let mut function = Self { amplitude, waves, pitch, ..Self::default() };
-        function.at_zero = function.at(0.0);
+        function.value_at_zero = function.value_at(0.0);
         function
     }
 
@@ -53,30 +55,30 @@ impl RandomFunction {
             let knot = |i: i64| {
                 let x = i as f64 * self.pitch;
                 let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
-                [self.cosines(x), self.amplitude * slope * self.pitch]
+                [self.sum_of_cosines(x), self.amplitude * slope * self.pitch]
             };
             self.knots = (-half..=half).map(knot).collect();
         }
         self
     }
 
-    fn at(&self, x: f64) -> f64 {
+    fn value_at(&self, x: f64) -> f64 {
         if self.waves.is_empty() {
             return 0.0;
         }
-        let place = x / self.pitch + (self.knots.len() / 2) as f64;
-        let i = place.floor();
+        let knot_coordinate = x / self.pitch + (self.knots.len() / 2) as f64;
+        let i = knot_coordinate.floor();
         let piece = (i >= 0.0).then(|| self.knots.get(i as usize..)?.get(..2)).flatten();
-        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.cosines(x) };
-        let right = place - i;
-        let left = 1.0 - right;
-        left * left * ((1.0 + 2.0 * right) * a + right * slope_a)
-            + right * right * ((1.0 + 2.0 * left) * b - left * slope_b)
+        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.sum_of_cosines(x) };
+        let right_weight = knot_coordinate - i;
+        let left_weight = 1.0 - right_weight;
+        left_weight * left_weight * ((1.0 + 2.0 * right_weight) * a + right_weight * slope_a)
+            + right_weight * right_weight * ((1.0 + 2.0 * left_weight) * b - left_weight * slope_b)
     }
 
-    fn cosines(&self, x: f64) -> f64 {
+    fn sum_of_cosines(&self, x: f64) -> f64 {
         let sum: f64 = self.waves.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
-        self.amplitude * sum - self.at_zero
+        self.amplitude * sum - self.value_at_zero
     }
 }
 
@@ -86,7 +88,7 @@ pub(super) struct LinearErrors {
     /// Error motions of each axis along X, Y and Z.
     motions: [[RandomFunction; 3]; 3],
     /// Squareness errors, rad: displacement of X with motion along Y, of X along Z, of Y along Z.
-    square: Vector3<f64>,
+    squareness_rad: Vector3<f64>,
 }
 
 impl LinearErrors {
@@ -97,13 +99,13 @@ impl LinearErrors {
             RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
         };
         let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
-        Self { motions: std::array::from_fn(along), square: Vector3::zeros() }
+        Self { motions: std::array::from_fn(along), squareness_rad: Vector3::zeros() }
     }
 
     /// Adds squareness errors of standard deviation `sigma` for each pair of axes, rad.
     pub fn with_squareness_errors(self, seed: u64, sigma: f64) -> Self {
-        let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
-        Self { square: Vector3::new(draw(0), draw(1), draw(2)), ..self }
+        let draw = |pair| sigma * first_normal(seed, RandomSource::Squareness, &[pair]);
+        Self { squareness_rad: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }
 
     /// The same functions, tabulated within these distances of zero on X, Y and Z, mm.
@@ -119,13 +121,14 @@ impl LinearErrors {
     }
 
     /// True minus commanded position, machine frame, mm.
-    pub fn at(&self, command: [f64; 3]) -> Vector3<f64> {
+    pub fn deviation_at(&self, command: [f64; 3]) -> Vector3<f64> {
         let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
-            Vector3::from(along.each_ref().map(|function| function.at(q)))
+            Vector3::from(along.each_ref().map(|function| function.value_at(q)))
         };
         let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
-        let ([_, y, z], square) = (command, self.square);
-        motions + Vector3::new(square.x * y + square.y * z, square.z * z, 0.0)
+        let ([_, y, z], squareness_rad) = (command, self.squareness_rad);
+        motions
+            + Vector3::new(squareness_rad.x * y + squareness_rad.y * z, squareness_rad.z * z, 0.0)
     }
 }
 
@@ -141,7 +144,9 @@ impl AngularErrors {
         let mut functions = Vec::new();
         for (number, (axis, [sigma, length])) in Axis::LINEAR.into_iter().zip(axes).enumerate() {
             for (about, component) in [Axis::A, Axis::B, Axis::C].into_iter().zip(3_u64..) {
-                let Ok(error) = ErrorParameter::new(about, axis, Shape::Location) else { continue };
+                let Ok(error) = ErrorParameter::new(about, axis, ErrorShape::Location) else {
+                    continue;
+                };
                 let key = [number as u64, component];
                 functions.push((error, RandomFunction::draw(seed, &key, sigma, length)));
             }
@@ -155,10 +160,10 @@ impl AngularErrors {
     }
 
     /// Error terms with the axes at these positions.
-    pub fn at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
+    pub fn errors_at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
         self.functions.iter().map(|(parameter, function)| ErrorTerm {
             parameter: *parameter,
-            value: function.at(axes.at(parameter.axis())),
+            value: function.value_at(axes.get_or_zero(parameter.axis())),
         })
     }
 }

@@ -3,8 +3,10 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use super::{Speed, World};
-use machine::record::question::{Answer, AxisDirection, Jog, Question, Seen, Stylus};
+use super::{SimulatedWorld, Speed};
+use machine::record::question::{
+    Answer, AxisDirection, Jog, ObservedMotion, Question, StylusState,
+};
 use machine::{Axis, Position};
 
 /// Smallest motion that the operator sees, mm or degrees.
@@ -13,82 +15,92 @@ const MIN_VISIBLE_MOTION: f64 = 0.05;
 const VISUAL_RESOLUTION: f64 = 0.1;
 
 pub struct SimulatedOperator {
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
     /// True position at which a jog was allowed.
-    before: Position,
+    position_before_jog: Position,
 }
 
 impl SimulatedOperator {
-    pub fn new(world: Arc<Mutex<World>>) -> Self {
-        Self { world, before: Position::new() }
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>) -> Self {
+        Self { world, position_before_jog: Position::new() }
     }
 
     pub fn answer(&mut self, question: &Question) -> Answer {
         match question {
-            Question::Shows(told) => self.shows(told),
-            Question::MayJog { .. } | Question::MayHold(_) => {
-                let stands = self.world().true_axes();
-                self.before = stands;
+            Question::DisplayedPosition(reported) => self.compare_display(reported),
+            Question::AllowJog { .. } | Question::AllowHold(_) => {
+                let true_position = self.world().true_axes();
+                self.position_before_jog = true_position;
                 Answer::Yes
             }
-            Question::Jogged { jog, .. } => Answer::Saw(self.saw(jog)),
-            Question::Stylus(stylus) => {
-                self.world().deflect(*stylus == Stylus::Deflected);
+            Question::ObservedJog { jog, .. } => Answer::Motion(self.observed_motion(jog)),
+            Question::StylusState(stylus) => {
+                self.world().set_stylus_deflected(*stylus == StylusState::Deflected);
                 Answer::Yes
             }
-            Question::RetractDirection { .. } => self.leads_out(),
-            Question::Released { .. } | Question::May { .. } => Answer::Yes,
+            Question::RetractDirection { .. } => self.retract_direction(),
+            Question::HoldReleased { .. } | Question::AllowAction { .. } => Answer::Yes,
         }
     }
 
     /// Moves an axis by hand, mm or degrees.
-    pub fn shove(&self, axis: Axis, by: f64) {
+    pub fn move_axis_by_hand(&self, axis: Axis, by: f64) {
         let mut world = self.world();
-        let to = world.position().at(axis) + axis.from_edge(by);
+        let to = world.position().get_or_zero(axis) + axis.to_mm_or_rad(by);
         world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
     /// Whether the display agrees with the position that the control reports.
-    fn shows(&self, told: &Position) -> Answer {
-        let shown = self.world().position();
-        let differs =
-            |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > MIN_VISIBLE_MOTION;
-        if told.iter().any(differs) { Answer::No } else { Answer::Yes }
+    fn compare_display(&self, reported: &Position) -> Answer {
+        let displayed = self.world().position();
+        let differs = |(axis, at): (Axis, f64)| {
+            axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION
+        };
+        if reported.iter().any(differs) { Answer::No } else { Answer::Yes }
     }
 
     /// The direction that frees the stylus most; `No` without contact, or if a finger deflects the stylus.
-    fn leads_out(&self) -> Answer {
+    fn retract_direction(&self) -> Answer {
         let world = self.world();
-        if world.deflected || !world.touches() {
+        if world.is_stylus_deflected || !world.is_in_contact() {
             return Answer::No;
         }
-        let freed = |direction: &AxisDirection| {
-            let (axis, mut tried) = (direction.axis, world.clone());
+        let freed_distance = |direction: &AxisDirection| {
+            let (axis, mut trial) = (direction.axis, world.clone());
             let by = if direction.is_positive { VISUAL_RESOLUTION } else { -VISUAL_RESOLUTION };
-            tried.travel(&Position::new().with(axis, tried.position().at(axis) + by), Speed::Rapid);
-            tried.margin_here()
+            trial.travel(
+                &Position::new().with(axis, trial.position().get_or_zero(axis) + by),
+                Speed::Rapid,
+            );
+            trial.trigger_distance()
         };
         let directions = Axis::LINEAR
             .into_iter()
             .flat_map(|axis| [true, false].map(|is_positive| AxisDirection { axis, is_positive }));
-        let best = directions.max_by(|one, other| freed(one).total_cmp(&freed(other)));
+        let best = directions.max_by(|a, b| freed_distance(a).total_cmp(&freed_distance(b)));
         best.map_or(Answer::No, Answer::Retract)
     }
 
-    fn saw(&self, jog: &Jog) -> Seen {
-        let stands = self.world().true_axes();
-        let gone = stands.iter().map(|(axis, at)| (axis, axis.to_edge(at - self.before.at(axis))));
-        let farthest = gone.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
+    fn observed_motion(&self, jog: &Jog) -> ObservedMotion {
+        let true_position = self.world().true_axes();
+        let travelled = true_position.iter().map(|(axis, at)| {
+            (axis, axis.to_mm_or_deg(at - self.position_before_jog.get_or_zero(axis)))
+        });
+        let farthest = travelled.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         match farthest.filter(|(_, by)| by.abs() > MIN_VISIBLE_MOTION) {
-            None => Seen::Nothing,
-            Some((axis, _)) if axis != jog.axis => Seen::Another(axis),
-            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => Seen::AsSaid,
-            Some((_, by)) if (by + jog.by).abs() <= VISUAL_RESOLUTION => Seen::OtherWay,
-            Some((_, by)) => Seen::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION),
+            None => ObservedMotion::NoMotion,
+            Some((axis, _)) if axis != jog.axis => ObservedMotion::OtherAxis(axis),
+            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => {
+                ObservedMotion::AsAnnounced
+            }
+            Some((_, by)) if (by + jog.by).abs() <= VISUAL_RESOLUTION => ObservedMotion::Opposite,
+            Some((_, by)) => {
+                ObservedMotion::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION)
+            }
         }
     }
 
-    fn world(&self) -> MutexGuard<'_, World> {
+    fn world(&self) -> MutexGuard<'_, SimulatedWorld> {
         // The world is plain data: a panic elsewhere leaves it consistent.
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }

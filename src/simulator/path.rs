@@ -7,18 +7,18 @@ use machine::record::machine::AxisSpec;
 use machine::{Axis, Position};
 
 /// Speed and acceleration of spindle orientation, deg/min and deg/s²; machine files seldom state them.
-const SPINDLE_SPEED: f64 = 10_000.0;
-const SPINDLE_ACCELERATION: f64 = 1_000.0;
+const SPINDLE_SPEED_DEG_MIN: f64 = 10_000.0;
+const SPINDLE_ACCELERATION_DEG_S2: f64 = 1_000.0;
 
 /// Lost motion: a linear axis follows its command only after half the gap on either side is used up, so that
 /// its lag behind the last direction of motion is half the gap.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Play {
+pub(super) struct LostMotion {
     half_gap: BTreeMap<Axis, f64>,
     actual: Position,
 }
 
-impl Play {
+impl LostMotion {
     pub fn new(backlash_um: &BTreeMap<Axis, f64>, command: &Position) -> Self {
         let half_gap = backlash_um
             .iter()
@@ -29,48 +29,48 @@ impl Play {
     }
 
     /// True axis positions after a move to `command` without a reversal.
-    pub fn follow(&self, command: &Position) -> Position {
+    pub fn position_after_move_to(&self, command: &Position) -> Position {
         let mut axes = command.clone();
         for (axis, half) in &self.half_gap {
-            let command = command.at(*axis);
-            axes.set(*axis, self.actual.at(*axis).clamp(command - half, command + half));
+            let command = command.get_or_zero(*axis);
+            axes.set(*axis, self.actual.get_or_zero(*axis).clamp(command - half, command + half));
         }
         axes
     }
 
-    pub fn settle(&mut self, command: &Position) {
-        self.actual = self.follow(command);
+    pub fn update_actual(&mut self, command: &Position) {
+        self.actual = self.position_after_move_to(command);
     }
 }
 
 /// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
-pub(super) struct Limits<'a> {
+pub(super) struct MoveLimits<'a> {
     pub axes: &'a BTreeMap<Axis, AxisSpec>,
-    pub lever: &'a dyn Fn(Axis, &Position) -> f64,
+    pub lever_arm: &'a dyn Fn(Axis, &Position) -> f64,
     /// Largest ratio of true to commanded travel.
-    pub longest: f64,
+    pub max_travel_ratio: f64,
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Path {
+pub(super) struct MovePath {
     from: Position,
     /// Travel of each axis that moves.
     span: Position,
     /// Target of the axes that move.
     to: Position,
     ramp: Ramp,
-    steepest: f64,
-    play: Play,
+    max_ball_travel_mm: f64,
+    lost_motion: LostMotion,
 }
 
-impl Path {
+impl MovePath {
     /// Path of a move; `None` if nothing moves.
     pub fn new(
         from: &Position,
         to: &Position,
         speed: Speed,
-        play: &Play,
-        limits: &Limits,
+        lost_motion: &LostMotion,
+        limits: &MoveLimits,
     ) -> Option<Self> {
         let span: Position = to
             .iter()
@@ -80,10 +80,18 @@ impl Path {
         if span.is_empty() {
             return None;
         }
-        let ramp = ramp(&span, speed, limits.axes);
-        let steepest = steepest(from, &span, limits.lever) * limits.longest;
-        let to = to.only(|axis| span.get(axis).is_some());
-        Some(Self { from: from.clone(), span, to, ramp, steepest, play: play.clone() })
+        let ramp = velocity_ramp(&span, speed, limits.axes);
+        let max_ball_travel_mm =
+            max_ball_travel_mm(from, &span, limits.lever_arm) * limits.max_travel_ratio;
+        let to = to.filter_axes(|axis| span.get(axis).is_some());
+        Some(Self {
+            from: from.clone(),
+            span,
+            to,
+            ramp,
+            max_ball_travel_mm,
+            lost_motion: lost_motion.clone(),
+        })
     }
 
     pub fn ramp(&self) -> &Ramp {
@@ -91,8 +99,8 @@ impl Path {
     }
 
     /// Upper bound of the ball's travel over the whole path, mm.
-    pub fn steepest(&self) -> f64 {
-        self.steepest
+    pub fn max_ball_travel_mm(&self) -> f64 {
+        self.max_ball_travel_mm
     }
 
     /// Commanded position at the path fraction; exactly the target at the end.
@@ -102,52 +110,56 @@ impl Path {
             return at.updated_by(&self.to);
         }
         for (axis, travel) in self.span.iter() {
-            at.set(axis, self.from.at(axis) + travel * fraction);
+            at.set(axis, self.from.get_or_zero(axis) + travel * fraction);
         }
         at
     }
 
     /// True axis positions at the path fraction.
-    pub fn axes(&self, fraction: f64) -> Position {
-        self.play.follow(&self.command(fraction))
+    pub fn true_axes(&self, fraction: f64) -> Position {
+        self.lost_motion.position_after_move_to(&self.command(fraction))
     }
 }
 
 /// The slowest axis limits the whole move. A feed counts along the linear path, as in RS274/NGC; if only rotary
 /// axes move, it counts in degrees.
-fn ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
+fn velocity_ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {
         let (rapid, accelerate) =
-            axes.get(&axis).map_or((SPINDLE_SPEED, SPINDLE_ACCELERATION), |spec| {
+            axes.get(&axis).map_or((SPINDLE_SPEED_DEG_MIN, SPINDLE_ACCELERATION_DEG_S2), |spec| {
                 (spec.rapid_per_min, spec.acceleration_per_s2)
             });
-        fastest = fastest.min(axis.from_edge(rapid) / 60.0 / travel.abs());
-        acceleration = acceleration.min(axis.from_edge(accelerate) / travel.abs());
+        fastest = fastest.min(axis.to_mm_or_rad(rapid) / 60.0 / travel.abs());
+        acceleration = acceleration.min(axis.to_mm_or_rad(accelerate) / travel.abs());
     }
     if let Speed::Feed { mm_min } = speed {
         // A feed of zero would never reach the target.
-        fastest = fastest.min(mm_min.max(1e-3) / 60.0 / feed_length(span));
+        fastest = fastest.min(mm_min.max(1e-3) / 60.0 / feed_path_length(span));
     }
     Ramp::new(fastest, acceleration)
 }
 
-fn feed_length(span: &Position) -> f64 {
+fn feed_path_length(span: &Position) -> f64 {
     let length = |linear: bool| {
         let parts = span.iter().filter(|(axis, _)| axis.is_linear() == linear);
-        parts.map(|(axis, travel)| axis.to_edge(travel).powi(2)).sum::<f64>().sqrt()
+        parts.map(|(axis, travel)| axis.to_mm_or_deg(travel).powi(2)).sum::<f64>().sqrt()
     };
     let linear = length(true);
     if linear > 0.0 { linear } else { length(false) }
 }
 
-fn steepest(from: &Position, span: &Position, lever: &dyn Fn(Axis, &Position) -> f64) -> f64 {
+fn max_ball_travel_mm(
+    from: &Position,
+    span: &Position,
+    lever_arm: &dyn Fn(Axis, &Position) -> f64,
+) -> f64 {
     let linear: f64 =
         span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
     let turns: f64 = span
         .iter()
         .filter(|(axis, _)| !axis.is_linear())
-        .map(|(axis, travel)| travel.abs() * (lever(axis, from) + linear))
+        .map(|(axis, travel)| travel.abs() * (lever_arm(axis, from) + linear))
         .sum();
     // 1 % above the nominal travel leaves room for all errors.
     (linear + turns) * 1.01

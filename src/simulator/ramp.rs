@@ -26,7 +26,7 @@ impl Ramp {
     }
 
     /// Path fraction of the acceleration phase, equal to that of the braking phase.
-    fn flight(&self) -> f64 {
+    fn ramp_fraction(&self) -> f64 {
         self.peak * self.peak / (2.0 * self.acceleration)
     }
 
@@ -35,31 +35,31 @@ impl Ramp {
     }
 
     pub fn time_s(&self, fraction: f64) -> f64 {
-        if fraction < self.flight() {
+        if fraction < self.ramp_fraction() {
             (2.0 * fraction / self.acceleration).sqrt()
-        } else if fraction <= 1.0 - self.flight() {
-            self.peak / self.acceleration + (fraction - self.flight()) / self.peak
+        } else if fraction <= 1.0 - self.ramp_fraction() {
+            self.peak / self.acceleration + (fraction - self.ramp_fraction()) / self.peak
         } else {
             self.duration_s() - (2.0 * (1.0 - fraction).max(0.0) / self.acceleration).sqrt()
         }
     }
 
     pub fn speed(&self, fraction: f64) -> f64 {
-        let left = fraction.min(1.0 - fraction).clamp(0.0, self.flight());
-        (2.0 * self.acceleration * left).sqrt()
+        let distance_to_end = fraction.min(1.0 - fraction).clamp(0.0, self.ramp_fraction());
+        (2.0 * self.acceleration * distance_to_end).sqrt()
     }
 
     /// Path fraction `seconds` after `fraction`, if the move is not stopped.
-    pub fn later(&self, fraction: f64, seconds: f64) -> f64 {
+    pub fn fraction_after(&self, fraction: f64, seconds: f64) -> f64 {
         if seconds <= 0.0 {
             return fraction;
         }
         let (time, whole) = (self.time_s(fraction) + seconds, self.duration_s());
-        let speeding = self.peak / self.acceleration;
-        if time < speeding {
+        let acceleration_s = self.peak / self.acceleration;
+        if time < acceleration_s {
             self.acceleration * time * time / 2.0
-        } else if time <= whole - speeding {
-            self.flight() + (time - speeding) * self.peak
+        } else if time <= whole - acceleration_s {
+            self.ramp_fraction() + (time - acceleration_s) * self.peak
         } else {
             1.0 - self.acceleration * (whole - time).max(0.0).powi(2) / 2.0
         }
@@ -74,22 +74,27 @@ impl Ramp {
 }
 
 /// Shortest step of the search.
-pub(super) const FINEST_MM: f64 = 0.01;
+pub(super) const MIN_SEARCH_STEP_MM: f64 = 0.01;
 /// Interval width at which a crossing counts as located.
-const CROSSING_MM: f64 = 1e-10;
+const CROSSING_TOLERANCE_MM: f64 = 1e-10;
 
-/// First path fraction in `from..=1` at which the distance `f` (mm) is no longer positive. `steepest` bounds
+/// First path fraction in `from..=1` at which the distance `f` (mm) is no longer positive. `max_slope_mm` bounds
 /// the change of `f` with the path fraction: a step as long as the distance allows cannot pass over a crossing.
-pub(super) fn first_crossing(f: impl Fn(f64) -> f64, steepest: f64, from: f64) -> Option<f64> {
+pub(super) fn first_crossing(f: impl Fn(f64) -> f64, max_slope_mm: f64, from: f64) -> Option<f64> {
     let (mut here, mut value) = (from, f(from));
     while value > 0.0 {
-        if here >= 1.0 || steepest <= 0.0 {
+        if here >= 1.0 || max_slope_mm <= 0.0 {
             return None;
         }
-        let next = (here + value.max(FINEST_MM) / steepest).min(1.0);
+        let next = (here + value.max(MIN_SEARCH_STEP_MM) / max_slope_mm).min(1.0);
         let value_next = f(next);
         if value_next <= 0.0 {
-            return Some(locate(f, (here, value), (next, value_next), CROSSING_MM / steepest));
+            return Some(find_root(
+                f,
+                (here, value),
+                (next, value_next),
+                CROSSING_TOLERANCE_MM / max_slope_mm,
+            ));
         }
         (here, value) = (next, value_next);
     }
@@ -98,7 +103,7 @@ pub(super) fn first_crossing(f: impl Fn(f64) -> f64, steepest: f64, from: f64) -
 
 /// Root between a positive `a` and a non-positive `b`: false position, with half weight for an end point that
 /// stays twice (Illinois), and bisection in every third iteration to bound the work.
-fn locate(f: impl Fn(f64) -> f64, mut a: (f64, f64), mut b: (f64, f64), width: f64) -> f64 {
+fn find_root(f: impl Fn(f64) -> f64, mut a: (f64, f64), mut b: (f64, f64), width: f64) -> f64 {
     let mut kept_b = None;
     for round in 0..200 {
         if b.0 - a.0 <= width || b.1 == 0.0 {

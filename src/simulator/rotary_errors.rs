@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use super::drawn;
+use super::random_draws;
 use super::rotary_motion::RotaryMotion;
-use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
 use machine::{Axis, Position};
 
 /// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean
@@ -14,19 +14,19 @@ use machine::{Axis, Position};
 pub(super) struct RotaryErrors {
     axis: Axis,
     /// Parameter that displaces the axis, with its harmonics.
-    motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
+    motions: Vec<(ErrorParameter, Vec<HarmonicTerm>)>,
     /// Asynchronous motions: their phases change with time, so that no two revolutions are alike, in either
     /// direction of rotation.
-    asynchronous: Vec<(ErrorParameter, Vec<Harmonic>)>,
+    asynchronous: Vec<(ErrorParameter, Vec<HarmonicTerm>)>,
 }
 
 /// Number of waves of an asynchronous motion.
-const ASYNCHRONOUS_TERMS: usize = 24;
+const ASYNCHRONOUS_TERM_COUNT: usize = 24;
 /// Period of the slowest phase change, s; the phase of wave n changes n times as fast.
 const PHASE_PERIOD_S: f64 = 61.7;
 
 /// Order, cosine and sine, mm or rad.
-type Harmonic = (f64, f64, f64);
+type HarmonicTerm = (f64, f64, f64);
 
 impl RotaryErrors {
     /// Draws motions with standard deviation `sigma_mm` in each direction at every angle.
@@ -37,21 +37,21 @@ impl RotaryErrors {
         declared: &[u32],
     ) -> Result<Self, ParameterError> {
         let orders = if declared.is_empty() { &[2, 3, 4, 5] } else { declared };
-        let each = sigma_mm / (orders.len() as f64).sqrt();
+        let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
         let along = |component: Axis| {
             let draw = |n: u32, part| {
                 let key = [axis as u64, component as u64, u64::from(n), part];
-                each * drawn::rotary_motion(seed, key)
+                term_sigma * random_draws::draw_rotary_motion(seed, key)
             };
             let terms = orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect();
-            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
         Ok(Self { axis, motions: motions?, asynchronous: Vec::new() })
     }
 
     /// Draws the motions of a declaration.
-    pub fn declared(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
+    pub fn from_declaration(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
         const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
         let axis = motion.axis;
         let along = |component: Axis| {
@@ -61,25 +61,27 @@ impl RotaryErrors {
                 false => motion.angular_urad * 1e-6,
             };
             let orders = motion.orders();
-            let each = sigma / (orders.len().max(1) as f64).sqrt();
-            let mut terms: Vec<Harmonic> = Vec::new();
+            let term_sigma = sigma / (orders.len().max(1) as f64).sqrt();
+            let mut terms: Vec<HarmonicTerm> = Vec::new();
             for (number, order) in orders.iter().enumerate() {
-                let draw = |part| each * drawn::declared_motion(seed, key(number, part));
+                let draw =
+                    |part| term_sigma * random_draws::draw_declared_motion(seed, key(number, part));
                 terms.push((*order, draw(0), draw(1)));
             }
-            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
         };
         let asynchronous = |component: Axis| {
-            let each = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERMS as f64).sqrt();
+            let term_sigma =
+                motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERM_COUNT as f64).sqrt();
             let term = |number: usize| {
                 let key = |part| [axis as u64, component as u64, number as u64, part];
-                let draw = |part| drawn::asynchronous_motion(seed, key(part));
+                let draw = |part| random_draws::draw_asynchronous_motion(seed, key(part));
                 // Orders without a common period.
                 let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
-                (order, each * draw(0), each * draw(1))
+                (order, term_sigma * draw(0), term_sigma * draw(1))
             };
-            let terms = (0..ASYNCHRONOUS_TERMS).map(term).collect();
-            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+            let terms = (0..ASYNCHRONOUS_TERM_COUNT).map(term).collect();
+            Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = COMPONENTS.into_iter().map(along).collect();
         let linear = Axis::LINEAR.into_iter().filter(|_| motion.asynchronous_um > 0.0);
@@ -88,8 +90,8 @@ impl RotaryErrors {
     }
 
     /// Synchronous error motion with all axes at `position`: the part that repeats in each revolution.
-    pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
-        let angle = position.at(self.axis);
+    pub fn synchronous_errors(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
+        let angle = position.get_or_zero(self.axis);
         self.motions.iter().map(move |(parameter, terms)| {
             let value =
                 terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
@@ -98,12 +100,12 @@ impl RotaryErrors {
     }
 
     /// Asynchronous error motion at the time `t_s`.
-    pub fn asynchronous_at(
+    pub fn asynchronous_errors(
         &self,
         position: &Position,
         t_s: f64,
     ) -> impl Iterator<Item = ErrorTerm> {
-        let angle = position.at(self.axis);
+        let angle = position.get_or_zero(self.axis);
         self.asynchronous.iter().map(move |(parameter, terms)| {
             let value = (1..).zip(terms).map(|(number, (n, c, s))| {
                 let (sin, cos) =

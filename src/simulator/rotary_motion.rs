@@ -33,7 +33,7 @@ impl RotaryMotion {
         whole.chain((2..=self.sub_harmonics).map(|n| 1.0 / f64::from(n))).collect()
     }
 
-    pub(super) fn is_sound(&self) -> bool {
+    pub(super) fn is_valid(&self) -> bool {
         let sizes = [self.linear_um, self.angular_urad, self.asynchronous_um];
         !self.axis.is_linear() && sizes.iter().all(|size| size.is_finite() && *size >= 0.0)
     }

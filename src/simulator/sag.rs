@@ -8,11 +8,11 @@ use machine::{Axis, Position};
 
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Sag {
-    terms: Vec<Term>,
+    terms: Vec<SagComponent>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-struct Term {
+struct SagComponent {
     axis: Axis,
     law: SagLaw,
     /// Displacement and rotation vector at 90°, machine frame, mm and rad.
@@ -22,7 +22,7 @@ struct Term {
 
 impl Sag {
     pub fn new(terms: &[SagTerm]) -> Self {
-        let read = |term: &SagTerm| Term {
+        let read = |term: &SagTerm| SagComponent {
             axis: term.axis,
             law: term.law,
             shift: Vector3::from(term.um) * 1e-3,
@@ -32,9 +32,9 @@ impl Sag {
     }
 
     /// Pose of the deflected table: shifted, and rotated about the position of its origin.
-    pub fn bend(&self, table: Pose, axes: &Position) -> Pose {
+    pub fn deflected_table_pose(&self, table: Pose, axes: &Position) -> Pose {
         self.terms.iter().fold(table, |table, term| {
-            let angle = axes.at(term.axis);
+            let angle = axes.get_or_zero(term.axis);
             let share = match term.law {
                 SagLaw::Sin => angle.sin(),
                 SagLaw::OneMinusCos => 1.0 - angle.cos(),

@@ -5,23 +5,23 @@ use std::borrow::Cow;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 
-use super::WorldError;
-use super::drawn::{self, Drift, Lobing};
+use super::SimulatedWorldError;
 use super::linear_errors::{AngularErrors, LinearErrors};
+use super::machine_pose::MachinePose;
+use super::random_draws::{self, Drift, Lobing};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
-use super::sensor_view::{SensorView, Target};
-use super::stand::MachinePose;
+use super::sensor_view::{MeasuredObject, SensorView};
 use super::surface::Surface;
-use super::truth::Truth;
-use machine::kinematics::{Chain, ErrorTerm, Shape};
+use super::truth::MachineTruth;
+use machine::kinematics::{ErrorShape, ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 use machine::{Axis, Position, frame::Point, frame::Pose};
 
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
-    chain: Chain,
+    chain: KinematicChain,
     errors: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
     angular_errors: AngularErrors,
@@ -35,7 +35,7 @@ pub(super) struct Scene {
     surface: Surface,
     sag: Sag,
     /// Upper bound of the distance of a rotary axis from the machine's origin.
-    axes_reach: f64,
+    max_axis_distance: f64,
 }
 
 impl Scene {
@@ -43,12 +43,12 @@ impl Scene {
         machine: &Machine,
         probe: &Probe,
         artefact: &Artefact,
-        truth: &Truth,
-    ) -> Result<Self, WorldError> {
+        truth: &MachineTruth,
+    ) -> Result<Self, SimulatedWorldError> {
         let seed = truth.seed;
-        let chain = Chain::new(machine)?;
+        let chain = KinematicChain::new(machine)?;
         let errors = truth.error_terms()?;
-        errors.iter().try_for_each(|term| chain.check(term.parameter))?;
+        errors.iter().try_for_each(|term| chain.check_parameter(term.parameter))?;
         let motions = |axis| {
             let spec = machine.axes.get(&axis);
             spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
@@ -62,8 +62,8 @@ impl Scene {
             let spec = machine.axes.get(&axis);
             spec.map_or([0.0, 1.0], |s| [s.angular_motion_urad * 1e-6, s.error_wavelength_mm])
         };
-        let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
-        let rotary_errors: Result<_, WorldError> = turning
+        let rotary_axes = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
+        let rotary_errors: Result<_, SimulatedWorldError> = rotary_axes
             .filter(|(_, spec)| spec.error_motion_um != 0.0)
             .map(|(axis, spec)| {
                 let (size_mm, orders) = (spec.error_motion_um * 1e-3, &spec.error_motion_orders);
@@ -71,15 +71,15 @@ impl Scene {
             })
             .collect();
         let declared = truth.rotary_motion.iter().map(|motion| {
-            let known = motion.is_sound() && machine.axes.contains_key(&motion.axis);
-            if known {
-                Ok(RotaryErrors::declared(seed, motion)?)
+            let is_valid = motion.is_valid() && machine.axes.contains_key(&motion.axis);
+            if is_valid {
+                Ok(RotaryErrors::from_declaration(seed, motion)?)
             } else {
-                Err(WorldError::Magnitude)
+                Err(SimulatedWorldError::InvalidMagnitude)
             }
         });
         let mut rotary_errors: Vec<RotaryErrors> = rotary_errors?;
-        rotary_errors.extend(declared.collect::<Result<Vec<_>, WorldError>>()?);
+        rotary_errors.extend(declared.collect::<Result<Vec<_>, SimulatedWorldError>>()?);
         let tool = Vector3::from(machine.tool_mm);
         Ok(Self {
             chain,
@@ -91,12 +91,12 @@ impl Scene {
             tool,
             tip: tool
                 + Vector3::from(truth.tool_offset_um) * 1e-3
-                + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
+                + random_draws::draw_stylus_offset(seed, probe.stylus_offset_um * 1e-3),
             ball_radius: probe.ball_radius_mm,
             lobing: Lobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
             surface: Surface::new(artefact, truth)?,
             sag: Sag::new(&truth.sag),
-            axes_reach: reach(machine),
+            max_axis_distance: rotary_axis_reach(machine),
         })
     }
 
@@ -106,91 +106,101 @@ impl Scene {
     }
 
     /// Displacement of the table, machine frame, mm.
-    pub fn drift_at(&self, t_s: f64) -> Vector3<f64> {
-        self.drift.table(t_s)
+    pub fn table_drift(&self, t_s: f64) -> Vector3<f64> {
+        self.drift.table_displacement(t_s)
     }
 
     /// Mounts the artefact again.
-    pub fn mount(&mut self, turn_deg: f64) {
-        self.surface.mount(turn_deg);
+    pub fn mount_artefact(&mut self, turn_deg: f64) {
+        self.surface.mount_artefact(turn_deg);
     }
 
     /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
     pub fn rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         let at = Position::new().with(axis, angle);
         let errors = self.errors_at(&at, None);
-        let own = errors.iter().filter(|term| {
+        let axis_errors = errors.iter().filter(|term| {
             (term.parameter.axis(), term.parameter.component()) == (axis, component)
         });
         // A drawn motion is a location error at this angle; a stated location error is not a motion.
         let stated = |term: &&ErrorTerm| {
-            term.parameter.shape() == Shape::Location && self.errors.contains(term)
+            term.parameter.shape() == ErrorShape::Location && self.errors.contains(term)
         };
-        own.filter(|term| !stated(term)).map(|term| term.value * term.parameter.factor(angle)).sum()
+        axis_errors
+            .filter(|term| !stated(term))
+            .map(|term| term.value * term.parameter.factor(angle))
+            .sum()
     }
 
     /// The true stylus-ball centre, spindle frame, mm.
-    pub fn stylus(&self) -> Vector3<f64> {
+    pub fn stylus_centre(&self) -> Vector3<f64> {
         self.tip
     }
 
     /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
     /// included; `command`: commanded positions.
     pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
-        self.gap(axes, command, t_s).0
+        self.distance_and_normal(axes, command, t_s).0
     }
 
     /// Clearance less pre-travel: the probe triggers where it falls to zero.
-    pub fn margin(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
-        let (distance, normal) = self.gap(axes, command, t_s);
-        distance + self.lobing.at(normal)
+    pub fn trigger_distance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
+        let (distance, normal) = self.distance_and_normal(axes, command, t_s);
+        distance + self.lobing.pre_travel_mm(normal)
     }
 
     /// Largest distance of the ball from the axis `axis` with the linear axes at `position`: its travel per
     /// radian.
-    pub fn lever(&self, axis: Axis, position: &Position) -> f64 {
+    pub fn lever_arm(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
             return self.tip.x.hypot(self.tip.y);
         }
-        position.xyz().norm() + self.tip.norm() + self.axes_reach
+        position.xyz().norm() + self.tip.norm() + self.max_axis_distance
     }
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
-    fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
-        let SensorView { stand, growth, .. } = self.sight(axes, command, t_s);
-        let nearest = self.surface.nearest(stand.on_table(self.tip), growth, t_s);
-        (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
+    fn distance_and_normal(
+        &self,
+        axes: &Position,
+        command: &Position,
+        t_s: f64,
+    ) -> (f64, Vector3<f64>) {
+        let SensorView { pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
+        let nearest = self.surface.nearest(pose.to_table_point(self.tip), growth, t_s);
+        (nearest.distance - self.ball_radius, pose.to_spindle_direction(nearest.normal))
     }
 
     /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
-    pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
-        let errors = self.errors_at(axes, Some(t_s));
-        let spindle = self.chain.machine_from_spindle(axes, &errors);
-        let shift = self.linear_errors.at(command.xyz().into());
-        self.sight_from(spindle, shift, axes, t_s)
-    }
-
-    /// The scene as seen from the bed: errors of the linear axes act between spindle and bed.
-    pub fn sight_from_bed(&self, axes: &Position, t_s: f64) -> SensorView<'_> {
-        self.sight_from(Pose::identity(), Vector3::zeros(), axes, t_s)
-    }
-
-    /// The sphere in the spindle, as seen from a sensor on the table.
-    pub fn sight_from_table(
+    pub fn view_from_spindle(
         &self,
         axes: &Position,
         command: &Position,
         t_s: f64,
     ) -> SensorView<'_> {
-        let sight = self.sight(axes, command, t_s);
-        let target =
-            Target::Sphere { centre: sight.stand.on_table(self.tip), radius: self.ball_radius };
-        let table = sight.stand.table;
-        let stand = MachinePose { table, spindle: table, shift: Vector3::zeros() };
-        SensorView { stand, target, ..sight }
+        let errors = self.errors_at(axes, Some(t_s));
+        let spindle = self.chain.machine_from_spindle(axes, &errors);
+        let shift = self.linear_errors.deviation_at(command.xyz().into());
+        self.view_from(spindle, shift, axes, t_s)
     }
 
-    fn sight_from(
+    /// The scene as seen from the bed: errors of the linear axes act between spindle and bed.
+    pub fn view_from_bed(&self, axes: &Position, t_s: f64) -> SensorView<'_> {
+        self.view_from(Pose::identity(), Vector3::zeros(), axes, t_s)
+    }
+
+    /// The sphere in the spindle, as seen from a sensor on the table.
+    pub fn view_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
+        let view = self.view_from_spindle(axes, command, t_s);
+        let target = MeasuredObject::Sphere {
+            centre: view.pose.to_table_point(self.tip),
+            radius: self.ball_radius,
+        };
+        let table = view.pose.table;
+        let pose = MachinePose { table, spindle: table, shift: Vector3::zeros() };
+        SensorView { pose, target, ..view }
+    }
+
+    fn view_from(
         &self,
         carrier: Pose,
         shift: Vector3<f64>,
@@ -198,13 +208,15 @@ impl Scene {
         t_s: f64,
     ) -> SensorView<'_> {
         let errors = self.errors_at(axes, Some(t_s));
-        let stand = MachinePose {
-            table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
+        let pose = MachinePose {
+            table: self
+                .sag
+                .deflected_table_pose(self.chain.machine_from_table(axes, &errors), axes),
             spindle: carrier,
-            shift: shift - self.drift.table(t_s),
+            shift: shift - self.drift.table_displacement(t_s),
         };
-        let target = Target::Surface(&self.surface);
-        SensorView { stand, target, growth: self.drift.radius(t_s), t_s }
+        let target = MeasuredObject::Surface(&self.surface);
+        SensorView { pose, target, growth: self.drift.radius_growth(t_s), t_s }
     }
 
     /// Stated errors, error motions of the rotary axes at this position, and rotations of the linear axes.
@@ -213,12 +225,12 @@ impl Scene {
         if self.rotary_errors.is_empty() && self.angular_errors.is_empty() {
             return Cow::Borrowed(&self.errors);
         }
-        let drawn = self.rotary_errors.iter().flat_map(|errors| errors.at(axes));
+        let drawn = self.rotary_errors.iter().flat_map(|errors| errors.synchronous_errors(axes));
         let at_time =
-            |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_at(axes, t_s));
-        let rest = t_s.into_iter().flat_map(at_time);
-        let turned = self.angular_errors.at(axes);
-        self.errors.iter().copied().chain(drawn).chain(rest).chain(turned).collect()
+            |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_errors(axes, t_s));
+        let asynchronous = t_s.into_iter().flat_map(at_time);
+        let angular = self.angular_errors.errors_at(axes);
+        self.errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
     }
 
     /// Position of the rotary axis in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at `along` on
@@ -226,10 +238,12 @@ impl Scene {
     /// location errors, gains, drift and the errors of X, Y and Z at the stated axis. NaN for an axis that does not
     /// carry the part.
     pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
-        let mut lasting: Vec<ErrorTerm> = self
+        let mut lasting_errors: Vec<ErrorTerm> = self
             .errors
             .iter()
-            .filter(|term| matches!(term.parameter.shape(), Shape::Location | Shape::Gain))
+            .filter(|term| {
+                matches!(term.parameter.shape(), ErrorShape::Location | ErrorShape::Gain)
+            })
             .copied()
             .collect();
         let [u, v, w] = match axis {
@@ -239,12 +253,13 @@ impl Scene {
         };
         let stated = self.chain.axis_line(axis, &Position::new());
         let across = stated.map_or(Vector3::zeros(), |line| line.point - w * line.point.dot(&w));
-        let about = self.linear_axes(w * along + across);
-        lasting.extend(self.angular_errors.at(&Position::from_xyz(about)));
-        let shift = self.linear_errors.at(about.into()) - self.drift.table(t_s);
+        let about = self.linear_axes_for_stylus(w * along + across);
+        lasting_errors.extend(self.angular_errors.errors_at(&Position::from_xyz(about)));
+        let shift =
+            self.linear_errors.deviation_at(about.into()) - self.drift.table_displacement(t_s);
         let moved = |at: Vector2<f64>| {
             let stylus = w * along + u * at.x + v * at.y;
-            let turn = self.half_turn(axis, stylus, &lasting, shift);
+            let turn = self.displacement_in_half_turn(axis, stylus, &lasting_errors, shift);
             Vector2::new(turn.dot(&u), turn.dot(&v))
         };
         // The motion is affine in the position: three values give the root exactly.
@@ -257,33 +272,33 @@ impl Scene {
 
     /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN where they
     /// do not span space.
-    fn linear_axes(&self, stylus: Vector3<f64>) -> Vector3<f64> {
+    fn linear_axes_for_stylus(&self, stylus: Vector3<f64>) -> Vector3<f64> {
         let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
-        let stands = self.chain.linear_axes_for(target, tool, &Position::new(), &[]);
-        stands.map_or(Vector3::repeat(f64::NAN), |stands| stands.xyz())
+        let position = self.chain.solve_linear_axes(target, tool, &Position::new(), &[]);
+        position.map_or(Vector3::repeat(f64::NAN), |position| position.xyz())
     }
 
     /// Displacement on the table, in half a turn, of the stylus centre commanded to `stylus`; `shift` of the
     /// tool against the table.
-    fn half_turn(
+    fn displacement_in_half_turn(
         &self,
         axis: Axis,
         stylus: Vector3<f64>,
         errors: &[ErrorTerm],
         shift: Vector3<f64>,
     ) -> Vector3<f64> {
-        let stands = Position::from_xyz(self.linear_axes(stylus));
-        let seen = |angle| {
-            let at = stands.clone().with(axis, angle);
+        let position = Position::from_xyz(self.linear_axes_for_stylus(stylus));
+        let stylus_on_table = |angle| {
+            let at = position.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);
             let spindle = self.chain.machine_from_spindle(&at, errors);
-            MachinePose { table, spindle, shift }.on_table(self.tool)
+            MachinePose { table, spindle, shift }.to_table_point(self.tool)
         };
-        seen(std::f64::consts::PI) - seen(0.0)
+        stylus_on_table(std::f64::consts::PI) - stylus_on_table(0.0)
     }
 }
 
-fn reach(machine: &Machine) -> f64 {
+fn rotary_axis_reach(machine: &Machine) -> f64 {
     machine
         .axes
         .iter()

@@ -1,52 +1,52 @@
 //! Displacement sensors in the spindle, on the table or on the bed.
 
-use super::beam::{Beam, Sensed};
+use super::beam::{Beam, SensorOutput};
 use super::sensor_truth::SensorTruth;
-use super::{Speed, World, WorldError, drawn};
+use super::{SimulatedWorld, SimulatedWorldError, Speed, random_draws};
 use machine::Position;
-use machine::record::sensor::{Mount, Sensor};
+use machine::record::sensor::{Sensor, SensorMount};
 
 /// One sensor, and the number of samples it has taken.
 #[derive(Debug, Clone)]
 pub(super) struct SimulatedSensor {
     name: String,
-    mount: Mount,
+    mount: SensorMount,
     beam: Beam,
-    clock: Ticks,
-    taken: u64,
+    clock: SampleClock,
+    sample_count: u64,
 }
 
 /// Sampling times, by the sensor's own clock.
 #[derive(Debug, Clone)]
-struct Ticks {
+struct SampleClock {
     /// True duration of a second of the sensor's clock.
-    lasts_s: f64,
+    second_duration_s: f64,
     jitter_s: f64,
     /// Delay of the last sample.
-    late_s: f64,
+    last_jitter_s: f64,
     /// Latency: each output belongs to a moment this much earlier.
-    before_s: f64,
+    latency_s: f64,
 }
 
-impl Ticks {
+impl SampleClock {
     fn new(truth: &SensorTruth) -> Self {
-        let lasts_s = 1.0 + truth.clock_slow_ppm * 1e-6;
-        let (jitter_s, before_s) = (truth.clock_jitter_us * 1e-6, truth.clock_late_ms * 1e-3);
-        Self { lasts_s, jitter_s, late_s: 0.0, before_s }
+        let second_duration_s = 1.0 + truth.clock_slow_ppm * 1e-6;
+        let (jitter_s, latency_s) = (truth.clock_jitter_us * 1e-6, truth.clock_late_ms * 1e-3);
+        Self { second_duration_s, jitter_s, last_jitter_s: 0.0, latency_s }
     }
 
     /// True time until the sample that comes `after_s` later by the sensor's clock. The jitter of one sample
     /// does not shift the next one.
-    fn until(&mut self, after_s: f64, deviate: f64) -> f64 {
-        let before = std::mem::replace(&mut self.late_s, self.jitter_s * deviate);
-        after_s * self.lasts_s + self.late_s - before
+    fn time_until_sample_s(&mut self, after_s: f64, deviate: f64) -> f64 {
+        let before = std::mem::replace(&mut self.last_jitter_s, self.jitter_s * deviate);
+        after_s * self.second_duration_s + self.last_jitter_s - before
     }
 }
 
 impl SimulatedSensor {
     /// Advances the sample count to `t_s`, so that no noise value repeats.
-    pub fn pass(&mut self, t_s: f64) {
-        self.taken = self.taken.max((t_s * MOST_HZ) as u64);
+    pub fn advance_to(&mut self, t_s: f64) {
+        self.sample_count = self.sample_count.max((t_s * MAX_SAMPLE_RATE_HZ) as u64);
     }
 }
 
@@ -56,114 +56,117 @@ pub struct SampleInMotion {
     /// Displayed position, at the time of output.
     pub position: Position,
     pub t_s: f64,
-    pub sensed: Sensed,
+    pub output: SensorOutput,
 }
 
 /// Maximum sampling rate of a sensor.
-const MOST_HZ: f64 = 1e6;
+const MAX_SAMPLE_RATE_HZ: f64 = 1e6;
 
-impl World {
+impl SimulatedWorld {
     /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; without one, the sensor is
     /// ideal.
     ///
     /// # Errors
     /// Two sensors have the same name, a `[[simulated.sensor]]` names no sensor, or a number is impossible for
     /// a sensor.
-    pub fn with_sensors(mut self, sensors: &[Sensor]) -> Result<Self, WorldError> {
-        let named = |name: &str| sensors.iter().filter(|sensor| sensor.name == name).count();
-        if let Some(stray) = self.sensor_truths.iter().find(|truth| named(&truth.name) == 0) {
-            return Err(WorldError::NoSensor { name: stray.name.clone() });
+    pub fn with_sensors(mut self, sensors: &[Sensor]) -> Result<Self, SimulatedWorldError> {
+        let count_of_name =
+            |name: &str| sensors.iter().filter(|sensor| sensor.name == name).count();
+        if let Some(unknown) =
+            self.sensor_truths.iter().find(|truth| count_of_name(&truth.name) == 0)
+        {
+            return Err(SimulatedWorldError::UnknownSensor { name: unknown.name.clone() });
         }
-        if let Some(twice) = sensors.iter().find(|sensor| named(&sensor.name) > 1) {
-            return Err(WorldError::TwoSensors { name: twice.name.clone() });
+        if let Some(duplicate) = sensors.iter().find(|sensor| count_of_name(&sensor.name) > 1) {
+            return Err(SimulatedWorldError::DuplicateSensor { name: duplicate.name.clone() });
         }
-        let eye = |(number, sensor): (usize, &Sensor)| {
+        let sensor = |(number, sensor): (usize, &Sensor)| {
             let mut truths = self.sensor_truths.iter().filter(|truth| truth.name == sensor.name);
             let truth = truths.next().cloned().unwrap_or_default();
             if truths.next().is_some() {
-                return Err(WorldError::TwoSensors { name: sensor.name.clone() });
+                return Err(SimulatedWorldError::DuplicateSensor { name: sensor.name.clone() });
             }
-            let clock = Ticks::new(&truth);
+            let clock = SampleClock::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
             Ok(SimulatedSensor {
                 name: sensor.name.clone(),
                 mount: sensor.mount,
                 beam,
                 clock,
-                taken: 0,
+                sample_count: 0,
             })
         };
-        self.eyes = sensors.iter().enumerate().map(eye).collect::<Result<_, _>>()?;
+        self.sensors = sensors.iter().enumerate().map(sensor).collect::<Result<_, _>>()?;
         Ok(self)
     }
 
     /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample at the axis positions,
     /// which are earlier ones if the sensor has a latency. `None`: there is no such sensor.
-    pub fn sense(&mut self, name: &str, after_s: f64) -> Option<Sensed> {
-        let number = self.eyes.iter().position(|eye| eye.name == name)?;
-        let passed = self.tick(number, after_s)?;
-        self.dwell(passed);
-        self.says(number, self.t_s)
+    pub fn sample_after(&mut self, name: &str, after_s: f64) -> Option<SensorOutput> {
+        let number = self.sensors.iter().position(|sensor| sensor.name == name)?;
+        let elapsed_s = self.time_to_next_sample_s(number, after_s)?;
+        self.dwell(elapsed_s);
+        self.sensor_output(number, self.t_s)
     }
 
     /// Sample of the sensor `name` at `t_s`, which is not later than now, and the axis positions at that time.
     /// `None`: there is no such sensor.
-    pub fn sensed_at(&mut self, name: &str, t_s: f64) -> Option<SampleInMotion> {
-        let number = self.eyes.iter().position(|eye| eye.name == name)?;
-        let position = match self.trail.at(t_s) {
-            Some((path, along)) => self.displayed(&path.command(along)),
+    pub fn sample_at(&mut self, name: &str, t_s: f64) -> Option<SampleInMotion> {
+        let number = self.sensors.iter().position(|sensor| sensor.name == name)?;
+        let position = match self.motion_history.path_at(t_s) {
+            Some((path, along)) => self.displayed_position(&path.command(along)),
             None => self.position(),
         };
-        Some(SampleInMotion { position, t_s, sensed: self.says(number, t_s)? })
+        Some(SampleInMotion { position, t_s, output: self.sensor_output(number, t_s)? })
     }
 
     /// Makes a straight, unguarded move of the axes named in `to`, during which the sensor `name` samples every
     /// `period_s` by its clock.
-    pub fn sense_on_the_way(
+    pub fn sample_during_move(
         &mut self,
         name: &str,
         to: &Position,
         speed: Speed,
         period_s: f64,
     ) -> Vec<SampleInMotion> {
-        let number = self.eyes.iter().position(|eye| eye.name == name);
+        let number = self.sensors.iter().position(|sensor| sensor.name == name);
         let (Some(number), Some(path)) = (number, self.path(to, speed)) else { return Vec::new() };
-        let (begins_s, lasts_s) = (self.t_s, path.ramp().duration_s());
-        self.trail.went(begins_s, &path, 1.0);
-        let (mut all, mut t_s) = (Vec::new(), begins_s);
-        while let Some(passed) = self.tick(number, period_s) {
-            t_s += passed;
-            if t_s > begins_s + lasts_s || passed <= 0.0 {
+        let (start_s, lasts_s) = (self.t_s, path.ramp().duration_s());
+        self.motion_history.record_move(start_s, &path, 1.0);
+        let (mut samples, mut t_s) = (Vec::new(), start_s);
+        while let Some(elapsed_s) = self.time_to_next_sample_s(number, period_s) {
+            t_s += elapsed_s;
+            if t_s > start_s + lasts_s || elapsed_s <= 0.0 {
                 break;
             }
-            let Some(passing) = self.sensed_at(name, t_s) else { break };
-            all.push(passing);
+            let Some(sample) = self.sample_at(name, t_s) else { break };
+            samples.push(sample);
         }
-        self.stop_at(&path, 1.0, lasts_s);
-        all
+        self.set_stop_position(&path, 1.0, lasts_s);
+        samples
     }
 
     /// True time until the next sample.
-    fn tick(&mut self, number: usize, after_s: f64) -> Option<f64> {
-        let eye = self.eyes.get_mut(number)?;
-        let deviate = drawn::sample_tick(self.seed, number, eye.taken);
-        Some(eye.clock.until(after_s, deviate))
+    fn time_to_next_sample_s(&mut self, number: usize, after_s: f64) -> Option<f64> {
+        let sensor = self.sensors.get_mut(number)?;
+        let deviate = random_draws::draw_sample_delay(self.seed, number, sensor.sample_count);
+        Some(sensor.clock.time_until_sample_s(after_s, deviate))
     }
 
-    fn says(&mut self, number: usize, t_s: f64) -> Option<Sensed> {
-        let saw_s = t_s - self.eyes.get(number)?.clock.before_s;
-        let (axes, command) = match self.trail.at(saw_s) {
-            Some((path, along)) => self.true_on(path, along),
-            None => (self.true_axes(), self.wired.truly(self.command.clone())),
+    fn sensor_output(&mut self, number: usize, t_s: f64) -> Option<SensorOutput> {
+        let measured_s = t_s - self.sensors.get(number)?.clock.latency_s;
+        let (axes, command) = match self.motion_history.path_at(measured_s) {
+            Some((path, along)) => self.true_positions_on_path(path, along),
+            None => (self.true_axes(), self.true_wiring.true_position(self.command.clone())),
         };
-        let sight = match self.eyes.get(number)?.mount {
-            Mount::Bed => self.scene.sight_from_bed(&axes, saw_s),
-            Mount::Table => self.scene.sight_from_table(&axes, &command, saw_s),
-            Mount::Spindle => self.scene.sight(&axes, &command, saw_s),
+        let view = match self.sensors.get(number)?.mount {
+            SensorMount::Bed => self.scene.view_from_bed(&axes, measured_s),
+            SensorMount::Table => self.scene.view_from_table(&axes, &command, measured_s),
+            SensorMount::Spindle => self.scene.view_from_spindle(&axes, &command, measured_s),
         };
-        let eye = self.eyes.get_mut(number)?;
-        let deviate = drawn::sample_deviate(self.seed, number, eye.taken);
-        eye.taken += 1;
-        Some(eye.beam.says(&sight, deviate))
+        let sensor = self.sensors.get_mut(number)?;
+        let deviate = random_draws::draw_sample_noise(self.seed, number, sensor.sample_count);
+        sensor.sample_count += 1;
+        Some(sensor.beam.output(&view, deviate))
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::WorldError;
+use super::SimulatedWorldError;
 
 /// One `[[simulated.sensor]]`. Errors that its `[[sensor]]` declares by magnitude only (noise, linearity) are
 /// drawn from the seed unless given here.
@@ -19,7 +19,7 @@ pub struct SensorTruth {
     /// Output per true distance.
     pub gain: f64,
     /// Deviation of the output from a straight line; replaces the drawn one.
-    pub linearity: Option<Vec<Wave>>,
+    pub linearity: Option<Vec<LinearityWave>>,
     /// Standard deviation of one sample; replaces the declared one.
     pub noise_um: Option<f64>,
     /// Diameter of the light spot; the output is the mean over it.
@@ -48,7 +48,7 @@ pub struct SensorTruth {
 /// `amplitude·sin(2π·d/period + phase)` over the distance d.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wave {
+pub struct LinearityWave {
     pub amplitude_um: f64,
     pub period_mm: f64,
     #[serde(default)]
@@ -81,40 +81,45 @@ impl Default for SensorTruth {
 impl SensorTruth {
     /// # Errors
     /// Finds the first key whose value is impossible for a sensor.
-    pub(super) fn check(&self) -> Result<(), WorldError> {
+    pub(super) fn check(&self) -> Result<(), SimulatedWorldError> {
         let waves = self.linearity.iter().flatten();
         let curve = waves.clone().flat_map(|w| [w.amplitude_um, w.phase_deg]);
         let rules = [
             ("zero_offset_um", self.zero_offset_um.iter().all(|v| v.is_finite())),
-            ("tilt_urad", self.tilt_urad.iter().all(|v| v.abs() < MOST_TILT_URAD)),
+            ("tilt_urad", self.tilt_urad.iter().all(|v| v.abs() < MAX_TILT_URAD)),
             ("gain", self.gain > 0.0 && self.gain.is_finite()),
             ("linearity", waves.clone().all(|w| w.period_mm > 0.0)),
             ("linearity", curve.into_iter().all(f64::is_finite)),
-            ("noise_um", sound(self.noise_um.unwrap_or_default())),
-            ("spot_mm", sound(self.spot_mm)),
+            ("noise_um", is_non_negative(self.noise_um.unwrap_or_default())),
+            ("spot_mm", is_non_negative(self.spot_mm)),
             ("incidence_um", self.incidence_um.is_finite()),
             ("lean_um", self.lean_um.iter().all(|v| v.is_finite())),
             ("echo_limit_deg", self.echo_limit_deg > 0.0 && self.echo_limit_deg < 90.0),
-            ("clock_slow_ppm", self.clock_slow_ppm.abs() < MOST_PPM),
-            ("clock_jitter_us", sound(self.clock_jitter_us)),
-            ("clock_late_ms", (0.0..=MOST_LATE_MS).contains(&self.clock_late_ms)),
+            ("clock_slow_ppm", self.clock_slow_ppm.abs() < MAX_CLOCK_RATE_ERROR_PPM),
+            ("clock_jitter_us", is_non_negative(self.clock_jitter_us)),
+            ("clock_late_ms", (0.0..=MAX_LATENCY_MS).contains(&self.clock_late_ms)),
             ("clips_mm", self.clips_mm.is_none_or(|[low, high]| low < high)),
-            ("dazzled_deg", sound(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
+            (
+                "dazzled_deg",
+                is_non_negative(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg,
+            ),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {
             None => Ok(()),
-            Some((key, _)) => Err(WorldError::Sensor { name: self.name.clone(), key }),
+            Some((key, _)) => {
+                Err(SimulatedWorldError::InvalidSensor { name: self.name.clone(), key })
+            }
         }
     }
 }
 
 /// Maximum latency: one second.
-const MOST_LATE_MS: f64 = 1000.0;
+const MAX_LATENCY_MS: f64 = 1000.0;
 /// Maximum rate error of the clock: one quarter.
-const MOST_PPM: f64 = 250_000.0;
+const MAX_CLOCK_RATE_ERROR_PPM: f64 = 250_000.0;
 /// Maximum tilt: half a radian.
-const MOST_TILT_URAD: f64 = 500_000.0;
+const MAX_TILT_URAD: f64 = 500_000.0;
 
-fn sound(value: f64) -> bool {
+fn is_non_negative(value: f64) -> bool {
     value.is_finite() && value >= 0.0
 }

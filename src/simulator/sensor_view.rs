@@ -2,17 +2,17 @@
 
 use nalgebra::Vector3;
 
-use super::nearest::Nearest;
+use super::machine_pose::MachinePose;
+use super::nearest_surface::NearestSurface;
 use super::ramp::first_crossing;
-use super::stand::MachinePose;
 use super::surface::Surface;
 
 /// The scene at one moment, as seen from the part that carries a sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SensorView<'a> {
     /// Pose of the carrier, in place of the spindle.
-    pub stand: MachinePose,
-    pub target: Target<'a>,
+    pub pose: MachinePose,
+    pub target: MeasuredObject<'a>,
     /// Growth of the radius of a round part, mm.
     pub growth: f64,
     pub t_s: f64,
@@ -20,22 +20,22 @@ pub(super) struct SensorView<'a> {
 
 /// Object that a sensor measures.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Target<'a> {
+pub(super) enum MeasuredObject<'a> {
     /// The artefact.
     Surface(&'a Surface),
     /// The sphere in the spindle; centre in the table frame, mm.
     Sphere { centre: Vector3<f64>, radius: f64 },
 }
 
-impl Target<'_> {
+impl MeasuredObject<'_> {
     /// Nearest surface to `point` in the table frame.
-    fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
+    fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {
             Self::Surface(surface) => surface.nearest(point, growth, t_s),
             Self::Sphere { centre, radius } => {
                 let from_centre = point - centre;
                 let normal = from_centre.try_normalize(0.0).unwrap_or(Vector3::z());
-                Nearest { distance: from_centre.norm() - radius, normal }
+                NearestSurface { distance: from_centre.norm() - radius, normal }
             }
         }
     }
@@ -43,7 +43,7 @@ impl Target<'_> {
 
 /// End point of a line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Hit {
+pub(super) struct SurfaceHit {
     /// Distance from the line's origin, mm.
     pub distance: f64,
     /// Outward unit normal of the surface there, spindle frame.
@@ -53,16 +53,23 @@ pub(super) struct Hit {
 impl SensorView<'_> {
     /// First surface that the line through `origin` along the unit vector `along` (spindle frame) enters
     /// between the distances `reach`; `None` also if the line begins inside a body.
-    pub fn first(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<Hit> {
+    pub fn first_hit(
+        &self,
+        origin: Vector3<f64>,
+        along: Vector3<f64>,
+        reach: [f64; 2],
+    ) -> Option<SurfaceHit> {
         let [near, far] = reach;
         let length = far - near;
-        let start = self.stand.on_table(origin + along * near);
-        let way = self.stand.turned_to_table(along);
-        let nearest =
-            |at: f64| self.target.nearest(start + way * (at * length), self.growth, self.t_s);
+        let start = self.pose.to_table_point(origin + along * near);
+        let direction = self.pose.to_table_direction(along);
+        let nearest = |fraction: f64| {
+            self.target.nearest(start + direction * (fraction * length), self.growth, self.t_s)
+        };
         // The distance to a surface falls no faster than the line advances.
-        let at = first_crossing(|at| nearest(at).distance, length, 0.0).filter(|at| *at > 0.0)?;
-        let normal = self.stand.turned_to_spindle(nearest(at).normal);
-        Some(Hit { distance: near + at * length, normal })
+        let fraction = first_crossing(|fraction| nearest(fraction).distance, length, 0.0)
+            .filter(|fraction| *fraction > 0.0)?;
+        let normal = self.pose.to_spindle_direction(nearest(fraction).normal);
+        Some(SurfaceHit { distance: near + fraction * length, normal })
     }
 }

@@ -2,45 +2,45 @@
 
 use nalgebra::Vector3;
 
-use super::WorldError;
-use super::balls::Balls;
-use super::datum::Datum;
-use super::drawn;
+use super::SimulatedWorldError;
+use super::balls::TrueBalls;
+use super::datum::TrueDatumCylinder;
 use super::flank::{Flank, Profile};
-use super::nearest::Nearest;
-use super::truth::Truth;
+use super::nearest_surface::NearestSurface;
+use super::random_draws;
+use super::truth::MachineTruth;
 use machine::record::artefact::{Artefact, Cylinder};
 
 /// Distance from the surface if there is no artefact: beyond the reach of any machine, mm.
-const NOTHING_NEAR_MM: f64 = 1e9;
+const EMPTY_TABLE_DISTANCE_MM: f64 = 1e9;
 
 /// The true artefact, in the table frame.
 #[derive(Debug, Clone)]
 pub(super) enum Surface {
     Flank(Flank),
-    Balls(Balls),
-    Datum(Box<Datum>),
+    Balls(TrueBalls),
+    Datum(Box<TrueDatumCylinder>),
     /// There is no artefact.
     Empty,
 }
 
 impl Surface {
-    pub fn new(artefact: &Artefact, truth: &Truth) -> Result<Self, WorldError> {
+    pub fn new(artefact: &Artefact, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         match artefact {
             Artefact::Cylinder(cylinder) => {
-                truth.of_a_round_part()?;
-                flank(cylinder, truth).map(Self::Flank)
+                truth.reject_ball_keys()?;
+                cylinder_flank(cylinder, truth).map(Self::Flank)
             }
             Artefact::Balls(balls) => {
-                truth.of_balls(balls)?;
-                Balls::new(balls, truth).map(Self::Balls)
+                truth.check_ball_keys(balls)?;
+                TrueBalls::new(balls, truth).map(Self::Balls)
             }
             Artefact::DatumCylinder(cylinder) => {
-                truth.of_a_round_part()?;
-                Datum::new(cylinder, truth).map(|datum| Self::Datum(Box::new(datum)))
+                truth.reject_ball_keys()?;
+                TrueDatumCylinder::new(cylinder, truth).map(|datum| Self::Datum(Box::new(datum)))
             }
             Artefact::None => {
-                truth.of_a_round_part()?;
+                truth.reject_ball_keys()?;
                 truth.reject_form_keys()?;
                 Ok(Self::Empty)
             }
@@ -49,34 +49,36 @@ impl Surface {
 
     /// Mounts the artefact again, turned by this angle against its first mounting. Only a datum cylinder has an
     /// indexing stage.
-    pub fn mount(&mut self, turn_deg: f64) {
+    pub fn mount_artefact(&mut self, turn_deg: f64) {
         if let Self::Datum(datum) = self {
-            datum.mount(turn_deg);
+            datum.mount_artefact(turn_deg);
         }
     }
 
     /// Nearest surface to `point` in the table frame at the time `t_s`. `growth`: of the radius of a round
     /// part; the growth of a small ball is far below a micrometre.
-    pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
+    pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> NearestSurface {
         match self {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
             Self::Datum(datum) => datum.nearest(point, growth),
-            Self::Empty => Nearest { distance: NOTHING_NEAR_MM, normal: Vector3::z() },
+            Self::Empty => {
+                NearestSurface { distance: EMPTY_TABLE_DISTANCE_MM, normal: Vector3::z() }
+            }
         }
     }
 }
 
-fn flank(cylinder: &Cylinder, truth: &Truth) -> Result<Flank, WorldError> {
-    let rough = drawn::roughness(truth.seed, truth.roughness_um);
+fn cylinder_flank(cylinder: &Cylinder, truth: &MachineTruth) -> Result<Flank, SimulatedWorldError> {
+    let rough = random_draws::draw_roughness(truth.seed, truth.roughness_um);
     let radius = cylinder.radius_mm + truth.radius_offset_mm;
     let profile = Profile::new(radius, truth.form.iter().copied().chain(rough));
     let direction = Vector3::from(cylinder.axis);
-    let finite = direction.iter().all(|part| part.is_finite());
-    let sound = finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
+    let is_finite = direction.iter().all(|part| part.is_finite());
+    let is_valid = is_finite && direction.norm() > 0.0 && cylinder.height_mm > 0.0;
     // `>` is false for NaN as well.
-    if !(sound && profile.smallest_radius() > 0.0) {
-        return Err(WorldError::Artefact);
+    if !(is_valid && profile.smallest_radius() > 0.0) {
+        return Err(SimulatedWorldError::InvalidArtefact);
     }
     let foot = Vector3::from(cylinder.centre_mm) + truth.centre_offset();
     Ok(Flank::new(foot, direction, cylinder.height_mm, profile))

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{World, WorldError, drawn};
+use super::{SimulatedWorld, SimulatedWorldError, random_draws};
 
 /// One `[[simulated.thermometer]]`: the temperature approaches thermal equilibrium with the time constant of the
 /// drift.
@@ -29,47 +29,48 @@ impl Default for ThermometerTruth {
 const COUNTS_PER_K: f64 = 100.0;
 
 impl ThermometerTruth {
-    fn sound(&self) -> bool {
+    fn is_valid(&self) -> bool {
         let all = [self.begins_c, self.warms_k, self.noise_k];
         all.into_iter().all(f64::is_finite) && self.noise_k >= 0.0
     }
 
-    fn at(&self, t_s: f64, seed: u64, number: usize) -> f64 {
+    fn reading_c(&self, t_s: f64, seed: u64, number: usize) -> f64 {
         // The noise changes once per second.
-        let noise = self.noise_k * drawn::thermometer_deviate(seed, number, t_s.max(0.0) as u64);
-        let celsius = self.begins_c + self.warms_k * drawn::settled(t_s) + noise;
+        let noise =
+            self.noise_k * random_draws::draw_thermometer_noise(seed, number, t_s.max(0.0) as u64);
+        let celsius = self.begins_c + self.warms_k * random_draws::equilibrium_share(t_s) + noise;
         (celsius * COUNTS_PER_K).round() / COUNTS_PER_K
     }
 }
 
-impl World {
+impl SimulatedWorld {
     /// Adds thermometers of these names, each with the temperature of its `[[simulated.thermometer]]`.
     ///
     /// # Errors
     /// A `[[simulated.thermometer]]` names no thermometer or the same one twice, or a number is impossible.
-    pub fn with_thermometers(mut self, names: &[&str]) -> Result<Self, WorldError> {
-        let stated = std::mem::take(&mut self.warmths);
+    pub fn with_thermometers(mut self, names: &[&str]) -> Result<Self, SimulatedWorldError> {
+        let stated = std::mem::take(&mut self.thermometers);
         let count = |name: &str| stated.iter().filter(|stated| stated.name == name).count();
         for ThermometerTruth { name, .. } in &stated {
             if !names.contains(&name.as_str()) || count(name) > 1 {
-                return Err(WorldError::NoThermometer { name: name.clone() });
+                return Err(SimulatedWorldError::UnknownThermometer { name: name.clone() });
             }
         }
-        if let Some(bad) = stated.iter().find(|stated| !stated.sound()) {
-            return Err(WorldError::Thermometer { name: bad.name.clone() });
+        if let Some(invalid) = stated.iter().find(|stated| !stated.is_valid()) {
+            return Err(SimulatedWorldError::InvalidThermometer { name: invalid.name.clone() });
         }
-        let of = |name: &&str| {
-            let usual =
+        let truth_for_name = |name: &&str| {
+            let default_truth =
                 || ThermometerTruth { name: (*name).to_owned(), ..ThermometerTruth::default() };
-            stated.iter().find(|stated| stated.name == *name).cloned().unwrap_or_else(usual)
+            stated.iter().find(|stated| stated.name == *name).cloned().unwrap_or_else(default_truth)
         };
-        self.warmths = names.iter().map(of).collect();
+        self.thermometers = names.iter().map(truth_for_name).collect();
         Ok(self)
     }
 
     /// Reading of the thermometer `name` now, °C; `None`: there is no such thermometer.
     pub fn temperature_c(&self, name: &str) -> Option<f64> {
-        let number = self.warmths.iter().position(|warmth| warmth.name == name)?;
-        Some(self.warmths.get(number)?.at(self.t_s, self.seed, number))
+        let number = self.thermometers.iter().position(|thermometer| thermometer.name == name)?;
+        Some(self.thermometers.get(number)?.reading_c(self.t_s, self.seed, number))
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::{Vector2, Vector3};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
-use super::WorldError;
+use super::SimulatedWorldError;
 use super::datum_truth::{DatumTruth, StageTruth};
 use super::flank::FormHarmonic;
 use super::rotary_motion::RotaryMotion;
@@ -14,14 +14,14 @@ use super::sensor_truth::SensorTruth;
 use super::thermometer_truth::ThermometerTruth;
 use super::wiring::Wiring;
 use machine::Axis;
-use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm};
 use machine::record::artefact::Balls;
 
 /// The `[simulated]` table of the machine file. Values given here are exact; errors that the machine file declares
 /// by magnitude only are drawn from `seed`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Truth {
+pub struct MachineTruth {
     pub seed: u64,
     /// ISO 230-1 location errors and linear gains; the unit follows the symbol: `EX0C_um`, `EA0C_urad`,
     /// `EXX1_um_per_m`.
@@ -60,10 +60,10 @@ pub struct Truth {
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
     /// How motors and probe are connected.
-    #[serde(skip_serializing_if = "Wiring::is_right")]
+    #[serde(skip_serializing_if = "Wiring::is_correct")]
     pub wiring: Wiring,
     /// Delay between contact and latch.
-    pub latch: Latch,
+    pub latch: LatchDelay,
     /// The displacement sensors in the spindle.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensor: Vec<SensorTruth>,
@@ -120,7 +120,7 @@ pub struct BallMove {
 /// Delay between a contact and the latched position. The axes continue to move meanwhile, and brake only after it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Latch {
+pub struct LatchDelay {
     /// Constant delay: the probe's filter and radio link, and the reaction of the control.
     pub delay_ms: f64,
     /// Period at which a PLC reads the probe; the contact occurs at a random time within it.
@@ -151,14 +151,14 @@ pub enum SagLaw {
     OneMinusCos,
 }
 
-impl Truth {
+impl MachineTruth {
     /// Offset of the artefact as a whole, table frame, mm.
     pub(super) fn centre_offset(&self) -> Vector3<f64> {
         Vector2::from(self.centre_offset_mm).push(0.0)
     }
 
     /// Rejects keys that apply to balls only.
-    pub(super) fn of_a_round_part(&self) -> Result<(), WorldError> {
+    pub(super) fn reject_ball_keys(&self) -> Result<(), SimulatedWorldError> {
         let drawn = [
             ("ball_offset_mm", self.ball_offset_mm),
             ("ball_diameter_um", self.ball_diameter_um),
@@ -168,33 +168,35 @@ impl Truth {
         let drawn = drawn.into_iter().filter(|(_, value)| *value != 0.0).map(|(key, _)| key);
         let listed = [("ball", self.ball.is_empty()), ("ball_moves", self.ball_moves.is_empty())];
         let listed = listed.into_iter().filter(|(_, empty)| !empty).map(|(key, _)| key);
-        refuse(drawn.chain(listed), "balls")
+        reject_keys(drawn.chain(listed), "balls")
     }
 
     /// Rejects keys that apply to a round part only.
-    pub(super) fn reject_form_keys(&self) -> Result<(), WorldError> {
+    pub(super) fn reject_form_keys(&self) -> Result<(), SimulatedWorldError> {
         let form = ("form", !self.form.is_empty());
         let rough = ("roughness_um", self.roughness_um != 0.0);
-        let stated = [form, rough].into_iter().filter(|(_, there)| *there).map(|(key, _)| key);
-        refuse(stated, "cylinder")
+        let stated =
+            [form, rough].into_iter().filter(|(_, is_present)| *is_present).map(|(key, _)| key);
+        reject_keys(stated, "cylinder")
     }
 
     /// Rejects keys that apply to a round part only, and unknown balls.
-    pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
+    pub(super) fn check_ball_keys(&self, balls: &Balls) -> Result<(), SimulatedWorldError> {
         self.reject_form_keys()?;
-        let named = self.ball.iter().map(|ball| &ball.id);
-        let mut named = named.chain(self.ball_moves.iter().map(|moved| &moved.ball));
-        match named.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {
+        let referenced_ids = self.ball.iter().map(|ball| &ball.id);
+        let mut referenced_ids =
+            referenced_ids.chain(self.ball_moves.iter().map(|moved| &moved.ball));
+        match referenced_ids.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {
             None => Ok(()),
-            Some(id) => Err(WorldError::NoBall { id: id.clone() }),
+            Some(id) => Err(SimulatedWorldError::UnknownBall { id: id.clone() }),
         }
     }
 
     /// All errors of the machine, in mm, rad and mm/mm.
-    pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, WorldError> {
+    pub(super) fn error_terms(&self) -> Result<Vec<ErrorTerm>, SimulatedWorldError> {
         let mut terms = Vec::new();
         for (key, value) in &self.errors {
-            terms.push(read_error(key, *value)?);
+            terms.push(parse_error_term(key, *value)?);
         }
         for motion in &self.error_motion {
             let values = [
@@ -205,35 +207,38 @@ impl Truth {
             ];
             for (part, unit, value) in values.into_iter().filter(|(_, _, value)| *value != 0.0) {
                 let key = format!("{}_{part}{}_{unit}", motion.symbol, motion.harmonic);
-                terms.push(read_error(&key, value)?);
+                terms.push(parse_error_term(&key, value)?);
             }
         }
         Ok(terms)
     }
 }
 
-fn refuse(
+fn reject_keys(
     mut keys: impl Iterator<Item = &'static str>,
-    belongs: &'static str,
-) -> Result<(), WorldError> {
-    keys.next().map_or(Ok(()), |key| Err(WorldError::OtherKind { key, belongs }))
+    kind: &'static str,
+) -> Result<(), SimulatedWorldError> {
+    keys.next().map_or(Ok(()), |key| Err(SimulatedWorldError::WrongArtefactKind { key, kind }))
 }
 
 /// Parses a key and value such as `EX0C_um = 50.0`.
-fn read_error(key: &str, value: f64) -> Result<ErrorTerm, WorldError> {
+fn parse_error_term(key: &str, value: f64) -> Result<ErrorTerm, SimulatedWorldError> {
     let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
     let (symbol, unit, scale) = units
         .into_iter()
         .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
-        .ok_or_else(|| WorldError::Unit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
+        .ok_or_else(|| SimulatedWorldError::WrongUnit {
+            key: key.to_owned(),
+            unit: "_um, _urad or _um_per_m",
+        })?;
     let parameter: ErrorParameter = symbol.parse()?;
-    let wanted = match parameter.shape() {
-        Shape::Gain => "_um_per_m",
+    let required_unit = match parameter.shape() {
+        ErrorShape::Gain => "_um_per_m",
         _ if parameter.component().is_linear() => "_um",
         _ => "_urad",
     };
-    if unit != wanted {
-        return Err(WorldError::Unit { key: key.to_owned(), unit: wanted });
+    if unit != required_unit {
+        return Err(SimulatedWorldError::WrongUnit { key: key.to_owned(), unit: required_unit });
     }
     Ok(ErrorTerm { parameter, value: value * scale })
 }

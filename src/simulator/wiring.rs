@@ -35,50 +35,51 @@ pub enum ProbeWiring {
 }
 
 impl Wiring {
-    pub fn is_right(&self) -> bool {
+    pub fn is_correct(&self) -> bool {
         *self == Self::default()
     }
 }
 
 /// The wiring of a machine that was at `origin` when it was built.
 #[derive(Debug, Clone)]
-pub(super) struct Wired {
+pub(super) struct TrueWiring {
     /// `None`: the wiring is correct.
-    wrong: Option<(Wiring, Position)>,
+    wrong_wiring: Option<(Wiring, Position)>,
 }
 
-impl Wired {
+impl TrueWiring {
     pub fn new(wiring: &Wiring, origin: &Position) -> Self {
-        let wrong = (!wiring.is_right()).then(|| (wiring.clone(), origin.clone()));
-        Self { wrong }
+        let wrong_wiring = (!wiring.is_correct()).then(|| (wiring.clone(), origin.clone()));
+        Self { wrong_wiring }
     }
 
-    /// True axis positions where the control displays `believed`.
-    pub fn truly(&self, believed: Position) -> Position {
-        let Some((wiring, origin)) = &self.wrong else { return believed };
-        let mut stands = believed.clone();
-        for (drive, position) in believed.iter() {
-            let motor = wiring.motor(drive);
-            let gone = drive.to_edge(position - origin.at(drive)) * wiring.turns(motor);
-            if believed.get(motor).is_some() {
-                stands.set(motor, origin.at(motor) + motor.from_edge(gone));
+    /// True axis positions where the control displays `displayed`.
+    pub fn true_position(&self, displayed: Position) -> Position {
+        let Some((wiring, origin)) = &self.wrong_wiring else { return displayed };
+        let mut actual = displayed.clone();
+        for (drive, position) in displayed.iter() {
+            let motor = wiring.motor_of_drive(drive);
+            let travelled =
+                drive.to_mm_or_deg(position - origin.get_or_zero(drive)) * wiring.motor_gain(motor);
+            if displayed.get(motor).is_some() {
+                actual.set(motor, origin.get_or_zero(motor) + motor.to_mm_or_rad(travelled));
             }
         }
-        stands
+        actual
     }
 
     /// Upper bound of the ratio of true to commanded travel.
-    pub fn longest(&self) -> f64 {
-        let Some((wiring, _)) = &self.wrong else { return 1.0 };
+    pub fn max_travel_ratio(&self) -> f64 {
+        let Some((wiring, _)) = &self.wrong_wiring else { return 1.0 };
         let mixed = |pair: &[Axis; 2]| pair[0].is_linear() != pair[1].is_linear();
         // A degree may replace a millimetre, or the reverse. Without such a pair, exchanged axes may still increase
         // the distance of the ball from the axis that turns.
-        let elsewhere = if wiring.swapped.iter().any(mixed) { 180.0 } else { 3.0 };
-        wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * elsewhere
+        let exchange_factor = if wiring.swapped.iter().any(mixed) { 180.0 } else { 3.0 };
+        wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * exchange_factor
     }
 
     /// State of the probe input for the true state of the probe.
-    pub fn shows(&self, closed: bool) -> bool {
+    pub fn input_state(&self, closed: bool) -> bool {
         match self.probe() {
             ProbeWiring::Right => closed,
             ProbeWiring::Inverted => !closed,
@@ -88,18 +89,18 @@ impl Wired {
     }
 
     /// Whether a contact changes the probe input.
-    pub fn feels(&self) -> bool {
+    pub fn reacts_to_contact(&self) -> bool {
         matches!(self.probe(), ProbeWiring::Right | ProbeWiring::Inverted)
     }
 
     fn probe(&self) -> ProbeWiring {
-        self.wrong.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
+        self.wrong_wiring.as_ref().map_or(ProbeWiring::Right, |(wiring, _)| wiring.probe)
     }
 }
 
 impl Wiring {
     /// The axis that moves when `drive` is commanded.
-    fn motor(&self, drive: Axis) -> Axis {
+    fn motor_of_drive(&self, drive: Axis) -> Axis {
         let other = self.swapped.iter().find_map(|[one, other]| match drive {
             axis if axis == *one => Some(*other),
             axis if axis == *other => Some(*one),
@@ -108,7 +109,7 @@ impl Wiring {
         other.unwrap_or(drive)
     }
 
-    fn turns(&self, motor: Axis) -> f64 {
+    fn motor_gain(&self, motor: Axis) -> f64 {
         let sense = if self.reversed.contains(&motor) { -1.0 } else { 1.0 };
         sense * self.gain.get(&motor).copied().unwrap_or(1.0)
     }
@@ -118,8 +119,8 @@ impl Wiring {
 mod tests {
     use super::*;
 
-    fn wired(wiring: Wiring) -> Wired {
-        Wired::new(
+    fn wired(wiring: Wiring) -> TrueWiring {
+        TrueWiring::new(
             &wiring,
             &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0),
         )
@@ -127,29 +128,29 @@ mod tests {
 
     #[test]
     fn from_where_it_stood_the_machine_moves_otherwise_than_the_control_believes() {
-        let told = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
-        let truly = |wiring| wired(wiring).truly(told.clone());
-        assert_eq!(truly(Wiring::default()), told);
+        let displayed = Position::new().with(Axis::X, 2.0).with(Axis::Y, -3.0).with(Axis::Z, 440.0);
+        let truly = |wiring| wired(wiring).true_position(displayed.clone());
+        assert_eq!(truly(Wiring::default()), displayed);
         let swapped = Wiring { swapped: vec![[Axis::X, Axis::Y]], ..Wiring::default() };
-        assert_eq!(truly(swapped), told.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
+        assert_eq!(truly(swapped), displayed.clone().with(Axis::X, -3.0).with(Axis::Y, 2.0));
         let reversed = Wiring { reversed: vec![Axis::Z], ..Wiring::default() };
-        assert_eq!(truly(reversed), told.clone().with(Axis::Z, 460.0));
+        assert_eq!(truly(reversed), displayed.clone().with(Axis::Z, 460.0));
         let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
-        assert_eq!(truly(gain), told.clone().with(Axis::X, 50.8));
+        assert_eq!(truly(gain), displayed.clone().with(Axis::X, 50.8));
         // Both at once: the motor of X is connected to the drive of Y, and turns in the opposite direction.
         let both = Wiring {
             swapped: vec![[Axis::X, Axis::Y]],
             reversed: vec![Axis::X],
             ..Wiring::default()
         };
-        assert_eq!(truly(both), told.with(Axis::X, 3.0).with(Axis::Y, 2.0));
+        assert_eq!(truly(both), displayed.with(Axis::X, 3.0).with(Axis::Y, 2.0));
     }
 
     #[test]
     fn the_probe_shows_what_its_wires_let_through() {
         let shown = |probe| {
             let wired = wired(Wiring { probe, ..Wiring::default() });
-            ([wired.shows(false), wired.shows(true)], wired.feels())
+            ([wired.input_state(false), wired.input_state(true)], wired.reacts_to_contact())
         };
         assert_eq!(shown(ProbeWiring::Right), ([false, true], true));
         assert_eq!(shown(ProbeWiring::Inverted), ([true, false], true));

@@ -4,11 +4,11 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{Fault, Journal, Pending, StoreError, columns};
+use super::{Journal, PendingWrite, StoreError, StoreFault, columns};
 
 /// A request that changes something.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Audit {
+pub struct AuditEntry {
     pub who: String,
     pub what: String,
     pub why: String,
@@ -20,52 +20,56 @@ pub struct Audit {
 
 /// An entry of the audit log; `seq` counts up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Audited {
+pub struct StoredAuditEntry {
     pub seq: i64,
     pub at: Timestamp,
     #[serde(flatten)]
-    pub audit: Audit,
+    pub audit: AuditEntry,
 }
 
 impl Journal {
     /// Adds an entry that is never changed or removed.
-    pub fn audit(&self, audit: &Audit) -> Pending<()> {
+    pub fn add_audit_entry(&self, audit: &AuditEntry) -> PendingWrite<()> {
         let audit = audit.clone();
-        self.submit(move |connection| add(connection, &audit))
+        self.submit_job(move |connection| insert_entry(connection, &audit))
     }
 
-    /// At most `most` entries, newest first; with `before`, only entries older than that one. Only these rows
+    /// At most `limit` entries, newest first; with `before`, only entries older than that one. Only these rows
     /// are read, as the log covers years.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn audits(&self, before: Option<i64>, most: usize) -> Result<Vec<Audited>, StoreError> {
-        self.look(|connection| newest(connection, before, most))
+    pub fn audit_entries(
+        &self,
+        before: Option<i64>,
+        limit: usize,
+    ) -> Result<Vec<StoredAuditEntry>, StoreError> {
+        self.query(|connection| newest_entries(connection, before, limit))
     }
 }
 
-pub(super) fn add(connection: &Connection, audit: &Audit) -> Result<(), Fault> {
-    let Audit { who, what, why, machine, run, outcome } = audit;
+pub(super) fn insert_entry(connection: &Connection, audit: &AuditEntry) -> Result<(), StoreFault> {
+    let AuditEntry { who, what, why, machine, run, outcome } = audit;
     connection.execute(
         "INSERT INTO audit (at, who, what, why, machine, run, outcome)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-        params![columns::now(), who, what, why, machine, run, outcome],
+        params![columns::now_text(), who, what, why, machine, run, outcome],
     )?;
     Ok(())
 }
 
-fn newest(
+fn newest_entries(
     connection: &Connection,
     before: Option<i64>,
-    most: usize,
-) -> Result<Vec<Audited>, Fault> {
+    limit: usize,
+) -> Result<Vec<StoredAuditEntry>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT at, who, what, why, machine, run, outcome, seq FROM audit
          WHERE seq < ?1 ORDER BY seq DESC LIMIT ?2",
     )?;
-    let most = i64::try_from(most).unwrap_or(i64::MAX);
-    let rows = statement.query_map(params![before.unwrap_or(i64::MAX), most], |row| {
-        let audit = Audit {
+    let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+    let rows = statement.query_map(params![before.unwrap_or(i64::MAX), limit], |row| {
+        let audit = AuditEntry {
             who: row.get(1)?,
             what: row.get(2)?,
             why: row.get(3)?,
@@ -73,7 +77,7 @@ fn newest(
             run: row.get(5)?,
             outcome: row.get(6)?,
         };
-        Ok(Audited { seq: row.get(7)?, at: columns::parsed(row, 0)?, audit })
+        Ok(StoredAuditEntry { seq: row.get(7)?, at: columns::parse_column(row, 0)?, audit })
     })?;
     Ok(rows.collect::<Result<_, _>>()?)
 }

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use rusqlite::Connection;
 
-use super::folder::JOURNAL;
-use super::{Fault, RunId, StoreError, checksum, connection, identity, read, snapshot};
+use super::durable_dir::JOURNAL_FILE_NAME;
+use super::{RunId, StoreError, StoreFault, checksum, connection, identity, read, snapshot};
 
 /// Content of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,27 +22,27 @@ pub struct BackupContent {
 /// # Errors
 /// There is no journal, the disk is full, `file` exists, or the journal is foreign or damaged.
 pub fn backup(dir: &Path, file: &Path) -> Result<BackupContent, StoreError> {
-    let journal = dir.join(JOURNAL);
+    let journal = dir.join(JOURNAL_FILE_NAME);
     if !journal.is_file() {
-        return Err(StoreError::at(&journal)(Fault::Missing));
+        return Err(StoreError::at(&journal)(StoreFault::JournalMissing));
     }
     let (source, format) = connection::open_source(&journal).map_err(StoreError::at(&journal))?;
-    let has_checksums = format >= identity::FIRST_MARKED;
+    let has_checksums = format >= identity::FIRST_FORMAT_WITH_APPLICATION_ID;
     let verified = |copy: &Connection| match has_checksums {
         true => {
-            checksum::add_function(copy)?;
-            checksum::verify_all(copy)?;
-            Ok(read::runs(copy)?.last().map(|run| run.id))
+            checksum::add_checksum_function(copy)?;
+            checksum::verify_all_rows(copy)?;
+            Ok(read::select_runs(copy)?.last().map(|run| run.id))
         }
         false if format == 0 => Ok(None),
         false => Ok(copy
             .query_row("SELECT max(id) FROM runs", [], |row| row.get::<_, Option<i64>>(0))?
             .map(RunId)),
     };
-    match snapshot::keep(&source, file, verified) {
+    match snapshot::copy_verified(&source, file, verified) {
         Ok(newest) => Ok(BackupContent { newest, has_checksums }),
         // The copy is removed: the journal was damaged before.
-        Err(fault @ Fault::Damaged(_)) => Err(StoreError::at(&journal)(fault)),
+        Err(fault @ StoreFault::Damaged(_)) => Err(StoreError::at(&journal)(fault)),
         Err(fault) => Err(StoreError::at(file)(fault)),
     }
 }

@@ -11,34 +11,34 @@ use rusqlite::Connection;
 use rusqlite::functions::{Context, FunctionFlags};
 use rusqlite::types::ValueRef;
 
-use super::{Fault, RunId};
+use super::{RunId, StoreFault};
 
 static CRC_32C: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
 /// Large tables with the plan, the readings and the results of runs. Their column `run` contains the number of
 /// the run.
-const OF_A_RUN: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
+const RUN_TABLES: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
 
 /// A table whose rows have a checksum.
-struct SealedTable {
+struct ChecksummedTable {
     name: String,
     /// Names of the other columns, in their order, separated by commas.
     columns: String,
 }
 
-impl SealedTable {
-    fn expected(&self) -> String {
+impl ChecksummedTable {
+    fn checksum_sql(&self) -> String {
         format!("row_checksum({})", self.columns)
     }
 }
 
 /// Adds the SQL function `row_checksum` to `connection`.
-pub(super) fn add_function(connection: &Connection) -> Result<(), Fault> {
+pub(super) fn add_checksum_function(connection: &Connection) -> Result<(), StoreFault> {
     let flags = FunctionFlags::SQLITE_UTF8 | FunctionFlags::SQLITE_DETERMINISTIC;
-    Ok(connection.create_scalar_function("row_checksum", -1, flags, |row| Ok(of_values(row)))?)
+    Ok(connection.create_scalar_function("row_checksum", -1, flags, |row| Ok(row_crc(row)))?)
 }
 
-fn of_values(values: &Context<'_>) -> [u8; 4] {
+fn row_crc(values: &Context<'_>) -> [u8; 4] {
     let mut digest = CRC_32C.digest();
     let mut add = |kind: u8, parts: [&[u8]; 2]| {
         digest.update(&[kind]);
@@ -57,14 +57,14 @@ fn of_values(values: &Context<'_>) -> [u8; 4] {
 }
 
 /// Adds triggers to `connection` that set the checksum of each row that it inserts or changes.
-pub(super) fn add_triggers(connection: &Connection) -> Result<(), Fault> {
+pub(super) fn add_checksum_triggers(connection: &Connection) -> Result<(), StoreFault> {
     // Without this setting, temporary triggers would need a file of their own.
     connection.pragma_update(None, "temp_store", "MEMORY")?;
-    for table in sealed_tables(connection)? {
-        let SealedTable { name, columns } = &table;
+    for table in checksummed_tables(connection)? {
+        let ChecksummedTable { name, columns } = &table;
         let set = format!(
             "UPDATE {name} SET checksum = {} WHERE rowid = new.rowid; END;",
-            table.expected()
+            table.checksum_sql()
         );
         connection.execute_batch(&format!(
             "CREATE TEMP TRIGGER {name}_inserted AFTER INSERT ON main.{name} BEGIN {set}
@@ -75,57 +75,60 @@ pub(super) fn add_triggers(connection: &Connection) -> Result<(), Fault> {
 }
 
 /// Sets the checksum of every row, whatever the row contains.
-pub(super) fn compute_all(connection: &Connection) -> Result<(), Fault> {
-    for table in sealed_tables(connection)? {
-        let set = format!("UPDATE {} SET checksum = {}", table.name, table.expected());
+pub(super) fn compute_all_checksums(connection: &Connection) -> Result<(), StoreFault> {
+    for table in checksummed_tables(connection)? {
+        let set = format!("UPDATE {} SET checksum = {}", table.name, table.checksum_sql());
         connection.execute(&set, [])?;
     }
     Ok(())
 }
 
 /// Verifies all rows of the journal.
-pub(super) fn verify_all(connection: &Connection) -> Result<(), Fault> {
-    verify(connection, |_| Some("true".to_owned()))
+pub(super) fn verify_all_rows(connection: &Connection) -> Result<(), StoreFault> {
+    verify_rows(connection, |_| Some("true".to_owned()))
 }
 
 /// Verifies the heads of runs and the rows that belong to no run: audit log, armings and schedules.
-pub(super) fn verify_heads(connection: &Connection) -> Result<(), Fault> {
-    verify(connection, |table| (!OF_A_RUN.contains(&table)).then(|| "true".to_owned()))
+pub(super) fn verify_run_heads(connection: &Connection) -> Result<(), StoreFault> {
+    verify_rows(connection, |table| (!RUN_TABLES.contains(&table)).then(|| "true".to_owned()))
 }
 
 /// Verifies all rows of `run`.
-pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), Fault> {
-    verify(connection, |table| match table {
+pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), StoreFault> {
+    verify_rows(connection, |table| match table {
         "runs" => Some(format!("id = {run}")),
-        table => OF_A_RUN.contains(&table).then(|| format!("run = {run}")),
+        table => RUN_TABLES.contains(&table).then(|| format!("run = {run}")),
     })
 }
 
 /// Verifies the estimates of `runs`.
-pub(super) fn verify_estimates(connection: &Connection, runs: &[i64]) -> Result<(), Fault> {
+pub(super) fn verify_estimates(connection: &Connection, runs: &[i64]) -> Result<(), StoreFault> {
     let runs = runs.iter().map(i64::to_string).collect::<Vec<_>>().join(", ");
-    verify(connection, |table| (table == "estimates").then(|| format!("run IN ({runs})")))
+    verify_rows(connection, |table| (table == "estimates").then(|| format!("run IN ({runs})")))
 }
 
 /// Verifies rows. `rows` returns the SQL condition of the rows of a table, or `None` for no row.
-fn verify(connection: &Connection, rows: impl Fn(&str) -> Option<String>) -> Result<(), Fault> {
-    for table in sealed_tables(connection)? {
+fn verify_rows(
+    connection: &Connection,
+    rows: impl Fn(&str) -> Option<String>,
+) -> Result<(), StoreFault> {
+    for table in checksummed_tables(connection)? {
         let Some(rows) = rows(&table.name) else { continue };
         let mut damaged = connection.prepare(&format!(
             "SELECT rowid FROM {} WHERE {rows} AND checksum IS NOT {} LIMIT 1",
             table.name,
-            table.expected()
+            table.checksum_sql()
         ))?;
         if let Some(row) = damaged.query([])?.next()? {
             let row: i64 = row.get(0)?;
             let what = format!("row {row} of table {} has a wrong checksum", table.name);
-            return Err(Fault::Damaged(what));
+            return Err(StoreFault::Damaged(what));
         }
     }
     Ok(())
 }
 
-fn sealed_tables(connection: &Connection) -> Result<Vec<SealedTable>, Fault> {
+fn checksummed_tables(connection: &Connection) -> Result<Vec<ChecksummedTable>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT tables.name,
                 group_concat(columns.name, ', ' ORDER BY cid) FILTER (WHERE columns.name <> 'checksum')
@@ -133,6 +136,6 @@ fn sealed_tables(connection: &Connection) -> Result<Vec<SealedTable>, Fault> {
          WHERE tables.type = 'table' GROUP BY tables.name HAVING max(columns.name = 'checksum')",
     )?;
     let tables = statement
-        .query_map([], |row| Ok(SealedTable { name: row.get(0)?, columns: row.get(1)? }))?;
+        .query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, columns: row.get(1)? }))?;
     Ok(tables.collect::<Result<_, _>>()?)
 }

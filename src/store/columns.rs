@@ -8,10 +8,10 @@ use rusqlite::{Connection, Row, params};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Fault, RunId};
+use super::{RunId, StoreFault};
 use machine::record::reading::Reading;
 
-pub(super) fn now() -> String {
+pub(super) fn now_text() -> String {
     Timestamp::now().to_string()
 }
 
@@ -19,26 +19,26 @@ pub(super) fn now() -> String {
 pub(super) fn to_json<T: Serialize + DeserializeOwned>(
     what: &str,
     value: &T,
-) -> Result<String, Fault> {
-    let not_finite = |_| Fault::NotFinite { what: what.to_owned() };
+) -> Result<String, StoreFault> {
+    let not_finite = |_| StoreFault::NotFinite { what: what.to_owned() };
     let text = serde_json::to_string(value).map_err(not_finite)?;
     serde_json::from_str::<T>(&text).map_err(not_finite)?;
     Ok(text)
 }
 
 /// Whether all numbers of `reading` are finite: SQLite would store a NaN as NULL.
-pub(super) fn is_finite(reading: &Reading) -> bool {
+pub(super) fn all_finite(reading: &Reading) -> bool {
     let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
     numbers.chain([reading.t_s]).all(f64::is_finite)
 }
 
 /// Rows of `run` that `select` returns, in their order.
-pub(super) fn rows<T>(
+pub(super) fn run_rows<T>(
     connection: &Connection,
     select: &str,
     run: RunId,
     read: impl FnMut(&Row<'_>) -> rusqlite::Result<T>,
-) -> Result<Vec<T>, Fault> {
+) -> Result<Vec<T>, StoreFault> {
     let mut statement = connection.prepare(&format!("{select} WHERE run = ?1 ORDER BY seq"))?;
     let rows = statement.query_map(params![run.0], read)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
@@ -46,18 +46,18 @@ pub(super) fn rows<T>(
 
 pub(super) fn from_json<T: DeserializeOwned>(row: &Row<'_>, column: usize) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
-    serde_json::from_str(&text).map_err(|error| damaged(column, error.into()))
+    serde_json::from_str(&text).map_err(|error| damaged_column(column, error.into()))
 }
 
-pub(super) fn parsed<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
+pub(super) fn parse_column<T: FromStr<Err: std::error::Error + Send + Sync + 'static>>(
     row: &Row<'_>,
     column: usize,
 ) -> rusqlite::Result<T> {
     let text: String = row.get(column)?;
-    text.parse().map_err(|error: T::Err| damaged(column, error.into()))
+    text.parse().map_err(|error: T::Err| damaged_column(column, error.into()))
 }
 
-pub(super) fn damaged(
+pub(super) fn damaged_column(
     column: usize,
     why: Box<dyn std::error::Error + Send + Sync>,
 ) -> rusqlite::Error {

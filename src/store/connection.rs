@@ -8,17 +8,17 @@ use std::time::{Duration, Instant};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
-use super::{Fault, checksum, identity, migration, schema};
+use super::{StoreFault, checksum, identity, migration, schema};
 
 /// Maximum wait of a writer for another process that writes.
 const WRITER_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum wait of a process that migrates an older journal until other processes have closed it.
-const PATIENCE_FOR_OTHERS: Duration = Duration::from_secs(1);
-const RETRY: Duration = Duration::from_millis(5);
+const MIGRATION_LOCK_TIMEOUT: Duration = Duration::from_secs(1);
+const BUSY_RETRY_INTERVAL: Duration = Duration::from_millis(5);
 
 /// The writing connection: write-ahead log, synced at every commit, foreign keys, current tables.
-pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
-    let mut connection = retry_while_busy(PATIENCE_FOR_OTHERS, || open_verified(path))?;
+pub(super) fn open_writer(path: &Path) -> Result<Connection, StoreFault> {
+    let mut connection = retry_while_busy(MIGRATION_LOCK_TIMEOUT, || open_verified(path))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
     // Half a megabyte: a journal grows for years, its page cache should not.
     connection.pragma_update(None, "cache_size", -512)?;
@@ -28,21 +28,21 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     connection.pragma_update(None, "foreign_keys", true)?;
     let mode = retry_while_busy(WRITER_TIMEOUT, || journal_mode(&connection, "WAL"))?;
     if mode != "wal" {
-        return Err(Fault::NoLog { mode });
+        return Err(StoreFault::NoWriteAheadLog { mode });
     }
-    checksum::add_triggers(&connection)?;
+    checksum::add_checksum_triggers(&connection)?;
     Ok(connection)
 }
 
 /// A connection to an accepted journal. For an older journal it must be the only connection: a process of an
 /// older version would write rows without checksums into the new tables.
-fn open_verified(path: &Path) -> Result<Connection, Fault> {
+fn open_verified(path: &Path) -> Result<Connection, StoreFault> {
     let (connection, format) = open_unchanged(path, OpenFlags::default())?;
-    if format >= identity::FIRST_MARKED {
-        checksum::verify_heads(&connection)?;
+    if format >= identity::FIRST_FORMAT_WITH_APPLICATION_ID {
+        checksum::verify_run_heads(&connection)?;
     }
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
-    if format < schema::KNOWN {
+    if format < schema::CURRENT_FORMAT {
         // SQLite leaves the write-ahead log only if no other connection is open.
         journal_mode(&connection, "DELETE")?;
     }
@@ -53,47 +53,47 @@ fn open_verified(path: &Path) -> Result<Connection, Fault> {
 /// returns the journal's format.
 ///
 /// The connection may write: SQLite leaves files beside the journal if the last connection is read-only.
-pub(super) fn open_source(path: &Path) -> Result<(Connection, i64), Fault> {
+pub(super) fn open_source(path: &Path) -> Result<(Connection, i64), StoreFault> {
     open_unchanged(path, OpenFlags::default() & !OpenFlags::SQLITE_OPEN_CREATE)
 }
 
 /// A read-only connection for one query while a writing connection is open.
-pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
+pub(super) fn open_reader(path: &Path) -> Result<Connection, StoreFault> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
     connection.busy_timeout(WRITER_TIMEOUT)?;
-    checksum::add_function(&connection)?;
+    checksum::add_checksum_function(&connection)?;
     Ok(connection)
 }
 
 /// Opens a journal or an empty file, and returns its format. When the connection is closed, SQLite would copy
 /// the log of a killed process into the database; this is disabled until the file is accepted.
-fn open_unchanged(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), Fault> {
+fn open_unchanged(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), StoreFault> {
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
     let has_log = fs::metadata(log).is_ok_and(|log| log.len() > 0);
     let connection = Connection::open_with_flags(path, flags)?;
     connection.busy_timeout(WRITER_TIMEOUT)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, has_log)?;
-    checksum::add_function(&connection)?;
-    let format = retry_while_busy(WRITER_TIMEOUT, || identity::identify(&connection))?;
+    checksum::add_checksum_function(&connection)?;
+    let format = retry_while_busy(WRITER_TIMEOUT, || identity::identify_format(&connection))?;
     Ok((connection, format))
 }
 
-fn journal_mode(connection: &Connection, mode: &str) -> Result<String, Fault> {
+fn journal_mode(connection: &Connection, mode: &str) -> Result<String, StoreFault> {
     Ok(connection.pragma_update_and_check(None, "journal_mode", mode, |row| row.get(0))?)
 }
 
 /// Retries while SQLite reports the file as busy without waiting for `busy_timeout`, which happens when two
 /// connections switch the journal mode at once.
 fn retry_while_busy<T>(
-    patience: Duration,
-    attempt: impl Fn() -> Result<T, Fault>,
-) -> Result<T, Fault> {
-    let until = Instant::now() + patience;
+    timeout: Duration,
+    attempt: impl Fn() -> Result<T, StoreFault>,
+) -> Result<T, StoreFault> {
+    let until = Instant::now() + timeout;
     loop {
         match attempt() {
-            Err(Fault::Busy) if Instant::now() < until => sleep(RETRY),
+            Err(StoreFault::Locked) if Instant::now() < until => sleep(BUSY_RETRY_INTERVAL),
             ended => return ended,
         }
     }

@@ -17,137 +17,150 @@ const EIO: i32 = 5;
 pub struct StoreError {
     pub path: PathBuf,
     #[source]
-    pub fault: Fault,
+    pub fault: StoreFault,
 }
 
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
+pub enum StoreFault {
     #[error("the disk is full")]
-    Full,
-    #[error("it may not be written")]
+    DiskFull,
+    #[error("the file is not writable")]
     ReadOnly,
-    #[error("another program keeps it locked")]
-    Busy,
+    #[error("another program has locked the file")]
+    Locked,
     #[error("the disk reports an error: {0}")]
     Disk(String),
-    #[error("it is damaged: {0}")]
+    #[error("the file is damaged: {0}")]
     Damaged(String),
-    #[error("it is not a journal of trued (application id {mark}, version {format})")]
-    Foreign { mark: i32, format: i64 },
-    #[error("it was written by a newer trued (format {found}; this one knows {known})")]
-    Newer { found: i64, known: i64 },
-    #[error("its disk cannot hold a write-ahead log (SQLite chose `{mode}`)")]
-    NoLog { mode: String },
+    #[error("the file is not a journal of trued (application id {mark}, version {format})")]
+    NotAJournal { mark: i32, format: i64 },
+    #[error(
+        "a newer version of trued wrote the file (format {found}; this version supports formats up to {known})"
+    )]
+    NewerFormat { found: i64, known: i64 },
+    #[error("the file system does not support a write-ahead log (SQLite selected `{mode}`)")]
+    NoWriteAheadLog { mode: String },
     #[error(transparent)]
     Io(io::Error),
-    #[error("there is none")]
-    Missing,
-    #[error("it is there already")]
-    Exists,
-    #[error("there is no run {0}")]
-    NoRun(RunId),
-    #[error("{what} holds a number that is not finite and cannot be kept")]
+    #[error("the file does not exist")]
+    JournalMissing,
+    #[error("the file exists already")]
+    FileExists,
+    #[error("the journal has no run {0}")]
+    RunNotFound(RunId),
+    #[error("{what} contains a number that is not finite and cannot be stored")]
     NotFinite { what: String },
-    #[error("step {step} repeat {repeat} was measured already; a touch is kept once")]
-    Doubled { step: u32, repeat: u32 },
-    #[error("its writer has ended")]
-    WriterGone,
+    #[error("step {step} repeat {repeat} has a stored reading already; each touch is stored once")]
+    DuplicateTouch { step: u32, repeat: u32 },
+    #[error("the writer thread of the journal has ended")]
+    WriterEnded,
     #[error("SQLite: {0}")]
     Sql(rusqlite::Error),
 }
 
 impl StoreError {
-    pub(super) fn at(path: &Path) -> impl Fn(Fault) -> StoreError + '_ {
+    pub(super) fn at(path: &Path) -> impl Fn(StoreFault) -> StoreError + '_ {
         move |fault| StoreError { path: path.to_owned(), fault }
     }
 
     /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match &self.fault {
-            Fault::Full => {
-                "make room on that disk, then resume the run: what was acknowledged is safe"
+            StoreFault::DiskFull => {
+                "free space on the disk of the journal, then resume the run; acknowledged data is safe"
             }
-            Fault::ReadOnly | Fault::Io(_) => {
-                "give this user the right to write there, or choose another place with --state"
+            StoreFault::ReadOnly | StoreFault::Io(_) => {
+                "grant this user write permission, or choose another directory with --state"
             }
-            Fault::Busy => "close the other program that works on this journal, then start again",
-            Fault::Disk(_) => "copy the journal to another disk and check this one",
-            Fault::Damaged(_) => {
-                "keep the file, and take the newest backup, or start a new journal, with --state; `sqlite3 FILE .recover` may save its rows"
+            StoreFault::Locked => {
+                "close the other program that uses this journal, then start again"
             }
-            Fault::Foreign { .. } => {
-                "the file is left as it was: name the folder of the journal, or a new folder, with --state"
+            StoreFault::Disk(_) => "copy the journal to another disk, and check the faulty disk",
+            StoreFault::Damaged(_) => {
+                "keep the damaged file; continue with the newest backup or a new journal in another directory with --state; `sqlite3 FILE .recover` may recover rows"
             }
-            Fault::Newer { .. } => "use the newer trued, or another place with --state",
-            Fault::NoLog { .. } => "put the journal on a local disk with --state",
-            Fault::Missing => "the first run makes it; say with --state where it is",
-            Fault::Exists => "nothing is overwritten: choose another name",
-            Fault::NoRun(_) => "`trued runs` lists them",
-            Fault::NotFinite { .. } | Fault::Doubled { .. } | Fault::WriterGone | Fault::Sql(_) => {
-                "please report this with the run's export"
+            StoreFault::NotAJournal { .. } => {
+                "set --state to the directory of the journal or to a new directory; the file was not changed"
             }
+            StoreFault::NewerFormat { .. } => {
+                "use the newer version of trued, or choose another directory with --state"
+            }
+            StoreFault::NoWriteAheadLog { .. } => "choose a directory on a local disk with --state",
+            StoreFault::JournalMissing => {
+                "set --state to the directory of the journal; the first run creates the journal"
+            }
+            StoreFault::FileExists => {
+                "choose another file name; existing files are not overwritten"
+            }
+            StoreFault::RunNotFound(_) => "list the runs with `trued runs`",
+            StoreFault::NotFinite { .. }
+            | StoreFault::DuplicateTouch { .. }
+            | StoreFault::WriterEnded
+            | StoreFault::Sql(_) => "report this error with the run's export",
         }
     }
 }
 
-impl Fault {
+impl StoreFault {
     /// Converts an error; a violated uniqueness constraint can only mean that this touch exists already.
-    pub(super) fn of_reading(
+    pub(super) fn from_reading_error(
         run: RunId,
         step: u32,
         repeat: u32,
-    ) -> impl Fn(rusqlite::Error) -> Fault {
+    ) -> impl Fn(rusqlite::Error) -> StoreFault {
         move |error| match &error {
             rusqlite::Error::SqliteFailure(code, _)
                 if code.extended_code == SQLITE_CONSTRAINT_UNIQUE =>
             {
-                Fault::Doubled { step, repeat }
+                StoreFault::DuplicateTouch { step, repeat }
             }
-            _ => Fault::of_run(run)(error),
+            _ => StoreFault::from_run_error(run)(error),
         }
     }
 
     /// Converts an error; a violated foreign key can only mean that `run` does not exist.
-    pub(super) fn of_run(run: RunId) -> impl Fn(rusqlite::Error) -> Fault {
+    pub(super) fn from_run_error(run: RunId) -> impl Fn(rusqlite::Error) -> StoreFault {
         move |error| match &error {
             rusqlite::Error::SqliteFailure(code, _)
                 if code.extended_code == SQLITE_CONSTRAINT_FOREIGNKEY =>
             {
-                Fault::NoRun(run)
+                StoreFault::RunNotFound(run)
             }
             _ => error.into(),
         }
     }
 }
 
-impl From<io::Error> for Fault {
+impl From<io::Error> for StoreFault {
     fn from(error: io::Error) -> Self {
         match error.kind() {
-            ErrorKind::StorageFull => Fault::Full,
+            ErrorKind::StorageFull => StoreFault::DiskFull,
             // EIO has no `ErrorKind`.
-            _ if error.raw_os_error() == Some(EIO) => Fault::Disk(error.to_string()),
-            _ => Fault::Io(error),
+            _ if error.raw_os_error() == Some(EIO) => StoreFault::Disk(error.to_string()),
+            _ => StoreFault::Io(error),
         }
     }
 }
 
-impl From<rusqlite::Error> for Fault {
+impl From<rusqlite::Error> for StoreFault {
     fn from(error: rusqlite::Error) -> Self {
         match error.sqlite_error_code() {
-            Some(ErrorCode::DiskFull) => Fault::Full,
+            Some(ErrorCode::DiskFull) => StoreFault::DiskFull,
             Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied | ErrorCode::CannotOpen) => {
-                Fault::ReadOnly
+                StoreFault::ReadOnly
             }
-            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => Fault::Busy,
-            Some(ErrorCode::SystemIoFailure) => Fault::Disk(error.to_string()),
+            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => StoreFault::Locked,
+            Some(ErrorCode::SystemIoFailure) => StoreFault::Disk(error.to_string()),
             Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => {
-                Fault::Damaged(error.to_string())
+                StoreFault::Damaged(error.to_string())
             }
             _ => match error {
                 rusqlite::Error::FromSqlConversionFailure(..)
                 | rusqlite::Error::InvalidColumnType(..)
-                | rusqlite::Error::IntegralValueOutOfRange(..) => Fault::Damaged(error.to_string()),
-                other => Fault::Sql(other),
+                | rusqlite::Error::IntegralValueOutOfRange(..) => {
+                    StoreFault::Damaged(error.to_string())
+                }
+                other => StoreFault::Sql(other),
             },
         }
     }

@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
-use super::folder::{self, JOURNAL};
+use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{
-    Fault, MachineLock, Measured, NewRun, Progress, RunId, RunState, RunSummary, Signature,
-    StoreError, StoredRun,
+    MachineLock, MeasuredRun, NewRun, RunId, RunProgress, RunState, RunSummary, Signature,
+    StoreError, StoreFault, StoredRun,
 };
 use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
@@ -23,38 +23,38 @@ use machine::record::event::Event;
 use machine::record::plan::{Stage, Step};
 use machine::record::reading::Reading;
 
-type Job = Box<dyn FnOnce(&mut Connection) + Send>;
+type WriterJob = Box<dyn FnOnce(&mut Connection) + Send>;
 
 /// The journal of one state directory. Dropping it first completes all submitted jobs.
 pub struct Journal {
     path: PathBuf,
-    jobs: Option<mpsc::Sender<Job>>,
+    jobs: Option<mpsc::Sender<WriterJob>>,
     writer: Option<JoinHandle<()>>,
 }
 
 /// Result of a job, available once the job is durable or has failed: `.await` it in async code, use
-/// [`Pending::wait`] elsewhere. The job runs even if the `Pending` is dropped.
-#[must_use = "nothing is known to be durable before the answer is here"]
-pub struct Pending<T> {
+/// [`PendingWrite::wait`] elsewhere. The job runs even if the `PendingWrite` is dropped.
+#[must_use = "the job is durable only after the result is received"]
+pub struct PendingWrite<T> {
     path: PathBuf,
-    answer: oneshot::Receiver<Result<T, Fault>>,
+    result: oneshot::Receiver<Result<T, StoreFault>>,
 }
 
-impl<T> Pending<T> {
+impl<T> PendingWrite<T> {
     /// Blocks this thread until the result is available. Async code must use `.await` instead.
     pub fn wait(self) -> Result<T, StoreError> {
-        let answer = self.answer.blocking_recv();
-        answer.unwrap_or(Err(Fault::WriterGone)).map_err(StoreError::at(&self.path))
+        let result = self.result.blocking_recv();
+        result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path))
     }
 }
 
-impl<T> Future for Pending<T> {
+impl<T> Future for PendingWrite<T> {
     type Output = Result<T, StoreError>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
-        let answer = Pin::new(&mut self.answer).poll(context);
-        answer.map(|answer| {
-            answer.unwrap_or(Err(Fault::WriterGone)).map_err(StoreError::at(&self.path))
+        let result = Pin::new(&mut self.result).poll(context);
+        result.map(|result| {
+            result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path))
         })
     }
 }
@@ -64,142 +64,142 @@ impl Journal {
     /// journal of an older version is kept beside it. A file is refused and not changed if it is no journal, or
     /// if its heads of runs, audit log, armings or schedules are damaged.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
-        Self::watched(dir, |_| {})
+        Self::open_timed(dir, |_| {})
     }
 
     /// The state directory.
-    pub fn folder(&self) -> &Path {
+    pub fn state_dir(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    /// As [`Self::open`]; `wrote` is called on the writer's thread with the duration of each job.
-    pub fn watched(
+    /// As [`Self::open`]; `on_job_done` is called on the writer's thread with the duration of each job.
+    pub fn open_timed(
         dir: &Path,
-        wrote: impl Fn(Duration) + Send + 'static,
+        on_job_done: impl Fn(Duration) + Send + 'static,
     ) -> Result<Self, StoreError> {
-        let path = dir.join(JOURNAL);
-        Self::start(dir, &path, wrote).map_err(StoreError::at(&path))
+        let path = dir.join(JOURNAL_FILE_NAME);
+        Self::start(dir, &path, on_job_done).map_err(StoreError::at(&path))
     }
 
     fn start(
         dir: &Path,
         path: &Path,
-        wrote: impl Fn(Duration) + Send + 'static,
-    ) -> Result<Self, Fault> {
-        folder::make(dir)?;
+        on_job_done: impl Fn(Duration) + Send + 'static,
+    ) -> Result<Self, StoreFault> {
+        durable_dir::create_dir_durably(dir)?;
         let connection = connection::open_writer(path)?;
         // SQLite syncs the directory as well, but ignores an error.
-        folder::sync(dir)?;
-        let (jobs, inbox) = mpsc::channel();
+        durable_dir::sync_dir(dir)?;
+        let (jobs, job_queue) = mpsc::channel();
         let writer = thread::Builder::new()
             .name("journal".to_owned())
-            .spawn(move || work(connection, &inbox, wrote))?;
+            .spawn(move || run_writer(connection, &job_queue, on_job_done))?;
         Ok(Self { path: path.to_owned(), jobs: Some(jobs), writer: Some(writer) })
     }
 
     /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
-    pub fn begin(&self, new: &NewRun) -> Pending<RunId> {
+    pub fn begin_run(&self, new: &NewRun) -> PendingWrite<RunId> {
         let new = new.clone();
-        self.submit(move |connection| write::begin(connection, &new))
+        self.submit_job(move |connection| write::insert_run(connection, &new))
     }
 
     /// Adds a stage that is about to run, and its new steps to the plan.
-    pub fn stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> Pending<()> {
+    pub fn add_stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> PendingWrite<()> {
         let (stage, steps) = (stage.clone(), new_steps.to_vec());
-        self.submit(move |connection| write::stage(connection, run, &stage, &steps))
+        self.submit_job(move |connection| write::insert_stage(connection, run, &stage, &steps))
     }
 
-    pub fn reading(&self, run: RunId, reading: &Reading) -> Pending<()> {
+    pub fn add_reading(&self, run: RunId, reading: &Reading) -> PendingWrite<()> {
         let reading = reading.clone();
-        self.submit(move |connection| write::reading(connection, run, &reading))
+        self.submit_job(move |connection| write::insert_reading(connection, run, &reading))
     }
 
     /// Adds all samples of one scan.
-    pub fn scan(&self, run: RunId, samples: &[Reading]) -> Pending<()> {
+    pub fn add_scan(&self, run: RunId, samples: &[Reading]) -> PendingWrite<()> {
         let samples = samples.to_vec();
-        self.submit(move |connection| scan::keep(connection, run, &samples))
+        self.submit_job(move |connection| scan::insert_scan(connection, run, &samples))
     }
 
-    pub fn event(&self, run: RunId, event: &Event) -> Pending<()> {
+    pub fn add_event(&self, run: RunId, event: &Event) -> PendingWrite<()> {
         let event = event.clone();
-        self.submit(move |connection| write::event(connection, run, &event))
+        self.submit_job(move |connection| write::insert_event(connection, run, &event))
     }
 
     /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256`].
-    pub fn estimate(&self, run: RunId, estimate: &Estimate) -> Pending<String> {
+    pub fn add_estimate(&self, run: RunId, estimate: &Estimate) -> PendingWrite<String> {
         let estimate = estimate.clone();
-        self.submit(move |connection| write::estimate(connection, run, &estimate))
+        self.submit_job(move |connection| write::insert_estimate(connection, run, &estimate))
     }
 
     /// Adds a signature that is never changed or removed.
-    pub fn sign(&self, run: RunId, signature: &Signature) -> Pending<()> {
+    pub fn add_signature(&self, run: RunId, signature: &Signature) -> PendingWrite<()> {
         let signature = signature.clone();
-        self.submit(move |connection| signature::add(connection, run, &signature))
+        self.submit_job(move |connection| signature::insert_signature(connection, run, &signature))
     }
 
     /// Sets the state of the run.
-    pub fn set_state(&self, run: RunId, state: RunState) -> Pending<()> {
-        self.submit(move |connection| write::set_state(connection, run, state))
+    pub fn set_state(&self, run: RunId, state: RunState) -> PendingWrite<()> {
+        self.submit_job(move |connection| write::set_state(connection, run, state))
     }
 
     /// Marks the runs that a dead process left `running`. Holding the machine's lock proves that the process is
     /// dead.
-    pub fn mark_interrupted(&self, lock: &MachineLock) -> Pending<Vec<RunId>> {
+    pub fn mark_interrupted(&self, lock: &MachineLock) -> PendingWrite<Vec<RunId>> {
         let machine = lock.machine().to_owned();
-        self.submit(move |connection| write::mark_interrupted(connection, &machine))
+        self.submit_job(move |connection| write::mark_interrupted(connection, &machine))
     }
 
     /// All runs, oldest first.
     pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
-        self.look(|connection| read::runs(connection))
+        self.query(|connection| read::select_runs(connection))
     }
 
     /// The newest finished run of `method` on `machine`.
-    pub fn newest_of(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
-        self.look(|connection| read::newest_of(connection, machine, method))
+    pub fn newest_run_of(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
+        self.query(|connection| read::newest_run_of(connection, machine, method))
     }
 
-    /// Calls `tell` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
+    /// Calls `visit` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
     /// first.
-    pub fn measured(
+    pub fn visit_measured_runs(
         &self,
         machine: &str,
         newest: u32,
-        tell: impl FnMut(Measured),
+        visit: impl FnMut(MeasuredRun),
     ) -> Result<(), StoreError> {
-        self.look(|connection| read::measured(connection, machine, newest, tell))
+        self.query(|connection| read::visit_measured_runs(connection, machine, newest, visit))
     }
 
     /// All data of one run, as of one instant.
-    pub fn load(&self, run: RunId) -> Result<StoredRun, StoreError> {
-        self.look(|connection| read::run(connection, run))
+    pub fn load_run(&self, run: RunId) -> Result<StoredRun, StoreError> {
+        self.query(|connection| read::load_run(connection, run))
     }
 
     /// Progress of a run, without its readings.
-    pub fn progress(&self, run: RunId) -> Result<Progress, StoreError> {
-        self.look(|connection| read::progress(connection, run))
+    pub fn run_progress(&self, run: RunId) -> Result<RunProgress, StoreError> {
+        self.query(|connection| read::load_progress(connection, run))
     }
 
-    pub(super) fn look<T>(
+    pub(super) fn query<T>(
         &self,
-        read: impl FnOnce(&mut Connection) -> Result<T, Fault>,
+        read: impl FnOnce(&mut Connection) -> Result<T, StoreFault>,
     ) -> Result<T, StoreError> {
         connection::open_reader(&self.path)
             .and_then(|mut connection| read(&mut connection))
             .map_err(StoreError::at(&self.path))
     }
 
-    pub(super) fn submit<T: Send + 'static>(
+    pub(super) fn submit_job<T: Send + 'static>(
         &self,
-        job: impl FnOnce(&mut Connection) -> Result<T, Fault> + Send + 'static,
-    ) -> Pending<T> {
-        let (answer, pending) = oneshot::channel();
-        let job: Job = Box::new(move |connection| drop(answer.send(job(connection))));
-        // A refused job drops its sender; the caller gets `WriterGone`.
+        job: impl FnOnce(&mut Connection) -> Result<T, StoreFault> + Send + 'static,
+    ) -> PendingWrite<T> {
+        let (sender, receiver) = oneshot::channel();
+        let job: WriterJob = Box::new(move |connection| drop(sender.send(job(connection))));
+        // A refused job drops its sender; the caller gets `WriterEnded`.
         if let Some(jobs) = &self.jobs {
             let _ = jobs.send(job);
         }
-        Pending { path: self.path.clone(), answer: pending }
+        PendingWrite { path: self.path.clone(), result: receiver }
     }
 }
 
@@ -212,10 +212,14 @@ impl Drop for Journal {
     }
 }
 
-fn work(mut connection: Connection, inbox: &mpsc::Receiver<Job>, wrote: impl Fn(Duration)) {
-    while let Ok(job) = inbox.recv() {
+fn run_writer(
+    mut connection: Connection,
+    job_queue: &mpsc::Receiver<WriterJob>,
+    on_job_done: impl Fn(Duration),
+) {
+    while let Ok(job) = job_queue.recv() {
         let began = Instant::now();
         job(&mut connection);
-        wrote(began.elapsed());
+        on_job_done(began.elapsed());
     }
 }

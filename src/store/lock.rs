@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use super::{folder, sha256_text};
+use super::{durable_dir, sha256_text};
 
 /// Process that holds a machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Holder {
+pub struct LockHolder {
     pub machine: String,
     pub pid: u32,
     pub since: Timestamp,
@@ -20,17 +20,17 @@ pub struct Holder {
 
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    #[error("machine `{machine}` is in use{}", by(holder.as_ref()))]
+    #[error("machine `{machine}` is in use{}", holder_text(holder.as_ref()))]
     Held {
         machine: String,
         /// `None` in the moment before the other process has written its data.
-        holder: Option<Holder>,
+        holder: Option<LockHolder>,
     },
-    #[error("the lock {path} of the machine cannot be taken: {source}", path = path.display())]
+    #[error("the lock file {path} of the machine cannot be opened or locked: {source}", path = path.display())]
     Unavailable { path: PathBuf, source: io::Error },
 }
 
-fn by(holder: Option<&Holder>) -> String {
+fn holder_text(holder: Option<&LockHolder>) -> String {
     holder.map(|who| format!(" by process {} since {}", who.pid, who.since)).unwrap_or_default()
 }
 
@@ -40,11 +40,13 @@ impl LockError {
         match self {
             Self::Held { .. } => "wait for that run to end, or stop it, then start again",
             Self::Unavailable { source, .. } => match source.kind() {
-                ErrorKind::StorageFull => "make room on that disk, then start again",
-                ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
-                    "give this user the right to write there, or choose another place with --state"
+                ErrorKind::StorageFull => {
+                    "free space on the disk of the lock file, then start again"
                 }
-                _ => "check that disk, or choose another place with --state",
+                ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                    "grant this user write permission, or choose another directory with --state"
+                }
+                _ => "check the disk, or choose another directory with --state",
             },
         }
     }
@@ -63,29 +65,29 @@ impl MachineLock {
     /// # Errors
     /// [`LockError::Held`] with the holder.
     pub fn acquire(state_dir: &Path, machine: &str) -> Result<Self, LockError> {
-        let path = state_dir.join("locks").join(file_name(machine));
+        let path = state_dir.join("locks").join(lock_file_name(machine));
         let unavailable = |source| LockError::Unavailable { path: path.clone(), source };
-        let file = open(&path).map_err(unavailable)?;
+        let file = open_lock_file(&path).map_err(unavailable)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                let said = fs::read(&path).map_err(unavailable)?;
-                let holder = serde_json::from_slice(&said).ok();
+                let content = fs::read(&path).map_err(unavailable)?;
+                let holder = serde_json::from_slice(&content).ok();
                 return Err(LockError::Held { machine: machine.to_owned(), holder });
             }
             Err(TryLockError::Error(source)) => return Err(unavailable(source)),
         }
         let lock = Self { file, machine: machine.to_owned() };
-        lock.sign().map_err(unavailable)?;
+        lock.write_holder().map_err(unavailable)?;
         Ok(lock)
     }
 
     /// Holder of the machine named `machine`, if there is one. The check does not disturb a process that
     /// acquires the lock, except for an instant after a holder was killed.
-    pub fn holder(state_dir: &Path, machine: &str) -> Option<Holder> {
-        let path = state_dir.join("locks").join(file_name(machine));
+    pub fn holder(state_dir: &Path, machine: &str) -> Option<LockHolder> {
+        let path = state_dir.join("locks").join(lock_file_name(machine));
         let holder = serde_json::from_slice(&fs::read(&path).ok()?).ok()?;
-        let file = open(&path).ok()?;
+        let file = open_lock_file(&path).ok()?;
         matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)).then_some(holder)
     }
 
@@ -94,9 +96,9 @@ impl MachineLock {
         &self.machine
     }
 
-    fn sign(&self) -> io::Result<()> {
+    fn write_holder(&self) -> io::Result<()> {
         let machine = self.machine.clone();
-        let holder = Holder { machine, pid: std::process::id(), since: Timestamp::now() };
+        let holder = LockHolder { machine, pid: std::process::id(), since: Timestamp::now() };
         self.file.set_len(0)?;
         (&self.file).write_all(&serde_json::to_vec(&holder)?)
     }
@@ -110,15 +112,15 @@ impl Drop for MachineLock {
     }
 }
 
-fn open(path: &Path) -> io::Result<File> {
+fn open_lock_file(path: &Path) -> io::Result<File> {
     if let Some(parent) = path.parent() {
-        folder::make(parent)?;
+        durable_dir::create_dir_durably(parent)?;
     }
     File::options().read(true).write(true).create(true).truncate(false).open(path)
 }
 
 /// File name of a lock: readable, valid for any name of a machine, and unique to the name.
-fn file_name(machine: &str) -> String {
+fn lock_file_name(machine: &str) -> String {
     let readable: String =
         machine.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(40).collect();
     let digest: String = sha256_text(machine).chars().take(16).collect();

@@ -5,43 +5,43 @@ use std::path::Path;
 use jiff::Timestamp;
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 
-use super::schema::{KNOWN, MIGRATIONS, version};
-use super::{Fault, checksum, identity, snapshot};
+use super::schema::{CURRENT_FORMAT, MIGRATIONS, format_version};
+use super::{StoreFault, checksum, identity, snapshot};
 
 /// Migrates the tables in one transaction, also when several processes try at once. The old journal is kept.
-pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
-    if version(connection)? == KNOWN {
+pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), StoreFault> {
+    if format_version(connection)? == CURRENT_FORMAT {
         return Ok(());
     }
     let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    let found = version(&transaction)?;
+    let found = format_version(&transaction)?;
     let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
-    let missing = missing.ok_or(Fault::Newer { found, known: KNOWN })?;
+    let missing = missing.ok_or(StoreFault::NewerFormat { found, known: CURRENT_FORMAT })?;
     if missing.is_empty() {
         // Another process has migrated it.
         return Ok(());
     }
     if found > 0 {
-        keep_version(path, found)?;
+        keep_old_version(path, found)?;
     }
     for migration in missing {
         transaction.execute_batch(migration)?;
     }
-    checksum::compute_all(&transaction)?;
-    identity::mark(&transaction, KNOWN)?;
+    checksum::compute_all_checksums(&transaction)?;
+    identity::mark_format(&transaction, CURRENT_FORMAT)?;
     Ok(transaction.commit()?)
 }
 
 /// Copies the journal at `path` in version `found`, before the migration, to a file beside it.
-fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
+fn keep_old_version(path: &Path, found: i64) -> Result<(), StoreFault> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
     // A process that was killed during a migration may have made a copy within the same second.
     for number in 1.. {
         let number = if number == 1 { String::new() } else { format!("-{number}") };
         let kept = path.with_file_name(format!("journal-v{found}-{now}{number}.sqlite"));
-        match snapshot::keep(&source, &kept, |_| Ok(())) {
-            Err(Fault::Exists) => {}
+        match snapshot::copy_verified(&source, &kept, |_| Ok(())) {
+            Err(StoreFault::FileExists) => {}
             ended => return ended,
         }
     }

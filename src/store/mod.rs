@@ -15,15 +15,15 @@ mod backup;
 mod checksum;
 mod columns;
 mod connection;
+mod durable_dir;
 mod error;
-mod folder;
 mod identity;
 mod journal;
 mod lock;
 mod migration;
-mod page;
 mod read;
 mod retention;
+mod run_lists;
 mod scan;
 mod schedule;
 mod schema;
@@ -34,13 +34,13 @@ mod state_dir;
 mod tests;
 mod write;
 
-pub use audit::{Audit, Audited};
+pub use audit::{AuditEntry, StoredAuditEntry};
 pub use backup::{BackupContent, backup};
-pub use error::{Fault, StoreError};
-pub use journal::{Journal, Pending};
-pub use lock::{Holder, LockError, MachineLock};
-pub use page::{LatestResult, NewestRuns, Wanted};
-pub use schedule::{Arming, Outcome, Slot};
+pub use error::{StoreError, StoreFault};
+pub use journal::{Journal, PendingWrite};
+pub use lock::{LockError, LockHolder, MachineLock};
+pub use run_lists::{LatestResult, NewestRuns, RunFilter};
+pub use schedule::{Arming, ScheduleSlot, SlotOutcome};
 pub use signature::Signature;
 pub use state_dir::state_dir;
 
@@ -157,17 +157,17 @@ pub struct StoredRun {
 
 /// Progress of a run; cheap enough for polling.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Progress {
+pub struct RunProgress {
     /// Plan with the steps so far, without interruptions.
     pub plan: Plan,
     pub stages: Vec<Stage>,
     /// Step and repeat of each stored touch and scan.
-    pub done: Vec<(u32, u32)>,
+    pub stored_readings: Vec<(u32, u32)>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredEstimate {
-    pub made: Timestamp,
+    pub created: Timestamp,
     pub estimate: Estimate,
     pub sha256: String,
     pub program_version: String,
@@ -175,7 +175,7 @@ pub struct StoredEstimate {
 
 /// Result of a finished run from its last estimate.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Measured {
+pub struct MeasuredRun {
     pub run: RunId,
     pub started: Timestamp,
     pub method: String,

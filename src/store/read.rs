@@ -3,8 +3,10 @@
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
-use super::columns::{damaged, from_json, parsed, rows};
-use super::{Fault, Measured, Progress, RunId, RunState, RunSummary, StoredEstimate, StoredRun};
+use super::columns::{damaged_column, from_json, parse_column, run_rows};
+use super::{
+    MeasuredRun, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun,
+};
 use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::Parameter;
@@ -13,8 +15,8 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
 /// Index of the column with a scan's samples.
-const SAMPLES: usize = 14;
-pub(super) const SUMMARY: &str = "SELECT id, started, ended, method, machine,
+const SAMPLES_COLUMN: usize = 14;
+pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, machine,
                               CASE WHEN state = 'finished' AND NOT EXISTS
                                        (SELECT 1 FROM estimates WHERE run = runs.id)
                                    THEN 'not identified' ELSE state END AS run_state,
@@ -26,21 +28,21 @@ pub(super) const SUMMARY: &str = "SELECT id, started, ended, method, machine,
                                     ORDER BY seq DESC LIMIT 1)
                                ORDER BY seq DESC LIMIT 1) FROM runs";
 
-pub(super) const READINGS: &str =
+pub(super) const SELECT_READINGS: &str =
     "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
-pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
-    let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
-    let rows = statement.query_map([], summary)?.collect::<Result<Vec<_>, _>>()?;
+pub(super) fn select_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
+    let mut statement = connection.prepare(&format!("{SELECT_RUN_SUMMARY} ORDER BY id"))?;
+    let rows = statement.query_map([], summary_from_row)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
 }
 
-pub(super) fn newest_of(
+pub(super) fn newest_run_of(
     connection: &Connection,
     machine: &str,
     method: &str,
-) -> Result<Option<RunId>, Fault> {
+) -> Result<Option<RunId>, StoreFault> {
     let text = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
                 AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)";
     let of = params![machine, method, RunState::Finished.as_str()];
@@ -48,14 +50,14 @@ pub(super) fn newest_of(
     Ok(id.map(RunId))
 }
 
-/// Calls `tell` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
+/// Calls `visit` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
 /// first. Only one estimate is in memory at a time, as the journal covers years.
-pub(super) fn measured(
+pub(super) fn visit_measured_runs(
     connection: &Connection,
     machine: &str,
     newest: u32,
-    mut tell: impl FnMut(Measured),
-) -> Result<(), Fault> {
+    mut visit: impl FnMut(MeasuredRun),
+) -> Result<(), StoreFault> {
     let finished = RunState::Finished.as_str();
     let mut newest_first = connection.prepare(
         "SELECT id FROM (SELECT id, row_number() OVER (PARTITION BY method ORDER BY id DESC) AS age
@@ -73,21 +75,21 @@ pub(super) fn measured(
     let ids = ids.collect::<Result<Vec<i64>, _>>()?;
     checksum::verify_estimates(connection, &ids)?;
     for id in ids {
-        tell(one.query_row([id], values)?);
+        visit(one.query_row([id], measured_run)?);
     }
     Ok(())
 }
 
-fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
+fn measured_run(row: &Row<'_>) -> rusqlite::Result<MeasuredRun> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
-    struct Values {
+    struct EstimateValues {
         parameters: Vec<Parameter>,
     }
-    let Values { parameters } = from_json(row, 3)?;
-    Ok(Measured {
+    let EstimateValues { parameters } = from_json(row, 3)?;
+    Ok(MeasuredRun {
         run: RunId(row.get(0)?),
-        started: parsed(row, 1)?,
+        started: parse_column(row, 1)?,
         method: row.get(2)?,
         parameters,
         temperatures_c: from_json(row, 4)?,
@@ -95,63 +97,66 @@ fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
 }
 
 /// All data of one run, verified, in one transaction: another process may be writing to it.
-pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, Fault> {
+pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<StoredRun, StoreFault> {
     let snapshot = connection.transaction()?;
     checksum::verify_run(&snapshot, run)?;
     let (summary, config) = snapshot
-        .query_row(&format!("{SUMMARY} WHERE id = ?1"), [run.0], |row| {
-            Ok((summary(row)?, row.get(9)?))
+        .query_row(&format!("{SELECT_RUN_SUMMARY} WHERE id = ?1"), [run.0], |row| {
+            Ok((summary_from_row(row)?, row.get(9)?))
         })
         .optional()?
-        .ok_or(Fault::NoRun(run))?;
+        .ok_or(StoreFault::RunNotFound(run))?;
     Ok(StoredRun {
         summary,
         config,
-        plan: plan(&snapshot, run)?,
-        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
-        readings: rows(&snapshot, READINGS, run, readings)?.concat(),
+        plan: load_plan(&snapshot, run)?,
+        stages: run_rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
+        readings: run_rows(&snapshot, SELECT_READINGS, run, readings_from_row)?.concat(),
         measured_until: snapshot
             .query_row(
                 "SELECT kept FROM readings WHERE run = ?1 AND kept IS NOT NULL
                  ORDER BY seq DESC LIMIT 1",
                 [run.0],
-                |row| parsed(row, 0),
+                |row| parse_column(row, 0),
             )
             .optional()?,
-        events: rows(&snapshot, "SELECT at, event FROM events", run, |row| {
-            Ok((parsed(row, 0)?, from_json(row, 1)?))
+        events: run_rows(&snapshot, "SELECT at, event FROM events", run, |row| {
+            Ok((parse_column(row, 0)?, from_json(row, 1)?))
         })?,
-        estimates: rows(
+        estimates: run_rows(
             &snapshot,
             "SELECT made, estimate, sha256, program_version FROM estimates",
             run,
-            estimate,
+            estimate_from_row,
         )?,
-        signatures: signature::of_run(&snapshot, run)?,
+        signatures: signature::run_signatures(&snapshot, run)?,
     })
 }
 
-pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progress, Fault> {
+pub(super) fn load_progress(
+    connection: &mut Connection,
+    run: RunId,
+) -> Result<RunProgress, StoreFault> {
     let snapshot = connection.transaction()?;
-    Ok(Progress {
-        plan: uninterrupted(&snapshot, run)?,
-        stages: rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
-        done: rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
+    Ok(RunProgress {
+        plan: plan_without_gaps(&snapshot, run)?,
+        stages: run_rows(&snapshot, "SELECT stage FROM stages", run, |row| from_json(row, 0))?,
+        stored_readings: run_rows(&snapshot, "SELECT step, repeat FROM readings", run, |row| {
             Ok((row.get(0)?, row.get(1)?))
         })?,
     })
 }
 
 /// The plan so far, with the interruptions so far.
-pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
-    Ok(Plan { gaps_s: gaps(connection, run)?, ..uninterrupted(connection, run)? })
+pub(super) fn load_plan(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
+    Ok(Plan { gaps_s: gap_times(connection, run)?, ..plan_without_gaps(connection, run)? })
 }
 
-fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
+fn plan_without_gaps(connection: &Connection, run: RunId) -> Result<Plan, StoreFault> {
     let mut plan: Plan = connection
         .query_row("SELECT plan_head FROM runs WHERE id = ?1", [run.0], |row| from_json(row, 0))
         .optional()?
-        .ok_or(Fault::NoRun(run))?;
+        .ok_or(StoreFault::RunNotFound(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
     plan.steps =
         statement.query_map([run.0], |row| from_json(row, 0))?.collect::<Result<_, _>>()?;
@@ -159,9 +164,9 @@ fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
 }
 
 /// Times of the run's interruptions on the readings' clock, each once.
-fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
+fn gap_times(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault> {
     let events =
-        rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
+        run_rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
     let mut gaps: Vec<f64> = events
         .into_iter()
         .filter_map(|event| match event {
@@ -173,16 +178,16 @@ fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
     Ok(gaps)
 }
 
-pub(super) fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
+pub(super) fn summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
     let state: String = row.get(5)?;
     Ok(RunSummary {
         id: RunId(row.get(0)?),
-        started: parsed(row, 1)?,
-        ended: row.get::<_, Option<String>>(2)?.map(|_| parsed(row, 2)).transpose()?,
+        started: parse_column(row, 1)?,
+        ended: row.get::<_, Option<String>>(2)?.map(|_| parse_column(row, 2)).transpose()?,
         method: row.get(3)?,
         machine: row.get(4)?,
         state: RunState::parse(&state)
-            .ok_or_else(|| damaged(5, format!("unknown state `{state}`").into()))?,
+            .ok_or_else(|| damaged_column(5, format!("unknown state `{state}`").into()))?,
         program_version: row.get(6)?,
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
@@ -191,15 +196,16 @@ pub(super) fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
 }
 
 /// The readings of a row: a touch, or all samples of a scan.
-pub(super) fn readings(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
-    let (head, samples) = (reading(row)?, row.get::<_, Option<String>>(SAMPLES)?);
+pub(super) fn readings_from_row(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
+    let (head, samples) = (reading_from_row(row)?, row.get::<_, Option<String>>(SAMPLES_COLUMN)?);
     match samples {
         None => Ok(vec![head]),
-        Some(text) => scan::read(&head, &text).map_err(|error| damaged(SAMPLES, error.into())),
+        Some(text) => scan::parse_samples(&head, &text)
+            .map_err(|error| damaged_column(SAMPLES_COLUMN, error.into())),
     }
 }
 
-fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
+fn reading_from_row(row: &Row<'_>) -> rusqlite::Result<Reading> {
     let mut reading = Reading {
         step: row.get(0)?,
         repeat: row.get(1)?,
@@ -207,7 +213,7 @@ fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
         value_mm: row.get(2)?,
         sensor: row.get(3)?,
         t_s: row.get(4)?,
-        flag: parsed(row, 5)?,
+        flag: parse_column(row, 5)?,
         temperatures_c: from_json(row, 6)?,
     };
     for (column, axis) in (7..).zip(Axis::ALL) {
@@ -218,9 +224,9 @@ fn reading(row: &Row<'_>) -> rusqlite::Result<Reading> {
     Ok(reading)
 }
 
-fn estimate(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
+fn estimate_from_row(row: &Row<'_>) -> rusqlite::Result<StoredEstimate> {
     Ok(StoredEstimate {
-        made: parsed(row, 0)?,
+        created: parse_column(row, 0)?,
         estimate: from_json(row, 1)?,
         sha256: row.get(2)?,
         program_version: row.get(3)?,

@@ -4,7 +4,7 @@
 use jiff::Timestamp;
 use rusqlite::{Connection, params};
 
-use super::{Fault, Journal, RunId, RunState, StoreError, read};
+use super::{Journal, RunId, RunState, StoreError, StoreFault, read};
 use machine::record::event::Event;
 
 impl Journal {
@@ -14,7 +14,7 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn runs_with_expired_samples(&self, before: Timestamp) -> Result<Vec<RunId>, StoreError> {
-        self.look(|connection| runs_with_expired_samples(connection, before))
+        self.query(|connection| runs_with_expired_samples(connection, before))
     }
 
     /// Removes the samples of `run`'s scans, one scan per transaction, so that a touch waits for one removal at
@@ -23,12 +23,12 @@ impl Journal {
     /// # Errors
     /// The journal cannot be written.
     pub fn remove_scan_samples(&self, run: RunId) -> Result<u32, StoreError> {
-        let scans = self.look(|connection| scans(connection, run))?;
+        let scans = self.query(|connection| count_scans(connection, run))?;
         if scans == 0 {
             return Ok(0);
         }
-        self.event(run, &Event::SamplesRemoved { scans }).wait()?;
-        while self.submit(move |connection| forget_one(connection, run)).wait()? {}
+        self.add_event(run, &Event::SamplesRemoved { scans }).wait()?;
+        while self.submit_job(move |connection| delete_one_scan(connection, run)).wait()? {}
         Ok(scans)
     }
 }
@@ -36,21 +36,21 @@ impl Journal {
 fn runs_with_expired_samples(
     connection: &Connection,
     before: Timestamp,
-) -> Result<Vec<RunId>, Fault> {
-    let runs = read::runs(connection)?.into_iter();
+) -> Result<Vec<RunId>, StoreFault> {
+    let runs = read::select_runs(connection)?.into_iter();
     let old = runs.filter(|run| {
         run.state == RunState::Finished && run.ended.is_some_and(|ended| ended < before)
     });
     Ok(old.map(|run| run.id).collect())
 }
 
-fn scans(connection: &Connection, run: RunId) -> Result<u32, Fault> {
+fn count_scans(connection: &Connection, run: RunId) -> Result<u32, StoreFault> {
     let count = "SELECT count(*) FROM readings WHERE run = ?1 AND samples IS NOT NULL";
     Ok(connection.query_row(count, [run.0], |row| row.get(0))?)
 }
 
 /// Removes one scan; returns whether there was one.
-fn forget_one(connection: &mut Connection, run: RunId) -> Result<bool, Fault> {
+fn delete_one_scan(connection: &mut Connection, run: RunId) -> Result<bool, StoreFault> {
     let removed = connection.execute(
         "DELETE FROM readings WHERE seq =
              (SELECT seq FROM readings WHERE run = ?1 AND samples IS NOT NULL LIMIT 1)",

@@ -3,40 +3,41 @@
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
-use super::{Fault, RunId, columns};
+use super::{RunId, StoreFault, columns};
 use machine::Axis;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 
 /// One stored sample, bit for bit: positions in the order of [`Axis::ALL`] (mm, rad), the value in mm, the time
 /// in s.
 #[derive(Serialize, Deserialize)]
-struct Kept {
+struct StoredSample {
     at: [Option<f64>; Axis::ALL.len()],
     #[serde(default, skip_serializing_if = "Option::is_none")]
     mm: Option<f64>,
     t: f64,
     #[serde(default, skip_serializing_if = "is_none")]
-    flag: Flag,
+    flag: ReadingFlag,
     /// Name of the sensor; absent if it is the sensor of the row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensor: Option<String>,
 }
 
-fn is_none(flag: &Flag) -> bool {
-    *flag == Flag::None
+fn is_none(flag: &ReadingFlag) -> bool {
+    *flag == ReadingFlag::None
 }
 
-pub(super) fn keep(
+pub(super) fn insert_scan(
     connection: &mut Connection,
     run: RunId,
     samples: &[Reading],
-) -> Result<(), Fault> {
+) -> Result<(), StoreFault> {
     let Some(first) = samples.first() else { return Ok(()) };
     let what = || format!("the scan of step {}", first.step);
-    if !samples.iter().all(columns::is_finite) {
-        return Err(Fault::NotFinite { what: what() });
+    if !samples.iter().all(columns::all_finite) {
+        return Err(StoreFault::NotFinite { what: what() });
     }
-    let kept: Vec<Kept> = samples.iter().map(|sample| Kept::of(sample, first)).collect();
+    let kept: Vec<StoredSample> =
+        samples.iter().map(|sample| StoredSample::from_reading(sample, first)).collect();
     let text = columns::to_json(&what(), &kept)?;
     connection
         .execute(
@@ -49,18 +50,21 @@ pub(super) fn keep(
                 first.sensor,
                 first.t_s,
                 columns::to_json(&what(), &first.temperatures_c)?,
-                columns::now(),
+                columns::now_text(),
                 text
             ],
         )
-        .map_err(Fault::of_reading(run, first.step, first.repeat))?;
+        .map_err(StoreFault::from_reading_error(run, first.step, first.repeat))?;
     Ok(())
 }
 
 /// Samples of a row whose other columns are in `row`.
-pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_json::Error> {
-    let kept: Vec<Kept> = serde_json::from_str(samples)?;
-    let reading = |kept: Kept| {
+pub(super) fn parse_samples(
+    row: &Reading,
+    samples: &str,
+) -> Result<Vec<Reading>, serde_json::Error> {
+    let kept: Vec<StoredSample> = serde_json::from_str(samples)?;
+    let reading = |kept: StoredSample| {
         let axes = Axis::ALL.into_iter().zip(kept.at);
         Reading {
             position: axes.filter_map(|(axis, value)| Some((axis, value?))).collect(),
@@ -74,9 +78,9 @@ pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_j
     Ok(kept.into_iter().map(reading).collect())
 }
 
-impl Kept {
+impl StoredSample {
     /// Converts a sample. `first`: the sample in the columns of the row.
-    fn of(sample: &Reading, first: &Reading) -> Self {
+    fn from_reading(sample: &Reading, first: &Reading) -> Self {
         Self {
             sensor: (sample.sensor != first.sensor).then(|| sample.sensor.clone()),
             at: Axis::ALL.map(|axis| sample.position.get(axis)),

@@ -5,7 +5,9 @@ use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 use serde::Serialize;
 
-use super::{Audit, Fault, Journal, Pending, RunId, StoreError, audit, columns, write};
+use super::{
+    AuditEntry, Journal, PendingWrite, RunId, StoreError, StoreFault, audit, columns, write,
+};
 
 /// Permission of a person that a cycle may start unattended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,7 +28,7 @@ pub struct Arming {
 /// Outcome of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Outcome {
+pub enum SlotOutcome {
     Started,
     /// Its run has an estimate.
     Ran,
@@ -37,7 +39,7 @@ pub enum Outcome {
     Missed,
 }
 
-impl Outcome {
+impl SlotOutcome {
     const ALL: [Self; 5] = [Self::Started, Self::Ran, Self::Failed, Self::Skipped, Self::Missed];
 
     pub fn as_str(self) -> &'static str {
@@ -53,12 +55,12 @@ impl Outcome {
 
 /// One instant of one schedule, and its outcome.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Slot {
+pub struct ScheduleSlot {
     pub machine: String,
     pub schedule: String,
     pub cycle: u16,
     pub at: Timestamp,
-    pub outcome: Outcome,
+    pub outcome: SlotOutcome,
     pub why: String,
     /// Number of the run, 0 for none.
     pub run: i64,
@@ -66,9 +68,9 @@ pub struct Slot {
 
 impl Journal {
     /// Replaces the arming of the cycle by `arming`, and adds an entry to the audit log.
-    pub fn arm(&self, arming: &Arming) -> Pending<()> {
+    pub fn arm(&self, arming: &Arming) -> PendingWrite<()> {
         let arming = arming.clone();
-        self.submit(move |connection| arm(connection, &arming))
+        self.submit_job(move |connection| insert_arming(connection, &arming))
     }
 
     /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
@@ -79,9 +81,11 @@ impl Journal {
         cycle: Option<u16>,
         who: &str,
         why: &str,
-    ) -> Pending<usize> {
+    ) -> PendingWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
-        self.submit(move |connection| disarm(connection, &machine, cycle, &who, &why))
+        self.submit_job(move |connection| {
+            end_armings_audited(connection, &machine, cycle, &who, &why)
+        })
     }
 
     /// The last arming of each cycle of `machine`, whether it is still valid or not.
@@ -89,15 +93,15 @@ impl Journal {
     /// # Errors
     /// The journal cannot be read.
     pub fn armings(&self, machine: &str) -> Result<Vec<Arming>, StoreError> {
-        self.look(|connection| armings(connection, machine))
+        self.query(|connection| select_armings(connection, machine))
     }
 
     /// Names of all machines in the journal.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn machines(&self) -> Result<Vec<String>, StoreError> {
-        self.look(|connection| {
+    pub fn machine_names(&self) -> Result<Vec<String>, StoreError> {
+        self.query(|connection| {
             let all = "SELECT machine FROM runs UNION SELECT machine FROM schedules
                        UNION SELECT machine FROM armings";
             let mut statement = connection.prepare(all)?;
@@ -108,36 +112,40 @@ impl Journal {
 
     /// Registers the schedules of `machine` by name and calendar. Returns for each the instant up to which its
     /// slots are settled; for a new schedule or a changed calendar it is `now`.
-    pub fn schedules(
+    pub fn register_schedules(
         &self,
         machine: &str,
         known: Vec<(String, String)>,
         now: Timestamp,
-    ) -> Pending<Vec<Timestamp>> {
+    ) -> PendingWrite<Vec<Timestamp>> {
         let machine = machine.to_owned();
-        self.submit(move |connection| schedules(connection, &machine, &known, now))
+        self.submit_job(move |connection| replace_schedules(connection, &machine, &known, now))
     }
 
     /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. A missed slot may still
     /// start if the clock is set back; a started one may end.
-    pub fn slot(&self, slot: &Slot) -> Pending<bool> {
+    pub fn store_slot(&self, slot: &ScheduleSlot) -> PendingWrite<bool> {
         let slot = slot.clone();
-        self.submit(move |connection| keep(connection, &slot))
+        self.submit_job(move |connection| upsert_slot(connection, &slot))
     }
 
     /// The newest slots of `machine`, newest first.
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn slots(&self, machine: &str, most: usize) -> Result<Vec<Slot>, StoreError> {
-        self.look(|connection| slots(connection, machine, most))
+    pub fn newest_slots(
+        &self,
+        machine: &str,
+        limit: usize,
+    ) -> Result<Vec<ScheduleSlot>, StoreError> {
+        self.query(|connection| select_slots(connection, machine, limit))
     }
 }
 
-fn arm(connection: &mut Connection, arming: &Arming) -> Result<(), Fault> {
+fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), StoreFault> {
     let Arming { machine, cycle, who, why, armed, until, .. } = arming;
-    let transaction = write::begin_writing(connection)?;
-    end(&transaction, machine, Some(*cycle), "armed anew")?;
+    let transaction = write::begin_transaction(connection)?;
+    end_armings(&transaction, machine, Some(*cycle), "replaced by a new arming")?;
     transaction.execute(
         "INSERT INTO armings (machine, cycle, who, why, armed, until, after_event)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, (SELECT coalesce(max(seq), 0) FROM events))",
@@ -146,55 +154,62 @@ fn arm(connection: &mut Connection, arming: &Arming) -> Result<(), Fault> {
     // The person goes by the present clock: a later `seen` comes from a wrong clock.
     transaction.execute(
         "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
-        params![machine, second(*armed)],
+        params![machine, second_text(*armed)],
     )?;
-    note(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
+    audit_arming(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
     Ok(transaction.commit()?)
 }
 
-fn disarm(
+fn end_armings_audited(
     connection: &mut Connection,
     machine: &str,
     cycle: Option<u16>,
     who: &str,
     why: &str,
-) -> Result<usize, Fault> {
-    let transaction = write::begin_writing(connection)?;
+) -> Result<usize, StoreFault> {
+    let transaction = write::begin_transaction(connection)?;
     let reason = if why.is_empty() { format!("by {who}") } else { format!("{why}, by {who}") };
-    let ended = end(&transaction, machine, cycle, &reason)?;
+    let ended = end_armings(&transaction, machine, cycle, &reason)?;
     for arming in &ended {
         let arming = Arming { who: who.to_owned(), why: why.to_owned(), ..arming.clone() };
-        note(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
+        audit_arming(&transaction, &arming, format!("cycle {} is disarmed", arming.cycle))?;
     }
     transaction.commit()?;
     Ok(ended.len())
 }
 
 /// Ends the armings that have not ended before.
-fn end(
+fn end_armings(
     transaction: &Transaction<'_>,
     machine: &str,
     cycle: Option<u16>,
     why: &str,
-) -> Result<Vec<Arming>, Fault> {
-    let all = armings(transaction, machine)?.into_iter();
+) -> Result<Vec<Arming>, StoreFault> {
+    let all = select_armings(transaction, machine)?.into_iter();
     let open = all
         .filter(|arming| arming.ended.is_none() && cycle.is_none_or(|cycle| cycle == arming.cycle));
     let open: Vec<Arming> = open.collect();
     transaction.execute(
         "UPDATE armings SET ended = ?3, ended_why = ?4
          WHERE machine = ?1 AND ended IS NULL AND (?2 IS NULL OR cycle = ?2)",
-        params![machine, cycle, columns::now(), why],
+        params![machine, cycle, columns::now_text(), why],
     )?;
     Ok(open)
 }
 
-fn note(transaction: &Transaction<'_>, arming: &Arming, what: String) -> Result<(), Fault> {
+fn audit_arming(
+    transaction: &Transaction<'_>,
+    arming: &Arming,
+    what: String,
+) -> Result<(), StoreFault> {
     let Arming { machine, who, why, .. } = arming.clone();
-    audit::add(transaction, &Audit { who, what, why, machine, run: 0, outcome: "done".to_owned() })
+    audit::insert_entry(
+        transaction,
+        &AuditEntry { who, what, why, machine, run: 0, outcome: "done".to_owned() },
+    )
 }
 
-fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault> {
+fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT cycle, who, why, armed, until, ended, ended_why, after_event FROM armings
          WHERE seq IN (SELECT max(seq) FROM armings WHERE machine = ?1 GROUP BY cycle)
@@ -202,7 +217,7 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
     )?;
     let rows = statement.query_map([machine], |row| {
         let ended = match row.get::<_, Option<String>>(5)? {
-            Some(_) => Some((columns::parsed(row, 5)?, row.get(6)?)),
+            Some(_) => Some((columns::parse_column(row, 5)?, row.get(6)?)),
             None => None,
         };
         let arming = Arming {
@@ -210,8 +225,8 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
             cycle: row.get(0)?,
             who: row.get(1)?,
             why: row.get(2)?,
-            armed: columns::parsed(row, 3)?,
-            until: columns::parsed(row, 4)?,
+            armed: columns::parse_column(row, 3)?,
+            until: columns::parse_column(row, 4)?,
             ended,
             broken: None,
         };
@@ -219,13 +234,17 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
     })?;
     rows.map(|row| {
         let (arming, after) = row?;
-        Ok(Arming { broken: broken(connection, machine, after)?, ..arming })
+        Ok(Arming { broken: broken_run(connection, machine, after)?, ..arming })
     })
     .collect()
 }
 
 /// Ordered by sequence number, not by a clock that may be set.
-fn broken(connection: &Connection, machine: &str, after: i64) -> Result<Option<RunId>, Fault> {
+fn broken_run(
+    connection: &Connection,
+    machine: &str,
+    after: i64,
+) -> Result<Option<RunId>, StoreFault> {
     let found = connection.query_row(
         "SELECT runs.id FROM runs WHERE machine = ?1 AND (
              state = 'interrupted'
@@ -240,37 +259,37 @@ fn broken(connection: &Connection, machine: &str, after: i64) -> Result<Option<R
     Ok(found.optional()?)
 }
 
-fn schedules(
+fn replace_schedules(
     connection: &mut Connection,
     machine: &str,
     known: &[(String, String)],
     now: Timestamp,
-) -> Result<Vec<Timestamp>, Fault> {
-    let transaction = write::begin_writing(connection)?;
+) -> Result<Vec<Timestamp>, StoreFault> {
+    let transaction = write::begin_transaction(connection)?;
     let seen = known.iter().map(|(name, calendar)| {
         let seen = transaction.query_row(
             "SELECT seen FROM schedules WHERE machine = ?1 AND schedule = ?2 AND calendar = ?3",
             params![machine, name, calendar],
-            |row| columns::parsed(row, 0),
+            |row| columns::parse_column(row, 0),
         );
-        Ok(seen.optional()?.unwrap_or_else(|| whole(now)))
+        Ok(seen.optional()?.unwrap_or_else(|| whole_second(now)))
     });
-    let seen = seen.collect::<Result<Vec<Timestamp>, Fault>>()?;
+    let seen = seen.collect::<Result<Vec<Timestamp>, StoreFault>>()?;
     transaction.execute("DELETE FROM schedules WHERE machine = ?1", [machine])?;
     for ((name, calendar), seen) in known.iter().zip(&seen) {
         transaction.execute(
             "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
-            params![machine, name, calendar, second(*seen)],
+            params![machine, name, calendar, second_text(*seen)],
         )?;
     }
     transaction.commit()?;
     Ok(seen)
 }
 
-fn keep(connection: &mut Connection, slot: &Slot) -> Result<bool, Fault> {
-    let Slot { machine, schedule, cycle, at, outcome, why, run } = slot;
-    let (at, outcome) = (second(*at), outcome.as_str());
-    let transaction = write::begin_writing(connection)?;
+fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool, StoreFault> {
+    let ScheduleSlot { machine, schedule, cycle, at, outcome, why, run } = slot;
+    let (at, outcome) = (second_text(*at), outcome.as_str());
+    let transaction = write::begin_transaction(connection)?;
     let kept = transaction.execute(
         "INSERT INTO slots (machine, schedule, at, cycle, decided, outcome, why, run)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)
@@ -280,7 +299,7 @@ fn keep(connection: &mut Connection, slot: &Slot) -> Result<bool, Fault> {
          WHERE outcome = 'missed' AND excluded.outcome <> 'missed'
             OR outcome = 'started' AND (excluded.outcome IN ('ran', 'failed', 'skipped')
                                         OR run = 0 AND excluded.run > 0)",
-        params![machine, schedule, at, cycle, columns::now(), outcome, why, run],
+        params![machine, schedule, at, cycle, columns::now_text(), outcome, why, run],
     )?;
     transaction.execute(
         "UPDATE schedules SET seen = ?3 WHERE machine = ?1 AND schedule = ?2 AND seen < ?3",
@@ -290,38 +309,41 @@ fn keep(connection: &mut Connection, slot: &Slot) -> Result<bool, Fault> {
     Ok(kept > 0)
 }
 
-fn slots(connection: &Connection, machine: &str, most: usize) -> Result<Vec<Slot>, Fault> {
+fn select_slots(
+    connection: &Connection,
+    machine: &str,
+    limit: usize,
+) -> Result<Vec<ScheduleSlot>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT schedule, at, cycle, outcome, why, run FROM slots
          WHERE machine = ?1 ORDER BY at DESC, schedule LIMIT ?2",
     )?;
-    let most = i64::try_from(most).unwrap_or(i64::MAX);
-    let rows = statement.query_map(params![machine, most], |row| slot(machine, row))?;
+    let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+    let rows = statement.query_map(params![machine, limit], |row| slot_from_row(machine, row))?;
     Ok(rows.collect::<Result<_, _>>()?)
 }
 
-fn slot(machine: &str, row: &Row<'_>) -> rusqlite::Result<Slot> {
+fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot> {
     let outcome: String = row.get(3)?;
-    Ok(Slot {
+    Ok(ScheduleSlot {
         machine: machine.to_owned(),
         schedule: row.get(0)?,
-        at: columns::parsed(row, 1)?,
+        at: columns::parse_column(row, 1)?,
         cycle: row.get(2)?,
-        outcome: Outcome::ALL
-            .into_iter()
-            .find(|known| known.as_str() == outcome)
-            .ok_or_else(|| columns::damaged(3, format!("unknown outcome `{outcome}`").into()))?,
+        outcome: SlotOutcome::ALL.into_iter().find(|known| known.as_str() == outcome).ok_or_else(
+            || columns::damaged_column(3, format!("unknown outcome `{outcome}`").into()),
+        )?,
         why: row.get(4)?,
         run: row.get(5)?,
     })
 }
 
 /// Slots are rounded down to whole seconds, so that the same instant gives the same text.
-fn second(at: Timestamp) -> String {
-    whole(at).to_string()
+fn second_text(at: Timestamp) -> String {
+    whole_second(at).to_string()
 }
 
-fn whole(at: Timestamp) -> Timestamp {
+fn whole_second(at: Timestamp) -> Timestamp {
     at.round(jiff::TimestampRound::new().smallest(Unit::Second).mode(jiff::RoundMode::Floor))
         .unwrap_or(at)
 }

@@ -5,10 +5,10 @@
 
 use rusqlite::Connection;
 
-use super::Fault;
+use super::StoreFault;
 
 /// The format of the journals that this version writes.
-pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;
+pub(super) const CURRENT_FORMAT: i64 = MIGRATIONS.len() as i64;
 
 /// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
 /// checksum of every row is computed again: an entry after the eighth must verify all rows first.
@@ -190,7 +190,7 @@ CREATE TRIGGER signatures_stand BEFORE UPDATE OF seq, run, at, who, remark, esti
 ];
 
 /// An empty journal of format `format`, in memory.
-pub(super) fn example(format: i64) -> Result<Connection, Fault> {
+pub(super) fn empty_journal(format: i64) -> Result<Connection, StoreFault> {
     let connection = Connection::open_in_memory()?;
     for (migration, _) in MIGRATIONS.iter().zip(0..format) {
         connection.execute_batch(migration)?;
@@ -198,6 +198,6 @@ pub(super) fn example(format: i64) -> Result<Connection, Fault> {
     Ok(connection)
 }
 
-pub(super) fn version(connection: &Connection) -> Result<i64, Fault> {
+pub(super) fn format_version(connection: &Connection) -> Result<i64, StoreFault> {
     Ok(connection.pragma_query_value(None, "user_version", |row| row.get(0))?)
 }

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, params};
 use serde::Serialize;
 
-use super::{Fault, RunId, columns};
+use super::{RunId, StoreFault, columns};
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Signature {
@@ -14,30 +14,30 @@ pub struct Signature {
     pub estimate_sha256: String,
 }
 
-pub(super) fn add(
+pub(super) fn insert_signature(
     connection: &mut Connection,
     run: RunId,
     signature: &Signature,
-) -> Result<(), Fault> {
+) -> Result<(), StoreFault> {
     let Signature { who, remark, estimate_sha256 } = signature;
     connection
         .execute(
             "INSERT INTO signatures (run, at, who, remark, estimate_sha256)
              VALUES (?1, ?2, ?3, ?4, ?5)",
-            params![run.0, columns::now(), who, remark, estimate_sha256],
+            params![run.0, columns::now_text(), who, remark, estimate_sha256],
         )
-        .map_err(Fault::of_run(run))?;
+        .map_err(StoreFault::from_run_error(run))?;
     Ok(())
 }
 
 /// Signatures of `run`, oldest first.
-pub(super) fn of_run(
+pub(super) fn run_signatures(
     connection: &Connection,
     run: RunId,
-) -> Result<Vec<(Timestamp, Signature)>, Fault> {
+) -> Result<Vec<(Timestamp, Signature)>, StoreFault> {
     let select = "SELECT at, who, remark, estimate_sha256 FROM signatures";
-    columns::rows(connection, select, run, |row| {
+    columns::run_rows(connection, select, run, |row| {
         let (who, remark, estimate_sha256) = (row.get(1)?, row.get(2)?, row.get(3)?);
-        Ok((columns::parsed(row, 0)?, Signature { who, remark, estimate_sha256 }))
+        Ok((columns::parse_column(row, 0)?, Signature { who, remark, estimate_sha256 }))
     })
 }

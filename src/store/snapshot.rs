@@ -7,42 +7,42 @@ use std::path::{Path, PathBuf};
 use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 
-use super::{Fault, folder};
+use super::{StoreFault, durable_dir};
 
 /// Copies the journal to `file`. The copy gets this name only after it is complete, `verified` and on the disk.
 /// Returns the result of `verified`.
-pub(super) fn keep<T>(
+pub(super) fn copy_verified<T>(
     source: &Connection,
     file: &Path,
-    verified: impl FnOnce(&Connection) -> Result<T, Fault>,
-) -> Result<T, Fault> {
+    verified: impl FnOnce(&Connection) -> Result<T, StoreFault>,
+) -> Result<T, StoreFault> {
     if file.exists() {
-        return Err(Fault::Exists);
+        return Err(StoreFault::FileExists);
     }
-    let part = part(file);
-    let kept = fill(source, &part).and_then(|copy| {
-        let found = verified(&copy)?;
+    let part = part_path(file);
+    let kept = copy_pages(source, &part).and_then(|copy| {
+        let verified_result = verified(&copy)?;
         drop(copy);
         fs::rename(&part, file)?;
-        Ok(found)
+        Ok(verified_result)
     });
     if kept.is_err() {
         let _ = fs::remove_file(&part);
     }
-    let found = kept?;
+    let verified_result = kept?;
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty());
-    folder::sync(parent.unwrap_or(Path::new(".")))?;
-    Ok(found)
+    durable_dir::sync_dir(parent.unwrap_or(Path::new(".")))?;
+    Ok(verified_result)
 }
 
-fn part(file: &Path) -> PathBuf {
+fn part_path(file: &Path) -> PathBuf {
     let mut name = file.file_name().unwrap_or_default().to_owned();
     name.push(".part");
     file.with_file_name(name)
 }
 
 /// Makes the copy and returns it open.
-fn fill(source: &Connection, part: &Path) -> Result<Connection, Fault> {
+fn copy_pages(source: &Connection, part: &Path) -> Result<Connection, StoreFault> {
     // Left by a copy that was not completed.
     match fs::remove_file(part) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
@@ -52,13 +52,13 @@ fn fill(source: &Connection, part: &Path) -> Result<Connection, Fault> {
     // All pages in one step: with a write-ahead log no writer waits for a reader.
     match Backup::new(source, &mut copy)?.step(-1)? {
         StepResult::Done => {}
-        _ => return Err(Fault::Busy),
+        _ => return Err(StoreFault::Locked),
     }
     // One file, without a log beside it.
     copy.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
-    let said: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
-    match said.as_str() {
+    let report: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
+    match report.as_str() {
         "ok" => Ok(copy),
-        _ => Err(Fault::Damaged(said)),
+        _ => Err(StoreFault::Damaged(report)),
     }
 }

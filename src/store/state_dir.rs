@@ -7,10 +7,13 @@ use std::path::{Path, PathBuf};
 /// else `$XDG_STATE_HOME/trued`, else `~/.local/state/trued` (XDG base directories). `None`: none of these is
 /// known, and `--state` must be given.
 pub fn state_dir(given: Option<&Path>) -> Option<PathBuf> {
-    resolve(given, |name| std::env::var_os(name))
+    resolve_state_dir(given, |name| std::env::var_os(name))
 }
 
-fn resolve(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+fn resolve_state_dir(
+    given: Option<&Path>,
+    variable: impl Fn(&str) -> Option<OsString>,
+) -> Option<PathBuf> {
     // The XDG specification requires that a relative path is ignored.
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let systemd = || std::env::split_paths(&variable("STATE_DIRECTORY")?).next();
@@ -29,7 +32,7 @@ mod tests {
         let lookup = |name: &str| {
             variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value))
         };
-        resolve(given.map(Path::new), lookup).map(|path| path.display().to_string())
+        resolve_state_dir(given.map(Path::new), lookup).map(|path| path.display().to_string())
     }
 
     #[test]

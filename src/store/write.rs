@@ -2,8 +2,8 @@
 
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
-use super::columns::{is_finite, now, to_json};
-use super::{Fault, NewRun, RunId, RunState, read, sha256_text};
+use super::columns::{all_finite, now_text, to_json};
+use super::{NewRun, RunId, RunState, StoreFault, read, sha256_text};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -12,15 +12,15 @@ use machine::record::reading::Reading;
 
 const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
 
-pub(super) fn begin(connection: &mut Connection, new: &NewRun) -> Result<RunId, Fault> {
+pub(super) fn insert_run(connection: &mut Connection, new: &NewRun) -> Result<RunId, StoreFault> {
     let head = Plan { steps: Vec::new(), ..new.plan.clone() };
-    let transaction = begin_writing(connection)?;
+    let transaction = begin_transaction(connection)?;
     transaction.execute(
         "INSERT INTO runs (started, method, machine, state, program_version, config, config_sha256,
                            plan_head, plan_sha256)
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, '')",
         params![
-            now(),
+            now_text(),
             head.method,
             head.machine.name,
             RunState::Running.as_str(),
@@ -36,25 +36,25 @@ pub(super) fn begin(connection: &mut Connection, new: &NewRun) -> Result<RunId, 
     Ok(run)
 }
 
-pub(super) fn stage(
+pub(super) fn insert_stage(
     connection: &mut Connection,
     run: RunId,
     stage: &Stage,
     new_steps: &[Step],
-) -> Result<(), Fault> {
-    let transaction = begin_writing(connection)?;
+) -> Result<(), StoreFault> {
+    let transaction = begin_transaction(connection)?;
     transaction
         .execute(
             "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
             params![run.0, to_json("the stage", stage)?],
         )
-        .map_err(Fault::of_run(run))?;
+        .map_err(StoreFault::from_run_error(run))?;
     add_steps(&transaction, run, new_steps)?;
     Ok(transaction.commit()?)
 }
 
 /// Adds steps to the plan and updates the hash of the plan.
-fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), Fault> {
+fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), StoreFault> {
     for step in steps {
         let text = to_json(&format!("step {}", step.id), step)?;
         transaction.execute(
@@ -65,21 +65,21 @@ fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Resul
     hash_plan(transaction, run)
 }
 
-fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
-    let hash = sha256_text(&to_json("the plan", &read::plan(transaction, run)?)?);
+fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault> {
+    let hash = sha256_text(&to_json("the plan", &read::load_plan(transaction, run)?)?);
     transaction.execute("UPDATE runs SET plan_sha256 = ?2 WHERE id = ?1", params![run.0, hash])?;
     Ok(())
 }
 
-pub(super) fn reading(
+pub(super) fn insert_reading(
     connection: &mut Connection,
     run: RunId,
     reading: &Reading,
-) -> Result<(), Fault> {
+) -> Result<(), StoreFault> {
     // SQLite would store a NaN as NULL, and JSON has no infinity: both are refused.
     let what = || format!("the reading of step {}", reading.step);
-    if !is_finite(reading) {
-        return Err(Fault::NotFinite { what: what() });
+    if !all_finite(reading) {
+        return Err(StoreFault::NotFinite { what: what() });
     }
     let at = |axis| reading.position.get(axis);
     connection
@@ -103,42 +103,46 @@ pub(super) fn reading(
                 reading.t_s,
                 reading.flag.as_str(),
                 to_json(&what(), &reading.temperatures_c)?,
-                now(),
+                now_text(),
             ],
         )
-        .map_err(Fault::of_reading(run, reading.step, reading.repeat))?;
+        .map_err(StoreFault::from_reading_error(run, reading.step, reading.repeat))?;
     Ok(())
 }
 
-pub(super) fn event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), Fault> {
+pub(super) fn insert_event(
+    connection: &mut Connection,
+    run: RunId,
+    event: &Event,
+) -> Result<(), StoreFault> {
     let text = to_json("an event", event)?;
-    let transaction = begin_writing(connection)?;
+    let transaction = begin_transaction(connection)?;
     transaction
         .execute(
             "INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)",
-            params![run.0, now(), text],
+            params![run.0, now_text(), text],
         )
-        .map_err(Fault::of_run(run))?;
+        .map_err(StoreFault::from_run_error(run))?;
     if matches!(event, Event::Resumed { .. }) {
         hash_plan(&transaction, run)?;
     }
     Ok(transaction.commit()?)
 }
 
-pub(super) fn estimate(
+pub(super) fn insert_estimate(
     connection: &mut Connection,
     run: RunId,
     estimate: &Estimate,
-) -> Result<String, Fault> {
+) -> Result<String, StoreFault> {
     let text = to_json("the estimate", estimate)?;
     let hash = sha256_text(&text);
     connection
         .execute(
             "INSERT INTO estimates (run, made, estimate, sha256, program_version)
              VALUES (?1, ?2, ?3, ?4, ?5)",
-            params![run.0, now(), text, hash, PROGRAM_VERSION],
+            params![run.0, now_text(), text, hash, PROGRAM_VERSION],
         )
-        .map_err(Fault::of_run(run))?;
+        .map_err(StoreFault::from_run_error(run))?;
     Ok(hash)
 }
 
@@ -146,28 +150,28 @@ pub(super) fn set_state(
     connection: &mut Connection,
     run: RunId,
     state: RunState,
-) -> Result<(), Fault> {
-    let ended = (state != RunState::Running).then(now);
+) -> Result<(), StoreFault> {
+    let ended = (state != RunState::Running).then(now_text);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
     // The estimates tell whether the run is identified.
     let state = if is_measured { RunState::Finished } else { state };
-    let transaction = begin_writing(connection)?;
+    let transaction = begin_transaction(connection)?;
     let changed = transaction.execute(
         "UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1",
         params![run.0, state.as_str(), ended],
     )?;
     if changed != 1 {
-        return Err(Fault::NoRun(run));
+        return Err(StoreFault::RunNotFound(run));
     }
     if is_measured {
-        mean_temperatures(&transaction, run)?;
+        update_mean_temperatures(&transaction, run)?;
     }
     Ok(transaction.commit()?)
 }
 
 /// Mean of each thermometer over the readings with a value. A scan counts as one reading; readings before an
 /// interruption count as well.
-fn mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
+fn update_mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault> {
     transaction.execute(
         "UPDATE runs SET temperatures_c =
              (SELECT json_group_object(name, mean) FROM
@@ -183,18 +187,20 @@ fn mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fa
 pub(super) fn mark_interrupted(
     connection: &mut Connection,
     machine: &str,
-) -> Result<Vec<RunId>, Fault> {
+) -> Result<Vec<RunId>, StoreFault> {
     let mut statement = connection.prepare(
         "UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id",
     )?;
     let (dead, alive) = (RunState::Interrupted.as_str(), RunState::Running.as_str());
     let marked = statement
-        .query_map(params![dead, now(), machine, alive], |row| row.get(0).map(RunId))?
+        .query_map(params![dead, now_text(), machine, alive], |row| row.get(0).map(RunId))?
         .collect::<Result<Vec<_>, _>>()?;
     Ok(marked)
 }
 
 /// Begins an immediate transaction, so that of two writing processes none fails in the middle of a transaction.
-pub(super) fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
+pub(super) fn begin_transaction(
+    connection: &mut Connection,
+) -> Result<Transaction<'_>, StoreFault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }

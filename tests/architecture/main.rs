@@ -30,7 +30,7 @@ const PACKAGE_DEPENDENCIES: [(&str, &[&str]); 7] = [
     ("simulator", &["estimation", "link", "machine"]),
 ];
 
-/// Random numbers without a seed: `estimation::random::stream` is the only source.
+/// Random numbers without a seed: `estimation::random::seeded_stream` is the only source.
 const UNSEEDED_RANDOM: [&str; 5] =
     ["rand::rng", "rand::random", "rand::make_rng", "rand::rngs::ThreadRng", "rand::rngs::SysRng"];
 

@@ -3,7 +3,7 @@
 
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::reading::Reading;
-use methods::Refused;
+use methods::MethodRefusal;
 use rayon::prelude::*;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
@@ -32,9 +32,9 @@ fn estimate(method: &str, file: &MachineFile, priors: Vec<Estimate>) -> Estimate
 
 /// `files`: the machine file of the program, and that of the world.
 fn in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
-    let (method, mut header) = setup::header(files[0], method, None).unwrap();
+    let (method, mut header) = setup::plan_header(files[0], method, None).unwrap();
     header.priors = priors;
-    let mut world = setup::world(files[1]).unwrap();
+    let mut world = setup::build_world(files[1]).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
     let (plan, readings) = played.unwrap();
     method.identify(&plan, &readings).unwrap()
@@ -186,9 +186,9 @@ fn a_dome_that_gives_way_is_noticed() {
 
 /// Machine time of the plan, minutes.
 fn planned_min(file: &MachineFile) -> f64 {
-    let (method, header) = setup::header(file, "ball-dome", None).unwrap();
-    let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
-    planning::staged_blocks(&plan, &stages).unwrap().1 / 60.0
+    let (method, header) = setup::plan_header(file, "ball-dome", None).unwrap();
+    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
+    planning::plan_blocks_by_stage(&plan, &stages).unwrap().1 / 60.0
 }
 
 /// A ball that is searched for once is measured in three quarters of the time of one that is searched for at every
@@ -211,7 +211,7 @@ fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
     assert!(once_min < 0.75 * every_min && (u_once / u_every - 1.0).abs() < 0.1);
 }
 
-fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, Refused> {
+fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRefusal> {
     let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
     let changes: Changes = vec![
         ("method.ball-dome.watch_min", Value::Float(watch_min)),
@@ -219,10 +219,11 @@ fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, Refused>
         ("method.ball-dome.turn_deg", few(&[0.0])),
         ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
     ];
-    let mut world = setup::world(&machine(DOME, 1, &changes)).unwrap();
+    let mut world = setup::build_world(&machine(DOME, 1, &changes)).unwrap();
     let declared: Changes =
         changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
-    let (method, header) = setup::header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
+    let (method, header) =
+        setup::plan_header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
     plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone)
         .map(|(_, readings)| readings)
 }
@@ -239,12 +240,12 @@ fn a_machine_that_is_not_at_rest_is_watched() {
     let short = watched(2.0, 0.1).unwrap_err();
     println!("{short}");
     assert!(
-        short.instead.contains("then resume the run") && short.instead.contains("raise watch_min"),
+        short.remedy.contains("then resume the run") && short.remedy.contains("raise watch_min"),
         "{short}"
     );
-    let why = watched(40.0, 4.0).unwrap_err().why;
+    let why = watched(40.0, 4.0).unwrap_err().reason;
     println!("{why}");
-    assert!(why.starts_with("the machine is not seen to come to rest: after 24 min"), "{why}");
+    assert!(why.starts_with("the machine is not confirmed at rest: after 24 min"), "{why}");
 }
 
 /// The table on A and Y, X on the spindle's side, and other errors.

@@ -5,12 +5,12 @@ use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
-use methods::{Next, Source};
-use planning::gcode::{Dialect, Program};
-use planning::proof::{Request, Staged, prove};
+use methods::{NextStage, PositionSource};
+use planning::gcode::{Dialect, ProgramHeader};
+use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{
-    Access, Approach, BallTask, Clearance, Confirmed, Start, TravelTimes, blocks, end_of,
-    machine_time_s, touch_block,
+    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes,
+    end_position, machine_time_s, plan_blocks, touch_block,
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
@@ -41,7 +41,7 @@ fn rumba() -> Plan {
     );
     text.push_str("[simulated]\nseed = 1\n");
     let file = trued::setup::MachineFile::parse("rumba.toml", text).unwrap();
-    trued::setup::header(&file, "samba", None).unwrap().1
+    trued::setup::plan_header(&file, "samba", None).unwrap().1
 }
 
 /// Paper 4, table 1.
@@ -63,7 +63,7 @@ fn balls(plan: &Plan) -> &Balls {
 
 /// One measurement of each accessible ball, at most four at each indexation: 109 in the first positions of a plain
 /// list.
-fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
+fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
     let tilts = [0.0, 10.0, -10.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0];
     let turns = [0.0, 90.0, 180.0, 270.0];
     let all = tilts.into_iter().enumerate();
@@ -74,9 +74,10 @@ fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
         let s = 90.0 * (quarter % 4) as f64;
         let rotary: Position = [(Axis::B, b), (Axis::C, c), (Axis::S, s)]
             .into_iter()
-            .map(|(axis, degrees)| (axis, axis.from_edge(degrees)))
+            .map(|(axis, degrees)| (axis, axis.to_mm_or_rad(degrees)))
             .collect();
-        let free = |ball: &usize| access.accessible(&task(plan, *ball, &rotary, SEARCH)).is_ok();
+        let free =
+            |ball: &usize| access.accessible_touches(&task(plan, *ball, &rotary, SEARCH)).is_ok();
         // A different ball is left out each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
@@ -90,19 +91,24 @@ fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
     visits
 }
 
-const SEARCH: Approach = Approach::Find { uncertainty_mm: 1.0, standoff_mm: 0.5 };
-const SLOW: Approach = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+const SEARCH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
+const SLOW: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
-fn task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: Approach) -> BallTask<'a> {
+fn task<'a>(
+    plan: &'a Plan,
+    ball: usize,
+    rotary: &'a Position,
+    approach: BallApproach,
+) -> BallTask<'a> {
     BallTask { ball: &balls(plan).balls[ball], rotary, approach, touches: 5 }
 }
 
 /// Steps of the visits in this order.
 fn steps(
     plan: &Plan,
-    access: &Access,
+    access: &TouchAccess,
     visits: &[(Position, Vec<usize>)],
-    passes: &[Approach],
+    passes: &[BallApproach],
 ) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     for (number, (rotary, balls)) in visits.iter().enumerate() {
@@ -122,11 +128,11 @@ fn steps(
 /// Order by tilt, C forward at one tilt and back at the next; the balls of each indexation in a short order.
 fn in_order(
     plan: &Plan,
-    access: &Access,
+    access: &TouchAccess,
     visits: &[(Position, Vec<usize>)],
 ) -> Vec<(Position, Vec<usize>)> {
     let mut visits = visits.to_vec();
-    let at = |visit: &(Position, Vec<usize>), axis| visit.0.at(axis);
+    let at = |visit: &(Position, Vec<usize>), axis| visit.0.get_or_zero(axis);
     visits.sort_by(|a, b| {
         let tilts = at(a, Axis::B).total_cmp(&at(b, Axis::B));
         tilts.then(at(a, Axis::C).total_cmp(&at(b, Axis::C)))
@@ -137,7 +143,8 @@ fn in_order(
     for (rotary, list) in &mut visits {
         let place = |ball: &usize| access.centre(&balls(plan).balls[*ball], rotary).unwrap();
         let places: Vec<Position> = list.iter().map(place).collect();
-        let order = TravelTimes::in_xy(&places, stands.as_ref(), &plan.machine).tour(1);
+        let order = TravelTimes::from_xy_positions(&places, stands.as_ref(), &plan.machine)
+            .visiting_order(1);
         stands = order.last().map(|last| places[*last].clone());
         *list = order.iter().map(|place| list[*place]).collect();
     }
@@ -146,15 +153,15 @@ fn in_order(
 
 /// One touch after the other, with a retract to the upper end of Z between any two. Speed and caution are the same
 /// as in our plan: guarded only near a body.
-fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>) -> f64 {
+fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>) -> f64 {
     let mut stands = Position::new();
     let mut seconds = 0.0;
     for (step, clearance) in steps {
-        let start = Start { stands: None, confirmed: Confirmed::all() };
+        let start = BlockStart { position: None, confirmed: ConfirmedDirections::all() };
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         assert!(matches!(&block.motions[0], Motion::Rapid { to } if to.get(Axis::Z).is_some()));
         seconds += machine_time_s(&block, &stands, &plan.machine);
-        stands = end_of(&block.motions, &stands);
+        stands = end_position(&block.motions, &stands);
     }
     seconds
 }
@@ -169,20 +176,22 @@ fn share(name: &str, touches: usize, ours_s: f64, naive_s: f64) -> f64 {
 struct Planned {
     stage: Stage,
     found: Option<Artefact>,
-    clearance: Clearance,
+    clearance: SafeHeights,
 }
 
 /// The built-in machine with these settings of the method: all stages from nominal positions.
 fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
     let text = format!("{}\n[method.samba]\n{settings}\n", include_str!("../../config/samba.toml"));
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::header(&file, "samba", None).unwrap();
+    let (method, mut plan) = trued::setup::plan_header(&file, "samba", None).unwrap();
     let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
-    while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal).unwrap()
+    while let NextStage::Stage { stage, new_steps } =
+        method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
     {
         plan.steps.extend(new_steps);
         found = stage.found.clone().or(found);
-        let clearance = Clearance::over(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
+        let clearance =
+            SafeHeights::above_artefact(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
         stages.push(Planned { stage: stage.clone(), found: found.clone(), clearance });
         done.push(stage);
     }
@@ -190,32 +199,32 @@ fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
 }
 
 /// If the machine position is known, touches have confirmed it before.
-fn confirmed(stands: Option<&Position>) -> Confirmed {
-    stands.map_or(Confirmed::default(), |_| Confirmed::all())
+fn confirmed(stands: Option<&Position>) -> ConfirmedDirections {
+    stands.map_or(ConfirmedDirections::default(), |_| ConfirmedDirections::all())
 }
 
 /// Blocks as in a run, each touch from the end of the last one; and the machine time.
 fn run<'a>(
     plan: &Plan,
-    steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>,
+    steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>,
     stands: &mut Option<Position>,
-    mut confirmed: Confirmed,
+    mut confirmed: ConfirmedDirections,
 ) -> (Vec<Block>, f64) {
     let (mut blocks, mut seconds) = (Vec::new(), 0.0);
     for (step, clearance) in steps {
-        let start = Start { stands: stands.as_ref(), confirmed };
+        let start = BlockStart { position: stands.as_ref(), confirmed };
         let block = touch_block(plan, step, 0, start, clearance).unwrap();
         let here = stands.take().unwrap_or_default();
         seconds += machine_time_s(&block, &here, &plan.machine);
-        *stands = Some(end_of(&block.motions, &here));
-        confirmed = confirmed.after(step);
+        *stands = Some(end_position(&block.motions, &here));
+        confirmed = confirmed.after_step(step);
         blocks.push(block);
     }
     (blocks, seconds)
 }
 
 impl Planned {
-    fn steps<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (&'a Step, &'a Clearance)> {
+    fn steps<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (&'a Step, &'a SafeHeights)> {
         self.stage.steps.iter().map(|id| (&plan.steps[*id as usize], &self.clearance))
     }
 }
@@ -227,12 +236,12 @@ impl Planned {
 fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naive_order() {
     let (plan, stages) = built_in("");
     let all = || stages.iter().flat_map(|planned| planned.steps(&plan));
-    let (_, ours_s) = run(&plan, all(), &mut None, Confirmed::all());
+    let (_, ours_s) = run(&plan, all(), &mut None, ConfirmedDirections::all());
     let place = |step: &Step| {
         let [pass, _, ball, touch] = step.label.split('/').collect::<Vec<_>>().try_into().unwrap();
         let touches = ["+45", "-135", "-45", "+135", "pole"];
         let touch = touches.iter().position(|name| *name == touch);
-        let degrees = |axis| step.from.at(axis).to_degrees().round() as i32;
+        let degrees = |axis| step.from.get_or_zero(axis).to_degrees().round() as i32;
         ([Axis::B, Axis::C, Axis::S].map(degrees), pass.to_owned(), ball.to_owned(), touch)
     };
     let mut list: Vec<_> = all().filter(|(step, _)| step.kind == StepKind::Touch).collect();
@@ -255,7 +264,7 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
             let known = confirmed(stands.as_ref());
             let (blocks, _) = run(&plan, planned.steps(&plan), &mut stands, known);
             let Planned { stage, found, .. } = planned;
-            let staged = Staged { steps: &stage.steps, found: found.as_ref() };
+            let staged = StageSteps { steps: &stage.steps, found_artefact: found.as_ref() };
             proven(&plan, &[staged], begins.as_ref(), &blocks)
                 .unwrap_or_else(|why| panic!("{settings}, {}: {why}", stage.name));
         }
@@ -275,7 +284,7 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
         let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
         touching += touch_s / 60.0;
         *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
-        stands = end_of(&block.motions, &stands);
+        stands = end_position(&block.motions, &stands);
     }
     println!(
         "touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min"
@@ -287,20 +296,20 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
 #[test]
 fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
     let mut plan = rumba();
-    let access = Access::new(&plan, &plan.artefact).unwrap();
+    let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let visits = design(&plan, &access);
     let ordered = in_order(&plan, &access, &visits);
     // The slow touches start from found ball positions, as in a run.
     let found = Artefact::Balls(Balls { uncertainty_mm: 0.25, ..balls(&plan).clone() });
-    let [searched, known] =
-        [&plan.artefact, &found].map(|artefact| Clearance::over(&plan, artefact).unwrap());
+    let [searched, known] = [&plan.artefact, &found]
+        .map(|artefact| SafeHeights::above_artefact(&plan, artefact).unwrap());
     let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
     for (name, passes) in [("find and slow", &[SEARCH, SLOW][..]), ("slow", &[SLOW])] {
         let list = steps(&plan, &access, &visits, passes);
         let naive_s = naive_s(&plan, list.iter().map(|step| (step, about(step))));
         plan.steps = steps(&plan, &access, &ordered, passes);
         let with = plan.steps.iter().map(|step| (step, about(step)));
-        let (blocks, seconds) = run(&plan, with, &mut None, Confirmed::all());
+        let (blocks, seconds) = run(&plan, with, &mut None, ConfirmedDirections::all());
         say_where_the_time_goes(&plan, &blocks);
         assert!(share(name, list.len(), seconds, naive_s) <= 0.6);
     }
@@ -309,28 +318,38 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
 #[test]
 fn regress_the_motions_are_proven() {
     let mut plan = rumba();
-    let access = Access::new(&plan, &plan.artefact).unwrap();
+    let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let ordered = in_order(&plan, &access, &design(&plan, &access));
     plan.steps = steps(&plan, &access, &ordered, &[SEARCH]);
-    let (blocks, _) = blocks(&plan, &Clearance::above(&plan).unwrap()).unwrap();
+    let (blocks, _) =
+        plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    proven(&plan, &[Staged { steps: &ids, found: None }], None, &blocks).unwrap();
+    proven(&plan, &[StageSteps { steps: &ids, found_artefact: None }], None, &blocks).unwrap();
 }
 
 /// `Err`: the refusal, and the lines around it.
 fn proven(
     plan: &Plan,
-    stages: &[Staged<'_>],
+    stages: &[StageSteps<'_>],
     stands: Option<&Position>,
     blocks: &[Block],
 ) -> Result<(), String> {
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let dialect = Dialect::named("linuxcnc").unwrap();
-    let text = dialect.program(&Program { title: "t", axes: &axes, log: None }, blocks).unwrap();
+    let dialect = Dialect::from_name("linuxcnc").unwrap();
+    let text = dialect
+        .render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, blocks)
+        .unwrap();
     let (confirmed, dialect) = (confirmed(stands), &dialect);
     let programs = std::slice::from_ref(&text);
-    let proof = prove(&Request { plan, stages, stands, confirmed, dialect, programs });
-    let refused = |refusal: planning::proof::Refusal| {
+    let proof = prove_programs(&ProofRequest {
+        plan,
+        stages,
+        position: stands,
+        confirmed,
+        dialect,
+        programs,
+    });
+    let refused = |refusal: planning::proof::ProofRefusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))
     };

@@ -5,20 +5,20 @@
 use std::f64::consts::TAU;
 
 use machine::Axis;
-use machine::record::estimate::{Estimate, Function};
+use machine::record::estimate::{Estimate, EstimatedFunction};
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use methods::Method;
 use rand::RngExt;
 use rayon::prelude::*;
-use simulator::World;
+use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
 use crate::machine_text::changed;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use testing::population::{coverage_population, is_full};
 
 /// Time at which a ball comes loose: the middle of the played plan, which takes 3430 s.
@@ -96,9 +96,9 @@ struct Rig {
 impl Rig {
     fn new(changes: Changes) -> Self {
         let file = machine(1, &changes);
-        let (method, header) = setup::header(&file, "ball-plate", None).unwrap();
-        let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
-        let (_, machine_s) = planning::staged_blocks(&plan, &stages).unwrap();
+        let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
+        let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
+        let (_, machine_s) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
         let table: Table = file.text().parse().unwrap();
         let term = |term: &Value| {
             let value = |keys: [&str; 2]| -> f64 {
@@ -115,8 +115,8 @@ impl Rig {
         Self { motions: motions.collect(), changes, method, plan, machine_s }
     }
 
-    fn world(&self, seed: u64) -> World {
-        setup::world(&machine(seed, &self.changes)).unwrap()
+    fn world(&self, seed: u64) -> SimulatedWorld {
+        setup::build_world(&machine(seed, &self.changes)).unwrap()
     }
 
     /// True error motion at an angle, in the unit of the estimate.
@@ -139,10 +139,10 @@ impl Rig {
         &self,
         seed: u64,
         missing: f64,
-        play: fn(&mut World, &Step, u32) -> Reading,
+        play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
     ) -> Estimate {
         let mut world = self.world(seed);
-        let mut random = stream(seed, &[MISSING]);
+        let mut random = seeded_stream(seed, &[MISSING]);
         let (mut visit, mut is_missing) = (String::new(), false);
         let mut readings: Vec<Reading> = Vec::new();
         for step in self.plan.steps.iter().filter(|step| step.label.starts_with("slow/")) {
@@ -150,7 +150,7 @@ impl Rig {
             if of_step != visit {
                 (visit, is_missing) = (of_step.to_owned(), random.random::<f64>() < missing);
             }
-            let flag = if is_missing { Flag::Excluded } else { Flag::None };
+            let flag = if is_missing { ReadingFlag::Excluded } else { ReadingFlag::None };
             readings.push(Reading { flag, ..play(&mut world, step, 0) });
         }
         self.method.identify(&self.plan, &readings).unwrap()
@@ -171,7 +171,7 @@ impl Rig {
     }
 }
 
-fn function<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Function {
+fn function<'e>(estimate: &'e Estimate, symbol: &str) -> &'e EstimatedFunction {
     estimate.functions.iter().find(|function| function.symbol == symbol).unwrap()
 }
 
@@ -270,8 +270,8 @@ fn least_squares_is_compared_with_the_four_steps() {
     let (_, figures) = compared.split_once("largest difference ").unwrap();
     let by: f64 = figures.split(' ').next().unwrap().parse().unwrap();
     assert!(by < 0.05, "{compared}");
-    assert!(line(&even, 0.05).ends_with("they need each ball once at each stop"));
-    assert!(line(&Rig::new(small()), 0.0).contains("they need balls at equal angles"));
+    assert!(line(&even, 0.05).ends_with("each ball must be measured once at each stop"));
+    assert!(line(&Rig::new(small()), 0.0).contains("balls at equal angles are required"));
 }
 
 /// A motion with a period of two revolutions changes its sign between them. Drift terms would absorb most of it.
@@ -328,9 +328,9 @@ fn a_ball_that_comes_loose_is_named() {
 
 fn refused(changes: &[(&'static str, Value)]) -> String {
     let file = machine(1, changes);
-    let (method, header) = setup::header(&file, "ball-plate", None).unwrap();
-    let refused = methods::nominal(method.as_ref(), header).unwrap_err();
-    format!("{}; {}", refused.why, refused.instead)
+    let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
+    let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
+    format!("{}; {}", refused.reason, refused.remedy)
 }
 
 #[test]
@@ -348,7 +348,7 @@ fn what_cannot_be_measured_is_refused_before_motion() {
         (vec![integer("method.ball-plate.harmonics", 20)], "more than twice as many"),
         (
             vec![integer("method.ball-plate.revolutions", 3)],
-            "do not fit its limits, -360° to 360°; choose revolutions = 2",
+            "exceed the limits of the axis, -360° to 360°; choose revolutions = 2",
         ),
         (vec![integer("method.ball-plate.positions", 24)], "multiples of 360°/24"),
     ];
@@ -366,8 +366,5 @@ fn a_plan_of_more_than_four_hours_asks_for_long() {
         ("method.ball-plate.touches", Value::Integer(15)),
     ];
     let refused = refused(&changes);
-    assert!(
-        refused.contains("hours of machine time") && refused.contains("long = true"),
-        "{refused}"
-    );
+    assert!(refused.contains("h of machine time") && refused.contains("long = true"), "{refused}");
 }

@@ -5,8 +5,8 @@
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, StepKind};
 use machine::record::reading::Reading;
-use methods::{IdentifyError, Method, Next, Refused, Source};
-use simulator::{Sensed, Speed, World};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use simulator::{SensorOutput, SimulatedWorld, Speed};
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
@@ -28,21 +28,26 @@ impl Method for FirstRound {
         self.0.settings()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         if done.len() == 2 {
-            return Ok(Next::Done);
+            return Ok(NextStage::Done);
         }
-        let next = self.0.next(plan, done, source)?;
-        let Next::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
+        let next = self.0.next_stage(plan, done, source)?;
+        let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
         if done.len() == 1 {
             new_steps.retain(|step| step.kind == StepKind::Prompt);
             stage.steps = new_steps.iter().map(|step| step.id).collect();
         }
-        Ok(Next::Stage { stage, new_steps })
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
     fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-        Err(IdentifyError::Numerical("not needed".to_owned()))
+        Err(IdentifyError::IdentificationFailed("not needed".to_owned()))
     }
 }
 
@@ -64,9 +69,9 @@ fn told_mm(text: &str) -> [[f64; 2]; 2] {
     })
 }
 
-fn mean_mm(world: &mut World, sensor: &str) -> f64 {
-    let mut sample = || match world.sense(sensor, 1e-3) {
-        Some(Sensed::Distance(mm)) => mm,
+fn mean_mm(world: &mut SimulatedWorld, sensor: &str) -> f64 {
+    let mut sample = || match world.sample_after(sensor, 1e-3) {
+        Some(SensorOutput::Distance(mm)) => mm,
         other => panic!("{sensor}: {other:?}"),
     };
     (0..SAMPLES).map(|_| sample()).sum::<f64>() / SAMPLES as f64
@@ -75,8 +80,8 @@ fn mean_mm(world: &mut World, sensor: &str) -> f64 {
 #[test]
 fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     let file = machine(OFFSET_MM, TILT_URAD);
-    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
-    let mut world = setup::world(&file).unwrap();
+    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let mut world = setup::build_world(&file).unwrap();
     let (plan, _) = plan_player::measure(&mut world, &FirstRound(method), header);
     let [.., turn, prompt] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
     let told = told_mm(prompt.text.as_deref().unwrap());
@@ -95,7 +100,7 @@ fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     let slope = [0, 1].map(|k| (told[1][k] - told[0][k]) / (high_mm - low_mm));
     let offset_mm = [0, 1].map(|k| OFFSET_MM[k] + told[0][k] - slope[k] * low_mm);
     let tilt_urad = [0, 1].map(|k| TILT_URAD[k] + slope[k] * 1e6);
-    let mut centred = setup::world(&machine(offset_mm, tilt_urad)).unwrap();
+    let mut centred = setup::build_world(&machine(offset_mm, tilt_urad)).unwrap();
     centred.travel(&turn.to, Speed::Rapid);
     assert_eq!(prompt.watch.len(), 7);
     for watched in &prompt.watch {

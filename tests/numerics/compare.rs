@@ -1,6 +1,6 @@
 //! Two runs of one simulated machine: coverage of the U of their difference.
 
-use methods::decision::difference::{common_sources, differences};
+use methods::decision::difference::{common_sources, parameter_differences};
 use methods::decision::function_difference::function_differences;
 use trued::setup::{self, MachineFile};
 
@@ -30,8 +30,9 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
     let (mut held, mut count, mut points_held, mut points) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..worlds {
         let file = machine(seed);
-        let (method, header) = setup::header(&file, "self-calibration", None).expect("settings");
-        let mut world = setup::world(&file).expect("a world");
+        let (method, header) =
+            setup::plan_header(&file, "self-calibration", None).expect("settings");
+        let mut world = setup::build_world(&file).expect("a world");
         let [first, second] = [(); 2].map(|()| {
             let (plan, readings) =
                 plan_player::measure(&mut world, method.as_ref(), header.clone());
@@ -39,15 +40,15 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
         });
         let common = common_sources(&first, &second);
         assert_eq!(common, ["stylus offset", "probe lobing", "error motions of X, Y and Z"]);
-        let found = differences(&first, &second, &common);
-        let independent = differences(&first, &second, &[]);
+        let found = parameter_differences(&first, &second, &common);
+        let independent = parameter_differences(&first, &second, &[]);
         for (one, wide) in found.iter().zip(&independent).take(4) {
             assert!(one.expanded < wide.expanded, "{}", one.symbol);
             held += f64::from(u8::from(!one.significant));
             count += 1.0;
         }
         for function in function_differences(&first, &second, 2.0) {
-            points_held += function.agreeing() as f64;
+            points_held += function.agreeing_count() as f64;
             points += function.x.len() as f64;
         }
     }

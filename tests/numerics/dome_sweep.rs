@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use planning::gcode::{Dialect, Program};
+use planning::gcode::{Dialect, ProgramHeader};
 use rayon::prelude::*;
 use testing::population::is_full;
 use toml::{Table, Value};
@@ -196,13 +196,14 @@ fn ways(text: &str) -> Vec<Way<'_>> {
 }
 
 fn program(file: &Table) -> String {
-    let (method, header) = setup::header(&parsed(file), "ball-dome", None).unwrap();
-    let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
-    let (blocks, _) = planning::staged_blocks(&plan, &stages).unwrap();
+    let (method, header) = setup::plan_header(&parsed(file), "ball-dome", None).unwrap();
+    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
+    let (blocks, _) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
     let axes: Vec<_> = plan.machine.axes.keys().copied().collect();
-    let program = Program { title: "dome", axes: &axes, log: None };
-    let dialect = Dialect::named("grbl").unwrap().with(&plan.machine, &plan.probe).unwrap();
-    dialect.program(&program, &blocks).unwrap()
+    let program = ProgramHeader { title: "dome", axes: &axes, log: None };
+    let dialect =
+        Dialect::from_name("grbl").unwrap().with_options(&plan.machine, &plan.probe).unwrap();
+    dialect.render_program(&program, &blocks).unwrap()
 }
 
 fn is_clear(text: &str, kind: Kind) {

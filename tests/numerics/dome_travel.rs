@@ -4,12 +4,14 @@
 use machine::Position;
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step};
-use planning::{Clearance, Confirmed, MachineTime, Start, end_of, step_blocks};
+use planning::{
+    BlockStart, ConfirmedDirections, MachineTime, SafeHeights, end_position, step_blocks,
+};
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use testing::population::is_full;
 
 /// Seconds from the end of each touch of a stage to each other touch, in the planned order; the first row starts at
@@ -20,20 +22,20 @@ type Ways = Vec<Vec<f64>>;
 type Tour = Vec<Vec<usize>>;
 
 /// Duration of the path to a touch, and the machine position after the touch.
-fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &Clearance) -> (f64, Position) {
-    let start = Start { stands: Some(from), confirmed: Confirmed::all() };
+fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) -> (f64, Position) {
+    let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
     let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
-    let ends = end_of(blocks.iter().flat_map(|block| &block.motions), from);
+    let ends = end_position(blocks.iter().flat_map(|block| &block.motions), from);
     // The move to the start position takes no time.
     let here = Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
     let all: Vec<Block> = std::iter::once(here).chain(blocks).collect();
-    (MachineTime::of(&all, &plan.machine).way_s, ends)
+    (MachineTime::from_blocks(&all, &plan.machine).linear_s, ends)
 }
 
 /// Durations of a stage in the planned order, with its tour. `stands`: machine position before the stage, then
 /// after it.
 fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tour) {
-    let clearance = Clearance::known(plan, stage.found.as_ref()).unwrap();
+    let clearance = SafeHeights::above_known_artefact(plan, stage.found.as_ref()).unwrap();
     let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
     let steps: Vec<&Step> = steps.collect();
     let end = |step: &&&Step| way_to(plan, &step.from, step, &clearance).1;
@@ -95,15 +97,15 @@ fn annealed_s((ways, planned): &(Ways, Tour), random: &mut impl Rng, tries: u64)
 #[test]
 fn no_long_search_finds_a_way_shorter_by_a_twentieth() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
-    let (method, header) = setup::header(&file, "ball-dome", None).unwrap();
-    let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
+    let (method, header) = setup::plan_header(&file, "ball-dome", None).unwrap();
+    let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
     assert_eq!(slow.clone().count(), 24);
     let (count, tries) = if is_full() { (24, 1_000_000) } else { (4, 50_000) };
     let mut stands = None;
     let all: Vec<_> = slow.take(count).map(|stage| ways(&plan, stage, &mut stands)).collect();
     let of_stage = |(number, stage): (usize, &(Ways, Tour))| {
-        let random = &mut stream(1, &[0x746f_7572, number as u64]);
+        let random = &mut seeded_stream(1, &[0x746f_7572, number as u64]);
         [time_s(&stage.1, &stage.0), annealed_s(stage, random, tries)]
     };
     let times: Vec<[f64; 2]> = all.par_iter().enumerate().map(of_stage).collect();

@@ -1,12 +1,12 @@
 //! Five axes and the spindle orientation over the grbl wire: the simulated control executes a block with the same
 //! result as the same moves on the world itself.
 
-use machine::kinematics::Chain;
+use machine::kinematics::KinematicChain;
 use machine::record::artefact::Artefact;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position, frame::Point};
 use nalgebra::Vector3;
-use simulator::{Speed, World};
+use simulator::{SimulatedWorld, Speed};
 use trued::setup::{self, MachineFile, Pace, RunHistory};
 
 use crate::support::proven_block::proven_block;
@@ -25,19 +25,19 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
     let Artefact::Balls(balls) = &file.artefact else { panic!("no balls") };
     let turned = Position::new().with(Axis::B, b.to_radians()).with(Axis::C, c.to_radians());
     let oriented = turned.clone().with(Axis::S, s.to_radians());
-    let chain = Chain::new(&file.machine).unwrap();
+    let chain = KinematicChain::new(&file.machine).unwrap();
     let up = chain.machine_from_table(&turned, &[]).rotation.inverse() * Vector3::z();
     let tip = Point::from_vec(Vector3::from(file.machine.tool_mm));
     let over = |off: f64| {
         let target = Vector3::from(balls.balls[ball].centre_mm) + up * off;
-        chain.linear_axes_for(Point::from_vec(target), tip, &oriented, &[]).unwrap()
+        chain.solve_linear_axes(Point::from_vec(target), tip, &oriented, &[]).unwrap()
     };
-    let height = |off: f64| over(off).only(|axis| axis == Axis::Z);
+    let height = |off: f64| over(off).filter_axes(|axis| axis == Axis::Z);
     let motions = vec![
         Motion::Rapid { to: Position::new().with(Axis::Z, 750.0) },
         Motion::Rapid { to: turned },
         Motion::Orient { s: s.to_radians() },
-        Motion::Rapid { to: over(12.0).only(|axis| axis != Axis::Z) },
+        Motion::Rapid { to: over(12.0).filter_axes(|axis| axis != Axis::Z) },
         Motion::Guarded { to: height(12.0), feed_mm_min: FEED },
         Motion::Probe { to: height(7.0), feed_mm_min: 60.0 },
         Motion::BackOff { to: height(12.0), feed_mm_min: 300.0 },
@@ -46,11 +46,11 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
 }
 
 /// Executes the moves of a block without a control.
-fn direct(world: &mut World, block: &Block) -> Position {
+fn direct(world: &mut SimulatedWorld, block: &Block) -> Position {
     let mut found = None;
     for motion in &block.motions {
         match motion {
-            Motion::Rapid { to } => assert!(!world.travel(to, Speed::Rapid).touched),
+            Motion::Rapid { to } => assert!(!world.travel(to, Speed::Rapid).has_touched),
             Motion::Orient { s } => world.orient(*s),
             Motion::Guarded { to, feed_mm_min } => {
                 assert_eq!(world.probe(to, *feed_mm_min, block.step).contact, None);
@@ -70,10 +70,10 @@ fn direct(world: &mut World, block: &Block) -> Position {
 #[test]
 fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
     let file = MachineFile::embedded_for("samba").unwrap();
-    let mut world = setup::world(&file).unwrap();
+    let mut world = setup::build_world(&file).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller.prepare().await.unwrap();
         for (step, (pose, ball)) in TOUCHES.into_iter().enumerate() {
             let block = block(&file, step as u32, pose, ball);
@@ -83,7 +83,8 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
             let found = outcome.touch.unwrap();
             for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
                 // Moves are written to 0.1 µm; contacts are reported with the resolution of Z, 1 µm.
-                let off = axis.to_edge(found.at(axis) - expected.at(axis)).abs();
+                let off =
+                    axis.to_mm_or_deg(found.get_or_zero(axis) - expected.get_or_zero(axis)).abs();
                 assert!(off <= 1.001e-3, "{axis} at {pose:?}: {off}");
             }
         }
@@ -100,7 +101,7 @@ fn the_spindle_turns_the_stylus() {
     let file = MachineFile::parse("off.toml", text).unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller.prepare().await.unwrap();
         let mut heights = Vec::new();
         for (step, s) in [0.0, 180.0].into_iter().enumerate() {
@@ -115,7 +116,7 @@ fn the_spindle_turns_the_stylus() {
             }
             let found = devices.controller.execute(proven_block(&file, &devices, &block)).await;
             let found = found.unwrap().touch.unwrap();
-            heights.push(found.at(Axis::Z));
+            heights.push(found.get_or_zero(Axis::Z));
         }
         let sphere = |off: f64| (9.35_f64.powi(2) - off * off).sqrt();
         // The set of balls is 0.3 mm off, and each ball some tenths more.

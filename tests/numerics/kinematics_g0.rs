@@ -4,9 +4,9 @@
 use std::f64::consts::PI;
 
 use estimation::random;
-use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, Topology};
-use machine::record::machine::{AxisSpec, Machine, Sense};
-use machine::{Axis, Position, frame::Point, frame::Spindle};
+use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain, Topology};
+use machine::record::machine::{AxisSense, AxisSpec, Machine};
+use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use rand::{Rng, RngExt};
 
@@ -21,7 +21,7 @@ fn machine(topology: &str, reversed: &[Axis]) -> Machine {
     let spec = |axis: Axis| -> AxisSpec {
         let mut spec: AxisSpec = serde_json::from_str(r#"{"min":-400,"max":400}"#).unwrap();
         if reversed.contains(&axis) {
-            spec.positive = Sense::Reversed;
+            spec.positive = AxisSense::Reversed;
             spec.point_mm = [12.5, -7.25, 3.0];
         }
         spec
@@ -92,7 +92,7 @@ fn pose(random: &mut impl Rng) -> Position {
     Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform(random))).collect()
 }
 
-fn tip(random: &mut impl Rng) -> Point<Spindle> {
+fn tip(random: &mut impl Rng) -> Point<SpindleFrame> {
     Point::new(5.0 * uniform(random), 5.0 * uniform(random), -150.0 + 50.0 * uniform(random))
 }
 
@@ -105,8 +105,8 @@ fn with(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<ErrorTerm> {
 /// Largest deviation of a Jacobian column from 4th-order central differences, relative to the
 /// norm of the differences, over 20 random poses.
 fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) -> f64 {
-    let chain = Chain::new(&machine(topology, reversed)).unwrap();
-    let mut random = random::stream(7, &[topology.len() as u64, set.len() as u64]);
+    let chain = KinematicChain::new(&machine(topology, reversed)).unwrap();
+    let mut random = random::seeded_stream(7, &[topology.len() as u64, set.len() as u64]);
     let mut worst: f64 = 0.0;
     for _ in 0..20 {
         let (pose, tip) = (pose(&mut random), tip(&mut random));
@@ -114,13 +114,13 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
         let columns = chain.jacobian(&pose, tip, &errors, set);
         assert_eq!(columns.len(), set.len());
         for (index, (column, parameter)) in columns.iter().zip(set).enumerate() {
-            chain.check(*parameter).unwrap();
+            chain.check_parameter(*parameter).unwrap();
             // The pose is linear in translations, so the step is long; it is curved in angles.
             let h = if parameter.component().is_linear() { 0.5 } else { 2e-3 };
             let at = |k: f64| chain.tip_in_table(&pose, tip, &with(&errors, index, k * h)).mm;
             let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
             // Table entries are exactly zero at all other angles.
-            if parameter.factor(pose.at(parameter.axis())) == 0.0 {
+            if parameter.factor(pose.get_or_zero(parameter.axis())) == 0.0 {
                 assert_eq!(column.norm(), 0.0);
             } else {
                 worst = worst.max((*column - difference).norm() / difference.norm());
@@ -202,8 +202,8 @@ fn d_c(c: f64) -> Matrix4<f64> {
 /// errors of its Table 1; also with values a thousand times the paper's, so that the order of the factors matters.
 #[test]
 fn paper_2_equation_1_is_the_workpiece_branch() {
-    let chain = Chain::new(&machine("wCBFXYZt", &[])).unwrap();
-    let mut random = random::stream(2, &[]);
+    let chain = KinematicChain::new(&machine("wCBFXYZt", &[])).unwrap();
+    let mut random = random::seeded_stream(2, &[]);
     let mut worst: f64 = 0.0;
     for round in 0..200 {
         let scale = if round % 2 == 0 { 1.0 } else { 1000.0 };
@@ -220,8 +220,10 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
             .map(|(parameter, value)| ErrorTerm { parameter, value })
             .collect();
         let pose = pose(&mut random);
-        let product = d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.at(Axis::B));
-        let product = product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.at(Axis::C));
+        let product =
+            d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.get_or_zero(Axis::B));
+        let product =
+            product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.get_or_zero(Axis::C));
         let point = Vector3::new(80.0, -60.0, 60.0);
         let expected = product.transform_point(&point.into()).coords;
         let actual = chain.machine_from_table(&pose, &errors).transform_point(&point.into()).coords;
@@ -235,7 +237,7 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
 /// machine constructed independently, each error placed as in METHODS.md section 0.
 #[test]
 fn paper_4_machine_as_plain_matrix_products() {
-    let chain = Chain::new(&machine("wCBXFZYSt", &[])).unwrap();
+    let chain = KinematicChain::new(&machine("wCBXFZYSt", &[])).unwrap();
     let values = [
         -11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6,
         21e-6,
@@ -246,10 +248,10 @@ fn paper_4_machine_as_plain_matrix_products() {
         .map(|(parameter, value)| ErrorTerm { parameter, value })
         .collect();
     let [ea0b, ec0b, ex0c, ea0c, eb0c, eb0z, ea0y, ec0y, ey0s, ex0s, exx1, eyy1, ezz1] = values;
-    let mut random = random::stream(4, &[]);
+    let mut random = random::seeded_stream(4, &[]);
     for _ in 0..100 {
         let (pose, tip) = (pose(&mut random), tip(&mut random));
-        let q = |axis: Axis| pose.at(axis);
+        let q = |axis: Axis| pose.get_or_zero(axis);
         let workpiece = d_xyz(-q(Axis::X) * (1.0 + exx1), 0.0, 0.0)
             * (d_a(ea0b) * d_c(ec0b) * d_b(-q(Axis::B)))
             * (d_xyz(ex0c, 0.0, 0.0) * d_a(ea0c) * d_b(eb0c) * d_c(-q(Axis::C)));
@@ -281,18 +283,18 @@ fn regress_inverse_of_forward_is_identity() {
         ("wCBbYXZ(C)t", &[], parameters(&["EA0Y", "EC0Y", "EX0S", "EB0C", "EB0Z"])),
         ("wAFXYZBt", &[Axis::X], parameters(&["EA0Y", "EC0Y", "EX0A", "EB0Z", "EX0B"])),
     ];
-    let mut random = random::stream(11, &[]);
+    let mut random = random::seeded_stream(11, &[]);
     let mut worst: f64 = 0.0;
     for (topology, reversed, set) in machines {
-        let chain = Chain::new(&machine(topology, reversed)).unwrap();
+        let chain = KinematicChain::new(&machine(topology, reversed)).unwrap();
         for _ in 0..50 {
             let (pose, tip) = (pose(&mut random), tip(&mut random));
             let errors = errors(&set, &mut random);
             let target = chain.tip_in_table(&pose, tip, &errors);
-            let found = chain.linear_axes_for(target, tip, &pose, &errors).unwrap();
+            let found = chain.solve_linear_axes(target, tip, &pose, &errors).unwrap();
             for (axis, value) in found.iter() {
                 assert!(axis.is_linear());
-                worst = worst.max((value - pose.at(axis)).abs());
+                worst = worst.max((value - pose.get_or_zero(axis)).abs());
             }
             assert_eq!(found.iter().count(), 3);
         }

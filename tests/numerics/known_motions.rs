@@ -4,17 +4,17 @@
 use std::f64::consts::TAU;
 
 use machine::Axis;
-use machine::record::estimate::{Estimate, Function, Parameter};
+use machine::record::estimate::{Estimate, EstimatedFunction, Parameter};
 use machine::record::plan::Plan;
 use rayon::prelude::*;
 use serde_json::{Value as Json, json};
-use simulator::World;
+use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
 use crate::machine_text::changed;
 use crate::support::plan_player;
-use estimation::monte_carlo::{Random, Shape};
+use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use testing::population::{population, ratio_bounds};
 
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
@@ -73,7 +73,7 @@ const EXACT: Prior =
     Prior { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
 
 impl Prior {
-    fn estimate(self, world: &World) -> Estimate {
+    fn estimate(self, world: &SimulatedWorld) -> Estimate {
         let mut parameters: Vec<Json> = Vec::new();
         let mut functions: Vec<Json> = Vec::new();
         for component in self.components {
@@ -115,12 +115,13 @@ impl Prior {
     }
 
     /// Cosine and sine parts of the orders from 1 on, in the unit of the estimate.
-    fn coefficients(self, world: &World, component: Axis, scale: f64) -> Vec<[f64; 2]> {
+    fn coefficients(self, world: &SimulatedWorld, component: Axis, scale: f64) -> Vec<[f64; 2]> {
         let angles: Vec<f64> = (0..SAMPLES).map(|i| TAU * i as f64 / SAMPLES as f64).collect();
         let values: Vec<f64> =
             angles.iter().map(|q| world.true_rotary_motion(Axis::C, component, *q)).collect();
         let key = [PRIOR_ERRORS, component as u64];
-        let errors = Random::of(self.seed, &key).units(2 * MAX_ORDER, &[Shape::Normal]);
+        let errors = DrawStream::from_key(self.seed, &key)
+            .unit_draws(2 * MAX_ORDER, &[DrawDistribution::Normal]);
         let part = |order: usize, of: fn(f64) -> f64, error: f64| {
             let sum: f64 = angles.iter().zip(&values).map(|(q, v)| v * of(order as f64 * q)).sum();
             self.sign * scale * sum * 2.0 / SAMPLES as f64 + self.u_um * error
@@ -132,8 +133,8 @@ impl Prior {
 
 /// Estimates in one world: without priors and with each of the priors; and the true axis, um.
 fn estimates(file: &MachineFile, priors: &[Prior]) -> (Vec<Estimate>, [f64; 2]) {
-    let (method, header) = setup::header(file, "self-calibration", None).unwrap();
-    let mut world = setup::world(file).unwrap();
+    let (method, header) = setup::plan_header(file, "self-calibration", None).unwrap();
+    let mut world = setup::build_world(file).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     let with = priors.iter().map(|prior| vec![prior.estimate(&world)]);
     let identify = |priors| method.identify(&Plan { priors, ..plan.clone() }, &readings).unwrap();
@@ -154,7 +155,8 @@ fn off(estimate: &Estimate, truth: [f64; 2]) -> f64 {
 
 /// Largest |value| of the error motions that self-calibration reports, um.
 fn largest_motion(estimate: &Estimate) -> f64 {
-    let is_motion = |f: &&Function| f.symbol.starts_with("EXC@") || f.symbol.starts_with("EYC@");
+    let is_motion =
+        |f: &&EstimatedFunction| f.symbol.starts_with("EXC@") || f.symbol.starts_with("EYC@");
     let own = estimate.functions.iter().filter(is_motion).flat_map(|f| &f.y);
     own.map(|value| value.abs()).fold(0.0, f64::max)
 }
@@ -253,8 +255,8 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
 #[test]
 fn regress_u_of_known_motions_keeps_their_correlation() {
     let file = quiet_machine(&[]);
-    let (method, header) = setup::header(&file, "self-calibration", None).unwrap();
-    let mut world = setup::world(&file).unwrap();
+    let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+    let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     let prior = EXACT.estimate(&world);
     let u_of_prior = |location: &str, correlated: [(&str, f64); 2]| {

@@ -22,8 +22,8 @@ fn machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> Mach
 }
 
 fn estimate(file: &MachineFile) -> Estimate {
-    let (method, header) = setup::header(file, METHOD, None).expect("settings");
-    let mut world = setup::world(file).expect("a world");
+    let (method, header) = setup::plan_header(file, METHOD, None).expect("settings");
+    let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     method.identify(&plan, &readings).expect("an estimate")
 }

@@ -7,18 +7,18 @@ use std::ops::RangeInclusive;
 use machine::Axis;
 use machine::record::estimate::{Estimate, Unit};
 use machine::record::plan::Plan;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use methods::IdentifyError;
 use rand::RngExt;
 use rayon::prelude::*;
-use simulator::World;
+use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
 use crate::machine_text::set;
 use crate::support::plan_player;
-use estimation::monte_carlo::{Random, Shape};
-use estimation::random::stream;
+use estimation::monte_carlo::{DrawDistribution, DrawStream};
+use estimation::random::seeded_stream;
 use testing::population::{coverage_population, is_full, population, ratio_bounds};
 
 /// Key of the random stream that selects the missing samples.
@@ -52,8 +52,8 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
 /// The same machine with its true errors: angles, gains and positions of its sensors deviate by the declared sizes.
 fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
     let mut table: Table = file.text().parse().unwrap();
-    let mut random = Random::of(seed, &[0x7365_6e73]);
-    let drawn = random.units(2 + 2 * SENSORS, &[Shape::Normal]);
+    let mut random = DrawStream::from_key(seed, &[0x7365_6e73]);
+    let drawn = random.unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
     let sensors = table["sensor"].as_array_mut().unwrap();
     let mut truths = Vec::new();
     for (sensor, drawn_of) in sensors.iter_mut().zip(drawn[2..].chunks(2)) {
@@ -90,8 +90,8 @@ struct Played {
 }
 
 fn played(file: MachineFile, seed: u64) -> Played {
-    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
-    let mut world = setup::world(&true_machine(&file, seed)).unwrap();
+    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let mut world = setup::build_world(&true_machine(&file, seed)).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     Played { file, plan, method, readings }
 }
@@ -103,7 +103,7 @@ impl Played {
 
     /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, without the co-rotating first
     /// order of (X, Y) and (A, B), and without the harmonics `lost`.
-    fn truth(&self, world: &World, symbol: &str, lost: &[f64]) -> Vec<f64> {
+    fn truth(&self, world: &SimulatedWorld, symbol: &str, lost: &[f64]) -> Vec<f64> {
         let component: Axis = symbol[1..2].parse().unwrap();
         let motion = |of: Axis| {
             angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>()
@@ -159,7 +159,7 @@ const MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
 /// For each of the five curves: share of the points whose U contains the true value, and mean of (error/u)². With
 /// one axial sensor the multiples of the indexes in EZC are lost: they are named, and not contained in its curve.
 fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
-    let world = setup::world(&played.file).unwrap();
+    let world = setup::build_world(&played.file).unwrap();
     let mut all = Vec::new();
     for curve in estimate.functions.iter().filter(|f| MOTIONS.contains(&f.symbol.as_str())) {
         let is_angular = curve.symbol.starts_with("EA") || curve.symbol.starts_with("EB");
@@ -204,10 +204,10 @@ fn covers(
     let changes = if is_full() { changes.to_vec() } else { [&small()[..], changes].concat() };
     let one = |seed: u64| {
         let mut played = played(machine(seed, &changes), seed);
-        let mut random = stream(seed, &[MISSING]);
+        let mut random = seeded_stream(seed, &[MISSING]);
         for reading in &mut played.readings {
             if random.random::<f64>() < missing {
-                (reading.value_mm, reading.flag) = (None, Flag::Range);
+                (reading.value_mm, reading.flag) = (None, ReadingFlag::Range);
             }
         }
         let estimate = played.estimate().map_err(|error| format!("seed {seed}: {error}"))?;
@@ -246,7 +246,8 @@ fn gains_and_angles_are_found_from_the_turns() {
     for seed in 0..8 {
         let played = played(machine(seed, &small()), seed);
         let estimate = played.estimate().unwrap();
-        let drawn = Random::of(seed, &[0x7365_6e73]).units(2 + 2 * SENSORS, &[Shape::Normal]);
+        let drawn = DrawStream::from_key(seed, &[0x7365_6e73])
+            .unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
         for (quantity, place, declared) in
             [("gain", 1, 1e3), ("angle", 0, 0.1_f64.to_radians() * 1e6)]
         {
@@ -342,11 +343,15 @@ fn a_wrong_index_is_named_and_left_out() {
     let fault = table("mounting = 3\noff_deg = 12.0");
     let found = faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
     let named = |line: &String| {
-        line.contains("left out: the artefact was mounted 1") && line.contains("at mounting 4;")
+        line.contains("not used: the artefact was mounted 1") && line.contains("at mounting 4;")
     };
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
     let right = faulty(&[]).unwrap();
-    assert!(!right.warnings.iter().any(|line| line.contains("left out")), "{:#?}", right.warnings);
+    assert!(
+        !right.warnings.iter().any(|line| line.contains("not used: the artefact")),
+        "{:#?}",
+        right.warnings
+    );
 }
 
 /// Clockwise seen from the tip, by 72° each time: from the planned angle by −144°, −288° and so on.
@@ -356,7 +361,7 @@ fn mountings_the_other_way_round_are_named() {
     let faults = Value::Array((1..5).map(fault).collect());
     let changes = [("simulated.stage.faults", faults)];
     let why = why(&played(machine(1, &[&small()[..], &changes].concat()), 1));
-    assert!(why.contains("turned the other way"), "{why}");
+    assert!(why.contains("turned in the opposite direction"), "{why}");
 }
 
 #[test]
@@ -376,9 +381,9 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
         let turns = played.plan.steps.iter().filter(|step| step.label.starts_with("index/"));
         let turns: Vec<u32> = turns.map(|step| step.id).collect();
         for reading in &mut played.readings {
-            let is_at_end = reading.position.at(Axis::C).to_degrees() < 50.0;
+            let is_at_end = reading.position.get_or_zero(Axis::C).to_degrees() < 50.0;
             if turns.contains(&reading.step) && reading.sensor == "x1" && is_at_end {
-                (reading.value_mm, reading.flag) = (None, Flag::Range);
+                (reading.value_mm, reading.flag) = (None, ReadingFlag::Range);
             }
         }
         let estimate = played.estimate().unwrap();
@@ -399,7 +404,7 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
 fn a_round_artefact_does_not_confirm_the_mountings() {
     let round = [("simulated.datum_cylinder.form_um", Value::Float(0.0))];
     let found = faulty(&round).unwrap();
-    assert!(found.warnings.iter().any(|l| l.contains("not confirmed")), "{:#?}", found.warnings);
+    assert!(found.warnings.iter().any(|l| l.contains("not verifiable")), "{:#?}", found.warnings);
 }
 
 #[test]
@@ -410,8 +415,8 @@ fn a_saturated_channel_is_named_where_it_is() {
     let mut truth: Table = true_machine(&played.file, 1).text().parse().unwrap();
     set(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
-    let mut world = setup::world(&truth).unwrap();
-    let (_, header) = setup::header(&played.file, "multiprobe", None).unwrap();
+    let mut world = setup::build_world(&truth).unwrap();
+    let (_, header) = setup::plan_header(&played.file, "multiprobe", None).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, played.method.as_ref(), header);
     (played.plan, played.readings) = (plan, readings);
     let flat = |reading: &&Reading| reading.sensor == "x1" && reading.value_mm == Some(-0.0085);
@@ -457,18 +462,19 @@ fn a_fast_clock_is_named() {
 #[test]
 fn what_a_layout_loses_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
-        let (method, header) = setup::header(&machine(1, changes), "multiprobe", None).unwrap();
-        let refused = methods::nominal(method.as_ref(), header).unwrap_err();
-        format!("{} -> {}", refused.why, refused.instead)
+        let (method, header) =
+            setup::plan_header(&machine(1, changes), "multiprobe", None).unwrap();
+        let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
+        format!("{} -> {}", refused.reason, refused.remedy)
     };
     let only = |names: &[&str]| -> Value { names.to_vec().into() };
     let of = |key: &'static str, value: Value| [(key, value)];
     let cases: Vec<(Vec<(&str, Value)>, &str)> = vec![
         (of("method.multiprobe.sensors", only(&["x1", "y1"])).to_vec(), "index the artefact in"),
-        (of("method.multiprobe.indexes", Value::Integer(0)).to_vec(), "must be 1 or more"),
+        (of("method.multiprobe.indexes", Value::Integer(0)).to_vec(), "outside their limits"),
         (of("method.multiprobe.revolutions", Value::Integer(3)).to_vec(), "choose revolutions = 2"),
         (of("method.multiprobe.positions", Value::Integer(36)).to_vec(), "choose positions = 90"),
-        (of("method.multiprobe.at", Value::Table(Table::new())).to_vec(), "does not name X"),
+        (of("method.multiprobe.at", Value::Table(Table::new())).to_vec(), "does not contain X"),
         (of("method.multiprobe.sensors", only(&["x1", "y1", "z1"])).to_vec(), "two sections"),
     ];
     for (changes, expected) in cases {
@@ -481,9 +487,12 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
     second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
     second.insert("direction".to_owned(), vec![1.0, 0.0, 0.0].into());
     let file = MachineFile::parse("opposed.toml", toml::to_string(&file).unwrap()).unwrap();
-    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
-    let refused = methods::nominal(method.as_ref(), header).unwrap_err();
-    assert!(refused.why.contains("opposed") && refused.instead.contains("move y1"), "{refused:?}");
+    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
+    let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
+    assert!(
+        refused.reason.contains("opposed") && refused.remedy.contains("move y1"),
+        "{refused:?}"
+    );
 }
 
 /// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
@@ -493,7 +502,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
         sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
     }
     let file = MachineFile::parse("curved.toml", toml::to_string(&table).unwrap()).unwrap();
-    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
+    let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
     let mut truth: Table = true_machine(&file, seed).text().parse().unwrap();
     if !is_curved {
         for sensor in truth["simulated"]["sensor"].as_array_mut().unwrap() {
@@ -503,7 +512,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
     }
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let (plan, readings) =
-        plan_player::measure(&mut setup::world(&truth).unwrap(), method.as_ref(), header);
+        plan_player::measure(&mut setup::build_world(&truth).unwrap(), method.as_ref(), header);
     method.identify(&plan, &readings).unwrap()
 }
 

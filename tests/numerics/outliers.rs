@@ -5,14 +5,14 @@ use rayon::prelude::*;
 use toml::Value;
 use trued::setup::{self, MachineFile};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::{Estimate, Outlier, Verdict};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
-use methods::{Method, Next, Source};
+use methods::{Method, NextStage, PositionSource};
 use rand::RngExt;
-use simulator::World;
+use simulator::SimulatedWorld;
 use testing::population::{count_bound, is_full, population};
 
 use crate::ball_plate;
@@ -63,8 +63,8 @@ pub fn measured(method: &str, seed: u64) -> Measured {
 impl Case {
     fn measured(&self, seed: u64) -> Measured {
         let file = (self.file)(seed);
-        let (method, header) = setup::header(&file, self.method, None).unwrap();
-        let mut world = setup::world(&file).unwrap();
+        let (method, header) = setup::plan_header(&file, self.method, None).unwrap();
+        let mut world = setup::build_world(&file).unwrap();
         let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
         let (plan, readings) = played.unwrap();
         Measured { method, plan, readings }
@@ -93,7 +93,7 @@ impl Measured {
             }
             let Some(scan) = &step.scan else { continue };
             let distance = |at: &machine::Position| -> f64 {
-                at.iter().map(|(axis, at)| (reading.position.at(axis) - at).powi(2)).sum()
+                at.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
             };
             let nearest = (0..scan.path.len())
                 .min_by(|a, b| distance(&scan.path[*a]).total_cmp(&distance(&scan.path[*b])));
@@ -111,12 +111,12 @@ fn regress_an_early_interruption_does_not_refuse_the_repeated_touches() {
     let text = include_str!("../../config/simulated.toml");
     let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
     let file = built_in("self-calibration", &format!("{text}{settings}"), 1);
-    let (method, header) = setup::header(&file, "self-calibration", None).unwrap();
-    let (mut plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
+    let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+    let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
         plan.gaps_s = vec![gap_s];
-        let next = method.next(&plan, &stages[..2], Source::Nominal);
-        let Ok(Next::Stage { stage, .. }) = next else { panic!("{gap_s} s: {next:?}") };
+        let next = method.next_stage(&plan, &stages[..2], PositionSource::Nominal);
+        let Ok(NextStage::Stage { stage, .. }) = next else { panic!("{gap_s} s: {next:?}") };
         assert_eq!(stage.steps, stages[2].steps, "{gap_s} s");
     }
 }
@@ -159,7 +159,7 @@ fn a_measurement_that_is_off_is_named() {
         let is_named = |seed: u64| {
             let mut measured = case.measured(seed);
             let sound = measured.estimate();
-            let random = &mut stream(seed, &[0x6f66_6600]);
+            let random = &mut seeded_stream(seed, &[0x6f66_6600]);
             let checked: Vec<_> =
                 sound.smallest_found.iter().filter(|one| one.deviation_um.is_some()).collect();
             let one = checked[random.random_range(0..checked.len())];
@@ -201,11 +201,11 @@ fn a_sound_machine_is_not_flagged() {
 
 /// A chip that is gone when the touch is repeated: 20 um, at one touch, or at all touches of one measurement of a
 /// ball.
-fn chip_once(world: &mut World, step: &Step, repeat: u32) -> Reading {
+fn chip_once(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     if repeat == 0 { chip(world, step, repeat) } else { touch_alone(world, step, repeat) }
 }
 
-fn chip(world: &mut World, step: &Step, repeat: u32) -> Reading {
+fn chip(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     let mut reading = touch_alone(world, step, repeat);
     let is_off = ["1c/C090", "slow/007/", "slow/sphere/S90/+45^0/2"];
     if is_off.iter().any(|label| step.label.starts_with(label)) {
@@ -220,10 +220,10 @@ fn chip(world: &mut World, step: &Step, repeat: u32) -> Reading {
 fn played(
     method: &str,
     file: &MachineFile,
-    play: fn(&mut World, &Step, u32) -> Reading,
-) -> (Estimate, Vec<Reading>, World) {
-    let (method, header) = setup::header(file, method, None).unwrap();
-    let mut world = setup::world(file).unwrap();
+    play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
+) -> (Estimate, Vec<Reading>, SimulatedWorld) {
+    let (method, header) = setup::plan_header(file, method, None).unwrap();
+    let mut world = setup::build_world(file).unwrap();
     let (plan, readings) =
         plan_player::try_measure(&mut world, method.as_ref(), header, play).unwrap();
     (method.identify(&plan, &readings).unwrap(), readings, world)
@@ -249,13 +249,13 @@ fn what_is_off_is_measured_again_and_listed() {
         let resolved = |outlier: &Outlier| outlier.resolution.as_ref().unwrap().contains("counts");
         assert!(!estimate.outliers.is_empty() && estimate.outliers.iter().all(resolved));
         assert!(readings.len() > all.len() && readings.len() < all.len() + 30, "{method}");
-        let told = estimate.warnings.iter().any(|line| line.contains("was off"));
+        let told = estimate.warnings.iter().any(|line| line.contains("an outlier was found"));
         assert!(told, "{method}: {:?}", estimate.warnings);
         // At most two repetitions.
         let (estimate, readings, _) = played(method, &file, chip);
         assert_eq!(estimate.verdict, Verdict::UndecidedModel, "{method}");
         let still = |outlier: &Outlier| {
-            outlier.resolution.as_deref() == Some("measured again: it is off still")
+            outlier.resolution.as_deref() == Some("measured again: still an outlier")
         };
         assert!(estimate.outliers.iter().any(still), "{method}: {:?}", estimate.outliers);
         assert!(readings.iter().all(|reading| reading.repeat < 510), "{method}");

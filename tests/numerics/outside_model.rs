@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use toml::Value;
 use trued::setup::{self, MachineFile};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::{Plan, Step};
@@ -53,13 +53,13 @@ impl Case<'_> {
     fn measured(&self, seed: u64) -> (MachineFile, Plan, Vec<Reading>, [f64; 2]) {
         let world = machine(seed, &[self.common, self.world]);
         let file = machine(seed, &[self.common, self.declared]);
-        let (method, header) = setup::header(&file, "self-calibration", None).unwrap();
-        let mut world = setup::world(&world).unwrap();
+        let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
+        let mut world = setup::build_world(&world).unwrap();
         let (plan, mut readings) = plan_player::measure(&mut world, method.as_ref(), header);
         for reading in &mut readings {
             let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
             // The same random numbers for each touch of a world.
-            let random = &mut stream(seed, &[0x6f75_7473]);
+            let random = &mut seeded_stream(seed, &[0x6f75_7473]);
             let off = (self.deviation)(step, reading, &mut || random.random());
             let displayed = reading.position.xyz() - Vector3::from(step.normal) * off;
             for (axis, value) in Axis::LINEAR.into_iter().zip(displayed.iter()) {
@@ -72,7 +72,7 @@ impl Case<'_> {
 
     fn estimate(&self, seed: u64) -> (Estimate, [f64; 2]) {
         let (file, plan, readings, location_um) = self.measured(seed);
-        let (method, _) = setup::header(&file, "self-calibration", None).unwrap();
+        let (method, _) = setup::plan_header(&file, "self-calibration", None).unwrap();
         (method.identify(&plan, &readings).unwrap(), location_um)
     }
 
@@ -132,7 +132,7 @@ fn a_bowed_z_axis_is_in_the_budget_of_the_tilt() {
     let bow = |step: &Step, reading: &Reading, random: &mut dyn FnMut() -> f64| {
         let (direction, top) = (std::f64::consts::TAU * random(), 100.0 * (random() - 0.5));
         // Height of the stylus ball, which is 120 mm below the spindle datum.
-        let height = reading.position.at(Axis::Z) - 120.0 - HEIGHT_MM;
+        let height = reading.position.get_or_zero(Axis::Z) - 120.0 - HEIGHT_MM;
         let bow = |height: f64| BOW_MM * ((height - top) / 100.0).powi(2);
         // The location refers to the mean height.
         let sideways = bow(height) - bow(0.0);
@@ -286,13 +286,13 @@ fn a_touch_that_is_off_is_named() {
     for size_mm in [stated_mm, 0.02] {
         let is_named = |seed: u64| {
             let (file, plan, mut readings, _) = case.measured(seed);
-            let (method, _) = setup::header(&file, "self-calibration", None).unwrap();
+            let (method, _) = setup::plan_header(&file, "self-calibration", None).unwrap();
             // The first five touches locate the part; those on its top are not used in the identification.
             let step_of =
                 |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
             let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;
             let mut radial: Vec<_> = readings.iter_mut().skip(5).filter(is_radial).collect();
-            let number = stream(seed, &[0x6368_6970]).random_range(0..radial.len());
+            let number = seeded_stream(seed, &[0x6368_6970]).random_range(0..radial.len());
             let off = &mut radial[number];
             let step = step_of(off);
             let displayed = off.position.xyz() + Vector3::from(step.normal) * size_mm;

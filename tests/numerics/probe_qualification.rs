@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::Plan;
@@ -55,14 +55,14 @@ fn measured(
     world: &MachineFile,
     deviation: Deviation<'_>,
 ) -> (Plan, Vec<Reading>) {
-    let (method, header) = setup::header(file, method, None).unwrap();
-    let mut world = setup::world(world).unwrap();
+    let (method, header) = setup::plan_header(file, method, None).unwrap();
+    let mut world = setup::build_world(world).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
     let (plan, mut readings) = played.unwrap();
     for reading in &mut readings {
         let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
         let normal = Vector3::from(step.normal);
-        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), step.from.at(Axis::S));
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), step.from.get_or_zero(Axis::S));
         let displayed = reading.position.xyz() + turn * deviation(turn.inverse() * normal, normal);
         for (axis, value) in Axis::LINEAR.into_iter().zip(displayed.iter()) {
             let step = file.machine.axes[&axis].resolution_um * 1e-3;
@@ -74,7 +74,7 @@ fn measured(
 }
 
 fn identified(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
-    let (method, _) = setup::header(file, &plan.method, None).unwrap();
+    let (method, _) = setup::plan_header(file, &plan.method, None).unwrap();
     method.check_priors(plan).unwrap();
     method.identify(plan, readings).unwrap()
 }
@@ -92,7 +92,7 @@ fn lobes(terms: &[(f64, [f64; 2])], n: Vector3<f64>) -> f64 {
 
 /// Standard normal deviates of a world (Box and Muller).
 fn normals(seed: u64) -> impl FnMut() -> f64 {
-    let mut random = stream(seed, &[0x7175_616c]);
+    let mut random = seeded_stream(seed, &[0x7175_616c]);
     move || {
         let (radius, angle): (f64, f64) = (random.random(), random.random());
         (-2.0 * (1.0 - radius).ln()).sqrt() * (TAU * angle).cos()
@@ -246,12 +246,12 @@ fn lobes_that_the_map_does_not_have_contradict_it() {
     assert_eq!(estimate.verdict, Verdict::None);
     assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
     // A later run rejects an estimate with a misfit.
-    let (method, mut plan) = setup::header(&file, "samba", None).unwrap();
+    let (method, mut plan) = setup::plan_header(&file, "samba", None).unwrap();
     let contradicted = Estimate { verdict: Verdict::UndecidedModel, ..estimate.clone() };
     plan.priors = vec![contradicted];
-    assert!(method.check_priors(&plan).unwrap_err().why.contains("contradict its model"));
+    assert!(method.check_priors(&plan).unwrap_err().reason.contains("contradict its model"));
     plan.priors = vec![estimate.clone(), estimate];
-    assert!(method.check_priors(&plan).unwrap_err().why.contains("two qualifications"));
+    assert!(method.check_priors(&plan).unwrap_err().reason.contains("two qualifications"));
 }
 
 #[test]
@@ -264,10 +264,10 @@ fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
     let estimate = identified(&file, &plan, &readings);
     assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
     let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
-    assert!(says("map at order 3, 4, 5, 6: inseparable from the form of the ball, of which no"));
-    let (method, mut plan) = setup::header(&file, "samba", None).unwrap();
+    assert!(says("map at order 3, 4, 5, 6: inseparable from the form of the ball, because no"));
+    let (method, mut plan) = setup::plan_header(&file, "samba", None).unwrap();
     plan.priors = vec![estimate];
-    assert!(method.check_priors(&plan).unwrap_err().instead.contains("form_um"));
+    assert!(method.check_priors(&plan).unwrap_err().remedy.contains("form_um"));
 }
 
 /// A ball that has moved meanwhile has another centre, but the map of the probe is the same.

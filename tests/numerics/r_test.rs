@@ -6,10 +6,10 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::Method;
-use methods::decision::difference::differences;
+use methods::decision::difference::parameter_differences;
 use methods::decision::function_difference::function_differences;
 use nalgebra::{Matrix2, Vector2};
-use simulator::World;
+use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup;
 
@@ -39,13 +39,13 @@ struct Played {
     method: Box<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
-    world: World,
+    world: SimulatedWorld,
 }
 
 fn played(table: &Table, method: &str) -> Played {
     let file = parsed(table);
-    let (method, header) = setup::header(&file, method, None).unwrap();
-    let mut world = setup::world(&file).unwrap();
+    let (method, header) = setup::plan_header(&file, method, None).unwrap();
+    let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     Played { method, plan, readings, world }
 }
@@ -130,7 +130,7 @@ fn self_calibration_agrees() {
         set(&mut other, &format!("simulated.{key}"), r_test["simulated"][key].clone());
     }
     let (second, _) = measured(&other, "self-calibration");
-    let parameters = differences(&first, &second, &[]);
+    let parameters = parameter_differences(&first, &second, &[]);
     let functions = function_differences(&first, &second, 2.0);
     let symbols: Vec<&str> = functions.iter().map(|function| function.symbol.as_str()).collect();
     assert_eq!(symbols, ["EXC_total", "EYC_total", "EXC", "EYC"]);
@@ -156,11 +156,11 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     };
     declare(&mut sensors[0], zero_b, b);
     declare(&mut sensors[1], zero_a, a);
-    let (method, header) = setup::header(&parsed(&table), "r-test", None).unwrap();
-    let mut world = setup::world(&truth).unwrap();
+    let (method, header) = setup::plan_header(&parsed(&table), "r-test", None).unwrap();
+    let mut world = setup::build_world(&truth).unwrap();
     let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play)
         .unwrap_err();
-    assert!(refused.why.contains("this is the direction of b"), "{refused:?}");
+    assert!(refused.reason.contains("along the direction of b"), "{refused:?}");
 }
 
 #[test]

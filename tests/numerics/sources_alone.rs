@@ -151,9 +151,9 @@ impl Case {
     /// For each parameter with these lines: observed over stated scatter. The sources are declared in either world.
     fn ratios(&self, sources: &[Source], worlds: u64) -> Vec<(String, f64)> {
         let declared = self.file(0, sources, true);
-        let (method, header) = setup::header(&declared, self.method, None).unwrap();
+        let (method, header) = setup::plan_header(&declared, self.method, None).unwrap();
         let estimate = |seed: u64, is_on: bool| {
-            let mut world = setup::world(&self.file(seed, sources, is_on)).unwrap();
+            let mut world = setup::build_world(&self.file(seed, sources, is_on)).unwrap();
             let header = header.clone();
             let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
             let (plan, readings) = played.unwrap();

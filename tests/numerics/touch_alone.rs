@@ -2,13 +2,13 @@
 
 use machine::record::plan::Step;
 use machine::record::reading::Reading;
-use simulator::{Speed, World};
+use simulator::{SimulatedWorld, Speed};
 
 use crate::support::plan_player::touch;
 
-pub fn touch_alone(world: &mut World, step: &Step, repeat: u32) -> Reading {
-    world.without_probe(true);
+pub fn touch_alone(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+    world.set_probe_removed(true);
     world.travel(&step.from, Speed::Rapid);
-    world.without_probe(false);
+    world.set_probe_removed(false);
     touch(world, step, repeat)
 }

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rayon::prelude::*;
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::Verdict;
 use machine::record::reading::Reading;
@@ -19,8 +19,8 @@ type Deviation = fn(&Measured, &Reading, u64) -> Vector3<f64>;
 /// X is bowed in Z by 2 um over 400 mm, and B has a position error of 10 urad.
 fn bow_and_position_of_b(_: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
     let at = &reading.position;
-    let bow = 2e-3 * (1.0 - (at.at(Axis::X) / 200.0).powi(2));
-    let turned = 10e-6 * (2.0 * at.at(Axis::B)).sin();
+    let bow = 2e-3 * (1.0 - (at.get_or_zero(Axis::X) / 200.0).powi(2));
+    let turned = 10e-6 * (2.0 * at.get_or_zero(Axis::B)).sin();
     // About B, whose axis passes through the machine's zero.
     let xyz = at.xyz();
     Vector3::new(turned * xyz.z, 0.0, bow - turned * xyz.x)
@@ -28,7 +28,7 @@ fn bow_and_position_of_b(_: &Measured, reading: &Reading, _: u64) -> Vector3<f64
 
 /// Each axis stops up to 3 um from its reported position, with a new error at each step.
 fn stick_slip(_: &Measured, reading: &Reading, seed: u64) -> Vector3<f64> {
-    let random = &mut stream(seed, &[0x736c_6970, u64::from(reading.step)]);
+    let random = &mut seeded_stream(seed, &[0x736c_6970, u64::from(reading.step)]);
     let mut stop = || random.random_range(-3e-3..3e-3);
     Vector3::new(stop(), stop(), stop())
 }
@@ -58,7 +58,7 @@ fn is_flagged(method: &str, deviation: Deviation, likely: &[&str]) {
             }
         }
         let estimate = measured.estimate();
-        let named = estimate.warnings.iter().find_map(|line| line.split_once("likely first, by: "));
+        let named = estimate.warnings.iter().find_map(|line| line.split_once("likely first: "));
         let is_named = |source: &&str| named.is_some_and(|(_, rest)| rest.starts_with(*source));
         let is_named = likely.is_empty() || likely.iter().any(is_named);
         if !is_named {

@@ -4,8 +4,8 @@ use nalgebra::{Matrix4, Vector4};
 
 use machine::Axis;
 use machine::record::estimate::Estimate;
-use machine::record::plan::{REPEAT_AFTER_STOP, Step, StepKind};
-use methods::{Next, Source};
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Step, StepKind};
+use methods::{NextStage, PositionSource};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
@@ -33,8 +33,8 @@ fn machine(changes: &[(&str, &str)]) -> MachineFile {
 
 /// Estimate and truth (um, um, um/m, urad) of one world.
 fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
-    let (method, header) = setup::header(file, "self-calibration", None).expect("settings");
-    let mut world = setup::world(file).expect("a world");
+    let (method, header) = setup::plan_header(file, "self-calibration", None).expect("settings");
+    let mut world = setup::build_world(file).expect("a world");
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     let estimate = method.identify(&plan, &readings).expect("an estimate");
     let cycle: Vec<f64> = readings.iter().skip(5).map(|reading| reading.t_s).collect();
@@ -178,13 +178,16 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
         moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine(&moved)
     });
-    let (method, mut plan) = setup::header(&before, "self-calibration", None).expect("settings");
-    let mut world = setup::world(&before).expect("a world");
+    let (method, mut plan) =
+        setup::plan_header(&before, "self-calibration", None).expect("settings");
+    let mut world = setup::build_world(&before).expect("a world");
     let mut readings = Vec::new();
     let mut done = Vec::new();
     for (pass, count) in [5, kept].into_iter().enumerate() {
-        let next = method.next(&plan, &done, Source::Measured(&readings)).expect("well-posed");
-        let Next::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
+        let next = method
+            .next_stage(&plan, &done, PositionSource::Measured(&readings))
+            .expect("well-posed");
+        let NextStage::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
         let played = new_steps.iter().take(count);
         readings.extend(played.map(|step| plan_player::play(&mut world, step, 0)));
         plan.steps.extend(new_steps);
@@ -192,15 +195,15 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
     }
     let last = world.time_s();
     plan.gaps_s = vec![readings[readings.len() - 1].t_s];
-    let mut later = setup::world(&after).expect("a world");
-    later.pass(last + GAP_S, readings.iter().map(|reading| reading.step));
+    let mut later = setup::build_world(&after).expect("a world");
+    later.advance(last + GAP_S, readings.iter().map(|reading| reading.step));
     let cycle = plan.steps[5..].to_vec();
     let newest = |place: &str| -> &Step {
         let here = |step: &&Step| step.kind == StepKind::Reference && step.label.ends_with(place);
         cycle[..kept].iter().rev().find(here).expect("a reference")
     };
     for place in ["P000", "P090", "P180"] {
-        readings.push(plan_player::play(&mut later, newest(place), REPEAT_AFTER_STOP));
+        readings.push(plan_player::play(&mut later, newest(place), FIRST_REPEAT_AFTER_STOP));
     }
     readings.extend(cycle[kept..].iter().map(|step| plan_player::play(&mut later, step, 0)));
     let estimate = method.identify(&plan, &readings).expect("an estimate");

@@ -71,7 +71,7 @@ fn regress_a_missing_port_says_so() {
 }
 
 fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
-    for (answer, named) in [(None, "no answer"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "speed")] {
+    for (answer, named) in [(None, "no reply"), (Some(b"\xff\xfe\x80\x91\xc3\x28"), "baud rate")] {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
         let server = std::thread::spawn(move || {
@@ -127,17 +127,17 @@ fn regress_settings_that_cannot_work_are_refused_before_motion() {
     for (setting, named) in [
         ("standoff_mm = 0.0", "greater than 0"),
         ("search_mm = -1.0", "greater than 0"),
-        ("locate = false", "it may be 2 mm away"),
+        ("locate = false", "uncertainty_mm = 2"),
         ("heights_mm = [150.0]", "off the flank"),
         ("heights_mm = [2.0]", "off the flank"),
-        ("heights_mm = [20.0, 20.1]", "nearly the same"),
-        ("repeats = 0", "at least 1"),
-        ("drift_order = 100000", "at most 3"),
-        ("positions = 5\nreferences = false\ndrift_order = 3", "cannot tell its unknowns apart"),
-        ("probe_angles_deg = [0, 45, 45]", "stands twice"),
-        ("monte_carlo_trials = 1", "no scatter"),
+        ("heights_mm = [20.0, 20.1]", "differ by less than 1 mm"),
+        ("repeats = 0", "1 to 100"),
+        ("drift_order = 100000", "drift_order 0 to 3"),
+        ("positions = 5\nreferences = false\ndrift_order = 3", "does not separate the unknowns"),
+        ("probe_angles_deg = [0, 45, 45]", "contains an angle twice"),
+        ("monte_carlo_trials = 1", "too few to compute a scatter"),
         ("positions = 4", "choose positions = 8"),
-        ("probe_angles_deg = [0, 50]", "no multiple"),
+        ("probe_angles_deg = [0, 50]", "not a multiple"),
     ] {
         let (code, said) = refused(&format!("{MACHINE}\n[method.self-calibration]\n{setting}\n"));
         assert_eq!(code, Some(1), "{setting}: {said}");

@@ -192,8 +192,8 @@ fn regress_bad_readings_are_refused_by_name() {
     let good = readings(&plan);
     let line = |n: usize| good.lines().nth(n).unwrap().to_owned();
     let cases = [
-        ("a missing step", good.replace(&format!("{}\n", line(20)), ""), "lack step 17"),
-        ("a duplicate", format!("{good}{}\n", line(20)), "stands already in line 21"),
+        ("a missing step", good.replace(&format!("{}\n", line(20)), ""), "step 17 ("),
+        ("a duplicate", format!("{good}{}\n", line(20)), "occurs already in line 21"),
         ("NaN", good.replacen(",20.5", ",NaN", 1), "line 4"),
         ("a truncated line", good[..good.len() - 30].to_owned(), "line"),
         ("an unknown column", good.replacen("x_mm", "x_mmm", 1), "x_mm"),

@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use devices::controllers::grbl::{Grbl, Patience};
+use devices::controllers::grbl::{Grbl, GrblTimeouts};
 use devices::controllers::{Controller, ControllerError, Halt};
 use link::Address;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
-use planning::gcode::{Dialect, Program, Transmission};
+use planning::gcode::{Dialect, ProgramHeader, Transmission};
 use planning::proof::for_tests;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use trued::setup;
@@ -32,7 +32,7 @@ enum Seen {
 fn peer(tell: Sender<Seen>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let mut pty = link::pty().unwrap();
+        let mut pty = link::create_pty().unwrap();
         tell.send(Seen::Path(pty.path.clone())).unwrap();
         let (mut line, mut state) = (String::new(), "Idle");
         loop {
@@ -86,26 +86,26 @@ fn block(motions: usize) -> Block {
 /// Renders a long stage as text, as a run does before it moves: some 50 ms.
 fn render(dialect: &Dialect) {
     let blocks = [(); 10].map(|()| block(500));
-    let program = Program { title: "busy", axes: &[Axis::X, Axis::C], log: None };
-    let text = dialect.program(&program, &blocks).unwrap();
-    dialect.proves(&text, &blocks).unwrap();
+    let program = ProgramHeader { title: "busy", axes: &[Axis::X, Axis::C], log: None };
+    let text = dialect.render_program(&program, &blocks).unwrap();
+    dialect.check_program(&text, &blocks).unwrap();
 }
 
-fn patience() -> Patience {
+fn patience() -> GrblTimeouts {
     let ms = Duration::from_millis;
-    Patience { answer: ms(10_000), poll: ms(5), aftermath: ms(50), stall: ms(60_000) }
+    GrblTimeouts { reply: ms(10_000), poll_interval: ms(5), after_alarm: ms(50), stall: ms(60_000) }
 }
 
 /// The runtime of the run: the driver works on it, and in between it renders continuously.
 fn drive(path: String, give: Sender<Halt>) {
-    let file = setup::load(None, "self-calibration").unwrap();
+    let file = setup::load_machine_file(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let link = link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap();
-        let dialect = Dialect::named("grbl").unwrap();
-        let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+        let link = link::open_line_link(&Address::Serial { path, baud: 115_200 }).await.unwrap();
+        let dialect = Dialect::from_name("grbl").unwrap();
+        let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
         let (driver, halt) = Grbl::new(link, &file.machine, modes);
-        let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
+        let controller = Controller::spawn(driver.with_timeouts(patience()), halt.clone());
         controller.prepare().await.unwrap();
         let ended = Arc::new(AtomicBool::new(false));
         let end = ended.clone();
@@ -139,7 +139,7 @@ fn halt_once(wait: Duration) -> Duration {
     assert!(matches!(seen.recv(), Ok(Seen::Polled)), "the driver asks for the status");
     std::thread::sleep(wait);
     let asked = Instant::now();
-    halt.now();
+    halt.trigger();
     let arrived = seen.iter().find_map(|seen| match seen {
         Seen::Halted(at) => Some(at),
         _ => None,
@@ -152,7 +152,7 @@ fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
     let busy = Arc::new(AtomicBool::new(true));
     let rendering = busy.clone();
     let renderer = std::thread::spawn(move || {
-        let dialect = Dialect::named("grbl").unwrap();
+        let dialect = Dialect::from_name("grbl").unwrap();
         let (begun, mut count) = (Instant::now(), 0);
         while rendering.load(Ordering::SeqCst) {
             render(&dialect);

@@ -96,9 +96,7 @@ fn a_window_of_registers_tells_less_and_that_is_said() {
     let drafted = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     assert_eq!(drafted.machine.name, "a \"mill\"");
     assert_eq!(drafted.machine.axes[&Axis::X].resolution_um, 1.0);
-    assert!(
-        text.contains("YOURS: its travel in machine coordinates; the control does not tell it")
-    );
+    assert!(text.contains("YOURS: travel in machine coordinates; the control does not report it"));
     assert!(text.contains(&format!("tcp = \"{}\"", simulator.at)));
 }
 
@@ -114,7 +112,7 @@ fn regress_a_missing_ini_file_is_named_by_its_option() {
     let at = ["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1", "--program-dir", &programs];
     let init = trued(&[&at[..], &["--ini", "none.ini"]].concat());
     assert_eq!(init.status.code(), Some(1), "{}", said(&init));
-    assert!(said(&init).contains("--ini: there is no such file: none.ini"), "{}", said(&init));
+    assert!(said(&init).contains("--ini: the file none.ini does not exist"), "{}", said(&init));
     assert!(!said(&init).contains("--search"), "{}", said(&init));
 }
 

@@ -91,7 +91,7 @@ fn the_axis_is_measured_against_its_stated_place() {
     assert_within_u(&corrected, "X_C", -149.95);
     assert_within_u(&corrected, "Y_C", -100.03);
     let rounded = (parameter(&corrected, "X_C")[0] * 1e4).round() / 1e4;
-    let line = format!("as measured it is [{rounded}, ");
+    let line = format!("measured [{rounded}, ");
     let gauge = corrected["gauge"].to_string();
     assert!(gauge.contains(&line), "{line} is not in {gauge}");
 }

@@ -55,15 +55,15 @@ fn nonsense_is_refused_with_its_line() {
     };
     refused("x_mm,z_mm\n0,400\n250,400\n", &[], "line 3: X 250.000 is outside -200.000 to 200.000");
     refused("x_mm\n0\n", &[], "line 2: Z 0.000 is outside 300.000 to 500.000");
-    refused("x_mm,q\n0,0\n", &[], "`q` is no column of a pose");
-    refused("x_mm\nnan\n", &[], "line 2: `nan` is no position of X");
+    refused("x_mm,q\n0,0\n", &[], "the column `q` is not known");
+    refused("x_mm\nnan\n", &[], "line 2: `nan` is not a position of X");
     refused("x_mm,y_mm\n1\n", &[], "line 2");
-    refused("x_mm\n0\n", &["--zero", "X0 half"], "`half` is no position of an axis");
+    refused("x_mm\n0\n", &["--zero", "X0 half"], "`half` is not an axis position");
     std::fs::write(&poses, "x_mm\n250\n").unwrap();
     let asked = shop.trued(&["predict", &file, "--at", &poses, "--extrapolate"]);
     assert_eq!(asked.status.code(), Some(0), "{}", stderr(&asked));
     std::fs::write(&file, estimate().replace("EX0C", "form")).unwrap();
-    refused("x_mm\n0\n", &[], "holds no errors of this machine's axes");
+    refused("x_mm\n0\n", &[], "has no errors of this machine's axes");
 }
 
 /// The touches of a round part, converted with the nominal machine.

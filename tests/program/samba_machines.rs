@@ -138,14 +138,14 @@ fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
         ("EXX1", -16.0),
         ("EYY1", 11.0 - 21.0),
     ]);
-    let upright = "balls are touched from above only";
+    let upright = "balls can be touched only with the spindle axis along Z";
     left_out(
         &estimate,
         &[
-            ("EZ0B", "tool_z is given as tool_z + EZ0B"),
+            ("EZ0B", "tool_z is reported as tool_z + EZ0B"),
             ("EA0B", upright),
             ("EC0B", upright),
-            ("EZZ1", "EYY1 is given as EYY1 - EZZ1"),
+            ("EZZ1", "EYY1 is reported as EYY1 - EZZ1"),
         ],
     );
 }
@@ -184,7 +184,7 @@ fn regress_four_axes() {
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EZZ1_um_per_m", 21.0)]].concat();
     let four = Other { topology: "w-C-F-X-Y-Z-t", turning: &[("C", 360.0)], errors: &errors };
-    left_out(&four.check(&expected), &[("EZZ1", "inseparable from the places of the balls")]);
+    left_out(&four.check(&expected), &[("EZZ1", "inseparable from the positions of the balls")]);
 }
 
 /// With B or A as the only rotary axis, the length along X, slightly slanted, gives no scale across it.
@@ -202,13 +202,13 @@ fn regress_four_axes_with_a_table_that_tilts() {
             "B",
             [("EA0B_urad", 7.0), ("EC0B_urad", -15.0)],
             [("EXX1", -16.0), ("EZZ1", 21.0)],
-            ("EYY1", "inseparable from the places of the balls"),
+            ("EYY1", "inseparable from the positions of the balls"),
         ),
         (
             "A",
             [("EB0A_urad", 7.0), ("EC0A_urad", -15.0)],
             [("EXX1", -16.0), ("EYY1", 11.0 - 21.0)],
-            ("EZZ1", "EYY1 is given as EYY1 - EZZ1"),
+            ("EZZ1", "EYY1 is reported as EYY1 - EZZ1"),
         ),
     ] {
         let errors = [&own[..], &linear].concat();
@@ -245,8 +245,8 @@ fn regress_a_spindle_that_is_not_oriented() {
     left_out(
         &estimate,
         &[
-            ("EX0S", "the spindle was not turned), so tool_x is given as tool_x + EX0S"),
-            ("EY0S", "so tool_y is given as tool_y + EY0S"),
+            ("EX0S", "the spindle was not turned), so tool_x is reported as tool_x + EX0S"),
+            ("EY0S", "so tool_y is reported as tool_y + EY0S"),
         ],
     );
 }

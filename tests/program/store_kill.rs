@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdout, Command, Stdio};
 
 use machine::record::plan::Plan;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
 
@@ -25,7 +25,7 @@ fn reading(step: u32) -> Reading {
         value_mm: None,
         sensor: "probe".to_owned(),
         t_s: f64::from(step),
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     }
 }
@@ -52,9 +52,9 @@ pub fn child() {
     let lock = MachineLock::acquire(state, "mill").unwrap();
     let journal = Journal::open(state).unwrap();
     journal.mark_interrupted(&lock).wait().unwrap();
-    let run = journal.begin(&NewRun { config: String::new(), plan: plan() }).wait().unwrap();
+    let run = journal.begin_run(&NewRun { config: String::new(), plan: plan() }).wait().unwrap();
     for step in 0.. {
-        journal.reading(run, &reading(step)).wait().unwrap();
+        journal.add_reading(run, &reading(step)).wait().unwrap();
         println!("acknowledged {step}");
     }
 }
@@ -97,7 +97,7 @@ fn killed_in_mid_run() {
     assert_eq!((dead.len(), runs.len()), (1, KILLS), "each start marks the run before it");
     for (run, last) in runs.iter().zip(last) {
         assert_eq!(run.state, RunState::Interrupted);
-        let stored = journal.load(run.id).unwrap().readings;
+        let stored = journal.load_run(run.id).unwrap().readings;
         assert!(stored.len() > last as usize, "{} stored, {last} acknowledged", stored.len());
         assert!(stored.iter().zip(0..).all(|(stored, step)| *stored == reading(step)));
     }

@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use simulator::World;
+use simulator::SimulatedWorld;
 use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
@@ -16,7 +16,7 @@ use trued::setup::{self, MachineFile};
 pub struct GrblControl {
     pub address: SocketAddr,
     /// The true machine, shared with other readers.
-    pub world: Arc<Mutex<World>>,
+    pub world: Arc<Mutex<SimulatedWorld>>,
     pace: Pace,
     session: Arc<Mutex<Session>>,
     wishes: UnboundedSender<(Wish, std::sync::mpsc::Sender<()>)>,
@@ -50,9 +50,9 @@ fn parsed(file: &str) -> MachineFile {
 }
 
 /// The probe is removed from the spindle if the file has sensors.
-fn world(file: &MachineFile) -> World {
-    let mut world = setup::world(file).unwrap();
-    world.without_probe(!file.sensors.is_empty());
+fn world(file: &MachineFile) -> SimulatedWorld {
+    let mut world = setup::build_world(file).unwrap();
+    world.set_probe_removed(!file.sensors.is_empty());
     world
 }
 

@@ -1,49 +1,53 @@
 //! An independent program: plays a plan on a simulated machine from the plan alone.
 
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
-use methods::{Method, Next, Refused, Source};
-use simulator::{Sensed, Speed, World};
+use methods::{Method, MethodRefusal, NextStage, PositionSource};
+use simulator::{SensorOutput, SimulatedWorld, Speed};
 
 /// Plays one step: over the part, down, touch, back, up.
-pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
-    let rapid = |world: &mut World, to: &Position| {
-        assert!(!world.travel(to, Speed::Rapid).touched, "touched on the way to {}", step.label);
+pub fn play(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+    let rapid = |world: &mut SimulatedWorld, to: &Position| {
+        assert!(
+            !world.travel(to, Speed::Rapid).has_touched,
+            "touched on the way to {}",
+            step.label
+        );
     };
-    let over = step.from.at(Axis::Z) + 60.0;
+    let over = step.from.get_or_zero(Axis::Z) + 60.0;
     rapid(world, &Position::new().with(Axis::Z, over.max(250.0)));
-    rapid(world, &step.from.only(|axis| !axis.is_linear()));
-    rapid(world, &step.from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
-    rapid(world, &step.from.only(|axis| axis == Axis::Z));
+    rapid(world, &step.from.filter_axes(|axis| !axis.is_linear()));
+    rapid(world, &step.from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
+    rapid(world, &step.from.filter_axes(|axis| axis == Axis::Z));
     let reading = touch(world, step, repeat);
-    world.travel(&step.from.only(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
+    world.travel(&step.from.filter_axes(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
     reading
 }
 
 /// One touch from the current position of the world.
-pub fn touch(world: &mut World, step: &Step, repeat: u32) -> Reading {
-    let linear = step.to.only(Axis::is_linear);
+pub fn touch(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+    let linear = step.to.filter_axes(Axis::is_linear);
     let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
     Reading {
         step: step.id,
         repeat,
         position: contact.position,
         value_mm: None,
-        sensor: step.sensor().to_owned(),
+        sensor: step.first_sensor().to_owned(),
         t_s: contact.t_s,
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     }
 }
 
 /// Measures along the path of a step, sample by sample.
-fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
-    let reading = |sensor: &str, position: Position, t_s: f64, sensed: Sensed| {
+fn look(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
+    let reading = |sensor: &str, position: Position, t_s: f64, sensed: SensorOutput| {
         let (value_mm, flag) = match sensed {
-            Sensed::Distance(mm) => (Some(mm), Flag::None),
-            Sensed::NoEcho | Sensed::OutOfRange(_) => (None, Flag::Range),
-            Sensed::Saturated => (None, Flag::Saturated),
+            SensorOutput::Distance(mm) => (Some(mm), ReadingFlag::None),
+            SensorOutput::NoEcho | SensorOutput::OutOfRange(_) => (None, ReadingFlag::Range),
+            SensorOutput::Saturated => (None, ReadingFlag::Saturated),
         };
         let (sensor, temperatures_c) = (sensor.to_owned(), Default::default());
         Reading { step: step.id, repeat, position, value_mm, sensor, t_s, flag, temperatures_c }
@@ -57,13 +61,13 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
                 for name in &step.sensors {
                     // Each sensor measures the same motion.
                     *world = start.clone();
-                    let passing = world.sense_on_the_way(name, point, speed, 1.0 / rate_hz);
+                    let passing = world.sample_during_move(name, point, speed, 1.0 / rate_hz);
                     let of_sensor =
-                        passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.sensed));
+                        passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.output));
                     readings.extend(of_sensor);
                 }
                 // No noise value of this path repeats.
-                world.pass(0.0, []);
+                world.advance(0.0, []);
             }
             Sampling::Continuous { .. } => {
                 world.travel(point, speed);
@@ -73,7 +77,7 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
                 world.dwell(dwell_s);
                 for name in &step.sensors {
                     for _ in 0..samples {
-                        let sensed = world.sense(name, 1e-3).expect("a sensor");
+                        let sensed = world.sample_after(name, 1e-3).expect("a sensor");
                         readings.push(reading(name, world.position(), world.time_s(), sensed));
                     }
                 }
@@ -84,25 +88,29 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
 }
 
 /// Measures a whole method on `world`; the plan grows with its stages.
-pub fn measure(world: &mut World, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
+pub fn measure(
+    world: &mut SimulatedWorld,
+    method: &dyn Method,
+    plan: Plan,
+) -> (Plan, Vec<Reading>) {
     try_measure(world, method, plan, play).expect("well-posed")
 }
 
 /// Like [`measure`], with `play` for the touches; `Err`: why the method refuses a stage.
 pub fn try_measure(
-    world: &mut World,
+    world: &mut SimulatedWorld,
     method: &dyn Method,
     mut plan: Plan,
-    play: fn(&mut World, &Step, u32) -> Reading,
-) -> Result<(Plan, Vec<Reading>), Refused> {
+    play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
+) -> Result<(Plan, Vec<Reading>), MethodRefusal> {
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
-        let next = method.next(&plan, &done, Source::Measured(&readings))?;
-        let Next::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
+        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings))?;
+        let NextStage::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
             if let Some(mount) = step.mount {
-                world.mount(mount.turn_deg);
+                world.mount_artefact(mount.turn_deg);
             }
             match &step.scan {
                 _ if step.kind == StepKind::Prompt => {}

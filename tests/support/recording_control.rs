@@ -6,7 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use simulator::World;
+use simulator::SimulatedWorld;
 use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -99,11 +99,11 @@ pub struct RecordingControl {
 impl RecordingControl {
     pub fn start() -> Self {
         let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
-        Self::behind(Arc::new(Mutex::new(setup::world(&file).unwrap())))
+        Self::behind(Arc::new(Mutex::new(setup::build_world(&file).unwrap())))
     }
 
     /// The control of the built-in machine, acting on `world`.
-    pub fn behind(world: Arc<Mutex<World>>) -> Self {
+    pub fn behind(world: Arc<Mutex<SimulatedWorld>>) -> Self {
         let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
@@ -147,7 +147,7 @@ impl RecordingControl {
     }
 }
 
-async fn serve(client: TcpStream, world: Arc<Mutex<World>>, shared: &Shared) {
+async fn serve(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &Shared) {
     let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
     let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
     client.set_nodelay(true).unwrap();

@@ -3,7 +3,7 @@
 use link::LinkError;
 use link::modbus::ModbusError;
 use planning::gcode::ProbeFault;
-use planning::proof::Altered;
+use planning::proof::AlteredBlock;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ControllerError {
@@ -11,81 +11,87 @@ pub enum ControllerError {
     Link(#[from] LinkError),
     #[error(transparent)]
     Modbus(#[from] ModbusError),
-    #[error("no answer to `{line}` within {seconds} s")]
+    #[error("no reply to `{line}` within {seconds} s")]
     NoAnswer { line: String, seconds: f64 },
-    #[error("the control answered `{reply}` to `{line}`: {meaning}")]
+    #[error("the control replied `{reply}` to `{line}`: {meaning}")]
     Refused { line: String, reply: String, meaning: String },
     #[error("alarm {code}: {meaning}")]
     Alarm { code: u32, meaning: String },
     #[error("the emergency stop was pressed")]
     EmergencyStop,
-    #[error("the machine has switched off{}{said}", if said.is_empty() { "" } else { ": " })]
-    SwitchedOff { said: String },
-    #[error("the machine is held at the control: {how}")]
-    Paused { how: String },
-    #[error("the control has stopped working: it takes no command, and what it shows is old")]
+    #[error("the machine has switched off{}{message}", if message.is_empty() { "" } else { ": " })]
+    SwitchedOff { message: String },
+    #[error("the program is paused at the control: {reason}")]
+    Paused { reason: String },
+    #[error(
+        "the control has stopped working: the control accepts no command, and its status is out of date"
+    )]
     Frozen,
-    #[error("step {step}: the control refuses to leave its travel: {said}")]
-    OutOfTravel { step: u32, said: String },
-    #[error("step {step}: the control was too late for itself and stopped: {said}")]
-    Late { step: u32, said: String },
+    #[error("step {step}: the target is outside the travel limits of the control: {message}")]
+    OutOfTravel { step: u32, message: String },
+    #[error(
+        "step {step}: the motion task of the control was late, and the control stopped the program: {message}"
+    )]
+    MotionLate { step: u32, message: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
-    /// A device answers, but not as this kind of control does.
+    /// A device replies, but not as this kind of control does.
     #[error("the control is not ready: {state}")]
     UnexpectedDevice { state: String, remedy: String },
     /// The probe is closed before the first motion.
     #[error("the control is not ready: the probe reads closed")]
     ProbeClosed,
-    #[error("this control cannot do it: {what}")]
-    Unsupported { what: String, remedy: String },
-    #[error("step {step}: no contact up to the end of the touch")]
+    #[error("not possible on this control: {reason}")]
+    Unsupported { reason: String, remedy: String },
+    #[error("step {step}: no contact before the end of the probing move")]
     NoContact { step: u32 },
-    #[error("step {step}: the probe touched something during a move that should be free")]
+    #[error("step {step}: unexpected contact during a positioning move")]
     UnexpectedContact { step: u32 },
-    #[error("step {step}: the probe reads closed although the stylus should be free")]
-    StillTripped { step: u32 },
-    #[error("the control reset itself in mid-job: {banner}")]
+    #[error("step {step}: the probe reads closed where the stylus must be free")]
+    ProbeStillClosed { step: u32 },
+    #[error("the control was reset during the run: {banner}")]
     Reset { banner: String },
+    #[error("unexpected reply `{reply}` from the control: the replies may belong to other lines")]
+    UnexpectedReply { reply: String },
+    #[error("the machine is at {actual}, not at {expected}")]
+    WrongPosition { expected: String, actual: String },
     #[error(
-        "the control said `{heard}` although it was not asked: answers may belong to other lines"
+        "step {step}: the control reports one touch with two results, `{first}` and `{second}`"
     )]
-    OutOfStep { heard: String },
-    #[error("the machine stands at {stands}, not at {wanted}")]
-    WrongPosition { wanted: String, stands: String },
-    #[error("step {step}: the control tells the touch as `{first}` and as `{again}`")]
-    ContradictoryTouch { step: u32, first: String, again: String },
-    #[error("held at the machine: the control says {state}")]
-    HeldThere { state: String },
-    #[error("the control reports {name} = {t_s:?} s: {why}")]
-    Stamp { name: &'static str, t_s: f64, why: String },
-    #[error("step {step}: nobody can say where the axes stood while they moved: {why}")]
-    Unstamped { step: u32, why: String, remedy: String },
-    #[error("the probe {}", fault.says())]
-    Probe { fault: ProbeFault },
-    #[error("held on request")]
+    TouchMismatch { step: u32, first: String, second: String },
+    #[error("held at the machine: the control reports {state}")]
+    HeldAtControl { state: String },
+    #[error("invalid time from the control, {name} = {t_s:?} s: {reason}")]
+    InvalidTimestamp { name: &'static str, t_s: f64, reason: String },
+    #[error("step {step}: no axis positions with time stamps during the motion: {reason}")]
+    MissingTrack { step: u32, reason: String, remedy: String },
+    #[error("the probe {}", fault.description())]
+    ProbeFault { fault: ProbeFault },
+    #[error("the run was halted on request")]
     Halted,
-    #[error("the hold was sent again and again, and after {seconds} s the machine does not stand")]
-    NotHeld { seconds: f64 },
-    #[error("the program for step {step} cannot be written: {why}")]
-    Render { step: u32, why: String },
+    #[error("the machine still moves {seconds} s after the hold, although the hold was repeated")]
+    HoldFailed { seconds: f64 },
+    #[error("the program for step {step} cannot be generated: {reason}")]
+    RenderFailed { step: u32, reason: String },
     #[error(transparent)]
-    Altered(#[from] Altered),
-    #[error("step {step}: the block was not proven for the way in which this control receives it")]
-    Transmission { step: u32 },
-    #[error("the control said something that cannot be understood: `{text}`")]
-    Garbled { text: String },
-    #[error("the driver's task has ended")]
-    DriverGone,
+    BlockAltered(#[from] AlteredBlock),
+    #[error(
+        "step {step}: the block was checked for another form of transmission than this control uses"
+    )]
+    WrongTransmission { step: u32 },
+    #[error("unreadable reply from the control: `{text}`")]
+    UnreadableReply { text: String },
+    #[error("internal error: the task of the driver has ended")]
+    DriverTaskEnded,
 }
 
 impl ControllerError {
     /// Whether the control may have lost the position of its axes: then the operator must home them before
     /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). A machine
-    /// that did not obey a hold was stopped hard.
-    pub fn position_lost(&self) -> bool {
+    /// that did not execute a hold was stopped hard.
+    pub fn is_position_lost(&self) -> bool {
         match self {
-            Self::Reset { .. } | Self::NotHeld { .. } => true,
+            Self::Reset { .. } | Self::HoldFailed { .. } => true,
             Self::Alarm { code, .. } => matches!(code, 1 | 3 | 6..=10 | 17),
             _ => false,
         }
@@ -95,15 +101,15 @@ impl ControllerError {
     pub fn step(&self) -> Option<u32> {
         match self {
             Self::OutOfTravel { step, .. }
-            | Self::Late { step, .. }
+            | Self::MotionLate { step, .. }
             | Self::NoContact { step }
             | Self::UnexpectedContact { step }
-            | Self::StillTripped { step }
-            | Self::ContradictoryTouch { step, .. }
-            | Self::Unstamped { step, .. }
-            | Self::Altered(Altered { step })
-            | Self::Transmission { step }
-            | Self::Render { step, .. } => Some(*step),
+            | Self::ProbeStillClosed { step }
+            | Self::TouchMismatch { step, .. }
+            | Self::MissingTrack { step, .. }
+            | Self::BlockAltered(AlteredBlock { step })
+            | Self::WrongTransmission { step }
+            | Self::RenderFailed { step, .. } => Some(*step),
             _ => None,
         }
     }
@@ -116,139 +122,144 @@ impl ControllerError {
             Self::NotReady { remedy, .. }
             | Self::UnexpectedDevice { remedy, .. }
             | Self::Unsupported { remedy, .. }
-            | Self::Unstamped { remedy, .. } => {
+            | Self::MissingTrack { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }
-            | Self::OutOfStep { .. }
-            | Self::ContradictoryTouch { .. }
-            | Self::WrongPosition { .. } => self.on_the_wire(),
+            | Self::UnexpectedReply { .. }
+            | Self::TouchMismatch { .. }
+            | Self::WrongPosition { .. } => self.communication_remedy(),
             Self::EmergencyStop
             | Self::SwitchedOff { .. }
             | Self::Paused { .. }
-            | Self::HeldThere { .. }
+            | Self::HeldAtControl { .. }
             | Self::Alarm { .. }
-            | Self::Reset { .. } => self.stopped_there(),
+            | Self::Reset { .. } => self.stop_remedy(),
             Self::Refused { .. }
             | Self::Frozen
-            | Self::NotHeld { .. }
+            | Self::HoldFailed { .. }
             | Self::OutOfTravel { .. }
-            | Self::Late { .. } => self.given_up_there(),
-            Self::Stamp { .. } => {
-                "the touch is not kept. Modbus: compare `type`, `order`, `scale` and address of \
+            | Self::MotionLate { .. } => self.rejection_remedy(),
+            Self::InvalidTimestamp { .. } => {
+                "the touch was discarded. Modbus: compare `type`, `order`, `scale` and address of \
                  latch_time_s and time_s in [controller.registers.status] with the control's program; \
-                 where both are 0, trued takes the time itself"
+                 if both registers are 0, trued uses the time of its own clock"
             }
             Self::NoContact { .. }
             | Self::UnexpectedContact { .. }
-            | Self::StillTripped { .. }
-            | Self::ProbeClosed => self.at_the_probe(),
-            Self::Probe { fault } => fault.remedy(),
+            | Self::ProbeStillClosed { .. }
+            | Self::ProbeClosed => self.probe_remedy(),
+            Self::ProbeFault { fault } => fault.remedy(),
             Self::Halted => {
-                "nothing moves until a person starts a run again. A control that is still in Hold would end the \
-                 held move at Cycle Start: reset it instead, and home it where a reset forgets that"
+                "start a new run when the machine is clear. If the control is still in Hold, do not press Cycle \
+                 Start, which would finish the held move: reset the control, and home it if the reset has cleared \
+                 the homing"
             }
-            Self::Render { .. }
-            | Self::Altered(_)
-            | Self::Transmission { .. }
-            | Self::Garbled { .. }
-            | Self::DriverGone => REPORT,
+            Self::RenderFailed { .. }
+            | Self::BlockAltered(_)
+            | Self::WrongTransmission { .. }
+            | Self::UnreadableReply { .. }
+            | Self::DriverTaskEnded => BUG_REPORT_REMEDY,
         };
         text.to_owned()
     }
 
-    fn on_the_wire(&self) -> &'static str {
+    fn communication_remedy(&self) -> &'static str {
         match self {
             Self::NoAnswer { .. } => {
-                "the state of the machine is unknown: look at it, then check cable, power and speed"
+                "the state of the machine is unknown: inspect the machine, then check cable, power and baud rate"
             }
-            Self::OutOfStep { .. } | Self::ContradictoryTouch { .. } => {
-                "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
-                 which check what they carry, are better than a bare serial line"
+            Self::UnexpectedReply { .. } | Self::TouchMismatch { .. } => {
+                "the link loses or alters bytes: check cable, earthing and baud rate; if possible use USB or a \
+                 network, which detect transmission errors, instead of a plain serial line"
             }
             Self::WrongPosition { .. } => {
-                "look at the machine and at the stylus: a wire that alters bytes moved it elsewhere (USB \
-                 or a network are safer than a bare serial line), a contact was not seen, or somebody \
-                 else commands it"
+                "inspect the machine and the stylus. Possible causes: bytes altered on the link (USB or a network \
+                 are safer than a plain serial line), a contact that was not detected, or another program that \
+                 commands the machine"
             }
-            _ => REPORT,
+            _ => BUG_REPORT_REMEDY,
         }
     }
 
     /// Remedy after an operator or a guard has stopped the machine.
-    fn stopped_there(&self) -> &'static str {
+    fn stop_remedy(&self) -> &'static str {
         match self {
             Self::EmergencyStop => {
-                "look at the machine; release the stop, switch it on, home it if it asks"
+                "inspect the machine; release the emergency stop, switch the machine on, home it if the control requires it"
             }
-            Self::SwitchedOff { .. } => "look at the machine; switch it on, home it if it asks",
+            Self::SwitchedOff { .. } => {
+                "inspect the machine; switch it on, home it if the control requires it"
+            }
             Self::Paused { .. } => {
-                "what was held has been given up: release it at the control; nothing goes on by itself"
+                "the program was aborted: release the pause at the control, then start again; nothing continues by itself"
             }
-            Self::HeldThere { .. } => {
-                "nothing more is sent; what the control still holds moves when somebody resumes it \
-                 there: reset the control instead, look at the machine, then go on"
+            Self::HeldAtControl { .. } => {
+                "the run sends nothing more. Do not resume at the control, which would continue the held move: \
+                 reset the control, inspect the machine, then start again"
             }
             // Alarm 2, soft limits: the firmware accepts nothing before a reset.
             Self::Alarm { code: 2, .. } => {
-                "the control was asked beyond its soft limits: min and max of [axes] may be wider than its \
+                "a target was beyond the soft limits of the control: min and max of [axes] may be wider than its \
                  travel (grblHAL: $130 and following; `trued check` compares them). Reset the control \
                  (Ctrl-X), home it, start again"
             }
             Self::Alarm { .. } => {
-                "look at the machine, clear the alarm there, home it if it asks, start again"
+                "inspect the machine, clear the alarm at the control, home the machine if the control requires it, start again"
             }
-            Self::Reset { .. } => "the machine's position may be lost: home it, then start again",
-            _ => REPORT,
+            Self::Reset { .. } => {
+                "the position of the machine may be lost: home the machine, then start again"
+            }
+            _ => BUG_REPORT_REMEDY,
         }
     }
 
     /// Remedy for a command that the control itself has not executed.
-    fn given_up_there(&self) -> &'static str {
+    fn rejection_remedy(&self) -> &'static str {
         match self {
             Self::Refused { reply, .. } if reply == "error:8" => {
-                "wait until the machine stands and the control reports Idle, then start again"
+                "wait until the machine is at rest and the control reports Idle, then start again"
             }
             Self::Refused { .. } => {
-                "check the dialect and the control's settings named in the message"
+                "check `dialect` in [controller] and the settings of the control that the message names"
             }
             Self::Frozen => {
-                "the machine may still end the moves it has, and hears no halt: press its emergency \
-                 stop, start the control anew, home it"
+                "the machine may still finish its queued moves, and no halt reaches the control: press the \
+                 emergency stop, restart the control, home the machine"
             }
-            Self::NotHeld { .. } => {
-                "press the emergency stop; look at the wire and at the control, which must obey a hold \
-                 before anything is measured here; home it"
+            Self::HoldFailed { .. } => {
+                "press the emergency stop; check the link and the control: do not measure before the control \
+                 executes a hold; home the machine"
             }
             Self::OutOfTravel { .. } => {
-                "make [axes] min and max as narrow as the control's limits, or move the part"
+                "set [axes] min and max to the limits of the control, or move the part"
             }
-            Self::Late { .. } => {
-                "nothing is lost; if it comes again, the control's computer is not fast enough for its \
-                 servo thread: run latency-test there, use a realtime kernel, end other programs"
+            Self::MotionLate { .. } => {
+                "no reading is lost: start again. If this error occurs again, the computer of the control is too \
+                 slow for its servo thread: run latency-test there, use a realtime kernel, close other programs"
             }
-            _ => REPORT,
+            _ => BUG_REPORT_REMEDY,
         }
     }
 
-    fn at_the_probe(&self) -> &'static str {
+    fn probe_remedy(&self) -> &'static str {
         match self {
             Self::NoContact { .. } => {
-                "is the part where the machine file says ([artefact] centre_mm, radius_mm), and the probe on?"
+                "check the position and size of the part in the machine file ([artefact] centre_mm, radius_mm), and that the probe is switched on"
             }
             Self::UnexpectedContact { .. } => {
-                "the stylus may be in contact: trued check leads it out; then check the part's position and \
-                 the fixtures. Is the sense of the rotary axes right ([axes.C] positive), and does each stand \
-                 at its zero?"
+                "the stylus may be in contact: run `trued check`, which retracts it; then check the position of the \
+                 part, the fixtures, the sense of rotation of the rotary axes ([axes.C] positive) and their zero \
+                 positions"
             }
             Self::ProbeClosed => "free the stylus; check the probe's battery, cable and polarity",
-            Self::StillTripped { .. } => {
-                "if the stylus is in contact, trued check leads it out; check the probe's battery, cable and \
-                 polarity"
+            Self::ProbeStillClosed { .. } => {
+                "if the stylus is in contact, run `trued check`, which retracts it; check the probe's battery, \
+                 cable and polarity"
             }
-            _ => REPORT,
+            _ => BUG_REPORT_REMEDY,
         }
     }
 }
 
-const REPORT: &str = "please report this with the run's export";
+const BUG_REPORT_REMEDY: &str = "please report this with the run's export";

@@ -14,36 +14,36 @@ use tokio::sync::{mpsc, oneshot};
 use link::Clock;
 use machine::Position;
 use machine::record::machine::Machine;
-use machine::record::motion::Outcome;
+use machine::record::motion::BlockOutcome;
 use planning::gcode::Transmission;
 use planning::proof::{ProvenBlock, ProvenModes};
 
 mod arrival;
+mod control_clock;
+mod device_info;
 mod error;
 pub mod grbl;
-mod introduction;
-mod lines;
 pub mod linuxcnc;
 pub mod modbus;
+mod motion_lines;
 mod port;
 mod port_scan;
 mod readiness;
-mod stamp;
 
+pub use device_info::{DeviceInfo, Diagnosis, DiagnosisMode, ReadinessFinding, ReportedAxis};
 pub use error::ControllerError;
-pub use introduction::{DeviceInfo, Diagnosis, Leave, ReadinessFinding, ReportedAxis};
-pub use readiness::{ReadinessItem, describe_not_readable};
+pub use readiness::{ReadinessItem, describe_unreadable_items};
 
 /// Configuration of a control, from `[controller]`. Each kind of control defines the keys of its own table.
-pub trait Named: fmt::Debug + Send + Sync {
+pub trait ControllerConfig: fmt::Debug + Send + Sync {
     /// The G-code dialect of the control, a folder of `gcode-templates/`.
     fn dialect(&self) -> &str;
     /// Name of the result file, if the control writes the results itself.
-    fn log(&self) -> Option<String> {
+    fn result_log(&self) -> Option<String> {
         None
     }
     /// Address of the control, in words.
-    fn at(&self) -> String;
+    fn describe_address(&self) -> String;
     /// Opens the control's links and starts its task. Timestamps have the time of `clock`, unless the
     /// control has a clock of its own. Nothing is commanded yet. Call inside a tokio runtime.
     fn open<'a>(
@@ -51,56 +51,56 @@ pub trait Named: fmt::Debug + Send + Sync {
         machine: &'a Machine,
         modes: ProvenModes,
         clock: Arc<dyn Clock>,
-    ) -> Opening<'a>;
-    /// Possible causes why the control could not be opened or prepared, which has failed with `failed`; the
+    ) -> OpenFuture<'a>;
+    /// Possible causes why the control could not be opened or prepared, which has failed with `failure`; the
     /// most likely first, none if nothing is found. It opens its own links: earlier links must be closed.
     /// Nothing moves. Call inside a tokio runtime.
     fn diagnose<'a>(
         &'a self,
         machine: &'a Machine,
-        failed: &'a ControllerError,
-        leave: Leave,
-    ) -> Diagnosing<'a>;
+        failure: &'a ControllerError,
+        mode: DiagnosisMode,
+    ) -> DiagnosisFuture<'a>;
 }
 
-pub type Opening<'a> =
+pub type OpenFuture<'a> =
     Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
-pub type Diagnosing<'a> = Pin<Box<dyn Future<Output = Vec<Diagnosis>> + Send + 'a>>;
+pub type DiagnosisFuture<'a> = Pin<Box<dyn Future<Output = Vec<Diagnosis>> + Send + 'a>>;
 
 /// Properties of a control that is ready to move.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prepared {
+pub struct PreparedControl {
     /// Name and version as reported, for the record.
     pub identity: String,
     /// How this control stops on a halt, and its worst-case travel, in words.
-    pub stop: String,
+    pub stop_description: String,
     /// Position of the machine, machine coordinates: every axis that the control reports.
-    pub stands: Position,
+    pub position: Position,
     pub transmission: Transmission,
     /// Items of the readiness list that the driver cannot read on this control.
-    pub not_readable: Vec<ReadinessItem>,
+    pub unreadable_items: Vec<ReadinessItem>,
 }
 
 /// State of a machine at rest.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Look {
-    pub probe_closed: bool,
-    /// Position of the machine, as in [`Prepared`].
-    pub stands: Position,
+pub struct MachineSnapshot {
+    pub is_probe_closed: bool,
+    /// Position of the machine, as in [`PreparedControl`].
+    pub position: Position,
 }
 
 /// Interface that each control implements. One call at a time; each call runs to its end.
 pub trait Driver: Send + 'static {
     /// Performs the handshake, refuses a control that cannot measure, sets all modal state. Called again
     /// after an operator was at the machine.
-    fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
+    fn prepare(&mut self) -> impl Future<Output = Result<PreparedControl, ControllerError>> + Send;
     /// As [`prepare`](Self::prepare), but a closed probe is accepted: while it reads closed, only a block
     /// that begins with a back-off is executed. A control whose `prepare` does not read the probe uses this
     /// default.
     fn prepare_in_contact(
         &mut self,
-    ) -> impl Future<Output = Result<Prepared, ControllerError>> + Send {
+    ) -> impl Future<Output = Result<PreparedControl, ControllerError>> + Send {
         self.prepare()
     }
     /// Executes one block; returns when the machine is at rest and the result is known. Refuses the block
@@ -108,13 +108,17 @@ pub trait Driver: Send + 'static {
     fn execute(
         &mut self,
         block: ProvenBlock,
-    ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
+    ) -> impl Future<Output = Result<BlockOutcome, ControllerError>> + Send;
     /// Reads the present state. Nothing moves.
-    fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
+    fn read_snapshot(
+        &mut self,
+    ) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
-    fn introduce(&mut self) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
+    fn identify_device(
+        &mut self,
+    ) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
     /// Whether the outcome of a block with a feed motion has the track of that motion.
-    fn stamps(&self) -> bool {
+    fn can_record_track(&self) -> bool {
         false
     }
     /// Restores the modal state that `prepare` has found.
@@ -124,115 +128,119 @@ pub trait Driver: Send + 'static {
 /// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.
 #[derive(Clone)]
 pub struct Halt {
-    halted: Arc<AtomicBool>,
-    act: Arc<dyn Fn() + Send + Sync>,
+    is_halted: Arc<AtomicBool>,
+    send_hold: Arc<dyn Fn() + Send + Sync>,
 }
 
 impl Halt {
-    /// `act` sends the hold at once and must not block.
-    pub fn new(act: impl Fn() + Send + Sync + 'static) -> Self {
-        Self { halted: Arc::new(AtomicBool::new(false)), act: Arc::new(act) }
+    /// `send_hold` sends the hold at once and must not block.
+    pub fn new(send_hold: impl Fn() + Send + Sync + 'static) -> Self {
+        Self { is_halted: Arc::new(AtomicBool::new(false)), send_hold: Arc::new(send_hold) }
     }
 
-    pub fn now(&self) {
-        self.halted.store(true, Ordering::SeqCst);
-        (self.act)();
+    pub fn trigger(&self) {
+        self.is_halted.store(true, Ordering::SeqCst);
+        (self.send_hold)();
     }
 
     /// Whether a halt was requested. Drivers check this before every line that could move the machine.
     pub fn is_halted(&self) -> bool {
-        self.halted.load(Ordering::SeqCst)
+        self.is_halted.load(Ordering::SeqCst)
     }
 }
 
-enum Request {
-    Prepare(oneshot::Sender<Result<Prepared, ControllerError>>),
-    PrepareInContact(oneshot::Sender<Result<Prepared, ControllerError>>),
-    Execute(ProvenBlock, oneshot::Sender<Result<Outcome, ControllerError>>),
-    Look(oneshot::Sender<Result<Look, ControllerError>>),
-    Introduce(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
+enum DriverRequest {
+    Prepare(oneshot::Sender<Result<PreparedControl, ControllerError>>),
+    PrepareInContact(oneshot::Sender<Result<PreparedControl, ControllerError>>),
+    Execute(ProvenBlock, oneshot::Sender<Result<BlockOutcome, ControllerError>>),
+    ReadSnapshot(oneshot::Sender<Result<MachineSnapshot, ControllerError>>),
+    IdentifyDevice(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
 /// Handle that the run holds: sends messages to the driver's task.
 pub struct Controller {
-    requests: mpsc::Sender<Request>,
+    requests: mpsc::Sender<DriverRequest>,
     halt: Halt,
-    stamps: bool,
+    can_record_track: bool,
 }
 
 impl Controller {
     /// Starts the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        let stamps = driver.stamps();
-        tokio::spawn(serve(driver, inbox, halt.clone()));
-        Self { requests, halt, stamps }
+        let can_record_track = driver.can_record_track();
+        tokio::spawn(run_driver(driver, inbox, halt.clone()));
+        Self { requests, halt, can_record_track }
     }
 
-    /// Whether the control stamps the positions of the axes during motion: see [`Outcome::track`].
-    pub fn stamps(&self) -> bool {
-        self.stamps
+    /// Whether the control stamps the positions of the axes during motion: see [`BlockOutcome::track`].
+    pub fn can_record_track(&self) -> bool {
+        self.can_record_track
     }
 
-    pub fn halt(&self) -> Halt {
+    pub fn halt_handle(&self) -> Halt {
         self.halt.clone()
     }
 
-    pub async fn prepare(&self) -> Result<Prepared, ControllerError> {
-        self.ask(Request::Prepare).await
+    pub async fn prepare(&self) -> Result<PreparedControl, ControllerError> {
+        self.send_request(DriverRequest::Prepare).await
     }
 
     /// Prepares for a retract: see [`Driver::prepare_in_contact`].
-    pub async fn prepare_in_contact(&self) -> Result<Prepared, ControllerError> {
-        self.ask(Request::PrepareInContact).await
+    pub async fn prepare_in_contact(&self) -> Result<PreparedControl, ControllerError> {
+        self.send_request(DriverRequest::PrepareInContact).await
     }
 
-    pub async fn execute(&self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
-        self.ask(|answer| Request::Execute(block, answer)).await
+    pub async fn execute(&self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+        self.send_request(|answer| DriverRequest::Execute(block, answer)).await
     }
 
-    pub async fn look(&self) -> Result<Look, ControllerError> {
-        self.ask(Request::Look).await
+    pub async fn read_snapshot(&self) -> Result<MachineSnapshot, ControllerError> {
+        self.send_request(DriverRequest::ReadSnapshot).await
     }
 
-    pub async fn introduce(&self) -> Result<DeviceInfo, ControllerError> {
-        self.ask(Request::Introduce).await
+    pub async fn identify_device(&self) -> Result<DeviceInfo, ControllerError> {
+        self.send_request(DriverRequest::IdentifyDevice).await
     }
 
     pub async fn finish(&self) -> Result<(), ControllerError> {
-        self.ask(Request::Finish).await
+        self.send_request(DriverRequest::Finish).await
     }
 
-    async fn ask<T>(
+    async fn send_request<T>(
         &self,
-        request: impl FnOnce(oneshot::Sender<Result<T, ControllerError>>) -> Request,
+        request: impl FnOnce(oneshot::Sender<Result<T, ControllerError>>) -> DriverRequest,
     ) -> Result<T, ControllerError> {
         let (answer, result) = oneshot::channel();
-        self.requests.send(request(answer)).await.map_err(|_| ControllerError::DriverGone)?;
-        result.await.map_err(|_| ControllerError::DriverGone)?
+        self.requests.send(request(answer)).await.map_err(|_| ControllerError::DriverTaskEnded)?;
+        result.await.map_err(|_| ControllerError::DriverTaskEnded)?
     }
 }
 
 /// Task of the driver: handles requests one after the other until the handle is dropped. If the caller no
 /// longer waits for an answer, the answer is dropped; the request was still executed to its end.
-async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt: Halt) {
+async fn run_driver(mut driver: impl Driver, mut inbox: mpsc::Receiver<DriverRequest>, halt: Halt) {
     // A control that was held meanwhile is not ready: that is not its own fault. A lost position is
     // reported all the same.
-    let held = |error: ControllerError| match halt.is_halted() && !error.position_lost() {
+    let held = |error: ControllerError| match halt.is_halted() && !error.is_position_lost() {
         true => ControllerError::Halted,
         false => error,
     };
     while let Some(request) = inbox.recv().await {
         match request {
-            Request::Prepare(answer) => drop(answer.send(driver.prepare().await.map_err(held))),
-            Request::PrepareInContact(answer) => {
+            DriverRequest::Prepare(answer) => {
+                drop(answer.send(driver.prepare().await.map_err(held)))
+            }
+            DriverRequest::PrepareInContact(answer) => {
                 drop(answer.send(driver.prepare_in_contact().await.map_err(held)));
             }
-            Request::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
-            Request::Look(answer) => drop(answer.send(driver.look().await)),
-            Request::Introduce(answer) => drop(answer.send(driver.introduce().await)),
-            Request::Finish(answer) => drop(answer.send(driver.finish().await)),
+            DriverRequest::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
+            DriverRequest::ReadSnapshot(answer) => drop(answer.send(driver.read_snapshot().await)),
+            DriverRequest::IdentifyDevice(answer) => {
+                drop(answer.send(driver.identify_device().await))
+            }
+            DriverRequest::Finish(answer) => drop(answer.send(driver.finish().await)),
         }
     }
 }

@@ -6,106 +6,125 @@ use std::path::{Path, PathBuf};
 
 use super::{ControllerError, Diagnosis};
 use link::modbus::ModbusError;
-use link::{BY_ID, LinkError, Named};
+use link::{LinkConfig, LinkError, PORTS_BY_ID_DIR};
 
 /// Serial ports that the operator may have meant, by their names in Linux. A computer has dozens of ttyS
 /// ports without a device.
-const SERIAL: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
+const SERIAL_PORT_PREFIXES: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
 /// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
-pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> Vec<Diagnosis> {
-    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failed
+pub(in crate::controllers) fn diagnose_open_failure(
+    at: &LinkConfig,
+    failure: &ControllerError,
+) -> Vec<Diagnosis> {
+    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) =
+        failure
     else {
         return Vec::new();
     };
-    let suspicion = match (error, at) {
-        (LinkError::NotListening { address }, _) => nobody_listens(address),
-        (LinkError::Missing { address }, _) => no_port(address, Path::new("/dev")),
-        (LinkError::NoneNamed { id, there }, _) => none_named(id, there),
-        (LinkError::Denied { address }, _) => denied(address),
-        (LinkError::Busy { address }, _) => busy(address),
-        (LinkError::Open { address, source }, Named::Tcp(_)) => no_way(address, source),
+    let diagnosis = match (error, at) {
+        (LinkError::NotListening { address }, _) => connection_refused_diagnosis(address),
+        (LinkError::Missing { address }, _) => port_missing_diagnosis(address, Path::new("/dev")),
+        (LinkError::NoUniquePort { id, available }, _) => no_port_with_id_diagnosis(id, available),
+        (LinkError::Denied { address }, _) => permission_denied_diagnosis(address),
+        (LinkError::Busy { address }, _) => port_in_use_diagnosis(address),
+        (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => {
+            host_unreachable_diagnosis(address, source)
+        }
         _ => return Vec::new(),
     };
-    vec![suspicion]
+    vec![diagnosis]
 }
 
-fn seen(what: String, because: String, remedy: &str) -> Diagnosis {
-    Diagnosis { seen: true, vague: false, what, because, remedy: remedy.to_owned() }
+fn confirmed_diagnosis(cause: String, evidence: String, remedy: &str) -> Diagnosis {
+    Diagnosis {
+        is_confirmed: true,
+        needs_active_search: false,
+        cause,
+        evidence,
+        remedy: remedy.to_owned(),
+    }
 }
 
-fn nobody_listens(address: &str) -> Diagnosis {
-    seen(
-        format!("wrong port, or the control's server is not running: nobody listens at {address}"),
-        "the computer of that name is there and refuses the connection".to_owned(),
-        "start the server there; in the machine file, [controller] tcp = \"host:port\" with the port that \
-         its manual names",
+fn connection_refused_diagnosis(address: &str) -> Diagnosis {
+    confirmed_diagnosis(
+        format!(
+            "wrong port, or the control's server is not running: no server listens at {address}"
+        ),
+        "the computer refuses the connection".to_owned(),
+        "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
+         the port in the control's manual",
     )
 }
 
-fn no_way(address: &str, source: &std::io::Error) -> Diagnosis {
+fn host_unreachable_diagnosis(address: &str, source: &std::io::Error) -> Diagnosis {
     use std::io::ErrorKind as Kind;
     match source.kind() {
-        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => seen(
-            format!("no way to {address}: wrong address, or it is off or behind a firewall"),
+        Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => confirmed_diagnosis(
+            format!(
+                "{address} is not reachable: wrong address, the computer is off, or a firewall blocks the connection"
+            ),
             source.to_string(),
-            "switch it on, `ping` it, look at the cable and at both addresses; then [controller] tcp in the \
-             machine file",
+            "switch the computer on, run `ping`, check the cable and the addresses of both computers; then \
+             correct [controller] tcp in the machine file",
         ),
-        _ => seen(
-            format!("there is no computer of the name in {address}"),
+        _ => confirmed_diagnosis(
+            format!("the host name in {address} is unknown"),
             source.to_string(),
-            "write its address in figures: [controller] tcp = \"192.0.2.10:23\"",
+            "use the IP address: [controller] tcp = \"192.0.2.10:23\"",
         ),
     }
 }
 
-fn no_port(address: &str, devices: &Path) -> Diagnosis {
-    let there = ports(devices);
+fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
+    let there = list_serial_ports(devices);
     let others = match there.as_slice() {
-        [] => "there is no serial port at all".to_owned(),
-        there => format!("there are {}", there.join(", ")),
+        [] => "no serial port was found".to_owned(),
+        there => format!("serial ports present: {}", there.join(", ")),
     };
     let remedy = match there.as_slice() {
-        [] => "plug the device in and switch it on; `dmesg` says whether it is seen".to_owned(),
-        [only] => format!("if that is the control: [controller] serial = \"{only}\""),
+        [] => "plug the device in and switch it on; `dmesg` shows whether the system detects it"
+            .to_owned(),
+        [only] => format!("if that port is the control, set [controller] serial = \"{only}\""),
         _ => format!(
-            "[controller] serial, or better serial_id with a name from {BY_ID}, which does not change"
+            "set [controller] serial, or better serial_id with a name from {PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
-    seen(format!("wrong port: {address} is not there"), others, &remedy)
+    confirmed_diagnosis(format!("wrong port: {address} does not exist"), others, &remedy)
 }
 
-fn ports(devices: &Path) -> Vec<String> {
+fn list_serial_ports(devices: &Path) -> Vec<String> {
     let entries = fs::read_dir(devices).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    let is_port = |name: &String| SERIAL.iter().any(|kind| name.starts_with(kind));
+    let is_port = |name: &String| SERIAL_PORT_PREFIXES.iter().any(|kind| name.starts_with(kind));
     let mut all: Vec<String> =
         names.filter(is_port).map(|name| devices.join(name).display().to_string()).collect();
     all.sort();
     all
 }
 
-fn none_named(id: &str, there: &[String]) -> Diagnosis {
+fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-    seen(
-        format!("wrong name, or it is not plugged in: no one port is called `{id}`"),
-        format!("{BY_ID} has {names}"),
-        "[controller] serial_id takes a name from there, or a part that no other name has",
+    confirmed_diagnosis(
+        format!(
+            "wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"
+        ),
+        format!("{PORTS_BY_ID_DIR} contains {names}"),
+        "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
     )
 }
 
-fn denied(address: &str) -> Diagnosis {
-    let group = fs::metadata(address).ok().and_then(|found| group_name(found.gid()));
+fn permission_denied_diagnosis(address: &str) -> Diagnosis {
+    let group = fs::metadata(address).ok().and_then(|found| read_group_name(found.gid()));
     let group = group.unwrap_or_else(|| "dialout".to_owned());
-    seen(
-        format!("this user may not open {address}: no permission"),
-        format!("it belongs to the group `{group}`"),
-        &format!("`sudo usermod -aG {group} $USER`, then log out and in again"),
+    confirmed_diagnosis(
+        format!("no permission: this user cannot open {address}"),
+        format!("{address} belongs to the group `{group}`"),
+        &format!("run `sudo usermod -aG {group} $USER`, then log out and in again"),
     )
 }
 
-fn group_name(id: u32) -> Option<String> {
+fn read_group_name(id: u32) -> Option<String> {
     let groups = fs::read_to_string("/etc/group").ok()?;
     let of = |line: &str| {
         let mut fields = line.split(':');
@@ -115,31 +134,32 @@ fn group_name(id: u32) -> Option<String> {
     groups.lines().find_map(of)
 }
 
-fn busy(address: &str) -> Diagnosis {
-    let (because, remedy) = match holder(Path::new(address)) {
-        Some((process, name)) => {
-            (format!("`{name}` (process {process}) has it open"), "end that program".to_owned())
-        }
+fn port_in_use_diagnosis(address: &str) -> Diagnosis {
+    let (evidence, remedy) = match find_port_owner(Path::new(address)) {
+        Some((process, name)) => (
+            format!("`{name}` (process {process}) has the port open"),
+            "close that program".to_owned(),
+        ),
         None => (
-            "a program of another user has it, which cannot be seen from here".to_owned(),
+            "a program of another user has the port open; this user cannot see its name".to_owned(),
             format!(
-                "`sudo fuser -v {address}` names it (often a sender, a terminal, ModemManager)"
+                "run `sudo fuser -v {address}` to find the program (often a G-code sender, a terminal or ModemManager), and close it"
             ),
         ),
     };
-    seen(format!("another program holds {address}"), because, &remedy)
+    confirmed_diagnosis(format!("another program uses {address}"), evidence, &remedy)
 }
 
 /// Number and name of a process that has `path` open, as far as this user may see it.
-fn holder(path: &Path) -> Option<(u32, String)> {
-    let wanted = fs::canonicalize(path).ok()?;
+fn find_port_owner(path: &Path) -> Option<(u32, String)> {
+    let target = fs::canonicalize(path).ok()?;
     let own = std::process::id();
     let processes = fs::read_dir("/proc").ok()?.flatten();
     let numbers = processes.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     numbers.filter(|process| *process != own).find_map(|process| {
         let folder = PathBuf::from(format!("/proc/{process}"));
         let mut open = fs::read_dir(folder.join("fd")).ok()?.flatten();
-        open.find(|file| fs::read_link(file.path()).is_ok_and(|to| to == wanted))?;
+        open.find(|file| fs::read_link(file.path()).is_ok_and(|to| to == target))?;
         let name = fs::read_to_string(folder.join("comm")).unwrap_or_default();
         Some((process, name.trim().to_owned()))
     })
@@ -155,22 +175,22 @@ mod tests {
         let devices = tempfile::tempdir().unwrap();
         let told = |names: &[&str]| {
             names.iter().for_each(|name| drop(fs::write(devices.path().join(name), "")));
-            no_port("/dev/ttyUSB7", devices.path())
+            port_missing_diagnosis("/dev/ttyUSB7", devices.path())
         };
-        assert!(told(&["ttyS0", "null"]).because.contains("no serial port at all"));
+        assert!(told(&["ttyS0", "null"]).evidence.contains("no serial port was found"));
         let one = told(&["ttyACM0"]);
         assert!(one.remedy.contains("serial = \"") && one.remedy.contains("ttyACM0\""), "{one:?}");
-        assert!(told(&["ttyUSB0"]).because.contains("ttyUSB0"));
+        assert!(told(&["ttyUSB0"]).evidence.contains("ttyUSB0"));
     }
 
     #[test]
     fn the_system_is_asked_for_groups_and_holders() {
-        assert_eq!(group_name(0).as_deref(), Some("root"));
+        assert_eq!(read_group_name(0).as_deref(), Some("root"));
         let mut sleeper = std::process::Command::new("sleep");
         let file = tempfile::NamedTempFile::new().unwrap();
         let held = fs::File::open(file.path()).unwrap();
         let mut sleeper = sleeper.arg("20").stdin(held).spawn().unwrap();
-        let found = holder(file.path());
+        let found = find_port_owner(file.path());
         sleeper.kill().unwrap();
         sleeper.wait().unwrap();
         assert_eq!(found.map(|(process, _)| process), Some(sleeper.id()));
@@ -178,16 +198,16 @@ mod tests {
 
     #[test]
     fn what_a_network_says_is_told_apart() {
-        let at = Named::Tcp(HostPort::local(1));
+        let at = LinkConfig::Tcp(HostPort::local(1));
         let told = |kind: std::io::ErrorKind| {
             let address = "192.0.2.1:23".to_owned();
-            let failed = LinkError::Open { address, source: kind.into() }.into();
-            suspects(&at, &failed)[0].what.clone()
+            let failure = LinkError::OpenFailed { address, source: kind.into() }.into();
+            diagnose_open_failure(&at, &failure)[0].cause.clone()
         };
-        assert!(told(std::io::ErrorKind::TimedOut).contains("no way to"));
-        assert!(told(std::io::ErrorKind::Other).contains("no computer of the name"));
+        assert!(told(std::io::ErrorKind::TimedOut).contains("is not reachable"));
+        assert!(told(std::io::ErrorKind::Other).contains("host name in"));
         let refused = LinkError::NotListening { address: "192.0.2.1:23".to_owned() }.into();
-        assert!(suspects(&at, &refused)[0].what.contains("nobody listens"));
-        assert!(suspects(&at, &ControllerError::Frozen).is_empty());
+        assert!(diagnose_open_failure(&at, &refused)[0].cause.contains("no server listens"));
+        assert!(diagnose_open_failure(&at, &ControllerError::Frozen).is_empty());
     }
 }

@@ -2,7 +2,7 @@
 //! control. None of these requests moves a machine that understands it.
 //!
 //! At a wrong baud rate a byte may be received as any other byte. A single `?` is never received as a byte on
-//! which Grbl acts, for any two baud rates of [`SPEEDS`] (a test checks each pair); a Modbus device does not
+//! which Grbl acts, for any two baud rates of [`BAUD_RATES`] (a test checks each pair); a Modbus device does not
 //! answer a request with a wrong checksum.
 
 use std::time::Duration;
@@ -10,45 +10,58 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::{Diagnosis, grbl, linuxcnc, modbus};
-use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
-use link::{Address, Named, Received};
+use link::modbus::{
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity,
+    RegisterRange, RegisterSpace,
+};
+use link::{Address, LineEvent, LinkConfig};
 
 /// Usual baud rates, the most usual first.
-pub(in crate::controllers) const SPEEDS: [u32; 9] =
+pub(in crate::controllers) const BAUD_RATES: [u32; 9] =
     [115_200, 250_000, 57_600, 38_400, 19_200, 9_600, 230_400, 460_800, 921_600];
 
-const ANSWER: Duration = Duration::from_millis(1200);
-const AGAIN: Duration = Duration::from_millis(300);
+const GREETING_TIMEOUT: Duration = Duration::from_millis(1200);
+const GREETING_RETRY_INTERVAL: Duration = Duration::from_millis(300);
 /// Maximum time for a Modbus reply. A reply of a few bytes at 9600 baud takes 10 ms.
-const REPLY: Duration = Duration::from_millis(250);
+const MODBUS_REPLY_TIMEOUT: Duration = Duration::from_millis(250);
 /// Unit number that a Modbus device on TCP answers if there is no gateway.
-const TCP_UNIT: u8 = 255;
-const RTU_UNIT: u8 = 1;
+const DEFAULT_TCP_UNIT: u8 = 255;
+const DEFAULT_RTU_UNIT: u8 = 1;
 
-/// Searches for a control of another kind than `known` at a serial port, at `baud` or another usual rate.
-pub(in crate::controllers) async fn on_serial(
+/// Searches for a control of another kind than `configured_kind` at a serial port, at `baud` or another usual rate.
+pub(in crate::controllers) async fn scan_serial(
     path: &str,
     baud: u32,
-    known: &str,
+    configured_kind: &str,
 ) -> Option<Diagnosis> {
-    let speeds =
-        || std::iter::once(baud).chain(SPEEDS.into_iter().filter(move |speed| *speed != baud));
-    if known != grbl::KIND {
-        for baud in speeds() {
+    let baud_rates =
+        || std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(move |rate| *rate != baud));
+    if configured_kind != grbl::CONTROL_KIND {
+        for baud in baud_rates() {
             let address = Address::Serial { path: path.to_owned(), baud };
-            if let Some(said) = greets_as_grbl(&address).await {
+            if let Some(reply) = query_grbl(&address).await {
                 let keys = format!("serial = \"{path}\" and baud = {baud}");
-                return Some(wrong_kind(known, grbl::KIND, &format!("answers `{said}`"), &keys));
+                return Some(wrong_kind_diagnosis(
+                    configured_kind,
+                    grbl::CONTROL_KIND,
+                    &format!("the reply `{reply}`"),
+                    &keys,
+                ));
             }
         }
     }
-    if known != modbus::KIND {
-        for baud in speeds() {
-            let at = Named::Serial { path: path.into(), baud };
+    if configured_kind != modbus::CONTROL_KIND {
+        for baud in baud_rates() {
+            let at = LinkConfig::Serial { path: path.into(), baud };
             for line in modbus_lines(&at) {
-                if answers_modbus(&line, RTU_UNIT).await {
+                if has_modbus_unit(&line, DEFAULT_RTU_UNIT).await {
                     let keys = format!("serial = \"{path}\" and baud = {baud}");
-                    return Some(wrong_kind(known, modbus::KIND, "answers as unit 1", &keys));
+                    return Some(wrong_kind_diagnosis(
+                        configured_kind,
+                        modbus::CONTROL_KIND,
+                        "a reply from unit 1",
+                        &keys,
+                    ));
                 }
             }
         }
@@ -56,74 +69,100 @@ pub(in crate::controllers) async fn on_serial(
     None
 }
 
-/// Searches for a control of another kind than `known` behind a TCP port.
-pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Diagnosis> {
+/// Searches for a control of another kind than `configured_kind` behind a TCP port.
+pub(in crate::controllers) async fn scan_tcp(
+    at: &LinkConfig,
+    configured_kind: &str,
+) -> Option<Diagnosis> {
     let address = at.address().ok()?;
     let keys = format!("tcp = \"{address}\"");
-    if known != modbus::KIND {
+    if configured_kind != modbus::CONTROL_KIND {
         for line in modbus_lines(at) {
-            if answers_modbus(&line, TCP_UNIT).await {
-                return Some(wrong_kind(known, modbus::KIND, "answers there", &keys));
+            if has_modbus_unit(&line, DEFAULT_TCP_UNIT).await {
+                return Some(wrong_kind_diagnosis(
+                    configured_kind,
+                    modbus::CONTROL_KIND,
+                    "a reply",
+                    &keys,
+                ));
             }
         }
     }
-    if known != linuxcnc::KIND
-        && let Some(said) = greets_as_rsh(&address).await
+    if configured_kind != linuxcnc::CONTROL_KIND
+        && let Some(reply) = query_linuxcncrsh(&address).await
     {
-        return Some(wrong_kind(known, linuxcnc::KIND, &format!("says `{said}`"), &keys));
+        return Some(wrong_kind_diagnosis(
+            configured_kind,
+            linuxcnc::CONTROL_KIND,
+            &format!("the reply `{reply}`"),
+            &keys,
+        ));
     }
-    if known != grbl::KIND
-        && let Some(said) = greets_as_grbl(&address).await
+    if configured_kind != grbl::CONTROL_KIND
+        && let Some(reply) = query_grbl(&address).await
     {
-        return Some(wrong_kind(known, grbl::KIND, &format!("answers `{said}`"), &keys));
+        return Some(wrong_kind_diagnosis(
+            configured_kind,
+            grbl::CONTROL_KIND,
+            &format!("the reply `{reply}`"),
+            &keys,
+        ));
     }
     None
 }
 
-fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Diagnosis {
+fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &str) -> Diagnosis {
     Diagnosis {
-        seen: true,
-        vague: false,
-        what: format!("wrong kind of control: what answers is of kind `{kind}`, not `{known}`"),
-        because: format!("in the language of `{kind}` it {said}"),
-        remedy: format!("in the machine file: [controller] kind = \"{kind}\" with {keys}"),
+        is_confirmed: true,
+        needs_active_search: false,
+        cause: format!(
+            "wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"
+        ),
+        evidence: format!("a request in the protocol of `{kind}` got {reply}"),
+        remedy: format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),
     }
 }
 
 /// Suspected cause if no known control answers at `at`.
-pub(in crate::controllers) fn no_known_device(at: &str, because: &str) -> Diagnosis {
+pub(in crate::controllers) fn no_known_device_diagnosis(at: &str, evidence: &str) -> Diagnosis {
     Diagnosis {
-        seen: false,
-        vague: false,
-        what: format!("wrong port, or what is at {at} is off, not wired, or no control that is known"),
-        because: because.to_owned(),
-        remedy: "switch it on, look at the cable; unplug it and see which name goes (`ls \
-                 /dev/serial/by-id`); then [controller] serial, serial_id or tcp in the machine file"
+        is_confirmed: false,
+        needs_active_search: false,
+        cause: format!("wrong port, or the device at {at} is off, not wired, or not a supported control"),
+        evidence: evidence.to_owned(),
+        remedy: "switch the device on and check the cable; unplug the device to see which name disappears (`ls \
+                 /dev/serial/by-id`); then correct [controller] serial, serial_id or tcp in the machine file"
             .to_owned(),
     }
 }
 
 /// Returns the answer of a Grbl to `?`.
-pub(in crate::controllers) async fn greets_as_grbl(address: &Address) -> Option<String> {
+pub(in crate::controllers) async fn query_grbl(address: &Address) -> Option<String> {
     let is_status = |line: &str| line.starts_with('<') && line.ends_with('>') && line.contains('|');
-    said(address, b"?", is_status).await
+    query_line(address, b"?", is_status).await
 }
 
 /// Returns the answer of linuxcncrsh to a greeting.
-pub(in crate::controllers) async fn greets_as_rsh(address: &Address) -> Option<String> {
-    said(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
+pub(in crate::controllers) async fn query_linuxcncrsh(address: &Address) -> Option<String> {
+    query_line(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
 }
 
-/// Returns the first line that `fits`; repeats the request while nothing comes.
-async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Option<String> {
-    let mut link = link::open(address).await.ok()?;
-    let deadline = Instant::now() + ANSWER;
+/// Returns the first line for which `is_match` is true; repeats the request while nothing comes.
+async fn query_line(
+    address: &Address,
+    request: &[u8],
+    is_match: impl Fn(&str) -> bool,
+) -> Option<String> {
+    let mut link = link::open_line_link(address).await.ok()?;
+    let deadline = Instant::now() + GREETING_TIMEOUT;
     while Instant::now() < deadline {
-        link.send(ask).ok()?;
-        let again = deadline.min(Instant::now() + AGAIN);
-        while let Some(received) = link.recv_deadline(again).await.ok()? {
+        link.send(request).ok()?;
+        let retry_at = deadline.min(Instant::now() + GREETING_RETRY_INTERVAL);
+        while let Some(received) = link.recv_deadline(retry_at).await.ok()? {
             match received {
-                Received::Line(line) if fits(line.trim()) => return Some(line.trim().to_owned()),
+                LineEvent::Line(line) if is_match(line.trim()) => {
+                    return Some(line.trim().to_owned());
+                }
                 _ => {}
             }
         }
@@ -132,29 +171,33 @@ async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Opt
 }
 
 /// Whether a Modbus device answers as `unit`, even if with a refusal.
-pub(in crate::controllers) async fn answers_modbus(line: &Line, unit: u8) -> bool {
-    let read = vec![Range { space: Space::Input, first: 0, last: 0 }];
-    let settings = Settings { unit, timeout: REPLY, allowed: Allowed { read, write: Vec::new() } };
-    let Ok(modbus) = Modbus::open(line.clone(), settings).await else { return false };
-    let reply = modbus.read(Space::Input, 0, 1).await;
-    matches!(reply, Ok(_) | Err(ModbusError::Refused { .. }))
+pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLine, unit: u8) -> bool {
+    let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
+    let settings = DeviceSettings {
+        unit,
+        timeout: MODBUS_REPLY_TIMEOUT,
+        allowed: AccessList { read, write: Vec::new() },
+    };
+    let Ok(modbus) = ModbusClient::open(line.clone(), settings).await else { return false };
+    let reply = modbus.read(RegisterSpace::Input, 0, 1).await;
+    matches!(reply, Ok(_) | Err(ModbusError::ExceptionReply { .. }))
 }
 
 /// Lines at `at` on which a Modbus device may answer.
-fn modbus_lines(at: &Named) -> Vec<Line> {
-    let usual = Line::usual(at.clone());
-    match usual.framing {
-        Framing::Tcp => vec![usual],
-        Framing::Rtu => {
-            [Parity::Even, Parity::None].map(|parity| Line { parity, ..usual.clone() }).to_vec()
-        }
+fn modbus_lines(at: &LinkConfig) -> Vec<ModbusLine> {
+    let default_line = ModbusLine::with_defaults(at.clone());
+    match default_line.framing {
+        Framing::Tcp => vec![default_line],
+        Framing::Rtu => [Parity::Even, Parity::None]
+            .map(|parity| ModbusLine { parity, ..default_line.clone() })
+            .to_vec(),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use link::heard;
+    use link::decode_at_baud;
 
     #[test]
     fn a_question_mark_at_a_wrong_speed_commands_nothing() {
@@ -165,8 +208,8 @@ mod tests {
                 || (0x20..0x7f).contains(&byte)
         };
         let mut heard_at_all = 0;
-        for (sent, hears) in SPEEDS.iter().flat_map(|a| SPEEDS.map(|b| (*a, b))) {
-            let bytes = heard(b"?", sent, hears);
+        for (sent, hears) in BAUD_RATES.iter().flat_map(|a| BAUD_RATES.map(|b| (*a, b))) {
+            let bytes = decode_at_baud(b"?", sent, hears);
             heard_at_all += bytes.len();
             let acted = bytes.iter().find(|byte| acts(**byte) && sent != hears);
             assert_eq!(acted, None, "{sent} heard at {hears}");

@@ -42,7 +42,7 @@ impl ReadinessItem {
 impl fmt::Display for ReadinessItem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Units => "units of its positions",
+            Self::Units => "units of the positions",
             Self::Homing => "homed axes",
             Self::TravelLimits => "travel limits",
             Self::FeedOverride => "feed override",
@@ -54,13 +54,13 @@ impl fmt::Display for ReadinessItem {
             Self::Kinematics => "kinematics mode",
             Self::OtherClients => "other clients that send commands",
             Self::ProbeInput => "probe input",
-            Self::Tool => "which tool is in the spindle",
+            Self::Tool => "tool in the spindle",
         })
     }
 }
 
 /// Describes the items that are not readable; `None` if there are none.
-pub fn describe_not_readable(items: &[ReadinessItem]) -> Option<String> {
+pub fn describe_unreadable_items(items: &[ReadinessItem]) -> Option<String> {
     let names: Vec<String> = items.iter().map(ToString::to_string).collect();
     (!names.is_empty()).then(|| format!("not readable on this control: {}", names.join(", ")))
 }

@@ -12,22 +12,22 @@ pub enum SensorError {
     Modbus(#[from] ModbusError),
     #[error(transparent)]
     Can(#[from] CanError),
-    #[error("nothing came from the sensor within {seconds} s")]
+    #[error("no data from the sensor within {seconds} s")]
     Silent { seconds: f64 },
-    #[error("samples come, but their counter always says the same")]
-    Stands,
-    #[error("what the sensor says cannot be understood: {text}")]
-    UnexpectedDevice { text: String, remedy: String },
+    #[error("the counter of the received samples never changes")]
+    CounterFrozen,
+    #[error("the data of the sensor do not match the machine file: {text}")]
+    InvalidData { text: String, remedy: String },
     #[error("the machine has no sensor `{name}`")]
-    Unknown { name: String },
-    #[error("the simulated sensor `{name}` has nothing to look at: the control is a real one")]
-    NothingToSee { name: String },
+    UnknownSensor { name: String },
+    #[error("the sensor `{name}` is simulated, but the control is not")]
+    NoSimulatedMachine { name: String },
     #[error("the sensor's task has ended")]
-    Gone,
+    TaskEnded,
 }
 
 impl SensorError {
-    pub fn is_of_link(&self) -> bool {
+    pub fn is_link_error(&self) -> bool {
         matches!(self, Self::Link(_) | Self::Modbus(_) | Self::Can(_) | Self::Silent { .. })
     }
 
@@ -36,38 +36,37 @@ impl SensorError {
         match self {
             // The link's own message concerns the machine, whose state is not in doubt here.
             Self::Link(LinkError::Lost { .. })
-            | Self::Modbus(ModbusError::Lost { .. } | ModbusError::Ended { .. }) => {
-                "see to the sensor's power and cable; a port that comes back under another name is found \
-                 by serial_id"
+            | Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) => {
+                "check the sensor's power and cable; use serial_id for a port whose device name changes"
                     .to_owned()
             }
             Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {
-                format!("{}; of the sensor it stands in its table in [[sensor]]", error.remedy())
+                format!("{}; for the sensor: the keys of its table in [[sensor]]", error.remedy())
             }
-            Self::Modbus(ModbusError::Late { .. }) => {
-                "see that the sensor is on, then compare `unit`, baud rate and parity of [sensor.modbus] \
-                 with its manual; a slow sensor needs a longer `timeout_s`"
+            Self::Modbus(ModbusError::Timeout { .. }) => {
+                "check that the sensor is on, then compare `unit`, baud rate and parity of [sensor.modbus] \
+                 with its manual; set a longer `timeout_s` for a slow sensor"
                     .to_owned()
             }
             Self::Modbus(error) => {
-                format!("{}; of the sensor it stands in [sensor.modbus]", error.remedy())
+                format!("{}; for the sensor: the keys of [sensor.modbus]", error.remedy())
             }
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
-                "see that the sensor has power, that its cable is plugged in, and that it is set to send"
+                "check the sensor's power and cable, and that the sensor is set to send data"
                     .to_owned()
             }
-            Self::Stands => "see that the sensor measures (trigger, hold input); if it does, compare `counter` \
-                             of its table in [[sensor]] with its manual: place, width, order"
+            Self::CounterFrozen => "check that the sensor measures (trigger, hold input); then compare `counter` of \
+                             its table in [[sensor]] with its manual: position, width, order"
                 .to_owned(),
-            Self::UnexpectedDevice { remedy, .. } => remedy.clone(),
-            Self::Unknown { .. } => "describe it as a [[sensor]] of the machine file".to_owned(),
-            Self::NothingToSee { .. } => {
-                "say in [[sensor]] how the real one is reached, or take `kind = \"simulated\"` in \
+            Self::InvalidData { remedy, .. } => remedy.clone(),
+            Self::UnknownSensor { .. } => "add the sensor as [[sensor]] to the machine file".to_owned(),
+            Self::NoSimulatedMachine { .. } => {
+                "write the connection of the real sensor in [[sensor]], or set `kind = \"simulated\"` in \
                  [controller]"
                     .to_owned()
             }
-            Self::Gone => "start again; if it happens again, report it".to_owned(),
+            Self::TaskEnded => "start the program again; if the error returns, report it".to_owned(),
         }
     }
 }

@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// Order in which the bytes of a number are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Order {
+pub enum Endianness {
     /// The least significant byte first (Intel).
     Little,
     /// The most significant byte first (Motorola).
@@ -15,68 +15,79 @@ pub enum Order {
 /// An integer of `width` bits. Its bytes begin at `byte`, in the given order; `bit` is the number of bits
 /// below it, in the first byte (little) or in the last (big).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Field {
+pub struct BitField {
     pub byte: u16,
     pub bit: u16,
     pub width: u16,
-    pub order: Order,
+    pub order: Endianness,
     /// Whether the number is in two's complement.
     pub signed: bool,
 }
 
-pub const MOST_BITS: u16 = 64;
+pub const MAX_FIELD_BITS: u16 = 64;
 
-impl Field {
+impl BitField {
     /// # Errors
     /// The field is invalid; the message names the key below `name`.
-    pub fn check(&self, name: &str) -> Result<(), String> {
-        let Self { bit, width, signed, .. } = *self;
+    pub fn new(
+        name: &str,
+        byte: u16,
+        bit: u16,
+        width: u16,
+        signed: bool,
+        order: Option<Endianness>,
+    ) -> Result<Self, String> {
         let least = if signed { 2 } else { 1 };
-        if !(least..=MOST_BITS).contains(&width) {
+        if !(least..=MAX_FIELD_BITS).contains(&width) {
             let kind = if signed { "a signed number has" } else { "a number has" };
-            return Err(format!("`{name}.width` is {width}; {kind} {least} to {MOST_BITS} bits"));
+            return Err(format!(
+                "`{name}.width` is {width}; {kind} {least} to {MAX_FIELD_BITS} bits"
+            ));
         }
         if bit > 7 {
-            return Err(format!("`{name}.bit` is {bit}; it counts within a byte, 0 to 7"));
+            return Err(format!("`{name}.bit` is {bit}; permitted: 0 to 7 (bit within a byte)"));
         }
-        Ok(())
+        // Within one byte both orders are the same.
+        let order = order.or((bit + width <= 8).then_some(Endianness::Little));
+        let order = order.ok_or_else(|| format!("`{name}` needs an `order`: `little` or `big`"))?;
+        Ok(Self { byte, bit, width, order, signed })
     }
 
     /// Number of bytes that the field occupies, in whole or in part.
-    fn bytes(&self) -> usize {
+    fn byte_count(&self) -> usize {
         usize::from((self.bit + self.width).div_ceil(8))
     }
 
     /// Index of the first byte after the field.
-    pub fn end(&self) -> usize {
-        usize::from(self.byte) + self.bytes()
+    pub fn end_byte(&self) -> usize {
+        usize::from(self.byte) + self.byte_count()
     }
 
     /// Returns each bit of the field, as byte and bit within the byte.
-    pub fn bits(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
+    pub fn bit_positions(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let Self { byte, bit, width, order, .. } = *self;
-        let (first, last) = (usize::from(byte), self.end().saturating_sub(1));
+        let (first, last) = (usize::from(byte), self.end_byte().saturating_sub(1));
         (usize::from(bit)..usize::from(bit) + usize::from(width)).map(move |at| match order {
-            Order::Little => (first + at / 8, at % 8),
-            Order::Big => (last - at / 8, at % 8),
+            Endianness::Little => (first + at / 8, at % 8),
+            Endianness::Big => (last - at / 8, at % 8),
         })
     }
 
     /// Returns the smallest and the largest number that the field can hold.
-    pub fn range(&self) -> (i128, i128) {
-        let size = 1_i128 << self.width.min(MOST_BITS);
+    pub fn number_range(&self) -> (i128, i128) {
+        let size = 1_i128 << self.width.min(MAX_FIELD_BITS);
         if self.signed { (-(size / 2), size / 2 - 1) } else { (0, size - 1) }
     }
 
     /// Reads the number; `None` if `frame` is too short.
-    pub fn of(&self, frame: &[u8]) -> Option<i128> {
-        let bytes = frame.get(usize::from(self.byte)..self.end())?;
+    pub fn extract(&self, frame: &[u8]) -> Option<i128> {
+        let bytes = frame.get(usize::from(self.byte)..self.end_byte())?;
         let join = |number: u128, byte: &u8| number << 8 | u128::from(*byte);
         let joined = match self.order {
-            Order::Little => bytes.iter().rev().fold(0, join),
-            Order::Big => bytes.iter().fold(0, join),
+            Endianness::Little => bytes.iter().rev().fold(0, join),
+            Endianness::Big => bytes.iter().fold(0, join),
         };
-        let size = 1_i128 << self.width.min(MOST_BITS);
+        let size = 1_i128 << self.width.min(MAX_FIELD_BITS);
         // The conversion is exact: the mask leaves at most 64 bits.
         let number = (joined >> self.bit) as i128 & (size - 1);
         Some(if self.signed && number >= size / 2 { number - size } else { number })
@@ -87,14 +98,14 @@ impl Field {
 mod tests {
     use super::*;
 
-    fn field(byte: u16, bit: u16, width: u16, order: Order, signed: bool) -> Field {
-        Field { byte, bit, width, order, signed }
+    fn field(byte: u16, bit: u16, width: u16, order: Endianness, signed: bool) -> BitField {
+        BitField { byte, bit, width, order, signed }
     }
 
     #[test]
     fn signed_24_bit_to_its_ends_in_both_orders() {
-        let little = field(0, 0, 24, Order::Little, true);
-        let big = field(1, 0, 24, Order::Big, true);
+        let little = field(0, 0, 24, Endianness::Little, true);
+        let big = field(1, 0, 24, Endianness::Big, true);
         let cases: [([u8; 3], [u8; 4], i128); 6] = [
             ([0xFF, 0xFF, 0x7F], [0xAA, 0x7F, 0xFF, 0xFF], 8_388_607),
             ([0x00, 0x00, 0x80], [0xAA, 0x80, 0x00, 0x00], -8_388_608),
@@ -104,49 +115,52 @@ mod tests {
             ([0x56, 0x34, 0x12], [0xAA, 0x12, 0x34, 0x56], 0x12_3456),
         ];
         for (low_first, high_first, number) in cases {
-            assert_eq!(little.of(&low_first), Some(number));
-            assert_eq!(big.of(&high_first), Some(number));
+            assert_eq!(little.extract(&low_first), Some(number));
+            assert_eq!(big.extract(&high_first), Some(number));
         }
-        assert_eq!(little.range(), (-8_388_608, 8_388_607));
+        assert_eq!(little.number_range(), (-8_388_608, 8_388_607));
     }
 
     #[test]
     fn twelve_bits_that_begin_within_a_byte() {
         // Little: the upper half of byte 0 is the lowest digit A, followed by CB.
-        assert_eq!(field(0, 4, 12, Order::Little, false).of(&[0xA5, 0xCB]), Some(0xCBA));
+        assert_eq!(field(0, 4, 12, Endianness::Little, false).extract(&[0xA5, 0xCB]), Some(0xCBA));
         // Big: byte 0 has the highest digits, the upper half of byte 1 the lowest.
-        assert_eq!(field(0, 4, 12, Order::Big, false).of(&[0xA5, 0xCB]), Some(0xA5C));
-        assert_eq!(field(0, 4, 12, Order::Big, true).of(&[0xA5, 0xCB]), Some(0xA5C - 0x1000));
+        assert_eq!(field(0, 4, 12, Endianness::Big, false).extract(&[0xA5, 0xCB]), Some(0xA5C));
+        assert_eq!(
+            field(0, 4, 12, Endianness::Big, true).extract(&[0xA5, 0xCB]),
+            Some(0xA5C - 0x1000)
+        );
     }
 
     #[test]
     fn sixty_four_bits_to_their_ends() {
-        let signed = field(0, 0, 64, Order::Big, true);
+        let signed = field(0, 0, 64, Endianness::Big, true);
         let least = [0x80, 0, 0, 0, 0, 0, 0, 0];
-        assert_eq!(signed.of(&least), Some(i128::from(i64::MIN)));
-        let unsigned = field(0, 0, 64, Order::Little, false);
-        assert_eq!(unsigned.of(&[0xFF; 8]), Some(i128::from(u64::MAX)));
+        assert_eq!(signed.extract(&least), Some(i128::from(i64::MIN)));
+        let unsigned = field(0, 0, 64, Endianness::Little, false);
+        assert_eq!(unsigned.extract(&[0xFF; 8]), Some(i128::from(u64::MAX)));
         assert_eq!(
-            field(0, 3, 64, Order::Little, false).of(&[0xFF; 9]),
+            field(0, 3, 64, Endianness::Little, false).extract(&[0xFF; 9]),
             Some(i128::from(u64::MAX))
         );
-        assert_eq!(unsigned.of(&[0xFF; 7]), None);
+        assert_eq!(unsigned.extract(&[0xFF; 7]), None);
     }
 
     #[test]
     fn its_bits_are_those_that_change_it() {
         let fields = [
-            field(0, 0, 24, Order::Big, false),
-            field(1, 3, 7, Order::Big, false),
-            field(1, 3, 7, Order::Little, false),
-            field(2, 6, 1, Order::Little, false),
+            field(0, 0, 24, Endianness::Big, false),
+            field(1, 3, 7, Endianness::Big, false),
+            field(1, 3, 7, Endianness::Little, false),
+            field(2, 6, 1, Endianness::Little, false),
         ];
         for field in fields {
-            let own: Vec<_> = field.bits().collect();
+            let own: Vec<_> = field.bit_positions().collect();
             for at in 0..32 {
                 let mut frame = [0_u8; 4];
                 frame[at / 8] = 1 << (at % 8);
-                let seen = field.of(&frame) != Some(0);
+                let seen = field.extract(&frame) != Some(0);
                 assert_eq!(seen, own.contains(&(at / 8, at % 8)), "{field:?}: {at}");
             }
         }

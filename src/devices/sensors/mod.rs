@@ -9,46 +9,48 @@ use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot};
 
-use link::{Clock, SharedPorts, Talk};
-use machine::record::reading::Flag;
+use link::{Clock, RequestCapture, SharedPorts};
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
 pub mod can;
+mod capture_format;
+mod counter_tracker;
+mod counters;
 mod encoder;
 mod error;
 mod field;
-mod follow;
-mod layout;
+mod frame_layout;
 #[cfg(test)]
-mod layout_tests;
+mod frame_layout_tests;
 pub mod modbus;
 mod port;
+mod sample_layout;
 pub mod serial;
-mod tally;
 #[cfg(test)]
 mod tests;
 pub mod thermometer;
-mod told;
 
+pub use counters::SampleCounters;
 pub use error::SensorError;
-pub use port::Port;
-pub use tally::Tally;
+pub use port::SharedPort;
 
 /// Configuration of a sensor, from one of the tables of `[[sensor]]`. Each kind of sensor defines the keys
 /// of its own table.
-pub trait Named: fmt::Debug + Send + Sync {
+pub trait SensorConfig: fmt::Debug + Send + Sync {
     /// Address of the sensor, in words.
-    fn at(&self) -> String;
+    fn describe_address(&self) -> String;
     /// Port that the sensor may share with other sensors.
-    fn port(&self) -> Option<Port> {
+    fn port(&self) -> Option<SharedPort> {
         None
     }
     /// Number of counts after which the rotary encoder's count restarts; `None` if the samples have no such
     /// count.
-    fn encoder_round(&self) -> Option<u64> {
+    fn encoder_modulus(&self) -> Option<u64> {
         None
     }
     /// Opens the sensor's link, or shares one of `ports`, and starts its task. Its samples have the time of
@@ -58,10 +60,10 @@ pub trait Named: fmt::Debug + Send + Sync {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: &'a SharedPorts,
-    ) -> Opening<'a>;
+    ) -> OpenFuture<'a>;
 }
 
-pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
+pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
 
 /// One sample of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,24 +74,24 @@ pub struct Sample {
     pub value_mm: Option<f64>,
     /// `Range`: out of range or no echo; `Saturated`; `Stale`: no sample came, or an old one; `Gap`: valid,
     /// but samples before it are missing.
-    pub flag: Flag,
+    pub flag: ReadingFlag,
     /// Number of samples missing before this one, by the sensor's counter.
     pub missing: u32,
     /// Count of the rotary encoder at this sample, if the sensor sends it; less than
-    /// [`Named::encoder_round`].
+    /// [`SensorConfig::encoder_modulus`].
     pub encoder_count: Option<u32>,
 }
 
 impl Sample {
     /// A sample without a new value.
     pub(crate) fn stale(t_s: f64) -> Self {
-        Self { t_s, value_mm: None, flag: Flag::Stale, missing: 0, encoder_count: None }
+        Self { t_s, value_mm: None, flag: ReadingFlag::Stale, missing: 0, encoder_count: None }
     }
 }
 
 /// Properties of a sensor that is ready.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prepared {
+pub struct SensorInfo {
     /// Description of the sensor, for the record.
     pub identity: String,
     /// Measured rate of the samples, Hz.
@@ -97,56 +99,60 @@ pub struct Prepared {
 }
 
 /// Interface that each sensor implements. One call at a time; each call runs to its end.
-pub trait Driver: Send + 'static {
+pub trait SensorDriver: Send + 'static {
     /// Opens the link, and checks that the sensor is working and that its data make sense.
-    fn prepare(&mut self) -> impl Future<Output = Result<Prepared, SensorError>> + Send;
+    fn prepare(&mut self) -> impl Future<Output = Result<SensorInfo, SensorError>> + Send;
     /// Discards samples that came before now and were not read.
-    fn forget(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
+    fn discard_old_samples(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
     /// Returns the next sample. Silence gives a sample too: after the sensor's timeout it is `Stale`.
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
     /// Whether the sensor sends only on request: then it cannot be watched while the machine moves.
-    fn on_demand(&self) -> bool;
+    fn is_on_demand(&self) -> bool;
     /// Minimum number of samples that came without being requested, by the sensor's counter; 0 without a
     /// counter.
-    fn passed_over(&self) -> u64 {
+    fn unrequested_count(&self) -> u64 {
         0
     }
 }
 
 /// Number of consecutive silences after which a sensor counts as silent.
-const MOST_SILENT: u32 = 3;
+const MAX_CONSECUTIVE_SILENCES: u32 = 3;
 
-type Good = Box<dyn Fn(&Sample) -> bool + Send>;
-type Act = Box<dyn Fn() + Send>;
+/// Time and number of samples for which a sensor is read to determine its rate.
+const RATE_WINDOW: Duration = Duration::from_millis(500);
+const MAX_RATE_SAMPLES: usize = 50;
 
-enum Request {
-    Captured(Talk),
-    Prepare(oneshot::Sender<Result<Prepared, SensorError>>),
+type SamplePredicate = Box<dyn Fn(&Sample) -> bool + Send>;
+type RejectionAction = Box<dyn Fn() + Send>;
+
+enum SensorRequest {
+    StartCapture(RequestCapture),
+    Prepare(oneshot::Sender<Result<SensorInfo, SensorError>>),
     Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
-    Watch(Good, Act, oneshot::Sender<Result<(), SensorError>>),
-    Rest(oneshot::Sender<Result<Option<Sample>, SensorError>>),
+    Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
+    EndWatch(oneshot::Sender<Result<Option<Sample>, SensorError>>),
     Current(oneshot::Sender<Result<Sample, SensorError>>),
-    Tally(oneshot::Sender<Result<Tally, SensorError>>),
+    Counters(oneshot::Sender<Result<SampleCounters, SensorError>>),
 }
 
 /// Handle that a run holds: sends messages to the driver's task.
 pub struct Sensor {
     name: String,
-    requests: mpsc::Sender<Request>,
+    requests: mpsc::Sender<SensorRequest>,
 }
 
 impl Sensor {
     /// Starts the task that owns `driver`. Call inside a tokio runtime.
-    pub fn spawn(name: impl Into<String>, driver: impl Driver) -> Self {
+    pub fn spawn(name: impl Into<String>, driver: impl SensorDriver) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        tokio::spawn(serve(driver, inbox));
+        tokio::spawn(serve_requests(driver, inbox));
         Self { name: name.into(), requests }
     }
 
     /// Creates a sensor that replays a capture. Call inside a tokio runtime.
-    pub fn replayed(name: impl Into<String>, talk: Talk) -> Self {
+    pub fn from_capture(name: impl Into<String>, capture: RequestCapture) -> Self {
         let (requests, inbox) = mpsc::channel(1);
-        tokio::spawn(told::replay(talk, inbox));
+        tokio::spawn(capture_format::replay_capture(capture, inbox));
         Self { name: name.into(), requests }
     }
 
@@ -154,8 +160,11 @@ impl Sensor {
     ///
     /// # Errors
     /// The sensor's task has ended.
-    pub async fn captured(self, talk: Talk) -> Result<Self, SensorError> {
-        self.requests.send(Request::Captured(talk)).await.map_err(|_| SensorError::Gone)?;
+    pub async fn with_capture(self, capture: RequestCapture) -> Result<Self, SensorError> {
+        self.requests
+            .send(SensorRequest::StartCapture(capture))
+            .await
+            .map_err(|_| SensorError::TaskEnded)?;
         Ok(self)
     }
 
@@ -163,133 +172,151 @@ impl Sensor {
         &self.name
     }
 
-    pub async fn prepare(&self) -> Result<Prepared, SensorError> {
-        self.ask(Request::Prepare).await
+    pub async fn prepare(&self) -> Result<SensorInfo, SensorError> {
+        self.request(SensorRequest::Prepare).await
     }
 
     /// Returns the next `count` samples, none from before this call; fewer if the sensor falls silent.
-    pub async fn take(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
-        self.ask(|answer| Request::Take(count, answer)).await
+    pub async fn read_samples(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
+        self.request(|reply| SensorRequest::Take(count, reply)).await
     }
 
-    /// Watches the samples until [`Sensor::rest`]: at the first sample that is not `good`, `act` is called,
-    /// at once and from the sensor's task. `act` must not block. A sensor that sends only on request is not
+    /// Watches the samples until [`Sensor::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
+    /// called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on request is not
     /// watched. Returns when the watch has started: every later sample is checked.
     pub async fn watch(
         &self,
-        good: impl Fn(&Sample) -> bool + Send + 'static,
-        act: impl Fn() + Send + 'static,
+        is_good: impl Fn(&Sample) -> bool + Send + 'static,
+        on_rejection: impl Fn() + Send + 'static,
     ) -> Result<(), SensorError> {
-        self.ask(|stands| Request::Watch(Box::new(good), Box::new(act), stands)).await
+        self.request(|started| {
+            SensorRequest::Watch(Box::new(is_good), Box::new(on_rejection), started)
+        })
+        .await
     }
 
     /// Ends the watch; returns the sample that was not good, if there was one.
-    pub async fn rest(&self) -> Result<Option<Sample>, SensorError> {
-        self.ask(Request::Rest).await
+    pub async fn end_watch(&self) -> Result<Option<Sample>, SensorError> {
+        self.request(SensorRequest::EndWatch).await
     }
 
     /// Returns the next sample, for display only: it is neither captured nor counted. A replay has none.
-    pub async fn current(&self) -> Result<Sample, SensorError> {
-        self.ask(Request::Current).await
+    pub async fn current_sample(&self) -> Result<Sample, SensorError> {
+        self.request(SensorRequest::Current).await
     }
 
     /// Returns the counts of samples up to now.
-    pub async fn tally(&self) -> Result<Tally, SensorError> {
-        self.ask(Request::Tally).await
+    pub async fn counters(&self) -> Result<SampleCounters, SensorError> {
+        self.request(SensorRequest::Counters).await
     }
 
-    async fn ask<T>(
+    async fn request<T>(
         &self,
-        request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> Request,
+        request: impl FnOnce(oneshot::Sender<Result<T, SensorError>>) -> SensorRequest,
     ) -> Result<T, SensorError> {
-        let (answer, result) = oneshot::channel();
-        self.requests.send(request(answer)).await.map_err(|_| SensorError::Gone)?;
-        result.await.map_err(|_| SensorError::Gone)?
+        let (reply, result) = oneshot::channel();
+        self.requests.send(request(reply)).await.map_err(|_| SensorError::TaskEnded)?;
+        result.await.map_err(|_| SensorError::TaskEnded)?
     }
 }
 
 /// Task of the driver: handles requests one after the other until the handle is dropped.
-async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
-    let (mut seen, mut talk, mut tally) = (Ok(None), Talk::plain(), Tally::default());
+async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver<SensorRequest>) {
+    let (mut rejected, mut capture, mut counters) =
+        (Ok(None), RequestCapture::disabled(), SampleCounters::default());
     while let Some(request) = inbox.recv().await {
         match request {
-            Request::Captured(by) => talk = by,
-            Request::Prepare(answer) => {
-                talk.asked(told::PREPARE);
-                let prepared = driver.prepare().await;
-                prepared.iter().for_each(|prepared| talk.said(&told::prepared(prepared)));
-                drop(answer.send(prepared));
+            SensorRequest::StartCapture(recorder) => capture = recorder,
+            SensorRequest::Prepare(reply) => {
+                capture.record_request(capture_format::PREPARE_REQUEST);
+                let info = driver.prepare().await;
+                info.iter().for_each(|info| capture.record_reply(&capture_format::info_line(info)));
+                drop(reply.send(info));
             }
-            Request::Take(count, answer) => {
-                talk.asked(&told::take(count));
-                let samples = take(&mut driver, count).await;
-                samples.iter().flatten().for_each(|sample| tally.count(sample));
-                samples.iter().flatten().for_each(|sample| talk.said(&told::sample(sample)));
-                drop(answer.send(samples));
+            SensorRequest::Take(count, reply) => {
+                capture.record_request(&capture_format::take_line(count));
+                let samples = take_samples(&mut driver, count).await;
+                samples.iter().flatten().for_each(|sample| counters.add(sample));
+                samples
+                    .iter()
+                    .flatten()
+                    .for_each(|sample| capture.record_reply(&capture_format::sample_line(sample)));
+                drop(reply.send(samples));
             }
-            Request::Watch(good, act, stands) => {
-                talk.asked(told::WATCH);
-                let listens = listen(&mut driver).await;
-                let watches = matches!(listens, Ok(true));
-                drop(stands.send(listens.map(|_| ())));
-                if watches {
-                    seen = watch(&mut driver, &inbox, (good, act), (&talk, &mut tally)).await;
+            SensorRequest::Watch(is_good, on_rejection, started) => {
+                capture.record_request(capture_format::WATCH_REQUEST);
+                let watch_ready = prepare_watch(&mut driver).await;
+                let is_watched = matches!(watch_ready, Ok(true));
+                drop(started.send(watch_ready.map(|_| ())));
+                if is_watched {
+                    rejected = watch_samples(
+                        &mut driver,
+                        &inbox,
+                        (is_good, on_rejection),
+                        (&capture, &mut counters),
+                    )
+                    .await;
                 }
             }
-            Request::Tally(answer) => {
-                let passed_over = driver.passed_over();
-                drop(answer.send(Ok(Tally { passed_over, ..tally })));
+            SensorRequest::Counters(reply) => {
+                let unrequested_count = driver.unrequested_count();
+                drop(reply.send(Ok(SampleCounters { unrequested_count, ..counters })));
             }
-            Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
-            Request::Current(answer) => drop(answer.send(current(&mut driver).await)),
+            SensorRequest::EndWatch(reply) => {
+                drop(reply.send(std::mem::replace(&mut rejected, Ok(None))))
+            }
+            SensorRequest::Current(reply) => drop(reply.send(current_sample(&mut driver).await)),
         }
     }
 }
 
-async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, SensorError> {
-    driver.forget().await?;
-    let (mut samples, mut silent) = (Vec::new(), 0);
+async fn take_samples(
+    driver: &mut impl SensorDriver,
+    count: u32,
+) -> Result<Vec<Sample>, SensorError> {
+    driver.discard_old_samples().await?;
+    let (mut samples, mut silence_count) = (Vec::new(), 0);
     for _ in 0..count {
         let sample = driver.next().await?;
-        silent = if sample.flag == Flag::Stale { silent + 1 } else { 0 };
+        silence_count = if sample.flag == ReadingFlag::Stale { silence_count + 1 } else { 0 };
         samples.push(sample);
-        if silent == MOST_SILENT {
+        if silence_count == MAX_CONSECUTIVE_SILENCES {
             break;
         }
     }
     Ok(samples)
 }
 
-async fn current(driver: &mut impl Driver) -> Result<Sample, SensorError> {
-    driver.forget().await?;
+async fn current_sample(driver: &mut impl SensorDriver) -> Result<Sample, SensorError> {
+    driver.discard_old_samples().await?;
     driver.next().await
 }
 
 /// Discards earlier samples; returns `false` if the sensor sends only on request.
-async fn listen(driver: &mut impl Driver) -> Result<bool, SensorError> {
-    if driver.on_demand() {
+async fn prepare_watch(driver: &mut impl SensorDriver) -> Result<bool, SensorError> {
+    if driver.is_on_demand() {
         return Ok(false);
     }
-    driver.forget().await.map(|()| true)
+    driver.discard_old_samples().await.map(|()| true)
 }
 
 /// Watches the samples until the next request.
-async fn watch(
-    driver: &mut impl Driver,
-    inbox: &mpsc::Receiver<Request>,
-    (good, act): (Good, Act),
-    (talk, tally): (&Talk, &mut Tally),
+async fn watch_samples(
+    driver: &mut impl SensorDriver,
+    inbox: &mpsc::Receiver<SensorRequest>,
+    (is_good, on_rejection): (SamplePredicate, RejectionAction),
+    (capture, counters): (&RequestCapture, &mut SampleCounters),
 ) -> Result<Option<Sample>, SensorError> {
     while inbox.is_empty() && !inbox.is_closed() {
-        let sample = driver.next().await.inspect_err(|_| act())?;
-        let good = good(&sample);
-        if !good {
-            act();
+        let sample = driver.next().await.inspect_err(|_| on_rejection())?;
+        let is_good = is_good(&sample);
+        if !is_good {
+            on_rejection();
         }
-        tally.count(&sample);
+        counters.add(&sample);
         // The capture is written after the hold, so that no disk access delays the hold.
-        talk.said(&told::sample(&sample));
-        if !good {
+        capture.record_reply(&capture_format::sample_line(&sample));
+        if !is_good {
             return Ok(Some(sample));
         }
     }

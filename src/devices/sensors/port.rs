@@ -2,14 +2,14 @@
 
 /// A serial port or a converter, as one sensor's table states it.
 #[derive(Debug)]
-pub struct Port {
+pub struct SharedPort {
     /// Name of the port, as in the table.
     pub name: String,
     /// Keys and values that must be the same for all sensors of the port, the kind of table first.
     pub keys: Vec<(&'static str, String)>,
 }
 
-impl Port {
+impl SharedPort {
     /// Describes how this port differs from that of the sensor `owner`; `None` if it is another port, or if
     /// both can share it.
     pub fn conflict(&self, owner: &str, other: &Self) -> Option<String> {
@@ -19,8 +19,8 @@ impl Port {
         let mut pairs = self.keys.iter().zip(&other.keys);
         let ((key, own), (_, others)) = pairs.find(|(own, others)| own != others)?;
         Some(format!(
-            "is on the same port as `{owner}` ({}), but {key} is {own} here and {others} there: sensors that \
-             share a port must have it alike",
+            "shares the port {} with `{owner}`, but {key} is {own} here and {others} there: set the same value \
+             for all sensors of a port",
             self.name
         ))
     }

@@ -2,11 +2,11 @@
 
 use faer::Mat;
 
-use super::{Summary, numerical_tolerance};
+use super::{TrialStatistics, numerical_tolerance};
 use crate::coverage::COVERAGE_PROBABILITY;
 
 /// Moments and coverage intervals of each output in one block of trials.
-pub(super) struct Block {
+pub(super) struct TrialBlock {
     trials: usize,
     mean: Vec<f64>,
     /// Scatter matrix Σ(x − mean)(x − mean)ᵀ.
@@ -15,7 +15,7 @@ pub(super) struct Block {
     shortest: Vec<[f64; 2]>,
 }
 
-impl Block {
+impl TrialBlock {
     /// Computes the statistics from the values of the outputs, trials × outputs.
     pub(super) fn new(values: Mat<f64>) -> Self {
         let (trials, outputs) = (values.nrows(), values.ncols());
@@ -49,40 +49,40 @@ impl Block {
 /// − q)/2, rounded.
 fn symmetric_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
     let count = sorted.len();
-    let covered = covered(count, probability);
+    let covered = covered_count(count, probability);
     let low_rank = (count - covered).div_ceil(2).max(1);
     [sorted[low_rank - 1], sorted[(low_rank + covered).min(count) - 1]]
 }
 
 /// Shortest of all intervals between ranks r and r + q (JCGM 101, 7.7.4).
 pub(super) fn shortest_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
-    let covered = covered(sorted.len(), probability);
+    let covered = covered_count(sorted.len(), probability);
     let pairs = sorted.iter().zip(&sorted[covered..]);
     let shortest = pairs.min_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
     shortest.map_or([f64::NAN; 2], |(low, high)| [*low, *high])
 }
 
 /// Number of values in the interval: q of JCGM 101, 7.7.
-fn covered(count: usize, probability: f64) -> usize {
+fn covered_count(count: usize, probability: f64) -> usize {
     ((probability * count as f64 + 0.5) as usize).min(count - 1)
 }
 
 /// Blocks joined in the order in which they are pushed.
-pub(super) struct Joined {
+pub(super) struct JoinedBlocks {
     trials: usize,
     mean: Vec<f64>,
     scatter: Mat<f64>,
-    blocks: Vec<Block>,
+    blocks: Vec<TrialBlock>,
 }
 
-impl Joined {
+impl JoinedBlocks {
     pub(super) fn new(outputs: usize) -> Self {
         let scatter = Mat::zeros(outputs, outputs);
         Self { trials: 0, mean: vec![0.0; outputs], scatter, blocks: Vec::new() }
     }
 
     /// Adds a block. The moments are merged pairwise (Chan, Golub, LeVeque 1979).
-    pub(super) fn push(&mut self, block: Block) {
+    pub(super) fn push(&mut self, block: TrialBlock) {
         let (before, added) = (self.trials as f64, block.trials as f64);
         let total = before + added;
         let shift: Vec<f64> = block.mean.iter().zip(&self.mean).map(|(b, m)| b - m).collect();
@@ -102,7 +102,7 @@ impl Joined {
         self.blocks.len() >= 2
             && (0..self.mean.len()).all(|j| {
                 let tolerance = numerical_tolerance(self.deviation(j), digits);
-                let steady = |of: &dyn Fn(&Block) -> f64| {
+                let steady = |of: &dyn Fn(&TrialBlock) -> f64| {
                     2.0 * deviation_of_average(self.blocks.iter().map(of)) <= tolerance
                 };
                 steady(&|block| block.mean[j])
@@ -112,24 +112,24 @@ impl Joined {
             })
     }
 
-    pub(super) fn summary(self, stable: bool) -> Summary {
+    pub(super) fn summary(self, is_stable: bool) -> TrialStatistics {
         let outputs = self.mean.len();
         let freedom = (self.trials.max(2) - 1) as f64;
-        let end = |of: &dyn Fn(&Block) -> f64| {
+        let end = |of: &dyn Fn(&TrialBlock) -> f64| {
             let weighted = self.blocks.iter().map(|block| of(block) * block.trials as f64);
             weighted.sum::<f64>() / self.trials as f64
         };
-        let ends = |of: fn(&Block) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
+        let ends = |of: fn(&TrialBlock) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
             let side = |j: usize, side: usize| end(&|block| of(block)[j][side]);
             (0..outputs).map(|j| [side(j, 0), side(j, 1)]).collect()
         };
-        Summary {
+        TrialStatistics {
             trials: self.trials,
-            stable,
+            is_stable,
             standard_deviation: (0..outputs).map(|j| self.deviation(j)).collect(),
             covariance: Mat::from_fn(outputs, outputs, |i, j| self.scatter[(i, j)] / freedom),
-            interval: ends(|block| &block.interval),
-            shortest: ends(|block| &block.shortest),
+            symmetric_interval: ends(|block| &block.interval),
+            shortest_interval: ends(|block| &block.shortest),
             mean: self.mean,
         }
     }

@@ -3,16 +3,16 @@
 //! results are joined in order, so the result is identical to the bit for any number of threads.
 
 mod block;
+mod distribution;
 mod random;
-mod shape;
 
 use faer::Mat;
 use rayon::prelude::*;
 
-use block::{Block, Joined};
+use block::{JoinedBlocks, TrialBlock};
 
-pub use random::Random;
-pub use shape::Shape;
+pub use distribution::DrawDistribution;
+pub use random::DrawStream;
 
 /// Trials of a block. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
 /// least 10⁴ trials for 95 %).
@@ -22,11 +22,11 @@ const CHUNK_TRIALS: usize = 1_000;
 /// Trials computed by one call of `compute`. It divides [`CHUNK_TRIALS`].
 const TRIALS_PER_CALL: usize = 200;
 /// Number of blocks between two evaluations of the stopping rule.
-const WAVE: usize = 4;
+const BLOCKS_PER_STABILITY_CHECK: usize = 4;
 
 /// Number of trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trials {
+pub enum TrialCount {
     Fixed(usize),
     /// Blocks of 10⁴ trials until means, standard deviations and interval ends of all outputs are stable to
     /// `digits` significant digits of the standard deviation (JCGM 101, 7.9), or `max` trials.
@@ -36,37 +36,37 @@ pub enum Trials {
     },
 }
 
-impl Trials {
+impl TrialCount {
     /// The requested number of trials, or the adaptive rule if `count` is 0.
-    pub fn asked(count: usize, digits: u32, max: usize) -> Self {
+    pub fn from_setting(count: usize, digits: u32, max: usize) -> Self {
         if count == 0 { Self::Adaptive { digits, max } } else { Self::Fixed(count) }
     }
 }
 
 /// Statistics of the trials, one entry per output.
 #[derive(Debug, Clone)]
-pub struct Summary {
+pub struct TrialStatistics {
     pub trials: usize,
     /// Whether the adaptive rule was met. Always `true` for a fixed number.
-    pub stable: bool,
+    pub is_stable: bool,
     pub mean: Vec<f64>,
     pub standard_deviation: Vec<f64>,
     pub covariance: Mat<f64>,
     /// Probabilistically symmetric 95.45 % coverage interval: mean of the intervals of the blocks.
-    pub interval: Vec<[f64; 2]>,
+    pub symmetric_interval: Vec<[f64; 2]>,
     /// Shortest 95.45 % coverage interval: mean of the intervals of the blocks.
-    pub shortest: Vec<[f64; 2]>,
+    pub shortest_interval: Vec<[f64; 2]>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{0} trials show no scatter; ask for at least 2, better 10 000")]
+#[error("{0} trials are too few to compute a scatter; set at least 2, better 10 000")]
 pub struct TooFewTrials(pub usize);
 
-impl Summary {
+impl TrialStatistics {
     /// Whether the trials contradict the standard uncertainty `u` of an output by first-order propagation (JCGM
     /// 101, 8.1.3). The difference must exceed both the numerical tolerance of `u` with two digits and the trials'
     /// own scatter.
-    pub fn contradicts(&self, output: usize, u: f64) -> bool {
+    pub fn contradicts_uncertainty(&self, output: usize, u: f64) -> bool {
         let off = (u - self.standard_deviation[output]).abs();
         off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trials as f64).sqrt() * u
     }
@@ -78,25 +78,33 @@ impl Summary {
 ///
 /// # Errors
 /// Fewer than two trials.
-pub fn propagate(
-    trials: Trials,
+pub fn propagate_distributions(
+    trials: TrialCount,
     seed: u64,
     outputs: usize,
-    compute: impl Fn(&mut Random, usize) -> Mat<f64> + Sync,
-) -> Result<Summary, TooFewTrials> {
+    compute: impl Fn(&mut DrawStream, usize) -> Mat<f64> + Sync,
+) -> Result<TrialStatistics, TooFewTrials> {
     let (total, digits) = match trials {
-        Trials::Fixed(total) => (total, None),
-        Trials::Adaptive { digits, max } => (max, Some(digits)),
+        TrialCount::Fixed(total) => (total, None),
+        TrialCount::Adaptive { digits, max } => (max, Some(digits)),
     };
     if total < 2 {
         return Err(TooFewTrials(total));
     }
     let sizes = block_sizes(total);
-    let mut joined = Joined::new(outputs);
-    for (wave, sizes) in sizes.chunks(WAVE).enumerate() {
+    let mut joined = JoinedBlocks::new(outputs);
+    for (wave, sizes) in sizes.chunks(BLOCKS_PER_STABILITY_CHECK).enumerate() {
         let numbered = sizes.par_iter().enumerate();
-        let blocks: Vec<Block> = numbered
-            .map(|(i, size)| one_block(seed, (wave * WAVE + i) as u64, *size, outputs, &compute))
+        let blocks: Vec<TrialBlock> = numbered
+            .map(|(i, size)| {
+                compute_block(
+                    seed,
+                    (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64,
+                    *size,
+                    outputs,
+                    &compute,
+                )
+            })
             .collect();
         blocks.into_iter().for_each(|block| joined.push(block));
         if digits.is_some_and(|digits| joined.is_stable(digits)) {
@@ -112,16 +120,16 @@ fn block_sizes(total: usize) -> Vec<usize> {
     (0..blocks).map(|b| total / blocks + usize::from(b < total % blocks)).collect()
 }
 
-fn one_block(
+fn compute_block(
     seed: u64,
     number: u64,
     size: usize,
     outputs: usize,
-    compute: &(impl Fn(&mut Random, usize) -> Mat<f64> + Sync),
-) -> Block {
+    compute: &(impl Fn(&mut DrawStream, usize) -> Mat<f64> + Sync),
+) -> TrialBlock {
     let chunk = |chunk: usize| -> Vec<Mat<f64>> {
         let count = CHUNK_TRIALS.min(size - chunk * CHUNK_TRIALS);
-        let mut random = Random::of(seed, &[number, chunk as u64]);
+        let mut random = DrawStream::from_key(seed, &[number, chunk as u64]);
         let starts = (0..count).step_by(TRIALS_PER_CALL);
         starts.map(|first| compute(&mut random, TRIALS_PER_CALL.min(count - first))).collect()
     };
@@ -132,7 +140,7 @@ fn one_block(
         values.subrows_mut(first, part.nrows()).copy_from(&part);
         first += part.nrows();
     }
-    Block::new(values)
+    TrialBlock::new(values)
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.

@@ -7,41 +7,41 @@ use std::f64::consts::{LN_2, PI};
 use pulp::{Arch, Simd, WithSimd};
 use rand::Rng;
 
-use super::Shape;
-use crate::random::stream;
+use super::DrawDistribution;
+use crate::random::seeded_stream;
 
-const LANES: usize = 8;
+const LANE_COUNT: usize = 8;
 /// Number of pairs of deviates per batch.
-const PAIRS: usize = 256;
+const PAIRS_PER_BATCH: usize = 256;
 /// Half a step of the angle, in half turns. It makes the angles symmetric about zero.
-const HALF_STEP: f64 = 1.0 / 16_777_216.0;
+const HALF_ANGLE_STEP: f64 = 1.0 / 16_777_216.0;
 /// Bit pattern of 1.0 as `f64`.
-const ONE: u64 = 0x3FF0_0000_0000_0000;
+const ONE_BITS: u64 = 0x3FF0_0000_0000_0000;
 
 /// A stream of independent draws of mean 0 and variance 1.
 #[derive(Debug, Clone)]
-pub struct Random {
+pub struct DrawStream {
     lanes: Xoshiro,
     arch: Arch,
 }
 
-impl Random {
-    /// Creates the stream. The state of all lanes is drawn from the [`stream`] of `seed` for `key`.
-    pub fn of(seed: u64, key: &[u64]) -> Self {
-        let mut seeder = stream(seed, key);
+impl DrawStream {
+    /// Creates the stream. The state of all lanes is drawn from the [`seeded_stream`] of `seed` for `key`.
+    pub fn from_key(seed: u64, key: &[u64]) -> Self {
+        let mut seeder = seeded_stream(seed, key);
         let state = std::array::from_fn(|_| std::array::from_fn(|_| seeder.next_u64()));
         Self { lanes: Xoshiro(state), arch: Arch::new() }
     }
 
     /// Trials × draws, column after column; draw `j` has the distribution `shapes[j]`.
-    pub fn units(&mut self, trials: usize, shapes: &[Shape]) -> Vec<f64> {
+    pub fn unit_draws(&mut self, trials: usize, shapes: &[DrawDistribution]) -> Vec<f64> {
         let mut units = vec![0.0; trials * shapes.len()];
         let mut rest = units.as_mut_slice();
         for alike in shapes.chunk_by(|a, b| a == b) {
             let (own, after) = rest.split_at_mut(trials * alike.len());
             match alike[0] {
-                Shape::Normal => self.fill_normal(own),
-                Shape::Rectangular => self.fill_rectangular(own),
+                DrawDistribution::Normal => self.fill_normal(own),
+                DrawDistribution::Rectangular => self.fill_rectangular(own),
             }
             rest = after;
         }
@@ -50,21 +50,21 @@ impl Random {
 
     fn fill_rectangular(&mut self, out: &mut [f64]) {
         let Self { lanes, arch } = self;
-        for values in out.chunks_mut(PAIRS) {
+        for values in out.chunks_mut(PAIRS_PER_BATCH) {
             arch.dispatch(FillRectangular { lanes, values });
         }
     }
 
     fn fill_normal(&mut self, out: &mut [f64]) {
         let Self { lanes, arch } = self;
-        let mut pairs = out.chunks_exact_mut(2 * PAIRS);
+        let mut pairs = out.chunks_exact_mut(2 * PAIRS_PER_BATCH);
         for pair in &mut pairs {
-            let (first, second) = pair.split_at_mut(PAIRS);
+            let (first, second) = pair.split_at_mut(PAIRS_PER_BATCH);
             arch.dispatch(FillPairs { lanes, first, second });
         }
         let rest = pairs.into_remainder();
         if !rest.is_empty() {
-            let (mut first, mut second) = ([0.0; PAIRS], [0.0; PAIRS]);
+            let (mut first, mut second) = ([0.0; PAIRS_PER_BATCH], [0.0; PAIRS_PER_BATCH]);
             arch.dispatch(FillPairs { lanes, first: &mut first, second: &mut second });
             for (value, normal) in rest.iter_mut().zip(first.iter().chain(&second)) {
                 *value = *normal;
@@ -73,7 +73,7 @@ impl Random {
     }
 }
 
-/// Fills at most [`PAIRS`] rectangular deviates.
+/// Fills at most [`PAIRS_PER_BATCH`] rectangular deviates.
 struct FillRectangular<'a> {
     lanes: &'a mut Xoshiro,
     values: &'a mut [f64],
@@ -85,16 +85,16 @@ impl WithSimd for FillRectangular<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         // Scales the interval [−½, ½) to unit variance: √12.
-        const WIDTH: f64 = 3.464_101_615_137_754_4;
-        let mut bits = [0; PAIRS];
+        const UNIT_VARIANCE_WIDTH: f64 = 3.464_101_615_137_754_4;
+        let mut bits = [0; PAIRS_PER_BATCH];
         self.lanes.fill(&mut bits);
         for (value, bits) in self.values.iter_mut().zip(&bits) {
-            *value = WIDTH * (f64::from_bits((bits >> 12) | ONE) - 1.5);
+            *value = UNIT_VARIANCE_WIDTH * (f64::from_bits((bits >> 12) | ONE_BITS) - 1.5);
         }
     }
 }
 
-/// Fills [`PAIRS`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with the wide
+/// Fills [`PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with the wide
 /// registers enabled.
 struct FillPairs<'a> {
     lanes: &'a mut Xoshiro,
@@ -107,7 +107,7 @@ impl WithSimd for FillPairs<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let mut bits = [0; PAIRS];
+        let mut bits = [0; PAIRS_PER_BATCH];
         self.lanes.fill(&mut bits);
         for ((first, second), bits) in self.first.iter_mut().zip(self.second).zip(&bits) {
             (*first, *second) = normal_pair(*bits);
@@ -120,8 +120,8 @@ impl WithSimd for FillPairs<'_> {
 #[inline(always)]
 fn normal_pair(bits: u64) -> (f64, f64) {
     // 2 − [1, 2) lies in (0, 1]: the logarithm is finite.
-    let radius = (-2.0 * ln(2.0 - f64::from_bits((bits >> 24 << 12) | ONE))).sqrt();
-    let angle = PI * (f64::from_bits((bits << 41 >> 12) | ONE) - (1.5 - HALF_STEP));
+    let radius = (-2.0 * ln(2.0 - f64::from_bits((bits >> 24 << 12) | ONE_BITS))).sqrt();
+    let angle = PI * (f64::from_bits((bits << 41 >> 12) | ONE_BITS) - (1.5 - HALF_ANGLE_STEP));
     let signed = f64::from_bits(radius.to_bits() | ((bits << 40) & (1 << 63)));
     (signed * cos(angle), signed * sin(angle))
 }
@@ -130,12 +130,12 @@ fn normal_pair(bits: u64) -> (f64, f64) {
 /// absolute.
 #[inline(always)]
 fn ln(x: f64) -> f64 {
-    const SQRT_HALF: u64 = 0x3FE6_A09E_667F_3BCD;
-    let bits = x.to_bits() + (ONE - SQRT_HALF);
+    const SQRT_HALF_BITS: u64 = 0x3FE6_A09E_667F_3BCD;
+    let bits = x.to_bits() + (ONE_BITS - SQRT_HALF_BITS);
     // The biased exponent as a number, computed through the mantissa of 2⁵².
     let exponent =
         f64::from_bits((bits >> 52) | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1023.0);
-    let mantissa = f64::from_bits((bits & 0x000F_FFFF_FFFF_FFFF) + SQRT_HALF);
+    let mantissa = f64::from_bits((bits & 0x000F_FFFF_FFFF_FFFF) + SQRT_HALF_BITS);
     let s = (mantissa - 1.0) / (mantissa + 1.0);
     let q = s * s;
     let series = polynomial(q, [1.0 / 11.0, 1.0 / 9.0, 1.0 / 7.0, 1.0 / 5.0, 1.0 / 3.0, 1.0]);
@@ -187,15 +187,15 @@ fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
 
 /// Eight independent generators side by side: `state[word][lane]`.
 #[derive(Debug, Clone)]
-struct Xoshiro([[u64; LANES]; 4]);
+struct Xoshiro([[u64; LANE_COUNT]; 4]);
 
 impl Xoshiro {
     /// Fills `out`: lane l gives elements l, l + 8, …. The length is a multiple of eight.
     #[inline(always)]
     fn fill(&mut self, out: &mut [u64]) {
         let [mut s0, mut s1, mut s2, mut s3] = self.0;
-        for out in out.chunks_exact_mut(LANES) {
-            for l in 0..LANES {
+        for out in out.chunks_exact_mut(LANE_COUNT) {
+            for l in 0..LANE_COUNT {
                 out[l] = s0[l].wrapping_add(s3[l]).rotate_left(23).wrapping_add(s0[l]);
                 let t = s1[l] << 17;
                 s2[l] ^= s0[l];
@@ -219,8 +219,8 @@ mod tests {
     /// The published reference implementation, started from the state (1, 2, 3, 4).
     #[test]
     fn paper_xoshiro256_plus_plus_reference() {
-        let mut lanes = Xoshiro(std::array::from_fn(|word| [word as u64 + 1; LANES]));
-        let mut out = [0; 8 * LANES];
+        let mut lanes = Xoshiro(std::array::from_fn(|word| [word as u64 + 1; LANE_COUNT]));
+        let mut out = [0; 8 * LANE_COUNT];
         lanes.fill(&mut out);
         let expected = [
             41_943_041,
@@ -231,8 +231,8 @@ mod tests {
             9_973_669_472_204_895_162,
             14_011_001_112_246_962_877,
         ];
-        for (row, expected) in out.chunks(LANES).zip(expected) {
-            assert_eq!(row, [expected; LANES]);
+        for (row, expected) in out.chunks(LANE_COUNT).zip(expected) {
+            assert_eq!(row, [expected; LANE_COUNT]);
         }
     }
 
@@ -254,7 +254,7 @@ mod tests {
     fn regress_deviates_are_normal_and_independent() {
         const COUNT: usize = 400_000;
         let mut values = vec![0.0; COUNT + 3];
-        Random::of(7, &[1]).fill_normal(&mut values);
+        DrawStream::from_key(7, &[1]).fill_normal(&mut values);
         let root = (COUNT as f64).sqrt();
         let average = |f: &dyn Fn(usize) -> f64| (0..COUNT).map(f).sum::<f64>() / COUNT as f64;
         // Moments 1 to 4 are within four of their standard deviations 1, √2, √15, √96.
@@ -269,7 +269,7 @@ mod tests {
         }
         // Correlation of neighbours, of lanes, and of the two members of a pair, of the values and of their
         // squares.
-        for lag in [1, LANES, PAIRS, 2 * PAIRS] {
+        for lag in [1, LANE_COUNT, PAIRS_PER_BATCH, 2 * PAIRS_PER_BATCH] {
             let plain = average(&|i| values[i] * values[(i + lag) % COUNT]);
             let squared =
                 average(&|i| (values[i].powi(2) - 1.0) * (values[(i + lag) % COUNT].powi(2) - 1.0));
@@ -285,9 +285,10 @@ mod tests {
     #[test]
     fn regress_rectangular_deviates_are_rectangular_and_independent() {
         const COUNT: usize = 400_000;
-        let mut values = Random::of(7, &[2]).units(COUNT + 3, &[Shape::Rectangular]);
+        let mut values =
+            DrawStream::from_key(7, &[2]).unit_draws(COUNT + 3, &[DrawDistribution::Rectangular]);
         let root = (COUNT as f64).sqrt();
-        for lag in [1, LANES, PAIRS] {
+        for lag in [1, LANE_COUNT, PAIRS_PER_BATCH] {
             let products = (0..COUNT).map(|i| values[i] * values[(i + lag) % COUNT]);
             let mean = products.sum::<f64>() / COUNT as f64;
             assert!(mean.abs() < 4.0 / root, "{lag}: {mean}");

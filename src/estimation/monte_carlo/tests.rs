@@ -3,8 +3,9 @@ use faer::Mat;
 use super::*;
 
 /// Outputs 3 + a/2 and 2a + b of a normal draw a and a rectangular draw b, both of unit variance.
-fn two_outputs(random: &mut Random, trials: usize) -> Mat<f64> {
-    let units = random.units(trials, &[Shape::Normal, Shape::Rectangular]);
+fn two_outputs(random: &mut DrawStream, trials: usize) -> Mat<f64> {
+    let units =
+        random.unit_draws(trials, &[DrawDistribution::Normal, DrawDistribution::Rectangular]);
     let (a, b) = units.split_at(trials);
     Mat::from_fn(trials, 2, |i, j| [3.0 + 0.5 * a[i], 2.0 * a[i] + b[i]][j])
 }
@@ -12,8 +13,8 @@ fn two_outputs(random: &mut Random, trials: usize) -> Mat<f64> {
 /// The normal output has mean 3, sd ½ and the interval 3 ± 1. The other one has mean 0 and variance 5.
 #[test]
 fn regress_known_distributions() {
-    let found = propagate(Trials::Fixed(200_000), 11, 2, two_outputs).unwrap();
-    assert_eq!((found.trials, found.stable), (200_000, true));
+    let found = propagate_distributions(TrialCount::Fixed(200_000), 11, 2, two_outputs).unwrap();
+    assert_eq!((found.trials, found.is_stable), (200_000, true));
     let close = |found: f64, wanted: f64, sd: f64| {
         assert!((found - wanted).abs() < 4.0 * sd / 200_000_f64.sqrt(), "{found} {wanted}");
     };
@@ -22,24 +23,30 @@ fn regress_known_distributions() {
     close(found.standard_deviation[0], 0.5, 0.5 / 2_f64.sqrt());
     close(found.covariance[(1, 1)], 5.0, 5.0 * 2_f64.sqrt());
     close(found.covariance[(0, 1)], 1.0, 2.25_f64.sqrt());
-    close(found.interval[0][0], 2.0, 0.5 * 2.8);
-    close(found.interval[0][1], 4.0, 0.5 * 2.8);
+    close(found.symmetric_interval[0][0], 2.0, 0.5 * 2.8);
+    close(found.symmetric_interval[0][1], 4.0, 0.5 * 2.8);
 }
 
 /// Rectangular distribution: the 95.45 % interval is ±0.9545 half-widths, not ±2 u.
 #[test]
 fn regress_interval_of_a_rectangle() {
-    let found = propagate(Trials::Fixed(100_000), 3, 1, |random, trials| {
-        let units = random.units(trials, &[Shape::Rectangular]);
+    let found = propagate_distributions(TrialCount::Fixed(100_000), 3, 1, |random, trials| {
+        let units = random.unit_draws(trials, &[DrawDistribution::Rectangular]);
         Mat::from_fn(trials, 1, |i, _| units[i] / 3_f64.sqrt())
     })
     .unwrap();
-    assert!((found.interval[0][0] + 0.9545).abs() < 0.005, "{:?}", found.interval);
-    assert!((found.interval[0][1] - 0.9545).abs() < 0.005);
+    assert!(
+        (found.symmetric_interval[0][0] + 0.9545).abs() < 0.005,
+        "{:?}",
+        found.symmetric_interval
+    );
+    assert!((found.symmetric_interval[0][1] - 0.9545).abs() < 0.005);
     // Four standard deviations of the trials' scatter are 0.9 % of u. Half a unit of the second digit is 0.87 %.
     let u = 1.0 / 3_f64.sqrt();
-    assert!(!found.contradicts(0, u) && !found.contradicts(0, 1.006 * u));
-    assert!(found.contradicts(0, 1.03 * u) && found.contradicts(0, 0.97 * u));
+    assert!(!found.contradicts_uncertainty(0, u) && !found.contradicts_uncertainty(0, 1.006 * u));
+    assert!(
+        found.contradicts_uncertainty(0, 1.03 * u) && found.contradicts_uncertainty(0, 0.97 * u)
+    );
 }
 
 /// JCGM 101, 9.2.2 to 9.2.4: sums of four quantities; u and the half-width of the shortest interval of 95 %.
@@ -47,11 +54,11 @@ fn regress_interval_of_a_rectangle() {
 fn paper_jcgm_101_additive_model_at_95_percent() {
     const TRIALS: usize = 400_000;
     for (shape, sizes, u, half) in [
-        (Shape::Normal, [1.0; 4], 2.00, 3.92),
-        (Shape::Rectangular, [1.0; 4], 2.00, 3.88),
-        (Shape::Rectangular, [1.0, 1.0, 1.0, 10.0], 10.1, 17.0),
+        (DrawDistribution::Normal, [1.0; 4], 2.00, 3.92),
+        (DrawDistribution::Rectangular, [1.0; 4], 2.00, 3.88),
+        (DrawDistribution::Rectangular, [1.0, 1.0, 1.0, 10.0], 10.1, 17.0),
     ] {
-        let units = Random::of(7, &[]).units(TRIALS, &[shape; 4]);
+        let units = DrawStream::from_key(7, &[]).unit_draws(TRIALS, &[shape; 4]);
         let sum = |i: usize| (0..4).map(|k| sizes[k] * units[k * TRIALS + i]).sum();
         let mut sums: Vec<f64> = (0..TRIALS).map(sum).collect();
         sums.sort_unstable_by(f64::total_cmp);
@@ -68,24 +75,26 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
 fn regress_threads_do_not_change_a_bit() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| propagate(Trials::Fixed(23_457), 5, 2, two_outputs).unwrap())
+        pool.install(|| {
+            propagate_distributions(TrialCount::Fixed(23_457), 5, 2, two_outputs).unwrap()
+        })
     };
     let (one, three) = (with_threads(1), with_threads(3));
     assert_eq!(one.mean, three.mean);
-    assert_eq!(one.interval, three.interval);
+    assert_eq!(one.symmetric_interval, three.symmetric_interval);
     assert_eq!(one.covariance, three.covariance);
-    let other = propagate(Trials::Fixed(23_457), 6, 2, two_outputs).unwrap();
+    let other = propagate_distributions(TrialCount::Fixed(23_457), 6, 2, two_outputs).unwrap();
     assert_ne!(one.mean, other.mean);
 }
 
 #[test]
 fn regress_adaptive_stops_when_stable_or_says_not() {
-    let rule = Trials::Adaptive { digits: 1, max: 1_000_000 };
-    let found = propagate(rule, 1, 2, two_outputs).unwrap();
-    assert!(found.stable && found.trials < 1_000_000, "{}", found.trials);
-    let rule = Trials::Adaptive { digits: 3, max: 40_000 };
-    let found = propagate(rule, 1, 2, two_outputs).unwrap();
-    assert!(!found.stable && found.trials == 40_000);
+    let rule = TrialCount::Adaptive { digits: 1, max: 1_000_000 };
+    let found = propagate_distributions(rule, 1, 2, two_outputs).unwrap();
+    assert!(found.is_stable && found.trials < 1_000_000, "{}", found.trials);
+    let rule = TrialCount::Adaptive { digits: 3, max: 40_000 };
+    let found = propagate_distributions(rule, 1, 2, two_outputs).unwrap();
+    assert!(!found.is_stable && found.trials == 40_000);
 }
 
 /// Examples of JCGM 101, 7.9.2: u = 0.000 35 g with two digits gives 0.000 005 g, u = 2 K with one digit gives 0.5
@@ -99,6 +108,6 @@ fn paper_jcgm_101_numerical_tolerance() {
 
 #[test]
 fn regress_one_trial_shows_no_scatter() {
-    let none = propagate(Trials::Fixed(1), 1, 2, two_outputs).unwrap_err();
+    let none = propagate_distributions(TrialCount::Fixed(1), 1, 2, two_outputs).unwrap_err();
     assert_eq!(none, TooFewTrials(1));
 }

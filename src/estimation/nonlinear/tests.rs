@@ -25,8 +25,8 @@ fn residuals(b: &[f64]) -> Vec<f64> {
     MISRA1A.iter().map(|(y, x)| y - b[0] * (1.0 - (-b[1] * x).exp())).collect()
 }
 
-fn misra(b: &[f64]) -> Vec<Rows> {
-    let mut rows = Rows::zeros(14, 0, 2);
+fn misra(b: &[f64]) -> Vec<BlockRows> {
+    let mut rows = BlockRows::zeros(14, 0, 2);
     for (i, (residual, (_, x))) in residuals(b).into_iter().zip(MISRA1A).enumerate() {
         rows.set_value(i, residual);
         rows.set_common(i, 0, 1.0 - (-b[1] * x).exp());
@@ -37,7 +37,7 @@ fn misra(b: &[f64]) -> Vec<Rows> {
 
 #[test]
 fn paper_nist_misra1a_certified_values() {
-    let found = minimise(vec![500.0, 1e-4], misra, residuals).unwrap();
+    let found = minimise_squares(vec![500.0, 1e-4], misra, residuals).unwrap();
     assert!((found.x[0] / 2.389_421_291_8e2 - 1.0).abs() < 1e-9, "{:?}", found.x);
     assert!((found.x[1] / 5.501_564_318_1e-4 - 1.0).abs() < 1e-9, "{:?}", found.x);
     let squares = square_sum(&found.residuals);
@@ -50,28 +50,28 @@ fn paper_nist_misra1a_certified_values() {
 
 #[test]
 fn regress_failures_are_typed() {
-    let lost = minimise(vec![f64::NAN, 1e-4], misra, residuals);
+    let lost = minimise_squares(vec![f64::NAN, 1e-4], misra, residuals);
     assert!(matches!(lost, Err(NonlinearError::Linear(LinearError::Malformed(_)))), "{lost:?}");
     // A derivative of the wrong sign: no step decreases the sum of squares.
     let wrong = |x: &[f64]| {
-        let mut rows = Rows::zeros(1, 0, 1);
+        let mut rows = BlockRows::zeros(1, 0, 1);
         rows.set_value(0, 1.0 - x[0]);
         rows.set_common(0, 0, -1.0);
         vec![rows]
     };
-    let stuck = minimise(vec![0.0], wrong, |x| vec![1.0 - x[0]]);
+    let stuck = minimise_squares(vec![0.0], wrong, |x| vec![1.0 - x[0]]);
     assert!(matches!(stuck, Err(NonlinearError::NotConverged { .. })), "{stuck:?}");
     // The rows determine only the sum of two unknowns.
     let seen = |x: &[f64]| vec![4.0 - (x[0] + x[1]).powi(2); 2];
     let twice = |x: &[f64]| {
-        let mut rows = Rows::zeros(2, 0, 2);
+        let mut rows = BlockRows::zeros(2, 0, 2);
         for (i, value) in seen(x).into_iter().enumerate() {
             rows.set_value(i, value);
             (0..2).for_each(|j| rows.set_common(i, j, 2.0 * (x[0] + x[1])));
         }
         vec![rows]
     };
-    let open = minimise(vec![1.5, 0.0], twice, seen);
+    let open = minimise_squares(vec![1.5, 0.0], twice, seen);
     assert!(matches!(open, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))), "{open:?}");
 }
 
@@ -99,7 +99,7 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
     let rows = |x: &[f64], own: usize| {
         let y = residuals(x);
         let (blocks, common) = if own == 1 { (2, 2) } else { (1, 4) };
-        let mut blocks = vec![Rows::zeros(16 / blocks, own, common); blocks];
+        let mut blocks = vec![BlockRows::zeros(16 / blocks, own, common); blocks];
         for (row, y) in y.iter().enumerate() {
             let (block, i) = (row / 8, row % 8);
             let (rows, row) =
@@ -118,8 +118,9 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
         }
         blocks
     };
-    let [found, dense] =
-        [1, 0].map(|own| minimise(vec![1.3, 0.9, 1.5, -0.5], |x| rows(x, own), residuals).unwrap());
+    let [found, dense] = [1, 0].map(|own| {
+        minimise_squares(vec![1.3, 0.9, 1.5, -0.5], |x| rows(x, own), residuals).unwrap()
+    });
     let [covariance, of_dense] = [&found, &dense].map(|minimum| minimum.factored.covariance());
     for j in 0..4 {
         assert!((found.x[j] / dense.x[j] - 1.0).abs() < 1e-10, "{j}");

@@ -3,19 +3,21 @@
 
 use faer::Mat;
 
-use super::{Radial, RadialError, TOLERANCE};
-use crate::linear::{LinearProblem, LinearSolution, solve};
+use super::{RadialError, RadialFit, STEP_TOLERANCE};
+use crate::linear::{LinearProblem, LinearSolution, solve_least_squares};
 
 /// Ratio of thickness to length below which the points count as flat.
-const FLATNESS: f64 = 1e-7;
-const MAX_STEPS: usize = 1000;
-/// Tolerance of the step after [`MAX_STEPS`]. If the deviations are as large as the radius, the steps shrink slowly
+const MAX_FLATNESS_RATIO: f64 = 1e-7;
+const MAX_STEP_COUNT: usize = 1000;
+/// Tolerance of the step after [`MAX_STEP_COUNT`]. If the deviations are as large as the radius, the steps shrink slowly
 /// or alternate within their rounding, and this accuracy is sufficient.
-const SETTLED: f64 = 1e-9;
+const FINAL_STEP_TOLERANCE: f64 = 1e-9;
 
 /// Fits by an algebraic initial value (Kåsa 1976), then Gauss–Newton with each step halved until the deviations
 /// decrease.
-pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
+pub(super) fn fit_gauss_newton<const D: usize>(
+    points: &[[f64; D]],
+) -> Result<RadialFit<D>, RadialError> {
     if points.len() <= D {
         return Err(RadialError::TooFew(points.len()));
     }
@@ -27,8 +29,8 @@ pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, 
     let local: Vec<[f64; D]> =
         points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
     let centre = algebraic_centre(&local)?;
-    let (at, step) = converge(&local, PolarPoints::new(&local, centre))?;
-    Ok(Radial {
+    let (at, step) = iterate_to_convergence(&local, PolarPoints::new(&local, centre))?;
+    Ok(RadialFit {
         centre: std::array::from_fn(|k| origin[k] + at.centre[k]),
         radius: at.radius,
         residuals: at.residuals,
@@ -36,25 +38,25 @@ pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, 
     })
 }
 
-fn converge<const D: usize>(
+fn iterate_to_convergence<const D: usize>(
     points: &[[f64; D]],
     start: PolarPoints<D>,
 ) -> Result<(PolarPoints<D>, LinearSolution), RadialError> {
     let mut at = start;
-    for count in 0..=MAX_STEPS {
+    for count in 0..=MAX_STEP_COUNT {
         let step = at.step().ok_or(RadialError::NotConverged)?;
-        let size = in_uncertainties(&step) / at.radius;
-        if size <= TOLERANCE || (count == MAX_STEPS && size <= SETTLED) {
-            return Ok((at.moved(points, &step.x, 1.0), step));
+        let size = step_in_uncertainties(&step) / at.radius;
+        if size <= STEP_TOLERANCE || (count == MAX_STEP_COUNT && size <= FINAL_STEP_TOLERANCE) {
+            return Ok((at.stepped(points, &step.x, 1.0), step));
         }
         let mut part = 1.0;
         at = loop {
-            let next = at.moved(points, &step.x, part);
+            let next = at.stepped(points, &step.x, part);
             // Near the minimum the step is more accurate than the rounded distances.
-            if next.norm() <= at.norm() + at.rounding() {
+            if next.norm() <= at.norm() + at.norm_rounding() {
                 break next;
             }
-            if part * size <= TOLERANCE {
+            if part * size <= STEP_TOLERANCE {
                 return Ok((at, step));
             }
             part *= 0.5;
@@ -63,7 +65,7 @@ fn converge<const D: usize>(
     Err(RadialError::NotConverged)
 }
 
-fn in_uncertainties(step: &LinearSolution) -> f64 {
+fn step_in_uncertainties(step: &LinearSolution) -> f64 {
     let parts = step.x.iter().enumerate().map(|(j, x)| x.abs() / step.covariance[(j, j)].sqrt());
     parts.fold(0.0, f64::max)
 }
@@ -75,20 +77,27 @@ fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], Rad
         std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);
     let mut a = Mat::from_fn(count, D, |i, k| points[i][k] - mean[k]);
     let spread = a.singular_values().map_err(|_| RadialError::NotConverged)?;
-    if spread[D - 1] <= FLATNESS * spread[0] {
+    if spread[D - 1] <= MAX_FLATNESS_RATIO * spread[0] {
         return Err(RadialError::Flat);
     }
     a.resize_with(count, D + 1, |_, _| spread[0]);
     let half: Vec<f64> =
         (0..count).map(|i| 0.5 * (0..D).map(|k| a[(i, k)] * a[(i, k)]).sum::<f64>()).collect();
-    let offset = least_squares(&a, &half).ok_or(RadialError::Flat)?.x;
+    let offset = solve_unweighted(&a, &half).ok_or(RadialError::Flat)?.x;
     Ok(std::array::from_fn(|k| mean[k] + offset[k]))
 }
 
-fn least_squares(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
+fn solve_unweighted(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
     let sigma = vec![1.0; y.len()];
     let a = a.as_ref();
-    solve(&LinearProblem { a, y, sigma: &sigma, constraints: None, rank_threshold: 1e-14 }).ok()
+    solve_least_squares(&LinearProblem {
+        a,
+        y,
+        sigma: &sigma,
+        constraints: None,
+        rank_threshold: 1e-14,
+    })
+    .ok()
 }
 
 /// The points relative to a centre, in polar form.
@@ -102,7 +111,7 @@ struct PolarPoints<const D: usize> {
 impl<const D: usize> PolarPoints<D> {
     /// The best radius for a given centre is the mean distance.
     fn new(points: &[[f64; D]], centre: [f64; D]) -> Self {
-        let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar(p, &centre)).collect();
+        let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar_form(p, &centre)).collect();
         let distances = polar.iter().map(|(_, distance)| distance);
         let radius = distances.clone().sum::<f64>() / points.len() as f64;
         let residuals = distances.map(|distance| distance - radius).collect();
@@ -114,10 +123,10 @@ impl<const D: usize> PolarPoints<D> {
         let a = Mat::from_fn(self.directions.len(), D + 1, |i, k| {
             self.directions[i].get(k).copied().unwrap_or(1.0)
         });
-        least_squares(&a, &self.residuals)
+        solve_unweighted(&a, &self.residuals)
     }
 
-    fn moved(&self, points: &[[f64; D]], step: &[f64], part: f64) -> Self {
+    fn stepped(&self, points: &[[f64; D]], step: &[f64], part: f64) -> Self {
         let centre = std::array::from_fn(|k| self.centre[k] + part * step[k]);
         Self::new(points, centre)
     }
@@ -127,14 +136,14 @@ impl<const D: usize> PolarPoints<D> {
     }
 
     /// Rounding error of the norm, from that of the distances.
-    fn rounding(&self) -> f64 {
+    fn norm_rounding(&self) -> f64 {
         4.0 * f64::EPSILON * self.radius * (self.residuals.len() as f64).sqrt()
     }
 }
 
 /// Unit vector and distance from the centre. The direction of a point at the centre is the zero vector, so the
 /// point has no effect on the step.
-fn polar<const D: usize>(point: &[f64; D], centre: &[f64; D]) -> ([f64; D], f64) {
+fn polar_form<const D: usize>(point: &[f64; D], centre: &[f64; D]) -> ([f64; D], f64) {
     let offset: [f64; D] = std::array::from_fn(|k| point[k] - centre[k]);
     let largest = offset.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
     if largest == 0.0 {

@@ -5,21 +5,21 @@ use pulp::Arch;
 /// Centre and radius of one step, and the frame of the directions. The directions are rotated and reduced by their
 /// mean, so that the sums over points on a small cap lose no digits.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame<const D: usize> {
+pub(super) struct StepFrame<const D: usize> {
     /// Point that is subtracted first: the differences of neighbouring points are exact.
     pub origin: [f64; D],
     /// Centre relative to the origin.
     pub centre: [f64; D],
     pub radius: f64,
     /// Rotation of the directions. Its rows are orthogonal unit vectors.
-    pub turn: [[f64; D]; D],
+    pub rotation: [[f64; D]; D],
     /// Value near the mean of the rotated directions, subtracted from them.
     pub mean: [f64; D],
 }
 
 /// Sums with v: rotated direction less the frame's mean, r: distance less radius.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sums<const D: usize> {
+pub(super) struct PointSums<const D: usize> {
     pub v: [f64; D],
     /// Entries on and above the diagonal.
     pub vv: [[f64; D]; D],
@@ -28,26 +28,29 @@ pub(super) struct Sums<const D: usize> {
 }
 
 /// Number of points per vector register.
-const LANES: usize = 4;
+const LANE_COUNT: usize = 4;
 
-pub(super) fn sums<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
+pub(super) fn sum_points<const D: usize>(
+    points: &[[f64; D]],
+    frame: &StepFrame<D>,
+) -> PointSums<D> {
     Arch::new().dispatch(
         #[inline(always)]
-        || in_lanes(points, frame),
+        || sum_points_in_lanes(points, frame),
     )
 }
 
 /// Computes the distances from the centre less the radius.
-pub(super) fn residuals<const D: usize>(
+pub(super) fn compute_residuals<const D: usize>(
     points: &[[f64; D]],
-    frame: &Frame<D>,
+    frame: &StepFrame<D>,
     residuals: &mut [f64],
 ) {
     Arch::new().dispatch(
         #[inline(always)]
         || {
             for (point, residual) in points.iter().zip(residuals) {
-                let (_, [distance]) = offsets(std::array::from_ref(point), frame);
+                let (_, [distance]) = centre_offsets(std::array::from_ref(point), frame);
                 *residual = distance - frame.radius;
             }
         },
@@ -55,13 +58,13 @@ pub(super) fn residuals<const D: usize>(
 }
 
 #[inline(always)]
-fn in_lanes<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
-    let (whole, rest) = points.as_chunks::<LANES>();
-    let mut lanes = Lanes::<D, LANES>::ZERO;
+fn sum_points_in_lanes<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>) -> PointSums<D> {
+    let (whole, rest) = points.as_chunks::<LANE_COUNT>();
+    let mut lanes = LaneSums::<D, LANE_COUNT>::ZERO;
     for chunk in whole {
         lanes.add(chunk, frame);
     }
-    let mut single = Lanes::<D, 1>::ZERO;
+    let mut single = LaneSums::<D, 1>::ZERO;
     for point in rest {
         single.add(std::array::from_ref(point), frame);
     }
@@ -69,20 +72,20 @@ fn in_lanes<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
 }
 
 /// Sums of each lane.
-struct Lanes<const D: usize, const L: usize> {
+struct LaneSums<const D: usize, const L: usize> {
     v: [[f64; L]; D],
     vv: [[[f64; L]; D]; D],
     vr: [[f64; L]; D],
     r: [f64; L],
 }
 
-impl<const D: usize, const L: usize> Lanes<D, L> {
+impl<const D: usize, const L: usize> LaneSums<D, L> {
     const ZERO: Self =
         Self { v: [[0.0; L]; D], vv: [[[0.0; L]; D]; D], vr: [[0.0; L]; D], r: [0.0; L] };
 
     #[inline(always)]
-    fn add(&mut self, points: &[[f64; D]; L], frame: &Frame<D>) {
-        let (mut direction, distance) = offsets(points, frame);
+    fn add(&mut self, points: &[[f64; D]; L], frame: &StepFrame<D>) {
+        let (mut direction, distance) = centre_offsets(points, frame);
         let r: [f64; L] = std::array::from_fn(|l| distance[l] - frame.radius);
         for along in &mut direction {
             for l in 0..L {
@@ -91,7 +94,7 @@ impl<const D: usize, const L: usize> Lanes<D, L> {
         }
         let v: [[f64; L]; D] = std::array::from_fn(|row| {
             let mut turned = [-frame.mean[row]; L];
-            for (along, share) in direction.iter().zip(frame.turn[row]) {
+            for (along, share) in direction.iter().zip(frame.rotation[row]) {
                 for l in 0..L {
                     turned[l] += share * along[l];
                 }
@@ -108,9 +111,9 @@ impl<const D: usize, const L: usize> Lanes<D, L> {
         add_products(&mut self.r, &r, &[1.0; L]);
     }
 
-    fn total(&self) -> Sums<D> {
+    fn total(&self) -> PointSums<D> {
         let sum = |lanes: [f64; L]| lanes.into_iter().sum();
-        Sums {
+        PointSums {
             v: self.v.map(sum),
             vv: self.vv.map(|row| row.map(sum)),
             vr: self.vr.map(sum),
@@ -119,7 +122,7 @@ impl<const D: usize, const L: usize> Lanes<D, L> {
     }
 }
 
-impl<const D: usize> Sums<D> {
+impl<const D: usize> PointSums<D> {
     pub const ZERO: Self = Self { v: [0.0; D], vv: [[0.0; D]; D], vr: [0.0; D], r: 0.0 };
 
     pub fn plus(mut self, other: &Self) -> Self {
@@ -137,9 +140,9 @@ impl<const D: usize> Sums<D> {
 
 /// Offsets from the centre, for each coordinate and lane, and their lengths.
 #[inline(always)]
-fn offsets<const D: usize, const L: usize>(
+fn centre_offsets<const D: usize, const L: usize>(
     points: &[[f64; D]; L],
-    frame: &Frame<D>,
+    frame: &StepFrame<D>,
 ) -> ([[f64; L]; D], [f64; L]) {
     let offset: [[f64; L]; D] = std::array::from_fn(|k| {
         std::array::from_fn(|l| (points[l][k] - frame.origin[k]) - frame.centre[k])

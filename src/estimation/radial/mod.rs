@@ -3,12 +3,12 @@
 
 mod gauss_newton;
 mod lanes;
-mod many;
+mod many_points;
 
 use faer::Mat;
 
 /// Least-squares circle or sphere, in the unit of the points.
-pub(super) struct Radial<const D: usize> {
+pub(super) struct RadialFit<const D: usize> {
     pub centre: [f64; D],
     pub radius: f64,
     /// Distance from the centre less radius, one per point.
@@ -28,9 +28,9 @@ pub(super) enum RadialError {
 
 /// Tolerance of a step: the effect of the rounding of the distances, in standard uncertainties for a radial
 /// standard deviation of one radius.
-const TOLERANCE: f64 = 4e-15;
+const STEP_TOLERANCE: f64 = 4e-15;
 
 /// Fits centre and radius.
-pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
-    many::fit(points).map_or_else(|| gauss_newton::careful(points), Ok)
+pub(super) fn fit_radial<const D: usize>(points: &[[f64; D]]) -> Result<RadialFit<D>, RadialError> {
+    many_points::fit_many_points(points).map_or_else(|| gauss_newton::fit_gauss_newton(points), Ok)
 }

@@ -15,10 +15,10 @@ use super::harmonics::HarmonicData;
 use crate::linear::{self, LinearError, LinearProblem, RANK_THRESHOLD};
 
 /// Gauss–Newton iterations. The deviations are small, so the second iteration is exact to their square.
-const ITERATIONS: usize = 6;
+const ITERATION_COUNT: usize = 6;
 
 /// Standard uncertainty of a value that is known exactly.
-const EXACT: f64 = 1e-12;
+const MIN_UNCERTAINTY: f64 = 1e-12;
 
 /// Declared properties of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,43 +51,43 @@ pub fn calibrate_sensors(
 ) -> Result<SensorCalibration, LinearError> {
     let section = |row: usize| sensors[data.rows[row].channel].section;
     let rows: Vec<usize> = (0..data.rows.len()).filter(|row| section(*row).is_some()).collect();
-    let mut mountings: Vec<Mounting> =
+    let mut mountings: Vec<MountingKey> =
         rows.iter().map(|row| (section(*row), data.rows[*row].index)).collect();
     mountings.sort_unstable();
     mountings.dedup();
     let sections: BTreeSet<Option<usize>> = mountings.iter().map(|(section, _)| *section).collect();
     let sections = sections.into_iter().collect();
-    Equations { data, sensors, turn, rows, sections, mountings }.solve()
+    CalibrationEquations { data, sensors, turn, rows, sections, mountings }.solve()
 }
 
 /// Section and index of a mounting.
-type Mounting = (Option<usize>, usize);
+type MountingKey = (Option<usize>, usize);
 
 /// Unknowns in order: gains, angles, P of each section, then E_n. A complex unknown is its real and imaginary part.
-struct Equations<'a> {
+struct CalibrationEquations<'a> {
     data: &'a HarmonicData,
     sensors: &'a [DeclaredSensor],
     turn: f64,
     /// Indices of the rows of `data`.
     rows: Vec<usize>,
     sections: Vec<Option<usize>>,
-    mountings: Vec<Mounting>,
+    mountings: Vec<MountingKey>,
 }
 
-impl Equations<'_> {
-    fn unknowns(&self) -> usize {
+impl CalibrationEquations<'_> {
+    fn unknown_count(&self) -> usize {
         2 * (self.sensors.len() + self.sections.len() + self.mountings.len())
     }
 
     fn solve(&self) -> Result<SensorCalibration, LinearError> {
         let gains = self.sensors.iter().map(|sensor| sensor.u_gain);
         let angles = self.sensors.iter().map(|sensor| sensor.u_angle_rad);
-        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(EXACT)).collect();
+        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(MIN_UNCERTAINTY)).collect();
         let (own, observations) = (declared.len(), 2 * self.rows.len());
-        let free = (observations + own).saturating_sub(self.unknowns()).max(1);
+        let free = (observations + own).saturating_sub(self.unknown_count()).max(1);
         let sigma_mm = self.data.sigma_mm(1);
-        let (mut x, mut covariance) = (vec![0.0; self.unknowns()], Mat::zeros(own, own));
-        for iteration in 0..ITERATIONS {
+        let (mut x, mut covariance) = (vec![0.0; self.unknown_count()], Mat::zeros(own, own));
+        for iteration in 0..ITERATION_COUNT {
             let (mut a, mut y) = self.rows_at(&x);
             let mut sigma: Vec<f64> =
                 self.rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
@@ -97,14 +97,14 @@ impl Equations<'_> {
                 let scatter = (squares.sum::<f64>() / free as f64).sqrt().max(1.0);
                 sigma.iter_mut().for_each(|sigma| *sigma *= scatter);
             }
-            a.resize_with(observations + own, self.unknowns(), |i, j| {
+            a.resize_with(observations + own, self.unknown_count(), |i, j| {
                 f64::from(u8::from(i == observations + j))
             });
             y.extend(x[..own].iter().map(|deviation| -deviation));
             sigma.extend(&declared);
             let (a, constraints, rank_threshold) = (a.as_ref(), None, RANK_THRESHOLD);
             let problem = LinearProblem { a, y: &y, sigma: &sigma, constraints, rank_threshold };
-            let solution = linear::solve(&problem)?;
+            let solution = linear::solve_least_squares(&problem)?;
             x.iter_mut().zip(&solution.x).for_each(|(x, step)| *x += step);
             covariance = solution.covariance.submatrix(0, 0, own, own).to_owned();
         }
@@ -116,7 +116,7 @@ impl Equations<'_> {
     fn rows_at(&self, x: &[f64]) -> (Mat<f64>, Vec<f64>) {
         let count = self.sensors.len();
         let complex = |first: usize| c64::new(x[first], x[first + 1]);
-        let mut a = Mat::zeros(2 * self.rows.len(), self.unknowns());
+        let mut a = Mat::zeros(2 * self.rows.len(), self.unknown_count());
         let mut y = Vec::new();
         for (number, row) in self.rows.iter().enumerate() {
             let key = self.data.rows[*row];

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use faer::c64;
 
-use super::common::RowRevolutions;
 use super::harmonics::HarmonicBasis;
+use super::shared_revolutions::RowRevolutions;
 
 /// A clock deviation is accepted if it reduces the squared difference between revolutions to less than this
 /// fraction.

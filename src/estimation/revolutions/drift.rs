@@ -1,6 +1,6 @@
 //! Correction of a linear drift between the revolutions of a channel.
 
-use super::common::RowRevolutions;
+use super::shared_revolutions::RowRevolutions;
 
 impl RowRevolutions {
     /// Returns the revolutions without a deviation that is linear in time. The revolutions are consecutive and of

@@ -11,7 +11,7 @@ pub const KERNEL_HALF_STEPS: usize = 6;
 /// 8.7)).
 const KAISER_BETA: f64 = 10.06;
 /// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
-const HALF_TRANSITION: f64 = 0.267;
+const HALF_TRANSITION_RATIO: f64 = 0.267;
 /// Kernel values per output step. Linear interpolation between them is exact to 1e-7.
 const TABLE_DENSITY: usize = 2048;
 /// Antialiasing low-pass filter for `steps` equal angles per revolution. Orders are in undulations per revolution.
@@ -53,7 +53,7 @@ impl ResampleFilter {
 
     /// Highest order that passes unchanged to 1e-5.
     pub fn pass_order(&self) -> usize {
-        ((0.5 - HALF_TRANSITION) * self.steps as f64) as usize
+        ((0.5 - HALF_TRANSITION_RATIO) * self.steps as f64) as usize
     }
 
     /// Order of the −6 dB attenuation.
@@ -64,7 +64,7 @@ impl ResampleFilter {
     /// Lowest order that is suppressed by 100 dB. Only orders from `steps` − k on alias into the harmonic k, so no
     /// order aliases into a harmonic up to [`pass_order`](Self::pass_order).
     pub fn stop_order(&self) -> usize {
-        ((0.5 + HALF_TRANSITION) * self.steps as f64).ceil() as usize
+        ((0.5 + HALF_TRANSITION_RATIO) * self.steps as f64).ceil() as usize
     }
 
     /// Kernel value at a distance of `u` output steps.

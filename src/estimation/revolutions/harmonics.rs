@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use faer::{Mat, c64};
 
-use super::common::{Row, RowRevolutions};
+use super::shared_revolutions::{RowKey, RowRevolutions};
 
 /// Minimum degrees of freedom of a harmonic's scatter. It is pooled with neighbouring harmonics up to this number,
 /// with which the expanded uncertainty is within 5 % of that of a known scatter.
@@ -14,7 +14,7 @@ const MIN_SIGMA_MM: f64 = 1e-9;
 
 /// Covariance between channels, mm², of the cosine or sine part of one harmonic in one revolution.
 #[derive(Debug, Clone)]
-pub struct Scatter {
+pub struct HarmonicScatter {
     pub covariance: Mat<f64>,
     pub dof: f64,
 }
@@ -22,13 +22,13 @@ pub struct Scatter {
 /// Harmonics of all rows with their scatter: the input of the estimation.
 #[derive(Debug, Clone)]
 pub struct HarmonicData {
-    pub rows: Vec<Row>,
+    pub rows: Vec<RowKey>,
     /// Number of revolutions in the mean of each row.
     pub revolutions: Vec<usize>,
     /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows.
     pub means: Vec<Vec<c64>>,
     /// Scatter of each harmonic.
-    pub scatters: Vec<Scatter>,
+    pub scatters: Vec<HarmonicScatter>,
 }
 
 /// Basis for M_k of the harmonics 1..=`orders` of samples at equal angles that start at 0: samples × e^(−ikq)·2/T,
@@ -61,7 +61,7 @@ impl HarmonicData {
         measured: &[RowRevolutions],
         orders: usize,
     ) -> Result<Self, RevolutionsError> {
-        check(measured, orders)?;
+        check_revolutions(measured, orders)?;
         let samples = measured[0].revolutions[0].len();
         let basis = HarmonicBasis::new(samples, orders);
         let harmonics = |row: &RowRevolutions| -> Vec<Vec<c64>> {
@@ -73,10 +73,11 @@ impl HarmonicData {
         };
         let means: Vec<Vec<c64>> =
             (0..orders).map(|k| all.iter().map(|of| mean(of, k)).collect()).collect();
-        let rows: Vec<Row> = measured.iter().map(|row| row.row).collect();
-        let own: Vec<Scatter> = (0..orders).map(|k| scatter(&rows, &all, &means[k], k)).collect();
+        let rows: Vec<RowKey> = measured.iter().map(|row| row.key).collect();
+        let own: Vec<HarmonicScatter> =
+            (0..orders).map(|k| harmonic_scatter(&rows, &all, &means[k], k)).collect();
         Ok(Self {
-            scatters: (0..orders).map(|k| pooled(&own, k)).collect(),
+            scatters: (0..orders).map(|k| pooled_scatter(&own, k)).collect(),
             revolutions: measured.iter().map(|row| row.revolutions.len()).collect(),
             means,
             rows,
@@ -85,18 +86,23 @@ impl HarmonicData {
 
     /// Data of independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` per
     /// revolution, one revolution per row: u(c) = u·√(2/T).
-    pub fn declared(rows: Vec<Row>, means: Vec<Vec<c64>>, u_mm: f64, samples: usize) -> Self {
+    pub fn from_declared_uncertainty(
+        rows: Vec<RowKey>,
+        means: Vec<Vec<c64>>,
+        u_mm: f64,
+        samples: usize,
+    ) -> Self {
         let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
         let variance = u_mm * u_mm * 2.0 / samples as f64;
         let covariance =
             Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
-        let scatter = Scatter { covariance, dof: f64::INFINITY };
+        let scatter = HarmonicScatter { covariance, dof: f64::INFINITY };
         let scatters = vec![scatter; means.len()];
         Self { revolutions: vec![1; rows.len()], rows, means, scatters }
     }
 
     /// The data of the rows for which `is_selected` is true.
-    pub fn selected(&self, is_selected: impl Fn(&Row) -> bool) -> Self {
+    pub fn filter_rows(&self, is_selected: impl Fn(&RowKey) -> bool) -> Self {
         let kept: Vec<usize> =
             (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
         Self {
@@ -119,7 +125,7 @@ impl HarmonicData {
     }
 
     /// Observations of all harmonics of one revolution per row (`revolutions`: rows × angles).
-    pub fn observations_of(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
+    pub fn revolution_observations(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
         let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.orders());
         let all: Vec<Vec<c64>> = revolutions.iter().map(|of| basis.harmonics(of)).collect();
         let parts = |k: usize| {
@@ -132,7 +138,7 @@ impl HarmonicData {
     /// Standard uncertainty of each observation of the harmonic, mm.
     pub fn sigma_mm(&self, order: usize) -> Vec<f64> {
         let covariance = &self.scatters[order - 1].covariance;
-        let sigma = |(row, revolutions): (&Row, &usize)| {
+        let sigma = |(row, revolutions): (&RowKey, &usize)| {
             let variance = covariance[(row.channel, row.channel)] / *revolutions as f64;
             variance.sqrt().max(MIN_SIGMA_MM)
         };
@@ -155,7 +161,12 @@ impl HarmonicData {
 }
 
 /// Scatter of one harmonic, pooled over the indexes. Each difference has two real parts.
-fn scatter(rows: &[Row], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> Scatter {
+fn harmonic_scatter(
+    rows: &[RowKey],
+    all: &[Vec<Vec<c64>>],
+    means: &[c64],
+    k: usize,
+) -> HarmonicScatter {
     let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
     let mut sums: Mat<f64> = Mat::zeros(channels, channels);
     let mut dofs: Mat<f64> = Mat::zeros(channels, channels);
@@ -170,11 +181,11 @@ fn scatter(rows: &[Row], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> Scat
     let entry = |i, j| if dofs[(i, j)] > 0.0 { sums[(i, j)] / dofs[(i, j)] } else { 0.0 };
     let used = (0..channels).map(|i| dofs[(i, i)]).filter(|dof| *dof > 0.0);
     let dof = used.fold(f64::INFINITY, f64::min);
-    Scatter { covariance: Mat::from_fn(channels, channels, entry), dof }
+    HarmonicScatter { covariance: Mat::from_fn(channels, channels, entry), dof }
 }
 
 /// Mean over the harmonics `k` − w..=`k` + w, with the smallest w that reaches [`MIN_POOLED_DOF`].
-fn pooled(own: &[Scatter], k: usize) -> Scatter {
+fn pooled_scatter(own: &[HarmonicScatter], k: usize) -> HarmonicScatter {
     let window = |width: usize| &own[k.saturating_sub(width)..(k + width + 1).min(own.len())];
     let dof = |width: usize| window(width).iter().map(|scatter| scatter.dof).sum::<f64>();
     let width = (0..own.len()).find(|width| dof(*width) >= MIN_POOLED_DOF).unwrap_or(own.len());
@@ -183,52 +194,55 @@ fn pooled(own: &[Scatter], k: usize) -> Scatter {
     for scatter in window(width) {
         covariance += &scatter.covariance * faer::Scale(1.0 / window(width).len() as f64);
     }
-    Scatter { covariance, dof: dof(width) }
+    HarmonicScatter { covariance, dof: dof(width) }
 }
 
 /// Revolutions from which no harmonics can be calculated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RevolutionsError {
-    #[error("one revolution shows no scatter")]
-    Single,
-    #[error("{samples} samples a revolution, not all alike, for {orders} harmonics")]
-    Samples { samples: usize, orders: usize },
+    #[error("the scatter cannot be computed from one revolution")]
+    SingleRevolution,
     #[error(
-        "channel {} at index {} has two sets of revolutions, or another number than the other channels",
+        "the revolutions have different numbers of samples, or {samples} samples are too few for {orders} harmonics"
+    )]
+    UnequalSamples { samples: usize, orders: usize },
+    #[error(
+        "channel {} at index {} has two sets of revolutions, or a different number of revolutions than the other channels",
         .0.channel, .0.index
     )]
-    Row(Row),
+    InconsistentRow(RowKey),
 }
 
 impl RevolutionsError {
     /// Corrective action for the operator.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Single => "measure at least two revolutions at an index".to_owned(),
-            Self::Samples { orders, .. } => {
+            Self::SingleRevolution => "measure at least two revolutions at an index".to_owned(),
+            Self::UnequalSamples { orders, .. } => {
                 format!("resample all revolutions to more than {} angles", 2 * orders)
             }
-            Self::Row(_) => {
-                "give each row once, with the revolutions that all channels share".to_owned()
+            Self::InconsistentRow(_) => {
+                "pass each channel once for each index, with the revolutions common to all channels"
+                    .to_owned()
             }
         }
     }
 }
 
-fn check(measured: &[RowRevolutions], orders: usize) -> Result<(), RevolutionsError> {
+fn check_revolutions(measured: &[RowRevolutions], orders: usize) -> Result<(), RevolutionsError> {
     let counts = || measured.iter().map(|row| row.revolutions.len());
     if counts().all(|count| count < 2) || counts().any(|count| count == 0) {
-        return Err(RevolutionsError::Single);
+        return Err(RevolutionsError::SingleRevolution);
     }
     let lengths = || measured.iter().flat_map(|row| &row.revolutions).map(Vec::len);
     let samples = lengths().next().unwrap_or(0);
     if lengths().any(|length| length != samples) || samples <= 2 * orders {
-        return Err(RevolutionsError::Samples { samples, orders });
+        return Err(RevolutionsError::UnequalSamples { samples, orders });
     }
     let differs = |a: &RowRevolutions, b: &RowRevolutions| {
-        a.row == b.row && !std::ptr::eq(a, b)
-            || a.row.index == b.row.index && a.revolutions.len() != b.revolutions.len()
+        a.key == b.key && !std::ptr::eq(a, b)
+            || a.key.index == b.key.index && a.revolutions.len() != b.revolutions.len()
     };
     let found = measured.iter().find(|a| measured.iter().any(|b| differs(a, b)));
-    found.map_or(Ok(()), |row| Err(RevolutionsError::Row(row.row)))
+    found.map_or(Ok(()), |row| Err(RevolutionsError::InconsistentRow(row.key)))
 }

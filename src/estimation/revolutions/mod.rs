@@ -4,12 +4,12 @@
 
 mod calibration;
 mod clock;
-mod common;
 mod drift;
 mod filter;
 mod harmonics;
 mod resample;
 mod saturation;
+mod shared_revolutions;
 mod stops;
 
 #[cfg(test)]
@@ -17,12 +17,12 @@ mod tests;
 
 pub use calibration::{DeclaredSensor, SensorCalibration, calibrate_sensors};
 pub use clock::clock_error;
-pub use common::{
-    RejectedRevolutions, Row, RowRevolutions, append_revolutions, common_revolutions,
-    split_incomplete,
-};
 pub use filter::{KERNEL_HALF_STEPS, ResampleFilter};
 pub use harmonics::{HarmonicBasis, HarmonicData, RevolutionsError};
-pub use resample::{AngleRange, Resampled, Resampler, Sample};
+pub use resample::{AngleRange, AngleSample, Resampled, Resampler};
 pub use saturation::reject_saturated;
-pub use stops::Stops;
+pub use shared_revolutions::{
+    RejectedRevolutions, RowKey, RowRevolutions, append_revolutions, common_revolutions,
+    remove_incomplete_rows,
+};
+pub use stops::StopScan;

@@ -19,11 +19,11 @@ pub struct AngleRange {
 
 impl AngleRange {
     /// The range from `deg` − `half_deg` to `deg` + `half_deg`.
-    pub fn about(deg: f64, half_deg: f64) -> Self {
+    pub fn centred_at(deg: f64, half_deg: f64) -> Self {
         Self { from_deg: deg - half_deg, to_deg: deg + half_deg }
     }
 
-    pub fn in_words(ranges: &[Self]) -> String {
+    pub fn format_ranges(ranges: &[Self]) -> String {
         if ranges.is_empty() {
             return "at an end of the turn".to_owned();
         }
@@ -38,7 +38,7 @@ impl AngleRange {
 
 /// One sample of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct AngleSample {
     /// Commanded angle, unwrapped: it continues to grow from revolution to revolution.
     pub angle_rad: f64,
     pub value: f64,
@@ -51,12 +51,12 @@ pub struct Sample {
 pub struct Resampler<'a> {
     filter: &'a ResampleFilter,
     /// Index of the first output angle: angle = index·2π/steps.
-    first: i64,
+    first_index: i64,
     /// Σ weight·value and Σ weight at each output angle.
     sums: Vec<[f64; 2]>,
     is_covered: Vec<bool>,
     /// Angle (output steps) and value of the last valid sample, and angle of the one before.
-    before: Option<f64>,
+    angle_before_last: Option<f64>,
     last: Option<(f64, f64)>,
     direction: f64,
     gaps: Vec<AngleRange>,
@@ -66,7 +66,7 @@ pub struct Resampler<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resampled {
     pub(super) steps: usize,
-    first: i64,
+    first_index: i64,
     /// Values at the output angles. `None`: too near a gap or an end of the scan.
     values: Vec<Option<f64>>,
     /// Ranges without valid samples that are too long to interpolate, unwrapped.
@@ -82,10 +82,10 @@ impl<'a> Resampler<'a> {
         let count = (high.floor() as i64 - first + 1).max(0) as usize;
         Self {
             filter,
-            first,
+            first_index: first,
             sums: vec![[0.0; 2]; count],
             is_covered: vec![false; count],
-            before: None,
+            angle_before_last: None,
             last: None,
             direction: if to_rad >= from_rad { 1.0 } else { -1.0 },
             gaps: Vec::new(),
@@ -93,33 +93,41 @@ impl<'a> Resampler<'a> {
     }
 
     /// Resamples all samples of a scan between two unwrapped angles.
-    pub fn of_turn(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[Sample]) -> Resampled {
+    pub fn resample_all(
+        filter: &ResampleFilter,
+        ends_rad: [f64; 2],
+        samples: &[AngleSample],
+    ) -> Resampled {
         let mut resampler = Resampler::new(filter, ends_rad[0], ends_rad[1]);
         samples.iter().for_each(|sample| resampler.push(*sample));
         resampler.finish()
     }
 
-    pub fn push(&mut self, sample: Sample) {
+    pub fn push(&mut self, sample: AngleSample) {
         if !sample.is_valid || !sample.value.is_finite() {
             return;
         }
         let position = sample.angle_rad * self.filter.steps() as f64 / TAU;
         if let Some((last, value)) = self.last {
-            self.add(last, value, (position - self.before.unwrap_or(last)) / 2.0);
-            self.cover(last, position);
-            self.before = Some(last);
+            self.add_weighted(
+                last,
+                value,
+                (position - self.angle_before_last.unwrap_or(last)) / 2.0,
+            );
+            self.mark_covered(last, position);
+            self.angle_before_last = Some(last);
         }
         self.last = Some((position, sample.value));
     }
 
     /// Adds a sample, weighted with the length of its part of the path.
-    fn add(&mut self, position: f64, value: f64, length: f64) {
+    fn add_weighted(&mut self, position: f64, value: f64, length: f64) {
         let half = KERNEL_HALF_STEPS as f64;
-        let from = (position - half).ceil() as i64 - self.first;
-        let to = (position + half).floor() as i64 - self.first + 1;
+        let from = (position - half).ceil() as i64 - self.first_index;
+        let to = (position + half).floor() as i64 - self.first_index + 1;
         let cell = |i: i64| (i.max(0) as usize).min(self.sums.len());
         for i in cell(from)..cell(to) {
-            let distance = (self.first + i as i64) as f64 - position;
+            let distance = (self.first_index + i as i64) as f64 - position;
             let weight = self.direction * length * self.filter.weight(distance);
             self.sums[i][0] += weight * value;
             self.sums[i][1] += weight;
@@ -127,7 +135,7 @@ impl<'a> Resampler<'a> {
     }
 
     /// Marks the output angles between two neighbouring samples as covered, or records the gap.
-    fn cover(&mut self, from: f64, to: f64) {
+    fn mark_covered(&mut self, from: f64, to: f64) {
         let (low, high) = (from.min(to), from.max(to));
         if high - low > MAX_GAP_STEPS {
             let deg = |steps: f64| steps * 360.0 / self.filter.steps() as f64;
@@ -135,7 +143,7 @@ impl<'a> Resampler<'a> {
             return;
         }
         for number in low.ceil() as i64..=high.floor() as i64 {
-            let cell = usize::try_from(number - self.first).ok();
+            let cell = usize::try_from(number - self.first_index).ok();
             if let Some(covered) = cell.and_then(|cell| self.is_covered.get_mut(cell)) {
                 *covered = true;
             }
@@ -143,8 +151,8 @@ impl<'a> Resampler<'a> {
     }
 
     pub fn finish(mut self) -> Resampled {
-        if let (Some((last, value)), Some(before)) = (self.last, self.before) {
-            self.add(last, value, (last - before) / 2.0);
+        if let (Some((last, value)), Some(before)) = (self.last, self.angle_before_last) {
+            self.add_weighted(last, value, (last - before) / 2.0);
         }
         let half = KERNEL_HALF_STEPS;
         let mut missing_before = vec![0_usize];
@@ -159,7 +167,7 @@ impl<'a> Resampler<'a> {
         let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
         Resampled {
             steps: self.filter.steps(),
-            first: self.first,
+            first_index: self.first_index,
             values: self.sums.iter().enumerate().map(value).collect(),
             gaps: self.gaps,
         }
@@ -169,17 +177,17 @@ impl<'a> Resampler<'a> {
 impl Resampled {
     /// Unwrapped angles in rad and values, from the first angle with a value to the last. `None`: too near a gap.
     pub fn points(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
-        let (from, to) = self.ends();
+        let (from, to) = self.index_range();
         let step = TAU / self.steps as f64;
-        let value = |number: i64| self.values[(number - self.first) as usize];
+        let value = |number: i64| self.values[(number - self.first_index) as usize];
         (from..=to).map(move |number| (number as f64 * step, value(number)))
     }
 
     /// Creates the result of a scan with stops at `steps` equal angles per revolution. `values` start at the angle
-    /// with the index `first`.
-    pub(super) fn at_stops(steps: usize, first: i64, values: Vec<Option<f64>>) -> Self {
+    /// with the index `first_index`.
+    pub(super) fn at_stops(steps: usize, first_index: i64, values: Vec<Option<f64>>) -> Self {
         let deg = |number: i64| number as f64 * 360.0 / steps as f64;
-        let missing = (first..).zip(&values).filter(|(_, value)| value.is_none());
+        let missing = (first_index..).zip(&values).filter(|(_, value)| value.is_none());
         let mut gaps: Vec<AngleRange> = Vec::new();
         for (number, _) in missing {
             let (from_deg, to_deg) = (deg(number - 1), deg(number + 1));
@@ -188,14 +196,14 @@ impl Resampled {
                 _ => gaps.push(AngleRange { from_deg, to_deg }),
             }
         }
-        Self { steps, first, values, gaps }
+        Self { steps, first_index, values, gaps }
     }
 
     /// The `count` whole revolutions from the output angle with the index `from`, each starting at angle 0. `None`:
     /// the revolution has a gap.
     pub(super) fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
         let value = |number: i64| {
-            let cell = usize::try_from(number - self.first).ok()?;
+            let cell = usize::try_from(number - self.first_index).ok()?;
             self.values.get(cell).copied().flatten()
         };
         let steps = self.steps as i64;
@@ -208,9 +216,9 @@ impl Resampled {
     }
 
     /// Indices of the first and the last angle with a value.
-    pub(super) fn ends(&self) -> (i64, i64) {
+    pub(super) fn index_range(&self) -> (i64, i64) {
         let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
         let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);
-        (self.first + first as i64, self.first + last)
+        (self.first_index + first as i64, self.first_index + last)
     }
 }

@@ -1,6 +1,6 @@
 //! Detection of the ranges of a scan in which a channel is saturated.
 
-use super::resample::{AngleRange, Sample};
+use super::resample::{AngleRange, AngleSample};
 
 /// Shortest saturated range that is reported, degrees.
 const MIN_SATURATED_DEG: f64 = 2.0;
@@ -9,7 +9,7 @@ const MIN_SATURATED_DEG: f64 = 2.0;
 const MIN_CORNER_STEPS: f64 = 8.0;
 
 /// Ranges of a scan in which a channel stays at its largest or smallest value, and which end abruptly.
-pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
+pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
     let values = || samples.iter().map(|sample| sample.value);
     let (low, high) =
         values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
@@ -25,7 +25,7 @@ pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
             let reach = run.len() / 2;
             let outside = [first.checked_sub(reach), Some(last + reach)];
             let outside = outside.into_iter().flatten().filter_map(|i| samples.get(i));
-            let drop = |s: &Sample| (s.value - run[0].value).abs();
+            let drop = |s: &AngleSample| (s.value - run[0].value).abs();
             if outside.map(drop).fold(0.0, f64::max) > MIN_CORNER_STEPS * step {
                 ranges.push(AngleRange { from_deg: a.min(b), to_deg: a.max(b) });
             }
@@ -36,8 +36,9 @@ pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
 }
 
 /// Marks the samples in saturated ranges as invalid.
-pub fn reject_saturated(samples: &mut [Sample]) {
-    let valid: Vec<Sample> = samples.iter().filter(|sample| sample.is_valid).copied().collect();
+pub fn reject_saturated(samples: &mut [AngleSample]) {
+    let valid: Vec<AngleSample> =
+        samples.iter().filter(|sample| sample.is_valid).copied().collect();
     let saturated = saturated_ranges(&valid);
     let is_in = |deg: f64| {
         saturated.iter().any(|AngleRange { from_deg, to_deg }| (*from_deg..=*to_deg).contains(&deg))

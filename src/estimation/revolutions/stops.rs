@@ -4,54 +4,56 @@ use std::f64::consts::TAU;
 
 use faer::Mat;
 
-use super::resample::{Resampled, Sample};
+use super::resample::{AngleSample, Resampled};
 use crate::linear::{self, LinearProblem, RANK_THRESHOLD};
 
 /// Maximum share of the stops of a revolution that may be missing.
-const MAX_FILLED: f64 = 0.15;
+const MAX_FILLED_SHARE: f64 = 0.15;
 /// Maximum distance of a sample from its stop, in distances between stops.
-const AT_STOP: f64 = 1e-6;
+const MAX_STOP_DISTANCE: f64 = 1e-6;
 
 /// A scan with stops at equal angles.
 #[derive(Debug, Clone, Copy)]
-pub struct Stops {
+pub struct StopScan {
     /// Number of stops in one revolution.
     pub steps: usize,
     /// Unwrapped angles of the ends, in either order, rad.
     pub ends_rad: [f64; 2],
     /// Number of harmonics used to fill single missing stops. `None`: missing stops are not filled.
-    pub filled_with: Option<usize>,
+    pub fill_harmonics: Option<usize>,
 }
 
-impl Stops {
+impl StopScan {
     /// Index of the stop at an unwrapped angle.
-    pub fn number(self, angle_rad: f64) -> i64 {
+    pub fn stop_index(self, angle_rad: f64) -> i64 {
         (angle_rad.to_degrees() / 360.0 * self.steps as f64).round() as i64
     }
 
     /// Whether all samples are at stops and none is between two stops.
-    pub fn contain_all(self, samples: &[Sample]) -> bool {
+    pub fn contains_all_samples(self, samples: &[AngleSample]) -> bool {
         let step = TAU / self.steps as f64;
-        let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < AT_STOP;
+        let is_at_stop =
+            |angle: f64| (angle / step - (angle / step).round()).abs() < MAX_STOP_DISTANCE;
         samples.iter().all(|sample| is_at_stop(sample.angle_rad))
     }
 
     /// Mean of the valid samples at each stop. A few missing stops are filled from the harmonics of the others.
-    pub fn means(self, samples: &[Sample]) -> Resampled {
-        let [one, other] = self.ends_rad.map(|end| self.number(end));
+    pub fn mean_at_stops(self, samples: &[AngleSample]) -> Resampled {
+        let [one, other] = self.ends_rad.map(|end| self.stop_index(end));
         let (first, last) = (one.min(other), one.max(other));
         let mut sums = vec![(0.0, 0.0); (last - first + 1) as usize];
         for sample in samples.iter().filter(|sample| sample.is_valid) {
-            let cell = usize::try_from(self.number(sample.angle_rad) - first).ok();
+            let cell = usize::try_from(self.stop_index(sample.angle_rad) - first).ok();
             if let Some((sum, count)) = cell.and_then(|cell| sums.get_mut(cell)) {
                 (*sum, *count) = (*sum + sample.value, *count + 1.0);
             }
         }
         let mean = |(sum, count): (f64, f64)| (count > 0.0).then_some(sum / count);
         let mut values: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
-        if let Some(harmonics) = self.filled_with {
+        if let Some(harmonics) = self.fill_harmonics {
             let revolutions = values.chunks_mut(self.steps);
-            revolutions.for_each(|revolution| fill(revolution, harmonics, self.steps));
+            revolutions
+                .for_each(|revolution| fill_missing_stops(revolution, harmonics, self.steps));
         }
         Resampled::at_stops(self.steps, first, values)
     }
@@ -59,7 +61,7 @@ impl Stops {
 
 /// Fills single gaps of a revolution from the least-squares fit of its mean and harmonics, so that the harmonics of
 /// the filled revolution are those of the measured stops. Longer or more frequent gaps are not filled.
-fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
+fn fill_missing_stops(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
     let missing: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
     let known: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_some()).collect();
     let longest = positions / (2 * harmonics.max(1));
@@ -67,7 +69,7 @@ fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
     if missing.is_empty()
         || is_long
         || values.len() < positions
-        || missing.len() > (MAX_FILLED * positions as f64) as usize
+        || missing.len() > (MAX_FILLED_SHARE * positions as f64) as usize
     {
         return;
     }
@@ -83,7 +85,7 @@ fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
         constraints: None,
         rank_threshold: RANK_THRESHOLD,
     };
-    let Ok(solution) = linear::solve(&problem) else { return };
+    let Ok(solution) = linear::solve_least_squares(&problem) else { return };
     for i in missing {
         values[i] = Some(solution.x.iter().enumerate().map(|(j, x)| x * row(i, j)).sum());
     }

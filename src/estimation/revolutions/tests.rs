@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 use super::{
-    AngleRange, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, ResampleFilter,
-    Resampled, Resampler, Row, RowRevolutions, Sample, calibrate_sensors, common_revolutions,
-    saturation::saturated_ranges,
+    AngleRange, AngleSample, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS,
+    ResampleFilter, Resampled, Resampler, RowKey, RowRevolutions, calibrate_sensors,
+    common_revolutions, saturation::saturated_ranges,
 };
-use crate::monte_carlo::{Random, Shape};
+use crate::monte_carlo::{DrawDistribution, DrawStream};
 
 const STEPS: usize = 360;
 
@@ -34,7 +34,8 @@ fn resampled(
 ) -> Resampled {
     let mut resampler = Resampler::new(filter, angles[0], angles[angles.len() - 1]);
     for angle in angles {
-        let sample = Sample { angle_rad: *angle, value: value(*angle), is_valid: is_valid(*angle) };
+        let sample =
+            AngleSample { angle_rad: *angle, value: value(*angle), is_valid: is_valid(*angle) };
         resampler.push(sample);
     }
     resampler.finish()
@@ -130,14 +131,14 @@ fn regress_stops_and_tremble_change_nothing() {
 
 #[test]
 fn regress_saturation_over_ten_degrees() {
-    let scan = |limit: f64, noise_mm: f64, step_mm: f64| -> Vec<Sample> {
-        let mut random = Random::of(1, &[1]);
-        let units = random.units(3000, &[Shape::Normal]);
+    let scan = |limit: f64, noise_mm: f64, step_mm: f64| -> Vec<AngleSample> {
+        let mut random = DrawStream::from_key(1, &[1]);
+        let units = random.unit_draws(3000, &[DrawDistribution::Normal]);
         let sample = |(i, unit): (usize, f64)| {
             let angle_rad = i as f64 * TAU / 1000.0;
             let value = (0.1 * angle_rad.cos() + noise_mm * unit).min(limit);
             let value = (value / step_mm).round() * step_mm;
-            Sample { angle_rad, value, is_valid: true }
+            AngleSample { angle_rad, value, is_valid: true }
         };
         units.into_iter().enumerate().map(sample).collect()
     };
@@ -169,7 +170,8 @@ fn regress_gains_and_angles_from_the_eccentricity() {
         let (mut squares, mut of_differences) = (0.0, 0.0);
         let seeds = 100;
         for seed in 0..seeds {
-            let units = Random::of(seed, &[7]).units(6 + 20 + 4 * 10 * 3 * COUNT, &[Shape::Normal]);
+            let units = DrawStream::from_key(seed, &[7])
+                .unit_draws(6 + 20 + 4 * 10 * 3 * COUNT, &[DrawDistribution::Normal]);
             let (truth, rest) = units.split_at(6);
             let (mountings, noise) = rest.split_at(20);
             let mut noise = noise.iter();
@@ -191,7 +193,7 @@ fn regress_gains_and_angles_from_the_eccentricity() {
             for index in 0..10 {
                 for channel in 0..3 {
                     let revolutions = vec![revolution(channel, index), revolution(channel, index)];
-                    rows.push(RowRevolutions { row: Row { index, channel }, revolutions });
+                    rows.push(RowRevolutions { key: RowKey { index, channel }, revolutions });
                 }
             }
             let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
@@ -224,7 +226,8 @@ fn regress_gains_and_angles_from_the_eccentricity() {
 #[test]
 fn regress_a_constant_drift_is_no_scatter() {
     const COUNT: usize = 36;
-    let noise = Random::of(3, &[8]).units(40 * 4 * COUNT, &[Shape::Normal]);
+    let noise =
+        DrawStream::from_key(3, &[8]).unit_draws(40 * 4 * COUNT, &[DrawDistribution::Normal]);
     let mut noise = noise.iter();
     let mut row = |index: usize| {
         let revolution = |r: usize, noise: &mut std::slice::Iter<'_, f64>| -> Vec<f64> {
@@ -235,7 +238,7 @@ fn regress_a_constant_drift_is_no_scatter() {
             (0..COUNT).map(value).collect()
         };
         let revolutions = (0..4).map(|r| revolution(r, &mut noise)).collect();
-        RowRevolutions { row: Row { index, channel: 0 }, revolutions }
+        RowRevolutions { key: RowKey { index, channel: 0 }, revolutions }
     };
     let rows: Vec<RowRevolutions> = (0..40).map(&mut row).collect();
     let corrected: Vec<RowRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();

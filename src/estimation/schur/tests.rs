@@ -2,24 +2,24 @@ use faer::Mat;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::linear::{LinearProblem, solve};
-use crate::nonlinear::{NonlinearError, minimise};
-use crate::random::stream;
+use crate::linear::{LinearProblem, solve_least_squares};
+use crate::nonlinear::{NonlinearError, minimise_squares};
+use crate::random::seeded_stream;
 
 const COMMON: usize = 5;
 /// Numbers of own unknowns and of rows of each block. They are unequal, and one block has as many unknowns as rows.
 const SHAPES: [(usize, usize); 4] = [(3, 12), (6, 17), (3, 3), (1, 9)];
 
 /// Random rows as blocks, and the same rows as one dense matrix (unknowns: common, then blocks).
-fn random_problem(seed: u64) -> (Vec<Rows>, Mat<f64>, Vec<f64>) {
-    let mut normal = StandardNormal.sample_iter(stream(seed, &[]));
+fn random_problem(seed: u64) -> (Vec<BlockRows>, Mat<f64>, Vec<f64>) {
+    let mut normal = StandardNormal.sample_iter(seeded_stream(seed, &[]));
     let mut next = || -> f64 { normal.next().unwrap() };
     let unknowns = COMMON + SHAPES.iter().map(|(own, _)| own).sum::<usize>();
     let total = SHAPES.iter().map(|(_, rows)| rows).sum();
     let (mut dense, mut values, mut blocks) = (Mat::zeros(total, unknowns), Vec::new(), Vec::new());
     let (mut row, mut first) = (0, COMMON);
     for (own, count) in SHAPES {
-        let mut rows = Rows::zeros(count, own, COMMON);
+        let mut rows = BlockRows::zeros(count, own, COMMON);
         for i in 0..count {
             for j in 0..own {
                 dense[(row, first + j)] = next() * 1e3;
@@ -50,8 +50,8 @@ fn regress_as_a_dense_solve() {
         constraints: None,
         rank_threshold: RANK_THRESHOLD,
     };
-    let expected = solve(&problem).unwrap();
-    let (factored, coordinates) = factor(blocks);
+    let expected = solve_least_squares(&problem).unwrap();
+    let (factored, coordinates) = factorise(blocks);
     let near = |a: f64, b: f64, size: f64| (a - b).abs() < 1e-11 * size;
     for x in [factored.unknowns_at(&coordinates), factored.solve(&values)] {
         for (j, (x, expected_x)) in x.iter().zip(&expected.x).enumerate() {
@@ -69,16 +69,16 @@ fn regress_as_a_dense_solve() {
         assert!((found - expected).abs() < 1e-12);
     }
     assert_eq!(
-        factored.split(values.clone()),
+        factored.solution_and_remainder(values.clone()),
         (factored.solve(&values), factored.remainder(&values))
     );
     let hat = &dense * &expected.gain;
     for (i, found) in factored.leverage().into_iter().enumerate() {
         assert!((found - hat[(i, i)]).abs() < 1e-12);
     }
-    let survey = factored.survey().unwrap();
-    assert_eq!(survey.rank, expected.rank);
-    assert!((survey.condition / expected.condition - 1.0).abs() < 1e-10);
+    let analyse_rank = factored.analyse_rank().unwrap();
+    assert_eq!(analyse_rank.rank, expected.rank);
+    assert!((analyse_rank.condition / expected.condition - 1.0).abs() < 1e-10);
     for (j, norm) in factored.column_norms().into_iter().enumerate() {
         assert!((norm / dense.col(j).norm_l2() - 1.0).abs() < 1e-12);
     }
@@ -99,13 +99,13 @@ fn regress_a_lost_direction_is_found_and_refused() {
         }
         blocks
     };
-    let (factored, _) = factor(build(&[]));
-    let survey = factored.survey().unwrap();
-    assert_eq!((survey.rank, survey.nullity), (17, 1));
-    let lost = survey.null_space.col(0);
+    let (factored, _) = factorise(build(&[]));
+    let analyse_rank = factored.analyse_rank().unwrap();
+    assert_eq!((analyse_rank.rank, analyse_rank.nullity), (17, 1));
+    let lost = analyse_rank.null_space.col(0);
     assert!(
         (lost[0] / lost[1] + 2.0).abs() < 1e-6 && (lost[COMMON + 3] / lost[1] + 1.0).abs() < 1e-6
     );
-    let refused = minimise(vec![0.0; 18], build, |_| vec![0.0; 41]);
+    let refused = minimise_squares(vec![0.0; 18], build, |_| vec![0.0; 41]);
     assert!(matches!(refused, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))));
 }

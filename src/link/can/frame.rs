@@ -4,25 +4,27 @@ use std::fmt;
 
 /// An identifier of 11 bits (standard) or 29 (extended).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Id {
+pub struct CanId {
     raw: u32,
     extended: bool,
 }
 
-const MOST_STANDARD: u32 = 0x7FF;
-const MOST_EXTENDED: u32 = 0x1FFF_FFFF;
+const MAX_STANDARD_ID: u32 = 0x7FF;
+const MAX_EXTENDED_ID: u32 = 0x1FFF_FFFF;
 
-impl Id {
+impl CanId {
     /// # Errors
     /// The identifier is too large; as a message.
     pub fn new(raw: u32, extended: bool) -> Result<Self, String> {
-        if extended && raw > MOST_EXTENDED {
-            return Err(format!("{raw:#x} is too large; 29 bits go to {MOST_EXTENDED:#x}"));
-        }
-        if !extended && raw > MOST_STANDARD {
+        if extended && raw > MAX_EXTENDED_ID {
             return Err(format!(
-                "{raw:#x} is too large for 11 bits, which go to {MOST_STANDARD:#x}; one of 29 bits \
-                 needs `extended = true`"
+                "{raw:#x} is too large for 29 bits; the maximum is {MAX_EXTENDED_ID:#x}"
+            ));
+        }
+        if !extended && raw > MAX_STANDARD_ID {
+            return Err(format!(
+                "{raw:#x} is too large for 11 bits (maximum {MAX_STANDARD_ID:#x}); set `extended = true` for an \
+                 identifier of 29 bits"
             ));
         }
         Ok(Self { raw, extended })
@@ -38,30 +40,30 @@ impl Id {
 }
 
 /// Same format as can-utils: three or eight hexadecimal digits.
-impl fmt::Display for Id {
+impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = if self.extended { 8 } else { 3 };
         write!(f, "{:0digits$X}", self.raw)
     }
 }
 
-pub(super) const MOST_BYTES: usize = 8;
+pub(super) const MAX_DATA_BYTES: usize = 8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Frame {
+pub struct CanFrame {
     /// Time of reception, s.
     pub t_s: f64,
-    pub id: Id,
-    bytes: [u8; MOST_BYTES],
+    pub id: CanId,
+    bytes: [u8; MAX_DATA_BYTES],
     length: usize,
 }
 
-impl Frame {
+impl CanFrame {
     /// Keeps the first 8 bytes if `data` is longer than a frame.
-    pub fn new(t_s: f64, id: Id, data: &[u8]) -> Self {
-        let length = data.len().min(MOST_BYTES);
-        let mut bytes = [0; MOST_BYTES];
-        bytes.iter_mut().zip(data).for_each(|(byte, given)| *byte = *given);
+    pub fn new(t_s: f64, id: CanId, data: &[u8]) -> Self {
+        let length = data.len().min(MAX_DATA_BYTES);
+        let mut bytes = [0; MAX_DATA_BYTES];
+        bytes.iter_mut().zip(data).for_each(|(byte, source)| *byte = *source);
         Self { t_s, id, bytes, length }
     }
 

@@ -6,25 +6,25 @@ use std::time::SystemTime;
 
 use crate::Clock;
 
-pub(super) struct Stamps {
+pub(super) struct TimestampConverter {
     clock: Arc<dyn Clock>,
     last_s: f64,
 }
 
 /// Maximum age of a frame in the kernel's buffer, s. An older stamp dates from before the real-time clock was set.
-const OLDEST_S: f64 = 60.0;
+const MAX_FRAME_AGE_S: f64 = 60.0;
 
-impl Stamps {
+impl TimestampConverter {
     pub(super) fn new(clock: Arc<dyn Clock>) -> Self {
         Self { clock, last_s: f64::NEG_INFINITY }
     }
 
     /// Monotonic time, s, of a frame that has the stamp `stamp` and is read now. Never decreases.
-    pub(super) fn time_s(&mut self, stamp: Option<SystemTime>) -> f64 {
+    pub(super) fn monotonic_s(&mut self, stamp: Option<SystemTime>) -> f64 {
         let (now, now_s) = (SystemTime::now(), self.clock.now_s());
         let age = stamp.and_then(|stamp| now.duration_since(stamp).ok());
         let age_s = age.map_or(0.0, |age| age.as_secs_f64());
-        let age_s = if age_s < OLDEST_S { age_s } else { 0.0 };
+        let age_s = if age_s < MAX_FRAME_AGE_S { age_s } else { 0.0 };
         self.last_s = self.last_s.max(now_s - age_s);
         self.last_s
     }
@@ -46,15 +46,15 @@ mod tests {
 
     #[test]
     fn a_stamp_counts_by_its_age_unless_the_real_time_was_set() {
-        let mut stamps = Stamps::new(Arc::new(Stands(100.0)));
+        let mut stamps = TimestampConverter::new(Arc::new(Stands(100.0)));
         let old = SystemTime::now() - Duration::from_secs(2);
-        let time_s = stamps.time_s(Some(old));
+        let time_s = stamps.monotonic_s(Some(old));
         assert!((97.0..=98.0).contains(&time_s), "{time_s}");
-        assert!(stamps.time_s(Some(old - Duration::from_secs(1))) >= time_s, "never back");
+        assert!(stamps.monotonic_s(Some(old - Duration::from_secs(1))) >= time_s, "never back");
         let future = SystemTime::now() + Duration::from_secs(3600);
-        assert_eq!(stamps.time_s(Some(future)), 100.0);
+        assert_eq!(stamps.monotonic_s(Some(future)), 100.0);
         let past = SystemTime::now() - Duration::from_secs(3600);
-        assert_eq!(stamps.time_s(Some(past)), 100.0);
-        assert_eq!(stamps.time_s(None), 100.0);
+        assert_eq!(stamps.monotonic_s(Some(past)), 100.0);
+        assert_eq!(stamps.monotonic_s(None), 100.0);
     }
 }

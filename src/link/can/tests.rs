@@ -3,29 +3,31 @@ use crate::clock::HostClock;
 
 #[test]
 fn an_identifier_is_in_its_range_and_written_as_can_utils_do() {
-    assert_eq!(Id::new(0x7FF, false).unwrap().to_string(), "7FF");
-    assert_eq!(Id::new(0x12, false).unwrap().to_string(), "012");
-    assert_eq!(Id::new(0x12, true).unwrap().to_string(), "00000012");
-    assert_eq!(Id::new(0x1FFF_FFFF, true).unwrap().to_string(), "1FFFFFFF");
-    assert!(Id::new(0x800, false).unwrap_err().contains("extended = true"));
-    assert!(Id::new(0x2000_0000, true).unwrap_err().contains("too large"));
+    assert_eq!(CanId::new(0x7FF, false).unwrap().to_string(), "7FF");
+    assert_eq!(CanId::new(0x12, false).unwrap().to_string(), "012");
+    assert_eq!(CanId::new(0x12, true).unwrap().to_string(), "00000012");
+    assert_eq!(CanId::new(0x1FFF_FFFF, true).unwrap().to_string(), "1FFFFFFF");
+    assert!(CanId::new(0x800, false).unwrap_err().contains("extended = true"));
+    assert!(CanId::new(0x2000_0000, true).unwrap_err().contains("too large"));
 }
 
 #[test]
 fn a_frame_keeps_eight_bytes_at_most() {
-    let id = Id::new(1, false).unwrap();
-    assert!(Frame::new(0.0, id, &[]).data().is_empty());
-    assert_eq!(Frame::new(0.0, id, &[1, 2, 3]).data(), [1, 2, 3]);
-    assert_eq!(Frame::new(0.0, id, &[9; 12]).data(), [9; 8]);
+    let id = CanId::new(1, false).unwrap();
+    assert!(CanFrame::new(0.0, id, &[]).data().is_empty());
+    assert_eq!(CanFrame::new(0.0, id, &[1, 2, 3]).data(), [1, 2, 3]);
+    assert_eq!(CanFrame::new(0.0, id, &[9; 12]).data(), [9; 8]);
 }
 
 /// With or without CAN in the kernel, a missing interface is refused with a fitting message.
 #[test]
 fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
-    let id = Id::new(1, false).unwrap();
-    let error = Can::open("can-none", id, Arc::new(HostClock::start())).err().unwrap();
+    let id = CanId::new(1, false).unwrap();
+    let error = CanReceiver::open("can-none", id, Arc::new(HostClock::start())).err().unwrap();
     match &error {
-        CanError::NoKernel { .. } => assert!(error.remedy().contains("modprobe can can_raw")),
+        CanError::NoKernelSupport { .. } => {
+            assert!(error.remedy().contains("modprobe can can_raw"))
+        }
         CanError::NoInterface { interface, .. } => {
             assert_eq!(interface, "can-none");
             assert!(error.remedy().contains("ip -brief link show type can"));
@@ -36,16 +38,16 @@ fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
 
 #[tokio::test]
 async fn on_demand_frames_come_when_asked_for_and_none_waits() {
-    let id = Id::new(1, false).unwrap();
+    let id = CanId::new(1, false).unwrap();
     let mut left = 2_u8;
-    let mut can = Can::on_demand("memory", move || {
+    let mut can = CanReceiver::on_demand("memory", move || {
         left = left.checked_sub(1)?;
-        Some(Frame::new(f64::from(left), id, &[left]))
+        Some(CanFrame::new(f64::from(left), id, &[left]))
     });
     assert!(can.is_on_demand());
-    assert_eq!(can.waiting().unwrap(), None);
+    assert_eq!(can.try_next().unwrap(), None);
     let wait = Duration::from_secs(1);
-    let frame = |t_s, byte| Some(CanEvent::Frame(Frame::new(t_s, id, &[byte])));
+    let frame = |t_s, byte| Some(CanEvent::Frame(CanFrame::new(t_s, id, &[byte])));
     assert_eq!(can.next(wait).await.unwrap(), frame(1.0, 1));
     assert_eq!(can.next(wait).await.unwrap(), frame(0.0, 0));
     assert_eq!(can.next(wait).await.unwrap(), None);

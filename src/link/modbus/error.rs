@@ -9,42 +9,42 @@ pub enum ModbusError {
     /// The connection could not be opened or reopened: the request was not sent.
     #[error(transparent)]
     Link(#[from] LinkError),
-    #[error("{request}: the device refuses function {function} with exception {code} ({})", meaning(*code))]
-    Refused { request: String, function: u8, code: u8 },
-    #[error("{request}: no answer within {:.1} s", within.as_secs_f64())]
-    Late { request: String, within: Duration },
-    #[error("{request}: the reply does not fit: {why}")]
-    Misfit { request: String, why: String },
+    #[error("{request}: the device refuses function {function} with exception {code} ({})", exception_name(*code))]
+    ExceptionReply { request: String, function: u8, code: u8 },
+    #[error("{request}: no reply within {:.1} s", timeout.as_secs_f64())]
+    Timeout { request: String, timeout: Duration },
+    #[error("{request}: the reply does not match the request: {why}")]
+    UnexpectedReply { request: String, why: String },
     #[error("{request}: the connection was lost: {why}")]
     Lost { request: String, why: String },
     /// The late replies of earlier requests did not arrive: the request was not sent.
-    #[error("{request} was not sent: the line could not be cleared of what came late ({why})")]
-    Unclear { request: String, why: String },
+    #[error("{request} was not sent: late replies of earlier requests may still arrive ({why})")]
+    LineNotCleared { request: String, why: String },
     #[error("{request} is not allowed: {why}")]
     NotAllowed { request: String, why: String },
-    #[error("{request}: the device keeps {read:?} where {written:?} was written")]
-    NotAsWritten { request: String, written: Vec<u16>, read: Vec<u16> },
-    #[error("{request} arrived, but could not be read back: {source}")]
-    NotReadBack { request: String, source: Box<ModbusError> },
-    #[error("{request} was not sent: the machine is held")]
-    Held { request: String },
-    #[error("the link to {link} has ended")]
-    Ended { link: String },
+    #[error("{request}: written {written:?}, read back {read:?}")]
+    ReadBackDiffers { request: String, written: Vec<u16>, read: Vec<u16> },
+    #[error("{request}: the device confirmed the write, but reading back failed: {source}")]
+    ReadBackFailed { request: String, source: Box<ModbusError> },
+    #[error("{request} was not sent: a hold is active")]
+    HoldActive { request: String },
+    #[error("the thread of the link to {link} has ended")]
+    LinkEnded { link: String },
 }
 
 /// Names of the exception codes, from the Modbus application protocol.
-fn meaning(code: u8) -> &'static str {
+fn exception_name(code: u8) -> &'static str {
     match code {
         1 => "illegal function",
         2 => "illegal data address",
         3 => "illegal data value",
         4 => "device failure",
-        5 => "acknowledge: it takes its time",
+        5 => "acknowledge: the device is still processing the request",
         6 => "device busy",
         8 => "memory parity error",
         10 => "gateway path unavailable",
-        11 => "gateway: the device does not respond",
-        _ => "a code of its own",
+        11 => "gateway target device failed to respond",
+        _ => "a code of the manufacturer",
     }
 }
 
@@ -53,17 +53,17 @@ impl ModbusError {
     /// reading the device's counter.
     pub fn may_have_arrived(&self) -> bool {
         match self {
-            Self::Late { .. }
-            | Self::Misfit { .. }
+            Self::Timeout { .. }
+            | Self::UnexpectedReply { .. }
             | Self::Lost { .. }
-            | Self::NotAsWritten { .. }
-            | Self::NotReadBack { .. }
-            | Self::Ended { .. } => true,
+            | Self::ReadBackDiffers { .. }
+            | Self::ReadBackFailed { .. }
+            | Self::LinkEnded { .. } => true,
             Self::Link(_)
-            | Self::Refused { .. }
-            | Self::Unclear { .. }
+            | Self::ExceptionReply { .. }
+            | Self::LineNotCleared { .. }
             | Self::NotAllowed { .. }
-            | Self::Held { .. } => false,
+            | Self::HoldActive { .. } => false,
         }
     }
 
@@ -71,35 +71,35 @@ impl ModbusError {
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Link(error) => return error.remedy(),
-            Self::NotReadBack { source, .. } => return source.remedy(),
-            Self::Refused { code: 1, .. } => {
-                "the device does not know this function: see its manual for input or holding registers"
+            Self::ReadBackFailed { source, .. } => return source.remedy(),
+            Self::ExceptionReply { code: 1, .. } => {
+                "the device does not support this function: check in its manual whether it has input or holding registers"
             }
-            Self::Refused { code: 2 | 3, .. } => {
+            Self::ExceptionReply { code: 2 | 3, .. } => {
                 "compare the register map with the device's manual; many manuals count registers from \
-                 1 or from 40001, here they count from 0"
+                 1 or from 40001, the machine file counts from 0"
             }
-            Self::Refused { code: 10 | 11, .. } => {
-                "the gateway does not reach the device: check `unit` and the wires behind the gateway"
+            Self::ExceptionReply { code: 10 | 11, .. } => {
+                "check `unit` and the wiring between the gateway and the device"
             }
-            Self::Refused { .. } => "look at the device: its manual says what this code means",
-            Self::Late { .. } => {
-                "check that the device is on, then `unit`, baud rate, parity and the wires; a slow \
-                 device needs a longer `timeout_s`"
+            Self::ExceptionReply { .. } => "look up the exception code in the device's manual",
+            Self::Timeout { .. } => {
+                "check that the device is on, then check `unit`, baud rate, parity and the wiring; set a longer \
+                 `timeout_s` for a slow device"
             }
-            Self::Misfit { .. } | Self::Unclear { .. } => {
-                "only one master may speak on a line, and a unit identifier belongs to one device: \
-                 look for another program or a second device; then the shield and the terminators"
+            Self::UnexpectedReply { .. } | Self::LineNotCleared { .. } => {
+                "a line may have one Modbus client only, and each unit identifier one device: check for another \
+                 program or a second device, then check the shield and the terminators"
             }
-            Self::Lost { .. } | Self::Ended { .. } => {
-                "the state of the machine is unknown: look at it, then mend the link"
+            Self::Lost { .. } | Self::LinkEnded { .. } => {
+                "the state of the machine is unknown: check the machine, then restore the link"
             }
-            Self::NotAllowed { .. } => "compare the register map with what the device offers",
-            Self::NotAsWritten { .. } => {
-                "something else writes these registers, or the device clears or limits them: see its \
+            Self::NotAllowed { .. } => "compare the register map with the registers of the device",
+            Self::ReadBackDiffers { .. } => {
+                "another program writes these registers, or the device clears or limits them: see its \
                  manual"
             }
-            Self::Held { .. } => "look at the machine, then acknowledge the stop",
+            Self::HoldActive { .. } => "check the machine, then acknowledge the stop",
         };
         text.to_owned()
     }

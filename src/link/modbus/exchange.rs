@@ -6,11 +6,11 @@ use tokio::time::{sleep, timeout};
 use tokio_modbus::client::{Client, Context, rtu, tcp};
 use tokio_modbus::{Response, Slave};
 
-use super::ask::{Ask, Shape};
-use super::inbox::Inbox;
-use super::wire::Wire;
-use super::{Framing, Line, ModbusError, Settings};
-use crate::wiring::Wired;
+use super::access::{RegisterAccess, ReplyShape};
+use super::stream::DrainableStream;
+use super::urgent_queue::UrgentQueue;
+use super::{DeviceSettings, Framing, ModbusError, ModbusLine};
+use crate::mode::LinkBackend;
 
 /// Maximum time for which a hold waits for a pending TCP reply.
 const HOLD_REPLY_WAIT: Duration = Duration::from_millis(20);
@@ -18,67 +18,79 @@ const HOLD_REPLY_WAIT: Duration = Duration::from_millis(20);
 const MAX_CLEAR_READS: usize = 3;
 
 /// The connection, and the replies that it still owes.
-pub(super) struct Exchange {
-    line: Line,
-    wired: Wired,
-    wire: Option<Wire>,
+pub(super) struct ModbusExchange {
+    line: ModbusLine,
+    backend: LinkBackend,
+    stream: Option<DrainableStream>,
     /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
     context: Option<Context>,
     /// Requests whose replies may still arrive (RTU).
-    owed: Vec<Shape>,
-    latest: Option<Shape>,
+    pending_replies: Vec<ReplyShape>,
+    last_shape: Option<ReplyShape>,
 }
 
 /// Result of one call.
-enum End {
+enum CallOutcome {
     Replied(tokio_modbus::Result<Response>),
-    Late(Duration),
+    TimedOut(Duration),
 }
 
-impl Exchange {
-    pub(super) fn new(line: Line, wired: Wired) -> Self {
-        Self { line, wired, wire: None, context: None, owed: Vec::new(), latest: None }
+impl ModbusExchange {
+    pub(super) fn new(line: ModbusLine, backend: LinkBackend) -> Self {
+        Self {
+            line,
+            backend,
+            stream: None,
+            context: None,
+            pending_replies: Vec::new(),
+            last_shape: None,
+        }
     }
 
     /// # Errors
     /// The connection cannot be opened.
     pub(super) async fn open(&mut self) -> Result<(), ModbusError> {
-        self.wire = Some(self.line.open(&self.wired).await?);
+        self.stream = Some(self.line.open(&self.backend).await?);
         Ok(())
     }
 
-    /// Clears the line, sends `ask` once, and returns the register values of the reply.
+    /// Clears the line, sends `access` once, and returns the register values of the reply.
     pub(super) async fn perform(
         &mut self,
-        ask: &Ask,
-        settings: &Settings,
-        inbox: &mut Inbox,
+        access: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
     ) -> Result<Vec<u16>, ModbusError> {
         self.wait_for_silence().await?;
-        self.clear(ask, settings, inbox).await?;
-        self.send(ask, settings, inbox).await
+        self.clear_line(access, settings, urgent_queue).await?;
+        self.send(access, settings, urgent_queue).await
     }
 
     /// Like `perform`, without clearing the line first: a hold does not wait.
-    pub(super) async fn perform_now(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) {
+    pub(super) async fn perform_urgent(
+        &mut self,
+        access: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
+    ) {
         // Only the device can show whether the write has arrived.
         if self.wait_for_silence().await.is_ok() {
-            let _ = self.send(ask, settings, inbox).await;
+            let _ = self.send(access, settings, urgent_queue).await;
         }
     }
 
     /// Opens the connection if necessary, and waits until the line is silent.
     async fn wait_for_silence(&mut self) -> Result<(), ModbusError> {
-        if let Some(wire) = &mut self.wire {
+        if let Some(stream) = &mut self.stream {
             let drained = match self.line.framing {
-                Framing::Rtu => wire.drain(self.line.silence()).await,
-                Framing::Tcp => wire.skim().await,
+                Framing::Rtu => stream.drain_until_silent(self.line.frame_silence()).await,
+                Framing::Tcp => stream.drop_arrived().await,
             };
             match (drained, self.line.framing) {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Bytes arrived without a request: perhaps the last reply was sent twice.
-                    self.owed.extend(self.latest);
+                    self.pending_replies.extend(self.last_shape);
                     return Ok(());
                 }
                 // The idle connection was closed, or bytes arrived without a request.
@@ -86,97 +98,108 @@ impl Exchange {
             }
         }
         self.open().await?;
-        if let (Some(wire), Framing::Rtu) = (&mut self.wire, self.line.framing) {
+        if let (Some(stream), Framing::Rtu) = (&mut self.stream, self.line.framing) {
             // Drops bytes that the port held before it was opened.
-            let _ = wire.drain(self.line.silence()).await;
+            let _ = stream.drain_until_silent(self.line.frame_silence()).await;
         }
         Ok(())
     }
 
     fn close(&mut self) {
         self.context = None;
-        self.wire = None;
+        self.stream = None;
     }
 
     /// A read whose reply cannot be confused with any reply that is owed.
-    fn probe(&self, settings: &Settings) -> Option<Ask> {
+    fn choose_probe_read(&self, settings: &DeviceSettings) -> Option<RegisterAccess> {
         let mut probes = settings.allowed.small_reads();
-        probes.find(|probe| !self.owed.contains(&probe.shape(settings.unit)))
+        probes.find(|probe| !self.pending_replies.contains(&probe.reply_shape(settings.unit)))
     }
 
-    fn is_owed_by(&self, unit: u8) -> bool {
-        self.owed.iter().any(|owed| owed.unit == unit)
+    fn has_pending_reply(&self, unit: u8) -> bool {
+        self.pending_replies.iter().any(|pending_replies| pending_replies.unit == unit)
     }
 
-    fn forget_owed_by(&mut self, unit: u8) {
-        self.owed.retain(|owed| owed.unit != unit);
+    fn forget_pending_replies(&mut self, unit: u8) {
+        self.pending_replies.retain(|pending_replies| pending_replies.unit != unit);
     }
 
     /// RTU: sends a read of a shape that is not owed. Its reply proves that no owed reply of this unit can follow.
-    async fn clear(
+    async fn clear_line(
         &mut self,
-        ask: &Ask,
-        settings: &Settings,
-        inbox: &mut Inbox,
+        access: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
     ) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();
         for _ in 0..MAX_CLEAR_READS {
-            if !self.is_owed_by(unit) {
+            if !self.has_pending_reply(unit) {
                 return Ok(());
             }
-            let Some(probe) = self.probe(settings) else {
-                self.wait_for_owed_replies(settings, inbox).await;
-                if inbox.has_come() {
-                    why = "a hold goes first".to_owned();
+            let Some(probe) = self.choose_probe_read(settings) else {
+                self.wait_for_pending_replies(settings, urgent_queue).await;
+                if urgent_queue.has_write() {
+                    why = "a hold interrupts the request".to_owned();
                     break;
                 }
                 return Ok(());
             };
-            if let Some(error) = self.ask_whether_clear(&probe, settings, inbox).await {
+            if let Some(error) = self.probe_line(&probe, settings, urgent_queue).await {
                 why = error.to_string();
-                if !matches!(error, ModbusError::Misfit { .. }) {
+                if !matches!(error, ModbusError::UnexpectedReply { .. }) {
                     break;
                 }
             }
-            self.wait_quietly(self.line.silence(), inbox).await;
-            if inbox.has_come() {
-                why = "a hold goes first".to_owned();
+            self.drain_unless_urgent(self.line.frame_silence(), urgent_queue).await;
+            if urgent_queue.has_write() {
+                why = "a hold interrupts the request".to_owned();
                 break;
             }
         }
-        if !self.is_owed_by(unit) {
+        if !self.has_pending_reply(unit) {
             return Ok(());
         }
-        Err(ModbusError::Unclear { request: ask.to_string(), why })
+        Err(ModbusError::LineNotCleared { request: access.to_string(), why })
     }
 
     /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
     /// wait.
-    async fn wait_for_owed_replies(&mut self, settings: &Settings, inbox: &mut Inbox) {
-        self.wire.iter().for_each(Wire::hush);
-        self.wait_quietly(settings.timeout, inbox).await;
-        if !inbox.has_come() {
-            self.forget_owed_by(settings.unit);
+    async fn wait_for_pending_replies(
+        &mut self,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
+    ) {
+        self.stream.iter().for_each(DrainableStream::restart_silence);
+        self.drain_unless_urgent(settings.timeout, urgent_queue).await;
+        if !urgent_queue.has_write() {
+            self.forget_pending_replies(settings.unit);
         }
     }
 
-    /// Sends one test read of `clear`; returns its error, if any.
-    async fn ask_whether_clear(
+    /// Sends one test read of `clear_line`; returns its error, if any.
+    async fn probe_line(
         &mut self,
-        probe: &Ask,
-        settings: &Settings,
-        inbox: &mut Inbox,
+        probe: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
     ) -> Option<ModbusError> {
-        let shape = probe.shape(settings.unit);
-        let ambiguous = self.owed.iter().any(|owed| owed.has_function_of(shape));
-        match self.send(probe, settings, inbox).await {
-            Err(ModbusError::Refused { .. }) if ambiguous => self.owed.push(shape),
-            Ok(_) | Err(ModbusError::Refused { .. }) => self.forget_owed_by(settings.unit),
+        let shape = probe.reply_shape(settings.unit);
+        let ambiguous = self
+            .pending_replies
+            .iter()
+            .any(|pending_replies| pending_replies.has_same_function(shape));
+        match self.send(probe, settings, urgent_queue).await {
+            Err(ModbusError::ExceptionReply { .. }) if ambiguous => {
+                self.pending_replies.push(shape)
+            }
+            Ok(_) | Err(ModbusError::ExceptionReply { .. }) => {
+                self.forget_pending_replies(settings.unit)
+            }
             Err(error) => {
-                if matches!(error, ModbusError::Misfit { .. }) {
+                if matches!(error, ModbusError::UnexpectedReply { .. }) {
                     // The reply belongs to an older request; the reply to the test read may still arrive.
-                    self.wait_quietly(settings.timeout, inbox).await;
+                    self.drain_unless_urgent(settings.timeout, urgent_queue).await;
                 }
                 return Some(error);
             }
@@ -184,14 +207,14 @@ impl Exchange {
         None
     }
 
-    /// Drops incoming bytes until `silence` has passed without a byte, or until an urgent write is queued.
-    async fn wait_quietly(&mut self, silence: Duration, inbox: &mut Inbox) {
-        let Some(wire) = &mut self.wire else { return };
+    /// Drops incoming bytes until `frame_silence` has passed without a byte, or until an urgent write is queued.
+    async fn drain_unless_urgent(&mut self, silence: Duration, urgent_queue: &mut UrgentQueue) {
+        let Some(stream) = &mut self.stream else { return };
         // Both futures can be dropped: the bytes read are discarded in any case.
         let ended = tokio::select! {
             biased;
-            () = inbox.come() => return,
-            ended = wire.drain(silence) => ended,
+            () = urgent_queue.wait_for_write() => return,
+            ended = stream.drain_until_silent(silence) => ended,
         };
         if ended.is_err() {
             self.close();
@@ -200,77 +223,88 @@ impl Exchange {
 
     async fn send(
         &mut self,
-        ask: &Ask,
-        settings: &Settings,
-        inbox: &mut Inbox,
+        access: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
     ) -> Result<Vec<u16>, ModbusError> {
-        let shape = ask.shape(settings.unit);
-        let request = ask.to_string();
-        self.latest = Some(shape);
-        let misfit = |why| ModbusError::Misfit { request: request.clone(), why };
-        let error = match self.call(ask, settings, inbox).await {
-            End::Replied(Ok(Ok(reply))) => match ask.words(reply) {
+        let shape = access.reply_shape(settings.unit);
+        let request = access.to_string();
+        self.last_shape = Some(shape);
+        let unexpected_reply = |why| ModbusError::UnexpectedReply { request: request.clone(), why };
+        let error = match self.call(access, settings, urgent_queue).await {
+            CallOutcome::Replied(Ok(Ok(reply))) => match access.decode_reply(reply) {
                 Ok(words) => return Ok(words),
-                Err(why) => misfit(why),
+                Err(why) => unexpected_reply(why),
             },
-            End::Replied(Ok(Err(exception))) => {
-                let function = ask.request().function_code().value();
-                return Err(ModbusError::Refused { request, function, code: exception.into() });
+            CallOutcome::Replied(Ok(Err(exception))) => {
+                let function = access.to_pdu().function_code().value();
+                return Err(ModbusError::ExceptionReply {
+                    request,
+                    function,
+                    code: exception.into(),
+                });
             }
-            End::Replied(Err(tokio_modbus::Error::Protocol(error))) => misfit(error.to_string()),
-            End::Replied(Err(tokio_modbus::Error::Transport(error)))
+            CallOutcome::Replied(Err(tokio_modbus::Error::Protocol(error))) => {
+                unexpected_reply(error.to_string())
+            }
+            CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error)))
                 if error.kind() == std::io::ErrorKind::InvalidData =>
             {
-                misfit(error.to_string())
+                unexpected_reply(error.to_string())
             }
-            End::Replied(Err(tokio_modbus::Error::Transport(error))) => {
-                let why = self.why_lost(error).await;
-                self.wire = None;
+            CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error))) => {
+                let why = self.loss_reason(error).await;
+                self.stream = None;
                 ModbusError::Lost { request, why }
             }
-            End::Late(within) => ModbusError::Late { request, within },
+            CallOutcome::TimedOut(timeout) => ModbusError::Timeout { request, timeout },
         };
         self.context = None;
         match self.line.framing {
-            Framing::Rtu => self.owed.push(shape),
-            Framing::Tcp => self.wire = None,
+            Framing::Rtu => self.pending_replies.push(shape),
+            Framing::Tcp => self.stream = None,
         }
         Err(error)
     }
 
-    async fn call(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) -> End {
-        let Some(wire) = &self.wire else {
+    async fn call(
+        &mut self,
+        access: &RegisterAccess,
+        settings: &DeviceSettings,
+        urgent_queue: &mut UrgentQueue,
+    ) -> CallOutcome {
+        let Some(stream) = &self.stream else {
             let closed = std::io::Error::from(std::io::ErrorKind::NotConnected);
-            return End::Replied(Err(closed.into()));
+            return CallOutcome::Replied(Err(closed.into()));
         };
         let unit = Slave(settings.unit);
         let framing = self.line.framing;
         let context = match framing {
             // Each request gets a new decoder, without bytes of earlier requests.
-            Framing::Rtu => self.context.insert(rtu::attach_slave(wire.clone(), unit)),
+            Framing::Rtu => self.context.insert(rtu::attach_slave(stream.clone(), unit)),
             Framing::Tcp => {
-                self.context.get_or_insert_with(|| tcp::attach_slave(wire.clone(), unit))
+                self.context.get_or_insert_with(|| tcp::attach_slave(stream.clone(), unit))
             }
         };
-        let hurry = async {
-            inbox.come().await;
+        let hold_deadline = async {
+            urgent_queue.wait_for_write().await;
             sleep(HOLD_REPLY_WAIT).await;
         };
         // Dropping a call here drops its context too.
         tokio::select! {
             biased;
-            replied = timeout(settings.timeout, context.call(ask.request())) => {
-                replied.map_or(End::Late(settings.timeout), End::Replied)
+            replied = timeout(settings.timeout, context.call(access.to_pdu())) => {
+                replied.map_or(CallOutcome::TimedOut(settings.timeout), CallOutcome::Replied)
             }
-            () = hurry, if framing == Framing::Tcp => End::Late(HOLD_REPLY_WAIT),
+            () = hold_deadline, if framing == Framing::Tcp => CallOutcome::TimedOut(HOLD_REPLY_WAIT),
         }
     }
 
     /// Reason for the lost connection. tokio-modbus reports a closed stream by the last error of the operating
     /// system.
-    async fn why_lost(&mut self, error: std::io::Error) -> String {
-        let Some(wire) = &mut self.wire else { return error.to_string() };
-        match wire.skim().await {
+    async fn loss_reason(&mut self, error: std::io::Error) -> String {
+        let Some(stream) = &mut self.stream else { return error.to_string() };
+        match stream.drop_arrived().await {
             Err(closed) => closed.to_string(),
             Ok(_) => error.to_string(),
         }

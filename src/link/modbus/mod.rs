@@ -27,30 +27,30 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio::sync::{mpsc, oneshot};
 
+mod access;
 mod allowed;
-mod ask;
 mod device;
 mod error;
 mod exchange;
-mod inbox;
 mod line;
 mod owner;
+mod stream;
 #[cfg(test)]
 mod tests;
+mod urgent_queue;
 pub mod value;
-mod wire;
 
-pub use allowed::{Allowed, Range};
-pub use device::{Device, DeviceKeys};
+pub use allowed::{AccessList, RegisterRange};
+pub use device::{ModbusDevice, ModbusDeviceKeys};
 pub use error::ModbusError;
-pub use line::{Framing, Line, Parity};
+pub use line::{Framing, ModbusLine, Parity};
 
-use ask::Ask;
+use access::RegisterAccess;
 
 /// The four address spaces of a device. A bit counts as a register with the value 0 or 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Space {
+pub enum RegisterSpace {
     Holding,
     Input,
     Coil,
@@ -59,34 +59,34 @@ pub enum Space {
 
 /// Settings of a Modbus device.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub struct DeviceSettings {
     /// The unit identifier: RTU 1 to 247; TCP 255 unless a gateway forwards by it.
     pub unit: u8,
     /// Maximum time until the reply.
     pub timeout: Duration,
-    pub allowed: Allowed,
+    pub allowed: AccessList,
 }
 
 /// Handle of a Modbus device.
-pub struct Modbus {
+pub struct ModbusClient {
     name: String,
-    settings: Arc<Settings>,
-    jobs: mpsc::UnboundedSender<Job>,
+    settings: Arc<DeviceSettings>,
+    jobs: mpsc::UnboundedSender<QueuedAccess>,
     urgent: mpsc::UnboundedSender<UrgentWrite>,
 }
 
 /// Weak reference to an open line; does not keep the line open.
-pub(super) struct WeakModbus {
+pub(super) struct WeakModbusClient {
     name: String,
-    jobs: mpsc::WeakUnboundedSender<Job>,
+    jobs: mpsc::WeakUnboundedSender<QueuedAccess>,
     urgent: mpsc::WeakUnboundedSender<UrgentWrite>,
 }
 
-impl WeakModbus {
+impl WeakModbusClient {
     /// Returns one more handle, for the device of `settings`; `None` if the line is closed.
-    pub(super) fn upgrade(&self, settings: Settings) -> Option<Modbus> {
+    pub(super) fn upgrade(&self, settings: DeviceSettings) -> Option<ModbusClient> {
         let (jobs, urgent) = (self.jobs.upgrade()?, self.urgent.upgrade()?);
-        Some(Modbus { name: self.name.clone(), settings: Arc::new(settings), jobs, urgent })
+        Some(ModbusClient { name: self.name.clone(), settings: Arc::new(settings), jobs, urgent })
     }
 }
 
@@ -96,60 +96,60 @@ impl WeakModbus {
 /// dropped), over RTU until its reply or its timeout, because two requests at the same time would disturb each
 /// other. It is sent once, and its result is not reported: check the device.
 #[derive(Clone)]
-pub struct Urgent {
-    ask: Ask,
-    settings: Arc<Settings>,
+pub struct UrgentWriteSender {
+    access: RegisterAccess,
+    settings: Arc<DeviceSettings>,
     queue: mpsc::UnboundedSender<UrgentWrite>,
 }
 
-struct Job {
-    ask: Ask,
+struct QueuedAccess {
+    access: RegisterAccess,
     /// Settings of the addressed device.
-    settings: Arc<Settings>,
+    settings: Arc<DeviceSettings>,
     /// Whether the write is read back.
     read_back: bool,
-    answer: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
+    reply: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
 }
 
 struct UrgentWrite {
-    ask: Ask,
-    settings: Arc<Settings>,
-    last: bool,
+    access: RegisterAccess,
+    settings: Arc<DeviceSettings>,
+    blocks_writes: bool,
 }
 
-impl Urgent {
+impl UrgentWriteSender {
     pub fn send(&self) {
         self.queue(false);
     }
 
-    /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::Held`]). Reads
+    /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads
     /// continue.
     pub fn send_and_close(&self) {
         self.queue(true);
     }
 
-    fn queue(&self, last: bool) {
-        let (ask, settings) = (self.ask.clone(), self.settings.clone());
-        let _ = self.queue.send(UrgentWrite { ask, settings, last });
+    fn queue(&self, blocks_writes: bool) {
+        let (access, settings) = (self.access.clone(), self.settings.clone());
+        let _ = self.queue.send(UrgentWrite { access, settings, blocks_writes });
     }
 }
 
-impl Modbus {
+impl ModbusClient {
     /// Opens `line` on the thread that will own it. After a loss, the next request reopens the connection.
     ///
     /// # Errors
     /// The line cannot be opened. Whether a device answers is known only after the first request.
-    pub async fn open(line: Line, settings: Settings) -> Result<Self, ModbusError> {
+    pub async fn open(line: ModbusLine, settings: DeviceSettings) -> Result<Self, ModbusError> {
         let name = line.to_string();
         let (jobs, queue) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        owner::start(line, owner::Ends { queue, urgent_queue }).await?;
+        owner::start_owner_thread(line, owner::ChannelEnds { queue, urgent_queue }).await?;
         Ok(Self { name, settings: Arc::new(settings), jobs, urgent })
     }
 
-    pub(super) fn downgrade(&self) -> WeakModbus {
+    pub(super) fn downgrade(&self) -> WeakModbusClient {
         let (jobs, urgent) = (self.jobs.downgrade(), self.urgent.downgrade());
-        WeakModbus { name: self.name.clone(), jobs, urgent }
+        WeakModbusClient { name: self.name.clone(), jobs, urgent }
     }
 
     /// Reads `count` registers from `address` on (counted from 0).
@@ -158,19 +158,19 @@ impl Modbus {
     /// See [`ModbusError`].
     pub async fn read(
         &self,
-        space: Space,
+        space: RegisterSpace,
         address: u16,
         count: u16,
     ) -> Result<Vec<u16>, ModbusError> {
-        self.ask(Ask::Read { space, address, count }, false).await
+        self.perform(RegisterAccess::Read { space, address, count }, false).await
     }
 
     /// Writes holding registers from `address` on, then reads them back.
     ///
     /// # Errors
-    /// See [`ModbusError`]; [`ModbusError::NotAsWritten`] if the device holds another value afterwards.
+    /// See [`ModbusError`]; [`ModbusError::ReadBackDiffers`] if the device holds another value afterwards.
     pub async fn write(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.ask(Ask::Write { address, words: words.to_vec() }, true).await.map(drop)
+        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, true).await.map(drop)
     }
 
     /// Like `write`, for registers that the device clears itself: they are not read back.
@@ -178,26 +178,32 @@ impl Modbus {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn write_without_echo(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.ask(Ask::Write { address, words: words.to_vec() }, false).await.map(drop)
+        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, false)
+            .await
+            .map(drop)
     }
 
     /// Prepares a write that will overtake all others.
     ///
     /// # Errors
     /// The write is not allowed.
-    pub fn urgent(&self, address: u16, words: &[u16]) -> Result<Urgent, ModbusError> {
-        let ask = Ask::Write { address, words: words.to_vec() };
-        self.settings.allowed.check(&ask)?;
+    pub fn urgent(&self, address: u16, words: &[u16]) -> Result<UrgentWriteSender, ModbusError> {
+        let access = RegisterAccess::Write { address, words: words.to_vec() };
+        self.settings.allowed.check(&access)?;
         let (settings, queue) = (self.settings.clone(), self.urgent.clone());
-        Ok(Urgent { ask, settings, queue })
+        Ok(UrgentWriteSender { access, settings, queue })
     }
 
-    async fn ask(&self, ask: Ask, read_back: bool) -> Result<Vec<u16>, ModbusError> {
-        self.settings.allowed.check(&ask)?;
-        let ended = || ModbusError::Ended { link: self.name.clone() };
-        let (answer, result) = oneshot::channel();
+    async fn perform(
+        &self,
+        access: RegisterAccess,
+        read_back: bool,
+    ) -> Result<Vec<u16>, ModbusError> {
+        self.settings.allowed.check(&access)?;
+        let ended = || ModbusError::LinkEnded { link: self.name.clone() };
+        let (reply, result) = oneshot::channel();
         let settings = self.settings.clone();
-        self.jobs.send(Job { ask, settings, read_back, answer }).map_err(|_| ended())?;
+        self.jobs.send(QueuedAccess { access, settings, read_back, reply }).map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }
 }

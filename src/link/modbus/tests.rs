@@ -8,7 +8,7 @@ use tokio_modbus::server::{Service, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::*;
-use crate::{Capture, HostPort, Named, Replay, Wiring};
+use crate::{Capture, HostPort, LinkConfig, LinkMode, Replay};
 
 /// Holding registers 0 to 99; input registers 0 to 9 hold 1000 and more.
 #[derive(Clone, Default)]
@@ -47,13 +47,13 @@ impl Service for Device {
     }
 }
 
-async fn served() -> (Device, Modbus) {
+async fn served() -> (Device, ModbusClient) {
     let (device, line, settings) = a_device().await;
-    let link = Modbus::open(line, settings).await.unwrap();
+    let link = ModbusClient::open(line, settings).await.unwrap();
     (device, link)
 }
 
-async fn a_device() -> (Device, Line, Settings) {
+async fn a_device() -> (Device, ModbusLine, DeviceSettings) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     let device = Device::default();
@@ -66,25 +66,25 @@ async fn a_device() -> (Device, Line, Settings) {
         };
         let _ = server.serve(&connected, |_| ()).await;
     });
-    let allowed = Allowed {
+    let allowed = AccessList {
         read: vec![
-            Range { space: Space::Input, first: 0, last: 9 },
-            Range { space: Space::Holding, first: 0, last: 199 },
+            RegisterRange { space: RegisterSpace::Input, first: 0, last: 9 },
+            RegisterRange { space: RegisterSpace::Holding, first: 0, last: 199 },
         ],
-        write: vec![Range { space: Space::Holding, first: 10, last: 60 }],
+        write: vec![RegisterRange { space: RegisterSpace::Holding, first: 10, last: 60 }],
     };
-    let settings = Settings { unit: 1, timeout: Duration::from_secs(1), allowed };
-    (device, Line::usual(Named::Tcp(HostPort::local(port))), settings)
+    let settings = DeviceSettings { unit: 1, timeout: Duration::from_secs(1), allowed };
+    (device, ModbusLine::with_defaults(LinkConfig::Tcp(HostPort::local(port))), settings)
 }
 
 #[tokio::test]
 async fn registers_are_read_and_written_and_read_back() {
     let (device, link) = served().await;
-    assert_eq!(link.read(Space::Input, 2, 3).await.unwrap(), [1002, 1003, 1004]);
+    assert_eq!(link.read(RegisterSpace::Input, 2, 3).await.unwrap(), [1002, 1003, 1004]);
     link.write(20, &[7, 8, 9]).await.unwrap();
     assert_eq!(device.0.lock().unwrap()[19..24], [0, 7, 8, 9, 0]);
     let cleared = link.write(50, &[1]).await.unwrap_err();
-    assert!(matches!(cleared, ModbusError::NotAsWritten { .. }), "{cleared}");
+    assert!(matches!(cleared, ModbusError::ReadBackDiffers { .. }), "{cleared}");
     assert!(cleared.may_have_arrived());
     link.write_without_echo(50, &[1]).await.unwrap();
 }
@@ -92,13 +92,13 @@ async fn registers_are_read_and_written_and_read_back() {
 #[tokio::test]
 async fn an_exception_is_told_in_words_and_the_connection_stays() {
     let (_device, link) = served().await;
-    let refused = link.read(Space::Holding, 98, 4).await.unwrap_err();
+    let refused = link.read(RegisterSpace::Holding, 98, 4).await.unwrap_err();
     assert_eq!(
         refused.to_string(),
         "reading holding registers 98 to 101: the device refuses function 3 with exception 2 \
          (illegal data address)"
     );
-    assert_eq!(link.read(Space::Holding, 98, 2).await.unwrap(), [0, 0]);
+    assert_eq!(link.read(RegisterSpace::Holding, 98, 2).await.unwrap(), [0, 0]);
 }
 
 #[tokio::test]
@@ -112,9 +112,9 @@ async fn what_is_not_on_the_list_is_not_sent() {
     refused(link.write(20, &[]).await);
     refused(link.write(10, &[0; 124]).await);
     refused(link.urgent(61, &[1]).map(drop));
-    refused(link.read(Space::Input, 9, 2).await.map(drop));
-    refused(link.read(Space::Coil, 0, 1).await.map(drop));
-    refused(link.read(Space::Holding, 0, 126).await.map(drop));
+    refused(link.read(RegisterSpace::Input, 9, 2).await.map(drop));
+    refused(link.read(RegisterSpace::Coil, 0, 1).await.map(drop));
+    refused(link.read(RegisterSpace::Holding, 0, 126).await.map(drop));
     assert!(device.0.lock().unwrap().is_empty());
 }
 
@@ -124,8 +124,8 @@ async fn after_a_hold_no_other_write_goes_out() {
     let hold = link.urgent(30, &[1]).unwrap();
     hold.send_and_close();
     let refused = link.write(31, &[1]).await.unwrap_err();
-    assert!(matches!(refused, ModbusError::Held { .. }), "{refused}");
-    assert_eq!(link.read(Space::Holding, 30, 2).await.unwrap(), [1, 0]);
+    assert!(matches!(refused, ModbusError::HoldActive { .. }), "{refused}");
+    assert_eq!(link.read(RegisterSpace::Holding, 30, 2).await.unwrap(), [1, 0]);
     drop(link);
     hold.send();
     drop(device);
@@ -146,12 +146,12 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
 }
 
 /// Sends commands, with reads between them: `times` more than needed.
-async fn talk(link: &Modbus, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
+async fn talk(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
     let mut read = Vec::new();
     for command in [7, 8, 9] {
         link.write(20, &[command, command]).await?;
         for _ in 0..times {
-            read.push(link.read(Space::Holding, 19, 4).await?);
+            read.push(link.read(RegisterSpace::Holding, 19, 4).await?);
         }
         // A heartbeat.
         for beat in 0..times as u16 {
@@ -168,20 +168,20 @@ async fn a_captured_talk_is_replayed_without_the_device() {
     let file = folder.path().join("a.capture");
     let (device, line, settings) = a_device().await;
     let capture = Capture::create(&file).unwrap();
-    let opening = Modbus::open(line.clone(), settings.clone());
-    let link = Wiring::Captured(capture).during(opening).await.unwrap();
+    let opening = ModbusClient::open(line.clone(), settings.clone());
+    let link = LinkMode::Captured(capture).apply_to(opening).await.unwrap();
     let had = talk(&link, 2).await.unwrap();
     assert_eq!(had, [[0, 7, 7, 0], [0, 8, 8, 0], [0, 9, 9, 0]]);
     drop((link, device));
     for times in 1..4 {
-        let replay = Wiring::Replayed(Replay::read(&file).unwrap());
-        let nowhere = Line { at: Named::Tcp(HostPort::local(1)), ..line.clone() };
-        let opening = Modbus::open(nowhere, settings.clone());
-        let link = replay.during(opening).await.unwrap();
+        let replay = LinkMode::Replayed(Replay::read(&file).unwrap());
+        let nowhere = ModbusLine { link: LinkConfig::Tcp(HostPort::local(1)), ..line.clone() };
+        let opening = ModbusClient::open(nowhere, settings.clone());
+        let link = replay.apply_to(opening).await.unwrap();
         assert_eq!(talk(&link, times).await.unwrap(), had);
         let unknown = link.write(20, &[10, 10]).await.unwrap_err().to_string();
         assert!(
-            unknown.contains("the capture does not know `unit 1, function 16, address 20"),
+            unknown.contains("the capture has no `unit 1, function 16, address 20"),
             "{unknown}"
         );
     }

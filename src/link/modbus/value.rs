@@ -5,7 +5,7 @@ use serde::Deserialize;
 /// Type of a number in registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum NumberType {
     U16,
     I16,
     U32,
@@ -20,7 +20,7 @@ pub enum Kind {
 /// lengths use the same two choices (word order, byte order).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Order {
+pub enum ByteOrder {
     #[default]
     Abcd,
     /// Least significant word first.
@@ -35,44 +35,45 @@ pub enum Order {
 /// value in the registers.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Number {
+pub struct NumberFormat {
     #[serde(rename = "type")]
-    pub kind: Kind,
+    pub kind: NumberType,
     #[serde(default)]
-    pub order: Order,
-    #[serde(default = "one")]
+    pub order: ByteOrder,
+    #[serde(default = "default_scale")]
     pub scale: f64,
 }
 
-fn one() -> f64 {
+fn default_scale() -> f64 {
     1.0
 }
 
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ValueError {
     #[error(
-        "{came} registers came for a number of {wanted}: compare `type` with the device's manual"
+        "{received} registers received, but the number has {expected}: compare `type` with the device's manual"
     )]
-    Count { came: usize, wanted: u16 },
+    RegisterCount { received: usize, expected: u16 },
     #[error(
-        "the registers hold {0}, which is no number: compare `type` and `order` with the device's manual"
+        "the registers hold {0}, which is not a finite number: compare `type` and `order` with the device's manual"
     )]
     NotFinite(f64),
     #[error(
-        "the registers hold {0}, too large to be told exactly: compare `type` and `order` with the device's manual"
+        "the registers hold {0}, which exceeds the exact range of 53 bits: compare `type` and `order` with the device's manual"
     )]
     Inexact(i128),
     #[error(
-        "{value} does not fit its registers ({kind:?}, scale {scale}): compare `type` and `scale` with the device's manual"
+        "{value} is out of range for the type {kind:?} with scale {scale}: compare `type` and `scale` with the device's manual"
     )]
-    Range { value: f64, kind: Kind, scale: f64 },
+    OutOfRange { value: f64, kind: NumberType, scale: f64 },
 }
 
 /// Largest integer up to which all integers are exact in an f64 (2^53).
-const EXACT: f64 = 9_007_199_254_740_992.0;
+const MAX_EXACT_INTEGER: f64 = 9_007_199_254_740_992.0;
 
-impl Kind {
-    fn registers(self) -> u16 {
+impl NumberType {
+    /// Number of registers that a number of this type occupies.
+    pub fn register_count(self) -> u16 {
         match self {
             Self::U16 | Self::I16 => 1,
             Self::U32 | Self::I32 | Self::F32 => 2,
@@ -85,7 +86,7 @@ impl Kind {
     }
 
     /// Other types with the same number of registers, the more common first.
-    pub fn others(self) -> Vec<Self> {
+    pub fn same_size_types(self) -> Vec<Self> {
         let all = [
             Self::I16,
             Self::U16,
@@ -96,8 +97,9 @@ impl Kind {
             Self::U64,
             Self::F64,
         ];
-        let alike = |kind: &Self| *kind != self && kind.registers() == self.registers();
-        all.into_iter().filter(alike).collect()
+        let is_same_size =
+            |kind: &Self| *kind != self && kind.register_count() == self.register_count();
+        all.into_iter().filter(is_same_size).collect()
     }
 
     fn is_signed(self) -> bool {
@@ -105,28 +107,30 @@ impl Kind {
     }
 }
 
-impl Number {
+impl NumberFormat {
     /// Number of registers that the number occupies.
-    pub fn registers(&self) -> u16 {
-        self.kind.registers()
+    pub fn register_count(&self) -> u16 {
+        self.kind.register_count()
     }
 
     /// Decodes the number in `words`, in the order of the registers.
     ///
     /// # Errors
     /// Wrong number of words, or the number is not finite or not exact.
-    pub fn read(&self, words: &[u16]) -> Result<f64, ValueError> {
-        let wanted = self.registers();
-        if words.len() != usize::from(wanted) {
-            return Err(ValueError::Count { came: words.len(), wanted });
+    pub fn decode(&self, words: &[u16]) -> Result<f64, ValueError> {
+        let expected = self.register_count();
+        if words.len() != usize::from(expected) {
+            return Err(ValueError::RegisterCount { received: words.len(), expected });
         }
-        let bits =
-            self.ordered(words).iter().fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
+        let bits = self
+            .reorder_bytes(words)
+            .iter()
+            .fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
         let raw = match self.kind {
             // The value is in the low 32 bits.
-            Kind::F32 => f64::from(f32::from_bits(bits as u32)),
-            Kind::F64 => f64::from_bits(bits),
-            _ => self.whole(bits)?,
+            NumberType::F32 => f64::from(f32::from_bits(bits as u32)),
+            NumberType::F64 => f64::from_bits(bits),
+            _ => self.decode_integer(bits)?,
         };
         // 0.001 has no exact binary value, but 1000 has: the division gives the decimal value that the device
         // means.
@@ -139,26 +143,26 @@ impl Number {
     ///
     /// # Errors
     /// The value does not fit.
-    pub fn write(&self, value: f64) -> Result<Vec<u16>, ValueError> {
-        let refused = ValueError::Range { value, kind: self.kind, scale: self.scale };
+    pub fn encode(&self, value: f64) -> Result<Vec<u16>, ValueError> {
+        let refused = ValueError::OutOfRange { value, kind: self.kind, scale: self.scale };
         let raw = value / self.scale;
         if !raw.is_finite() {
             return Err(refused);
         }
         let bits = match self.kind {
-            Kind::F32 if (raw as f32).is_finite() => u64::from((raw as f32).to_bits()),
-            Kind::F32 => return Err(refused),
-            Kind::F64 => raw.to_bits(),
-            _ => self.whole_bits(raw.round()).ok_or(refused)?,
+            NumberType::F32 if (raw as f32).is_finite() => u64::from((raw as f32).to_bits()),
+            NumberType::F32 => return Err(refused),
+            NumberType::F64 => raw.to_bits(),
+            _ => self.encode_integer(raw.round()).ok_or(refused)?,
         };
-        let count = u32::from(self.registers());
-        let words: Vec<u16> = (0..count).rev().map(|place| (bits >> (16 * place)) as u16).collect();
-        Ok(self.ordered(&words))
+        let count = u32::from(self.register_count());
+        let words: Vec<u16> = (0..count).rev().map(|index| (bits >> (16 * index)) as u16).collect();
+        Ok(self.reorder_bytes(&words))
     }
 
     /// Decodes the integer in the low bits.
-    fn whole(&self, bits: u64) -> Result<f64, ValueError> {
-        let unused = 64 - 16 * u32::from(self.registers());
+    fn decode_integer(&self, bits: u64) -> Result<f64, ValueError> {
+        let unused = 64 - 16 * u32::from(self.register_count());
         let whole = if self.kind.is_signed() {
             // Shifting up and back extends the sign.
             i128::from((bits << unused) as i64 >> unused)
@@ -166,28 +170,28 @@ impl Number {
             i128::from(bits)
         };
         let number = whole as f64;
-        if number.abs() <= EXACT { Ok(number) } else { Err(ValueError::Inexact(whole)) }
+        if number.abs() <= MAX_EXACT_INTEGER { Ok(number) } else { Err(ValueError::Inexact(whole)) }
     }
 
-    fn whole_bits(&self, whole: f64) -> Option<u64> {
-        let bits = 16 * u32::from(self.registers());
+    fn encode_integer(&self, whole: f64) -> Option<u64> {
+        let bits = 16 * u32::from(self.register_count());
         let (least, most) = if self.kind.is_signed() {
             (-(1_i128 << (bits - 1)), (1_i128 << (bits - 1)) - 1)
         } else {
             (0, (1_i128 << bits) - 1)
         };
         // Exact below 2^53; the check comes before the conversion.
-        let number = (whole.abs() <= EXACT).then_some(whole as i128)?;
+        let number = (whole.abs() <= MAX_EXACT_INTEGER).then_some(whole as i128)?;
         (least <= number && number <= most).then_some(number as u64)
     }
 
     /// Reorders words from the device's order to most significant first, or back.
-    fn ordered(&self, words: &[u16]) -> Vec<u16> {
+    fn reorder_bytes(&self, words: &[u16]) -> Vec<u16> {
         let mut words = words.to_vec();
-        if matches!(self.order, Order::Cdab | Order::Dcba) {
+        if matches!(self.order, ByteOrder::Cdab | ByteOrder::Dcba) {
             words.reverse();
         }
-        if matches!(self.order, Order::Badc | Order::Dcba) {
+        if matches!(self.order, ByteOrder::Badc | ByteOrder::Dcba) {
             words.iter_mut().for_each(|word| *word = word.swap_bytes());
         }
         words
@@ -198,57 +202,72 @@ impl Number {
 mod tests {
     use super::*;
 
-    fn number(kind: Kind, order: Order, scale: f64) -> Number {
-        Number { kind, order, scale }
+    fn number(kind: NumberType, order: ByteOrder, scale: f64) -> NumberFormat {
+        NumberFormat { kind, order, scale }
     }
 
     #[test]
     fn known_bit_patterns_in_every_order() {
         // IEEE 754: 1.5 is 0x3FC00000, -2 in 64 bits is 0xC000000000000000.
-        let of = |order| number(Kind::F32, order, 1.0).read(&[0x3FC0, 0x0000]).unwrap();
-        assert_eq!(of(Order::Abcd), 1.5);
-        assert_eq!(number(Kind::F32, Order::Cdab, 1.0).write(1.5).unwrap(), [0x0000, 0x3FC0]);
-        assert_eq!(number(Kind::F32, Order::Badc, 1.0).write(1.5).unwrap(), [0xC03F, 0x0000]);
-        assert_eq!(number(Kind::F32, Order::Dcba, 1.0).write(1.5).unwrap(), [0x0000, 0xC03F]);
-        let wide = number(Kind::F64, Order::Cdab, 1.0);
-        assert_eq!(wide.write(-2.0).unwrap(), [0, 0, 0, 0xC000]);
-        // -2 in two's complement.
-        assert_eq!(number(Kind::I16, Order::Badc, 1.0).read(&[0xFEFF]).unwrap(), -2.0);
-        assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0xFFFF, 0xFFFE]).unwrap(), -0.002);
-        // 12345 times 0.001 would give 12.345000000000001.
-        assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0, 12345]).unwrap(), 12.345);
+        let of = |order| number(NumberType::F32, order, 1.0).decode(&[0x3FC0, 0x0000]).unwrap();
+        assert_eq!(of(ByteOrder::Abcd), 1.5);
         assert_eq!(
-            number(Kind::U32, Order::Abcd, 1.0).read(&[0xFFFF, 0xFFFE]).unwrap(),
+            number(NumberType::F32, ByteOrder::Cdab, 1.0).encode(1.5).unwrap(),
+            [0x0000, 0x3FC0]
+        );
+        assert_eq!(
+            number(NumberType::F32, ByteOrder::Badc, 1.0).encode(1.5).unwrap(),
+            [0xC03F, 0x0000]
+        );
+        assert_eq!(
+            number(NumberType::F32, ByteOrder::Dcba, 1.0).encode(1.5).unwrap(),
+            [0x0000, 0xC03F]
+        );
+        let wide = number(NumberType::F64, ByteOrder::Cdab, 1.0);
+        assert_eq!(wide.encode(-2.0).unwrap(), [0, 0, 0, 0xC000]);
+        // -2 in two's complement.
+        assert_eq!(number(NumberType::I16, ByteOrder::Badc, 1.0).decode(&[0xFEFF]).unwrap(), -2.0);
+        assert_eq!(
+            number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0xFFFF, 0xFFFE]).unwrap(),
+            -0.002
+        );
+        // 12345 times 0.001 would give 12.345000000000001.
+        assert_eq!(
+            number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0, 12345]).unwrap(),
+            12.345
+        );
+        assert_eq!(
+            number(NumberType::U32, ByteOrder::Abcd, 1.0).decode(&[0xFFFF, 0xFFFE]).unwrap(),
             4294967294.0
         );
     }
 
     #[test]
     fn what_does_not_fit_is_refused() {
-        let short = number(Kind::I16, Order::Abcd, 0.001);
-        assert_eq!(short.write(32.767).unwrap(), [0x7FFF]);
-        assert!(matches!(short.write(32.768), Err(ValueError::Range { .. })));
-        assert_eq!(short.write(-32.768).unwrap(), [0x8000]);
-        assert!(short.write(f64::NAN).is_err());
-        assert!(number(Kind::U16, Order::Abcd, 1.0).write(-1.0).is_err());
-        assert!(number(Kind::U16, Order::Abcd, 0.0).write(1.0).is_err());
-        assert!(number(Kind::F32, Order::Abcd, 1.0).write(1e39).is_err());
-        let nan = number(Kind::F32, Order::Abcd, 1.0).read(&[0x7FC0, 0]).unwrap_err();
+        let short = number(NumberType::I16, ByteOrder::Abcd, 0.001);
+        assert_eq!(short.encode(32.767).unwrap(), [0x7FFF]);
+        assert!(matches!(short.encode(32.768), Err(ValueError::OutOfRange { .. })));
+        assert_eq!(short.encode(-32.768).unwrap(), [0x8000]);
+        assert!(short.encode(f64::NAN).is_err());
+        assert!(number(NumberType::U16, ByteOrder::Abcd, 1.0).encode(-1.0).is_err());
+        assert!(number(NumberType::U16, ByteOrder::Abcd, 0.0).encode(1.0).is_err());
+        assert!(number(NumberType::F32, ByteOrder::Abcd, 1.0).encode(1e39).is_err());
+        let nan = number(NumberType::F32, ByteOrder::Abcd, 1.0).decode(&[0x7FC0, 0]).unwrap_err();
         assert!(matches!(nan, ValueError::NotFinite(_)));
-        let large = number(Kind::U64, Order::Abcd, 1.0).read(&[0xFFFF; 4]).unwrap_err();
+        let large = number(NumberType::U64, ByteOrder::Abcd, 1.0).decode(&[0xFFFF; 4]).unwrap_err();
         assert_eq!(large, ValueError::Inexact(i128::from(u64::MAX)));
-        let count = number(Kind::I32, Order::Abcd, 1.0).read(&[1]).unwrap_err();
-        assert_eq!(count, ValueError::Count { came: 1, wanted: 2 });
+        let count = number(NumberType::I32, ByteOrder::Abcd, 1.0).decode(&[1]).unwrap_err();
+        assert_eq!(count, ValueError::RegisterCount { received: 1, expected: 2 });
     }
 
     #[test]
     fn it_is_read_from_toml() {
-        let parsed: Number =
+        let parsed: NumberFormat =
             toml::from_str("type = \"i32\"\norder = \"cdab\"\nscale = 0.001").unwrap();
-        assert_eq!(parsed, number(Kind::I32, Order::Cdab, 0.001));
-        let parsed: Number = toml::from_str("type = \"f32\"").unwrap();
-        assert_eq!(parsed, number(Kind::F32, Order::Abcd, 1.0));
-        assert!(toml::from_str::<Number>("type = \"i33\"").is_err());
-        assert!(toml::from_str::<Number>("type = \"i32\"\nword = 1").is_err());
+        assert_eq!(parsed, number(NumberType::I32, ByteOrder::Cdab, 0.001));
+        let parsed: NumberFormat = toml::from_str("type = \"f32\"").unwrap();
+        assert_eq!(parsed, number(NumberType::F32, ByteOrder::Abcd, 1.0));
+        assert!(toml::from_str::<NumberFormat>("type = \"i33\"").is_err());
+        assert!(toml::from_str::<NumberFormat>("type = \"i32\"\nword = 1").is_err());
     }
 }

@@ -1,48 +1,48 @@
 //! Modbus frames: their ends, and the transaction number, which differs between capture and replay.
 
 /// A request or reply without its envelope: the unit, then the PDU.
-pub(super) type Body = Vec<u8>;
+pub(super) type FrameBody = Vec<u8>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Frames {
+pub(super) enum ModbusFraming {
     Rtu,
     Tcp,
 }
 
-const TCP_HEAD: usize = 6;
+const TCP_HEADER_BYTES: usize = 6;
 
-impl Frames {
+impl ModbusFraming {
     /// Removes all complete frames at the beginning of `bytes`; returns their bodies and transaction numbers (0 on
     /// RTU). The remainder stays. RTU frames are separated by pauses: there `bytes` is one frame.
-    pub(super) fn take(self, bytes: &mut Vec<u8>) -> Vec<(u16, Body)> {
-        let mut found = Vec::new();
+    pub(super) fn split_frames(self, bytes: &mut Vec<u8>) -> Vec<(u16, FrameBody)> {
+        let mut frames = Vec::new();
         match self {
             Self::Rtu => {
                 if let [body @ .., _, _] = bytes.as_slice()
-                    && crc(body).to_le_bytes() == bytes[body.len()..]
+                    && modbus_crc(body).to_le_bytes() == bytes[body.len()..]
                 {
-                    found.push((0, body.to_vec()));
+                    frames.push((0, body.to_vec()));
                     bytes.clear();
                 }
             }
             Self::Tcp => {
                 while let [t1, t0, _, _, n1, n0, ..] = *bytes.as_slice() {
-                    let end = TCP_HEAD + usize::from(u16::from_be_bytes([n1, n0]));
+                    let end = TCP_HEADER_BYTES + usize::from(u16::from_be_bytes([n1, n0]));
                     if bytes.len() < end {
                         break;
                     }
                     let frame: Vec<u8> = bytes.drain(..end).collect();
-                    let body = frame.into_iter().skip(TCP_HEAD).collect();
-                    found.push((u16::from_be_bytes([t1, t0]), body));
+                    let body = frame.into_iter().skip(TCP_HEADER_BYTES).collect();
+                    frames.push((u16::from_be_bytes([t1, t0]), body));
                 }
             }
         }
-        found
+        frames
     }
 
-    pub(super) fn frame(self, transaction: u16, body: &[u8]) -> Vec<u8> {
+    pub(super) fn build_frame(self, transaction: u16, body: &[u8]) -> Vec<u8> {
         match self {
-            Self::Rtu => [body, &crc(body).to_le_bytes()].concat(),
+            Self::Rtu => [body, &modbus_crc(body).to_le_bytes()].concat(),
             Self::Tcp => {
                 let length = u16::try_from(body.len()).unwrap_or(u16::MAX);
                 [&transaction.to_be_bytes(), &[0, 0], &length.to_be_bytes(), body].concat()
@@ -52,7 +52,7 @@ impl Frames {
 }
 
 /// CRC-16/MODBUS: reflected polynomial 0xA001, initial value 0xFFFF.
-fn crc(bytes: &[u8]) -> u16 {
+fn modbus_crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(
             crc ^ u16::from(*byte),
@@ -70,20 +70,20 @@ mod tests {
     #[test]
     fn the_crc_is_the_known_one() {
         // The check value that CRC catalogues list for CRC-16/MODBUS.
-        assert_eq!(crc(b"123456789"), 0x4B37);
+        assert_eq!(modbus_crc(b"123456789"), 0x4B37);
     }
 
     #[test]
     fn frames_are_taken_whole() {
-        let mut bytes = Frames::Tcp.frame(7, &[1, 3, 2, 0, 9]);
+        let mut bytes = ModbusFraming::Tcp.build_frame(7, &[1, 3, 2, 0, 9]);
         bytes.extend([0, 8, 0]);
-        assert_eq!(Frames::Tcp.take(&mut bytes), [(7, vec![1, 3, 2, 0, 9])]);
+        assert_eq!(ModbusFraming::Tcp.split_frames(&mut bytes), [(7, vec![1, 3, 2, 0, 9])]);
         assert_eq!(bytes, [0, 8, 0]);
-        let mut bytes = Frames::Rtu.frame(0, &[1, 3, 2, 0, 9]);
+        let mut bytes = ModbusFraming::Rtu.build_frame(0, &[1, 3, 2, 0, 9]);
         let last = bytes.pop();
-        assert_eq!(Frames::Rtu.take(&mut bytes), []);
+        assert_eq!(ModbusFraming::Rtu.split_frames(&mut bytes), []);
         bytes.extend(last);
-        assert_eq!(Frames::Rtu.take(&mut bytes), [(0, vec![1, 3, 2, 0, 9])]);
+        assert_eq!(ModbusFraming::Rtu.split_frames(&mut bytes), [(0, vec![1, 3, 2, 0, 9])]);
         assert!(bytes.is_empty());
     }
 }

@@ -4,164 +4,182 @@
 
 use std::collections::BTreeMap;
 
-use super::read::{Track, Transfer};
-use super::{Said, Script};
+use super::read::{CapturedLink, Transfer};
+use super::{CapturedReply, LinkScript};
 
-const POLL: &[u8] = b"?";
+const STATUS_POLL: &[u8] = b"?";
 /// Requests the status report with all fields from grblHAL.
-const FULL_POLL: &[u8] = b"\x87";
-const QUESTION: &[u8] = b"get ";
+const FULL_STATUS_POLL: &[u8] = b"\x87";
+const QUERY_PREFIX: &[u8] = b"get ";
 
 /// A command, and the data received until the next command.
 #[derive(Default)]
-struct Exchange {
+struct CommandExchange {
     command: Vec<u8>,
-    replies: Vec<Said>,
+    replies: Vec<CapturedReply>,
     /// Replies to each query; for a poll, the status reports.
-    asked: BTreeMap<Vec<u8>, Vec<Vec<Said>>>,
+    query_replies: BTreeMap<Vec<u8>, Vec<Vec<CapturedReply>>>,
 }
 
-pub(super) struct Lines {
+pub(super) struct LineScript {
     /// The first exchange has no command: it holds what the device sends without a request.
-    exchanges: Vec<Exchange>,
+    exchanges: Vec<CommandExchange>,
     /// Index of the current exchange; `None` before the first.
-    at: Option<usize>,
+    current: Option<usize>,
     /// Number of replies to each query in the current exchange.
-    given: BTreeMap<Vec<u8>, usize>,
-    cutter: Cutter,
+    reply_counts: BTreeMap<Vec<u8>, usize>,
+    splitter: CommandSplitter,
 }
 
-impl Lines {
-    pub(super) fn new(track: &Track) -> Self {
-        let mut exchanges = vec![Exchange::default()];
-        let (mut cutter, mut coming, mut question) = (Cutter::default(), Vec::new(), None);
-        let mut poll = POLL.to_vec();
-        for passed in &track.passed {
-            match passed {
+impl LineScript {
+    pub(super) fn new(track: &CapturedLink) -> Self {
+        let mut exchanges = vec![CommandExchange::default()];
+        let (mut splitter, mut partial_line, mut query) =
+            (CommandSplitter::default(), Vec::new(), None);
+        let mut poll = STATUS_POLL.to_vec();
+        for transfer in &track.transfers {
+            match transfer {
                 Transfer::Sent(bytes) => {
-                    for command in cutter.cut(bytes) {
+                    for command in splitter.split(bytes) {
                         if is_poll(&command) {
                             poll = command;
                         } else if let (true, Some(exchange)) =
-                            (only_asks(&command), exchanges.last_mut())
+                            (is_query(&command), exchanges.last_mut())
                         {
-                            exchange.asked.entry(command.clone()).or_default().push(Vec::new());
-                            question = Some(command);
+                            exchange
+                                .query_replies
+                                .entry(command.clone())
+                                .or_default()
+                                .push(Vec::new());
+                            query = Some(command);
                         } else {
-                            exchanges.push(Exchange { command, ..Exchange::default() });
-                            question = None;
+                            exchanges
+                                .push(CommandExchange { command, ..CommandExchange::default() });
+                            query = None;
                         }
                     }
                 }
-                Transfer::StreamRead(said) => {
-                    coming.extend(&said.bytes);
+                Transfer::Received(reply) => {
+                    partial_line.extend(&reply.bytes);
                     let Some(exchange) = exchanges.last_mut() else { continue };
-                    while let Some(end) = coming.iter().position(|byte| *byte == b'\n') {
-                        let bytes: Vec<u8> = coming.drain(..=end).collect();
-                        exchange.keep(question.as_deref(), &poll, Said { at_s: said.at_s, bytes });
+                    while let Some(end) = partial_line.iter().position(|byte| *byte == b'\n') {
+                        let bytes: Vec<u8> = partial_line.drain(..=end).collect();
+                        exchange.store_line(
+                            query.as_deref(),
+                            &poll,
+                            CapturedReply { time_s: reply.time_s, bytes },
+                        );
                     }
                 }
             }
         }
-        Self { exchanges, at: None, given: BTreeMap::new(), cutter: Cutter::default() }
+        Self {
+            exchanges,
+            current: None,
+            reply_counts: BTreeMap::new(),
+            splitter: CommandSplitter::default(),
+        }
     }
 
-    fn answer(&mut self, command: &[u8]) -> Result<Vec<Said>, String> {
-        let next = self.at.map_or(0, |at| at + 1);
+    fn reply_for(&mut self, command: &[u8]) -> Result<Vec<CapturedReply>, String> {
+        let next = self.current.map_or(0, |at| at + 1);
         match self.exchanges.get(next) {
             Some(exchange) if exchange.command == command => {
-                (self.at, self.given) = (Some(next), BTreeMap::new());
+                (self.current, self.reply_counts) = (Some(next), BTreeMap::new());
                 Ok(exchange.replies.clone())
             }
             expected => {
-                let then = expected.map_or("nothing".to_owned(), |next| words(&next.command));
+                let expected_text =
+                    expected.map_or("nothing".to_owned(), |next| describe_command(&next.command));
                 Err(format!(
-                    "the capture does not know {} here: then it was {then}",
-                    words(command)
+                    "the capture has no {} at this point; its next command is {expected_text}",
+                    describe_command(command)
                 ))
             }
         }
     }
 
-    /// Next captured reply of this exchange to `question`; if there is none left, the last reply.
-    fn told(&mut self, question: &[u8]) -> Option<Vec<Said>> {
-        let at = self.at?;
-        let given = self.given.entry(question.to_owned()).or_default();
-        let here = self.exchanges.get(at)?.asked.get(question);
-        let now = here.and_then(|answers| answers.get(*given).or(answers.last()));
-        *given += 1;
-        let before = || {
+    /// Next captured reply of this exchange to `query`; if there is none left, the last reply.
+    fn next_query_reply(&mut self, query: &[u8]) -> Option<Vec<CapturedReply>> {
+        let at = self.current?;
+        let reply_count = self.reply_counts.entry(query.to_owned()).or_default();
+        let captured_replies = self.exchanges.get(at)?.query_replies.get(query);
+        let reply =
+            captured_replies.and_then(|answers| answers.get(*reply_count).or(answers.last()));
+        *reply_count += 1;
+        let earlier_reply = || {
             let earlier = self.exchanges.iter().take(at).rev();
-            earlier.filter_map(|exchange| exchange.asked.get(question)?.last()).next()
+            earlier.filter_map(|exchange| exchange.query_replies.get(query)?.last()).next()
         };
-        now.or_else(before).cloned()
+        reply.or_else(earlier_reply).cloned()
     }
 }
 
-impl Exchange {
+impl CommandExchange {
     /// Stores a received line. `poll` is the last poll that was sent.
-    fn keep(&mut self, question: Option<&[u8]>, poll: &[u8], said: Said) {
-        let is_report = said.bytes.starts_with(b"<") && said.bytes.trim_ascii_end().ends_with(b">");
+    fn store_line(&mut self, query: Option<&[u8]>, poll: &[u8], reply: CapturedReply) {
+        let is_report =
+            reply.bytes.starts_with(b"<") && reply.bytes.trim_ascii_end().ends_with(b">");
         if is_report {
-            return self.asked.entry(poll.to_owned()).or_default().push(vec![said]);
+            return self.query_replies.entry(poll.to_owned()).or_default().push(vec![reply]);
         }
-        let answers = question.and_then(|question| self.asked.get_mut(question)?.last_mut());
-        answers.unwrap_or(&mut self.replies).push(said);
+        let answers = query.and_then(|query| self.query_replies.get_mut(query)?.last_mut());
+        answers.unwrap_or(&mut self.replies).push(reply);
     }
 }
 
 fn is_poll(command: &[u8]) -> bool {
-    command == POLL || command == FULL_POLL
+    command == STATUS_POLL || command == FULL_STATUS_POLL
 }
 
-fn only_asks(command: &[u8]) -> bool {
-    command.starts_with(QUESTION)
+fn is_query(command: &[u8]) -> bool {
+    command.starts_with(QUERY_PREFIX)
 }
 
-impl Script for Lines {
-    fn hear(&mut self, bytes: &[u8]) -> Result<Vec<Said>, String> {
-        let mut said = Vec::new();
-        if self.at.is_none() {
-            said.extend(self.answer(&[])?);
+impl LinkScript for LineScript {
+    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, String> {
+        let mut replies = Vec::new();
+        if self.current.is_none() {
+            replies.extend(self.reply_for(&[])?);
         }
-        for command in self.cutter.cut(bytes) {
-            said.extend(match () {
+        for command in self.splitter.split(bytes) {
+            replies.extend(match () {
                 // The control has sent no status report so far.
-                () if is_poll(&command) => self.told(&command).unwrap_or_default(),
-                () if only_asks(&command) => self
-                    .told(&command)
-                    .ok_or_else(|| format!("the capture does not know {}", words(&command)))?,
-                () => self.answer(&command)?,
+                () if is_poll(&command) => self.next_query_reply(&command).unwrap_or_default(),
+                () if is_query(&command) => self
+                    .next_query_reply(&command)
+                    .ok_or_else(|| format!("the capture has no {}", describe_command(&command)))?,
+                () => self.reply_for(&command)?,
             });
         }
-        Ok(said)
+        Ok(replies)
     }
 }
 
-fn words(command: &[u8]) -> String {
+fn describe_command(command: &[u8]) -> String {
     format!("`{}`", command.trim_ascii_end().escape_ascii())
 }
 
 /// Splits sent bytes into lines and single bytes outside of lines.
 #[derive(Default)]
-struct Cutter {
+struct CommandSplitter {
     line: Vec<u8>,
 }
 
-impl Cutter {
-    fn cut(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
-        let mut cuts = Vec::new();
+impl CommandSplitter {
+    fn split(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
+        let mut pieces = Vec::new();
         for byte in bytes {
-            let alone = matches!(byte, b'?' | b'!' | b'~' | 0..=0x08 | 0x0E..=0x1F | 0x80..);
-            if self.line.is_empty() && alone {
-                cuts.push(vec![*byte]);
+            let is_single = matches!(byte, b'?' | b'!' | b'~' | 0..=0x08 | 0x0E..=0x1F | 0x80..);
+            if self.line.is_empty() && is_single {
+                pieces.push(vec![*byte]);
                 continue;
             }
             self.line.push(*byte);
             if *byte == b'\n' {
-                cuts.push(std::mem::take(&mut self.line));
+                pieces.push(std::mem::take(&mut self.line));
             }
         }
-        cuts
+        pieces
     }
 }

@@ -25,35 +25,35 @@ mod tests;
 
 use super::capture::LinkProtocol;
 use crate::Clock;
-use read::Track;
+use read::CapturedLink;
 
 /// Error: a capture cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
     #[error("{file}: {source}")]
     File { file: String, source: io::Error },
-    #[error("{file}, line {line}: {why}: this is no capture, or it was cut or changed")]
+    #[error("{file}, line {line}: {why}: the file is not a capture, or it was cut or changed")]
     Undecodable { file: String, line: usize, why: String },
 }
 
 /// Captured data of a device, and its time.
 #[derive(Debug, Clone, PartialEq)]
-struct Said {
-    at_s: f64,
+struct CapturedReply {
+    time_s: f64,
     bytes: Vec<u8>,
 }
 
 /// Replay of one link: takes sent bytes, returns the captured replies.
-trait Script: Send {
+trait LinkScript: Send {
     /// # Errors
     /// The command that is not in the capture; as a message.
-    fn hear(&mut self, bytes: &[u8]) -> Result<Vec<Said>, String>;
+    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, String>;
 }
 
 /// All links of a capture.
 #[derive(Clone)]
 pub struct Replay {
-    tracks: Arc<Mutex<Vec<Track>>>,
+    tracks: Arc<Mutex<Vec<CapturedLink>>>,
     now_s: Arc<Mutex<f64>>,
 }
 
@@ -64,11 +64,8 @@ impl Replay {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|source| CaptureError::File { file: file.clone(), source })?;
-        let tracks = read::tracks(&text).map_err(|(line, why)| CaptureError::Undecodable {
-            file,
-            line,
-            why,
-        })?;
+        let tracks = read::parse_capture(&text)
+            .map_err(|(line, why)| CaptureError::Undecodable { file, line, why })?;
         Ok(Self { tracks: Arc::new(Mutex::new(tracks)), now_s: Arc::default() })
     }
 
@@ -79,130 +76,139 @@ impl Replay {
 
     /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
     /// protocol.
-    pub(super) fn player(&self, name: &str, speech: LinkProtocol) -> Player {
-        let mut tracks = locked(&self.tracks);
-        let speaks = |track: &Track| track.speech == speech;
-        let named = tracks.iter().position(|track| speaks(track) && track.name == name);
-        let index = named.or_else(|| tracks.iter().position(speaks));
-        let playing = match index.map(|index| tracks.remove(index)) {
-            Some(track) => Playing { script: Some(script(&track)), ..Playing::default() },
-            None => Playing {
-                failed: Some(format!("the capture holds no (other) link like {name}")),
-                ..Playing::default()
+    pub(super) fn link_replay(&self, name: &str, protocol: LinkProtocol) -> LinkReplay {
+        let mut tracks = lock(&self.tracks);
+        let has_protocol = |track: &CapturedLink| track.protocol == protocol;
+        let named = tracks.iter().position(|track| has_protocol(track) && track.name == name);
+        let index = named.or_else(|| tracks.iter().position(has_protocol));
+        let state = match index.map(|index| tracks.remove(index)) {
+            Some(track) => {
+                ReplayState { script: Some(create_script(&track)), ..ReplayState::default() }
+            }
+            None => ReplayState {
+                failure: Some(format!(
+                    "the capture has no further link with the protocol of {name}"
+                )),
+                ..ReplayState::default()
             },
         };
-        let player = Player { now_s: self.now_s.clone(), playing: Arc::new(Mutex::new(playing)) };
+        let link_replay =
+            LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
         // Data that the device sends without a request.
-        player.hear(&[]);
-        player
+        link_replay.process_sent(&[]);
+        link_replay
     }
 }
 
 impl Clock for Replay {
     fn now_s(&self) -> f64 {
-        *locked(&self.now_s)
+        *lock(&self.now_s)
     }
 }
 
-fn script(track: &Track) -> Box<dyn Script> {
-    match track.speech {
-        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::Lines::new(track)),
-        LinkProtocol::ModbusRtu => Box::new(registers::Registers::new(track, frames::Frames::Rtu)),
-        LinkProtocol::ModbusTcp => Box::new(registers::Registers::new(track, frames::Frames::Tcp)),
-        LinkProtocol::Files => Box::new(files::Files::new(track)),
+fn create_script(track: &CapturedLink) -> Box<dyn LinkScript> {
+    match track.protocol {
+        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::LineScript::new(track)),
+        LinkProtocol::ModbusRtu => {
+            Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Rtu))
+        }
+        LinkProtocol::ModbusTcp => {
+            Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Tcp))
+        }
+        LinkProtocol::Files => Box::new(files::FileScript::new(track)),
     }
 }
 
-fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Replay of one link of a capture; the link may be opened more than once.
 #[derive(Clone)]
-pub(super) struct Player {
+pub(super) struct LinkReplay {
     now_s: Arc<Mutex<f64>>,
-    playing: Arc<Mutex<Playing>>,
+    state: Arc<Mutex<ReplayState>>,
 }
 
 #[derive(Default)]
-struct Playing {
-    script: Option<Box<dyn Script>>,
-    coming: VecDeque<u8>,
-    failed: Option<String>,
-    reader: Option<Waker>,
+struct ReplayState {
+    script: Option<Box<dyn LinkScript>>,
+    reply_bytes: VecDeque<u8>,
+    failure: Option<String>,
+    reader_waker: Option<Waker>,
 }
 
-impl Player {
+impl LinkReplay {
     pub(super) fn stream(&self) -> impl AsyncRead + AsyncWrite + Send + use<> {
-        Played(self.clone())
+        ReplayStream(self.clone())
     }
 
     /// Passes sent bytes to the replay, and returns all replies.
     ///
     /// # Errors
     /// The command is not in the capture.
-    pub(super) fn ask(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
-        self.hear(bytes);
-        let mut playing = locked(&self.playing);
-        match &playing.failed {
+    pub(super) fn exchange(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
+        self.process_sent(bytes);
+        let mut state = lock(&self.state);
+        match &state.failure {
             Some(why) => Err(io::Error::other(why.clone())),
-            None => Ok(playing.coming.drain(..).collect()),
+            None => Ok(state.reply_bytes.drain(..).collect()),
         }
     }
 
     /// Passes sent bytes to the replay.
-    pub(super) fn hear(&self, bytes: &[u8]) {
-        let mut playing = locked(&self.playing);
-        let heard = match &mut playing.script {
-            Some(script) => script.hear(bytes),
+    pub(super) fn process_sent(&self, bytes: &[u8]) {
+        let mut state = lock(&self.state);
+        let result = match &mut state.script {
+            Some(script) => script.reply_to(bytes),
             None => return,
         };
-        match heard {
-            Ok(said) => {
-                for Said { at_s, bytes } in said {
-                    let mut now_s = locked(&self.now_s);
-                    *now_s = now_s.max(at_s);
-                    playing.coming.extend(bytes);
+        match result {
+            Ok(replies) => {
+                for CapturedReply { time_s, bytes } in replies {
+                    let mut now_s = lock(&self.now_s);
+                    *now_s = now_s.max(time_s);
+                    state.reply_bytes.extend(bytes);
                 }
             }
-            Err(why) => (playing.failed, playing.script) = (Some(why), None),
+            Err(why) => (state.failure, state.script) = (Some(why), None),
         }
-        if let Some(reader) = playing.reader.take() {
-            reader.wake();
+        if let Some(reader_waker) = state.reader_waker.take() {
+            reader_waker.wake();
         }
     }
 }
 
-struct Played(Player);
+struct ReplayStream(LinkReplay);
 
-impl AsyncRead for Played {
+impl AsyncRead for ReplayStream {
     fn poll_read(
         self: Pin<&mut Self>,
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        let mut playing = locked(&self.0.playing);
-        if playing.coming.is_empty() {
-            if let Some(why) = &playing.failed {
+        let mut state = lock(&self.0.state);
+        if state.reply_bytes.is_empty() {
+            if let Some(why) = &state.failure {
                 return Poll::Ready(Err(io::Error::other(why.clone())));
             }
-            playing.reader = Some(context.waker().clone());
+            state.reader_waker = Some(context.waker().clone());
             return Poll::Pending;
         }
-        let count = playing.coming.len().min(buffer.remaining());
-        let bytes: Vec<u8> = playing.coming.drain(..count).collect();
+        let count = state.reply_bytes.len().min(buffer.remaining());
+        let bytes: Vec<u8> = state.reply_bytes.drain(..count).collect();
         buffer.put_slice(&bytes);
         Poll::Ready(Ok(()))
     }
 }
 
-impl AsyncWrite for Played {
+impl AsyncWrite for ReplayStream {
     fn poll_write(
         self: Pin<&mut Self>,
         _: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        self.0.hear(bytes);
+        self.0.process_sent(bytes);
         Poll::Ready(Ok(bytes.len()))
     }
 

@@ -1,65 +1,74 @@
 //! Reader of capture files.
 
-use super::Said;
-use crate::capture::{HEAD, LinkProtocol};
+use super::CapturedReply;
+use crate::capture::{CAPTURE_HEADER, LinkProtocol};
 
 /// One link of a capture.
-pub(super) struct Track {
+pub(super) struct CapturedLink {
     pub(super) number: u32,
-    pub(super) speech: LinkProtocol,
+    pub(super) protocol: LinkProtocol,
     pub(super) name: String,
-    pub(super) passed: Vec<Transfer>,
+    pub(super) transfers: Vec<Transfer>,
 }
 
 /// One transfer in one direction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Transfer {
     Sent(Vec<u8>),
-    StreamRead(Said),
+    Received(CapturedReply),
 }
 
 /// # Errors
 /// The number of the faulty line (from 1), and the fault.
-pub(super) fn tracks(text: &str) -> Result<Vec<Track>, (usize, String)> {
-    let mut tracks: Vec<Track> = Vec::new();
-    if text.lines().next() != Some(HEAD) {
-        return Err((1, format!("it does not begin with `{HEAD}`")));
+pub(super) fn parse_capture(text: &str) -> Result<Vec<CapturedLink>, (usize, String)> {
+    let mut tracks: Vec<CapturedLink> = Vec::new();
+    if text.lines().next() != Some(CAPTURE_HEADER) {
+        return Err((1, format!("the file does not begin with `{CAPTURE_HEADER}`")));
     }
     if !text.ends_with('\n') {
-        return Err((text.lines().count(), "the line does not end".to_owned()));
+        return Err((text.lines().count(), "the last line has no line end".to_owned()));
     }
     for (line, number) in text.lines().zip(1..) {
         if !line.starts_with('#') {
-            take(line, &mut tracks).map_err(|why| (number, why.to_owned()))?;
+            parse_line(line, &mut tracks).map_err(|why| (number, why.to_owned()))?;
         }
     }
     Ok(tracks)
 }
 
-fn take(line: &str, tracks: &mut Vec<Track>) -> Result<(), &'static str> {
+fn parse_line(line: &str, tracks: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
     let mut parts = line.splitn(4, ' ');
-    let mut next = || parts.next().ok_or("it has too few parts");
+    let mut next = || parts.next().ok_or("the line has too few columns");
     let (seconds, number, mark, rest) = (next()?, next()?, next()?, next()?);
-    let at_s: f64 = seconds.parse().map_err(|_| "it begins with no time")?;
-    let number: u32 = number.parse().map_err(|_| "it names no link's number")?;
-    if !at_s.is_finite() {
-        return Err("it begins with no time");
+    let time_s: f64 = seconds.parse().map_err(|_| "the first column is not a time")?;
+    let number: u32 =
+        number.parse().map_err(|_| "the second column is not the number of a link")?;
+    if !time_s.is_finite() {
+        return Err("the first column is not a time");
     }
     let track = tracks.iter_mut().find(|track| track.number == number);
     match (mark, track) {
         ("=", Some(_)) => {}
         ("=", None) => {
-            let (speech, name) = rest.split_once(' ').ok_or("the link has no name")?;
-            let known = LinkProtocol::ALL.into_iter().find(|known| known.name() == speech);
-            let speech = known.ok_or("the link speaks in an unknown way")?;
-            tracks.push(Track { number, speech, name: name.to_owned(), passed: Vec::new() });
+            let (keyword, name) = rest.split_once(' ').ok_or("the link has no name")?;
+            let protocol =
+                LinkProtocol::ALL.into_iter().find(|protocol| protocol.name() == keyword);
+            let protocol = protocol.ok_or("the protocol of the link is unknown")?;
+            tracks.push(CapturedLink {
+                number,
+                protocol,
+                name: name.to_owned(),
+                transfers: Vec::new(),
+            });
         }
         (">" | "<", None) => return Err("the link was not opened"),
-        (">", Some(track)) => track.passed.push(Transfer::Sent(unescape(rest)?)),
+        (">", Some(track)) => track.transfers.push(Transfer::Sent(unescape(rest)?)),
         ("<", Some(track)) => {
-            track.passed.push(Transfer::StreamRead(Said { at_s, bytes: unescape(rest)? }));
+            track
+                .transfers
+                .push(Transfer::Received(CapturedReply { time_s, bytes: unescape(rest)? }));
         }
-        _ => return Err("its mark is none of `=`, `>`, `<`"),
+        _ => return Err("the third column is not `=`, `>` or `<`"),
     }
     Ok(())
 }
@@ -70,15 +79,15 @@ fn unescape(text: &str) -> Result<Vec<u8>, &'static str> {
     let mut rest = text.bytes();
     while let Some(byte) = rest.next() {
         bytes.push(match byte {
-            b'\\' => escaped(&mut rest).ok_or("it holds an unknown escape")?,
+            b'\\' => parse_escape(&mut rest).ok_or("the content has an unknown escape")?,
             b' '..=b'~' => byte,
-            _ => return Err("it holds an unprintable byte"),
+            _ => return Err("the content has an unprintable byte"),
         });
     }
     Ok(bytes)
 }
 
-fn escaped(rest: &mut impl Iterator<Item = u8>) -> Option<u8> {
+fn parse_escape(rest: &mut impl Iterator<Item = u8>) -> Option<u8> {
     Some(match rest.next()? {
         b'n' => b'\n',
         b'r' => b'\r',

@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::time::Instant;
 
 use super::*;
-use crate::{Capture, Link, Received, Wiring};
+use crate::{Capture, LineEvent, Link, LinkMode};
 
 fn replay(text: &str) -> Result<Replay, String> {
     let folder = tempfile::tempdir().unwrap();
@@ -18,7 +18,7 @@ fn replay(text: &str) -> Result<Replay, String> {
 
 async fn line(link: &mut Link) -> String {
     match link.recv_deadline(Instant::now() + Duration::from_secs(5)).await {
-        Ok(Some(Received::Line(line))) => line,
+        Ok(Some(LineEvent::Line(line))) => line,
         other => format!("{other:?}"),
     }
 }
@@ -44,7 +44,8 @@ async fn replies_come_by_command_and_reports_when_asked() {
     let replay = replay(TALK).unwrap();
     let clock = replay.clock();
     let (near, _far) = tokio::io::duplex(64);
-    let mut link = Wiring::Replayed(replay).during(async { Link::over("port", near) }).await;
+    let mut link =
+        LinkMode::Replayed(replay).apply_to(async { Link::from_stream("port", near) }).await;
     assert_eq!(line(&mut link).await, "Grbl 1.1");
     link.send_line("$I").unwrap();
     assert_eq!(line(&mut link).await, "[VER:1.1]");
@@ -60,7 +61,10 @@ async fn replies_come_by_command_and_reports_when_asked() {
     }
     link.send_line("M3").unwrap();
     let lost = line(&mut link).await;
-    assert!(lost.contains("the capture does not know `M3` here: then it was `M2`"), "{lost}");
+    assert!(
+        lost.contains("the capture has no `M3` at this point; its next command is `M2`"),
+        "{lost}"
+    );
 }
 
 #[tokio::test]
@@ -70,8 +74,8 @@ async fn a_captured_talk_is_the_one_that_was_had() {
     let capture = Capture::create(&file).unwrap();
     assert!(Capture::create(&file).is_err(), "a capture is never overwritten");
     let (near, mut far) = tokio::io::duplex(64);
-    let wiring = Wiring::Captured(capture.clone());
-    let mut link = wiring.during(async { Link::over("the \"port\"", near) }).await;
+    let wiring = LinkMode::Captured(capture.clone());
+    let mut link = wiring.apply_to(async { Link::from_stream("the \"port\"", near) }).await;
     link.send_line("G1 X-2.5").unwrap();
     let mut sent = [0; 9];
     far.read_exact(&mut sent).await.unwrap();
@@ -96,8 +100,8 @@ async fn a_captured_talk_is_the_one_that_was_had() {
             r"1 < ok\r\n",
         ]
     );
-    let tracks = read::tracks(&text).unwrap();
-    let read::Transfer::StreamRead(said) = &tracks[0].passed[1] else { panic!() };
+    let tracks = read::parse_capture(&text).unwrap();
+    let read::Transfer::Received(said) = &tracks[0].transfers[1] else { panic!() };
     assert_eq!(said.bytes, b"[MSG:a\\b \"c\"]\r\n");
 }
 
@@ -106,22 +110,22 @@ fn a_spoilt_capture_is_refused_in_words() {
     let told = |text: &str| replay(text).err().unwrap();
     assert_eq!(
         told("G1 X2\n"),
-        "a.capture, line 1: it does not begin with `# trued-capture 1`: this is no capture, or it was \
-         cut or changed"
+        "a.capture, line 1: the file does not begin with `# trued-capture 1`: the file is not a capture, or \
+         it was cut or changed"
     );
     for (spoilt, line, why) in [
-        (TALK.replace("0.6 1 >", "soon 1 >"), 8, "it begins with no time"),
-        (TALK.replace("0.6 1 >", "NaN 1 >"), 8, "it begins with no time"),
+        (TALK.replace("0.6 1 >", "soon 1 >"), 8, "the first column is not a time"),
+        (TALK.replace("0.6 1 >", "NaN 1 >"), 8, "the first column is not a time"),
         (TALK.replace("0.6 1 >", "0.6 2 >"), 8, "the link was not opened"),
-        (TALK.replace("0.6 1 >", "0.6 one >"), 8, "it names no link's number"),
+        (TALK.replace("0.6 1 >", "0.6 one >"), 8, "the second column is not the number of a link"),
         (TALK.replace("0.6 1 >", "0.6 1 ="), 8, ""),
-        (TALK.replace("0.6 1 >", "0.6 1 ]"), 8, "its mark is none of"),
-        (TALK.replace("G1X2\\n", "G1X2\\q"), 8, "it holds an unknown escape"),
-        (TALK.replace("G1X2\\n", "G1X2\\x9"), 8, "it holds an unknown escape"),
-        (TALK.replace("G1X2\\n", "G1X2\t"), 8, "it holds an unprintable byte"),
-        (TALK.replace("= lines", "= words"), 3, "the link speaks in an unknown way"),
-        (TALK.replace("0.7 1 > ?", "0.7 1 >"), 9, "it has too few parts"),
-        (TALK.trim_end().to_owned(), 14, "the line does not end"),
+        (TALK.replace("0.6 1 >", "0.6 1 ]"), 8, "the third column is not"),
+        (TALK.replace("G1X2\\n", "G1X2\\q"), 8, "the content has an unknown escape"),
+        (TALK.replace("G1X2\\n", "G1X2\\x9"), 8, "the content has an unknown escape"),
+        (TALK.replace("G1X2\\n", "G1X2\t"), 8, "the content has an unprintable byte"),
+        (TALK.replace("= lines", "= words"), 3, "the protocol of the link is unknown"),
+        (TALK.replace("0.7 1 > ?", "0.7 1 >"), 9, "the line has too few columns"),
+        (TALK.trim_end().to_owned(), 14, "the last line has no line end"),
     ] {
         if why.is_empty() {
             assert!(replay(&spoilt).is_ok());

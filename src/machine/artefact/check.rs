@@ -5,142 +5,159 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use crate::frame::unit_vector;
-use crate::record::artefact::{Ball, Balls, Length};
+use crate::record::artefact::{Ball, Balls, CertifiedLength};
 
 /// One fault, the ball or length (counted from 0) that has it, and a text that follows the key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{key}` {why}")]
+#[error("`{key}` {message}")]
 pub struct ArtefactFault {
-    pub of: Entry,
+    pub entry: ArtefactEntry,
     pub key: &'static str,
-    pub why: String,
+    pub message: String,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Entry {
+pub enum ArtefactEntry {
     Ball(usize),
     Length(usize),
 }
 
-type Checked = Result<(), ArtefactFault>;
+type CheckResult = Result<(), ArtefactFault>;
 
 /// # Errors
 /// The first fault: of single balls and of pairs in their order, then of the lengths.
-pub fn check(balls: &Balls) -> Checked {
+pub fn check_balls(balls: &Balls) -> CheckResult {
     for (index, ball) in balls.balls.iter().enumerate() {
-        let at = At(Entry::Ball(index));
-        alone(&at, ball)?;
+        let entry = EntryCheck(ArtefactEntry::Ball(index));
+        check_ball(&entry, ball)?;
         for other in balls.balls.iter().take(index) {
-            apart(&at, ball, other)?;
+            check_ball_pair(&entry, ball, other)?;
         }
     }
     let centres: BTreeMap<&str, Vector3<f64>> =
-        balls.balls.iter().map(|ball| (ball.id.as_str(), centre(ball))).collect();
+        balls.balls.iter().map(|ball| (ball.id.as_str(), ball_centre(ball))).collect();
     let mut lengths = balls.lengths.iter().enumerate();
     lengths.try_for_each(|(index, length)| {
-        certified(&At(Entry::Length(index)), length, &centres, balls.uncertainty_mm)
+        check_length(
+            &EntryCheck(ArtefactEntry::Length(index)),
+            length,
+            &centres,
+            balls.uncertainty_mm,
+        )
     })
 }
 
-struct At(Entry);
+struct EntryCheck(ArtefactEntry);
 
-impl At {
-    fn that(&self, holds: bool, key: &'static str, why: impl FnOnce() -> String) -> Checked {
-        if holds { Ok(()) } else { Err(ArtefactFault { of: self.0, key, why: why() }) }
+impl EntryCheck {
+    fn require(
+        &self,
+        holds: bool,
+        key: &'static str,
+        message: impl FnOnce() -> String,
+    ) -> CheckResult {
+        if holds { Ok(()) } else { Err(ArtefactFault { entry: self.0, key, message: message() }) }
     }
 }
 
-fn alone(at: &At, ball: &Ball) -> Checked {
+fn check_ball(entry: &EntryCheck, ball: &Ball) -> CheckResult {
     let Ball { id, radius_mm, stem, stem_radius_mm, stem_length_mm, .. } = ball;
-    at.that(!id.is_empty(), "id", || "must not be empty".to_owned())?;
-    let plain = |c: char| !(c == '/' || c == ',' || c.is_whitespace() || c.is_control());
-    at.that(id.chars().all(plain), "id", || {
+    entry.require(!id.is_empty(), "id", || "must not be empty".to_owned())?;
+    let is_id_char = |c: char| !(c == '/' || c == ',' || c.is_whitespace() || c.is_control());
+    entry.require(id.chars().all(is_id_char), "id", || {
         format!("is `{id}`; it must be one word without `/` or `,`")
     })?;
-    let places = ball.centre_mm.iter().all(|place| place.is_finite());
-    at.that(places, "centre_mm", || "must be three finite numbers".to_owned())?;
-    let above = |value: &f64| format!("is {value}; it must be greater than 0");
-    let sound = *radius_mm > 0.0 && radius_mm.is_finite();
-    at.that(sound, "radius_mm", || above(radius_mm))?;
-    let negative = |value: &f64| format!("is {value}; it must not be negative");
-    at.that(*stem_radius_mm >= 0.0, "stem_radius_mm", || negative(stem_radius_mm))?;
-    at.that(*stem_length_mm >= 0.0, "stem_length_mm", || negative(stem_length_mm))?;
-    at.that(stem_radius_mm < radius_mm, "stem_radius_mm", || {
+    let is_finite = ball.centre_mm.iter().all(|coordinate| coordinate.is_finite());
+    entry.require(is_finite, "centre_mm", || "must be three finite numbers".to_owned())?;
+    let must_be_positive = |value: &f64| format!("is {value}; it must be greater than 0");
+    let is_positive = *radius_mm > 0.0 && radius_mm.is_finite();
+    entry.require(is_positive, "radius_mm", || must_be_positive(radius_mm))?;
+    let must_not_be_negative = |value: &f64| format!("is {value}; it must not be negative");
+    entry.require(*stem_radius_mm >= 0.0, "stem_radius_mm", || {
+        must_not_be_negative(stem_radius_mm)
+    })?;
+    entry.require(*stem_length_mm >= 0.0, "stem_length_mm", || {
+        must_not_be_negative(stem_length_mm)
+    })?;
+    entry.require(stem_radius_mm < radius_mm, "stem_radius_mm", || {
         format!("is {stem_radius_mm}; the stem must be thinner than its ball (radius {radius_mm})")
     })?;
     let direction = unit_vector(Vector3::from(*stem));
-    at.that(direction.is_some(), "stem", || {
-        "must have a direction, from the ball to the stem's foot: [0, 0, -1]".to_owned()
+    entry.require(direction.is_some(), "stem", || {
+        "must be a direction from the ball to the foot of the stem, e.g. [0, 0, -1]".to_owned()
     })?;
-    at.that(*stem_length_mm == 0.0 || stem_length_mm > radius_mm, "stem_length_mm", || {
+    entry.require(*stem_length_mm == 0.0 || stem_length_mm > radius_mm, "stem_length_mm", || {
         format!(
-            "is {stem_length_mm}; it counts from the ball's centre and must be more than {radius_mm}"
+            "is {stem_length_mm}; the length is measured from the centre of the ball and must be more than {radius_mm}"
         )
     })
 }
 
 /// Checks a pair; `other` comes before `ball` in the list.
-fn apart(at: &At, ball: &Ball, other: &Ball) -> Checked {
-    at.that(ball.id != other.id, "id", || {
-        format!("is `{}`, and so is another one's: give each ball its own", ball.id)
+fn check_ball_pair(entry: &EntryCheck, ball: &Ball, other: &Ball) -> CheckResult {
+    entry.require(ball.id != other.id, "id", || {
+        format!("is `{}`, as for another ball; give each ball its own id", ball.id)
     })?;
-    let distance = centre(ball).metric_distance(&centre(other));
-    at.that(distance > ball.radius_mm + other.radius_mm, "centre_mm", || {
-        format!("stands {distance:.3} mm from ball `{}`: the two would touch", other.id)
+    let distance = ball_centre(ball).metric_distance(&ball_centre(other));
+    entry.require(distance > ball.radius_mm + other.radius_mm, "centre_mm", || {
+        format!("is {distance:.3} mm from ball `{}`; the two balls would touch", other.id)
     })?;
-    for (one, beside) in [(ball, other), (other, ball)] {
-        let (near, free) = (to_stem(beside, one), one.radius_mm + one_stem(beside));
-        at.that(one_stem(beside) == 0.0 || near > free, "centre_mm", || {
+    for (body, stemmed) in [(ball, other), (other, ball)] {
+        let (distance, min_distance) =
+            (distance_to_stem(stemmed, body), body.radius_mm + stem_radius(stemmed));
+        entry.require(stem_radius(stemmed) == 0.0 || distance > min_distance, "centre_mm", || {
             format!(
-                "puts ball `{}` into the stem of ball `{}`: {near:.3} mm from its middle line",
-                one.id, beside.id
+                "puts ball `{}` into the stem of ball `{}`: {distance:.3} mm from the centre line of the stem",
+                body.id, stemmed.id
             )
         })?;
     }
     Ok(())
 }
 
-fn certified(
-    at: &At,
-    length: &Length,
+fn check_length(
+    entry: &EntryCheck,
+    length: &CertifiedLength,
     centres: &BTreeMap<&str, Vector3<f64>>,
     uncertainty_mm: f64,
-) -> Checked {
-    let Length { from, to, mm, u_mm, u_temperature_k, .. } = length;
-    let unknown = |id: &str| format!("is `{id}`, a ball that is not in the list");
-    let (one, other) = (centres.get(from.as_str()), centres.get(to.as_str()));
-    at.that(one.is_some(), "from", || unknown(from))?;
-    at.that(other.is_some(), "to", || unknown(to))?;
-    at.that(from != to, "to", || format!("is `{to}`, as `from` is: a length has two ends"))?;
-    at.that(*mm > 0.0, "mm", || format!("is {mm}; it must be greater than 0"))?;
-    at.that(*u_mm > 0.0, "u_mm", || {
+) -> CheckResult {
+    let CertifiedLength { from, to, mm, u_mm, u_temperature_k, .. } = length;
+    let unknown = |id: &str| format!("is `{id}`; no ball in the list has this id");
+    let (from_centre, to_centre) = (centres.get(from.as_str()), centres.get(to.as_str()));
+    entry.require(from_centre.is_some(), "from", || unknown(from))?;
+    entry.require(to_centre.is_some(), "to", || unknown(to))?;
+    entry.require(from != to, "to", || {
+        format!("is `{to}`, the same ball as `from`; a length needs two different balls")
+    })?;
+    entry.require(*mm > 0.0, "mm", || format!("is {mm}; it must be greater than 0"))?;
+    entry.require(*u_mm > 0.0, "u_mm", || {
         format!("is {u_mm}; the standard uncertainty of a certificate is greater than 0")
     })?;
-    at.that(*u_temperature_k >= 0.0, "u_temperature_k", || {
+    entry.require(*u_temperature_k >= 0.0, "u_temperature_k", || {
         format!("is {u_temperature_k}; it must not be negative")
     })?;
-    let stated = one.zip(other).map_or(0.0, |(one, other)| one.metric_distance(other));
-    at.that((mm - stated).abs() <= 2.0 * uncertainty_mm, "mm", || {
+    let stated = from_centre.zip(to_centre).map_or(0.0, |(from, to)| from.metric_distance(to));
+    entry.require((mm - stated).abs() <= 2.0 * uncertainty_mm, "mm", || {
         format!(
-            "is {mm}, but balls `{from}` and `{to}` are stated {stated:.3} mm apart: more than twice \
-             uncertainty_mm between the two"
+            "is {mm}, but the stated centres of balls `{from}` and `{to}` are {stated:.3} mm apart; the \
+             difference is more than twice uncertainty_mm"
         )
     })
 }
 
-fn centre(ball: &Ball) -> Vector3<f64> {
+fn ball_centre(ball: &Ball) -> Vector3<f64> {
     Vector3::from(ball.centre_mm)
 }
 
 /// Radius of the stem, mm; 0 if no stem is declared.
-fn one_stem(ball: &Ball) -> f64 {
+fn stem_radius(ball: &Ball) -> f64 {
     if ball.stem_length_mm > 0.0 { ball.stem_radius_mm } else { 0.0 }
 }
 
 /// Distance of the centre of `of` from the centre line of the stem of `ball`, mm.
-fn to_stem(ball: &Ball, of: &Ball) -> f64 {
+fn distance_to_stem(ball: &Ball, of: &Ball) -> f64 {
     let along = unit_vector(Vector3::from(ball.stem)).unwrap_or_default();
-    let from_ball = centre(of) - centre(ball);
+    let from_ball = ball_centre(of) - ball_centre(ball);
     let foot = along * from_ball.dot(&along).clamp(0.0, ball.stem_length_mm.max(0.0));
     from_ball.metric_distance(&foot)
 }

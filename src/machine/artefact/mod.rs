@@ -4,14 +4,14 @@ mod check;
 mod observation;
 mod part;
 
-pub use check::{ArtefactFault, Entry, check};
-pub use observation::{CylinderOnTable, ObservationError, ObservedSurface};
-pub use part::{Part, Shape, parts};
+pub use check::{ArtefactEntry, ArtefactFault, check_balls};
+pub use observation::{ObservationError, ObservedCylinder, ObservedSurface};
+pub use part::{ArtefactBody, BodyShape, artefact_bodies};
 
 use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};
 
 /// Uncertainty of the artefact's stated position, mm.
-pub fn uncertainty_mm(artefact: &Artefact) -> f64 {
+pub fn position_uncertainty_mm(artefact: &Artefact) -> f64 {
     match artefact {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })
         | Artefact::Balls(Balls { uncertainty_mm, .. })

@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 
 use crate::Position;
 use crate::frame::unit_vector;
-use crate::kinematics::{AxisLine, Chain};
+use crate::kinematics::{AxisLine, KinematicChain};
 use crate::record::artefact::DatumCylinder;
-use crate::record::sensor::{Mount, Sensor};
+use crate::record::sensor::{Sensor, SensorMount};
 
 /// Maximum distance between the line of a radial sensor and the axis, mm: with a larger distance, the sensor's
 /// angle would change with the radius.
@@ -14,9 +14,9 @@ const MAX_OFF_AXIS_MM: f64 = 0.5;
 /// Maximum distance of a sensor from the section that it measures, along the axis, mm.
 const MAX_OFF_SECTION_MM: f64 = 2.0;
 /// Minimum cosine of the angle between an axial sensor and the axis (1°).
-const MIN_COSINE: f64 = 0.999_85;
+const MIN_AXIAL_COSINE: f64 = 0.999_85;
 /// Maximum cosine of the angle between a radial sensor and the axis.
-const MAX_CROSS_COSINE: f64 = 0.02;
+const MAX_RADIAL_COSINE: f64 = 0.02;
 
 /// Surface point that one sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,15 +32,19 @@ pub struct ObservedSurface {
 /// Error: the sensor measures no surface of the cylinder.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ObservationError {
-    #[error("it turns with the table that it is to measure")]
-    OnTable,
-    #[error("it looks neither across the axis nor down on the face")]
+    #[error("the sensor turns with the table that it must measure")]
+    TurnsWithTable,
+    #[error("the beam is neither perpendicular to the axis nor directed down at the face")]
     NoSurface,
-    #[error("it looks past the table's axis by {past_mm:.2} mm, or points away from it")]
-    PastAxis { past_mm: f64 },
-    #[error("it looks past the face, at {radius_mm:.1} mm from the axis")]
-    BesideFace { radius_mm: f64 },
-    #[error("it is {height_mm:.1} mm above the foot of the cylinder, where no section is")]
+    #[error(
+        "the beam misses the axis of the table by {offset_mm:.2} mm, or points away from the axis"
+    )]
+    MissesAxis { offset_mm: f64 },
+    #[error("the beam misses the face: it is {radius_mm:.1} mm from the axis")]
+    MissesFace { radius_mm: f64 },
+    #[error(
+        "the beam is {height_mm:.1} mm above the foot of the cylinder; no section is at this height"
+    )]
     NoSection { height_mm: f64 },
 }
 
@@ -48,59 +52,63 @@ impl ObservationError {
     /// What the operator should correct.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::OnTable => {
-                "mount it on the bed or the spindle, and state mount = \"bed\" or \"spindle\""
+            Self::TurnsWithTable => {
+                "mount the sensor on the bed or the spindle, and set mount = \"bed\" or \"spindle\""
             }
-            Self::NoSurface => "correct its direction, or state the face of the [artefact]",
-            Self::PastAxis { .. } => {
-                "correct zero_mm and direction: a radial sensor looks at the axis"
+            Self::NoSurface => {
+                "correct direction of the sensor, or declare the face of the [artefact]"
             }
-            Self::BesideFace { .. } => "correct its zero_mm, or radius_mm of the [artefact] face",
+            Self::MissesAxis { .. } => {
+                "correct zero_mm and direction: the beam of a radial sensor must meet the axis"
+            }
+            Self::MissesFace { .. } => {
+                "correct zero_mm of the sensor, or radius_mm of the [artefact] face"
+            }
             Self::NoSection { .. } => "correct zero_mm, `at`, or the z_mm of [artefact] sections",
         }
     }
 }
 
 /// A datum cylinder on a table whose axis is along Z.
-pub struct CylinderOnTable<'a> {
-    pub chain: &'a Chain,
-    pub at: &'a Position,
+pub struct ObservedCylinder<'a> {
+    pub chain: &'a KinematicChain,
+    pub position: &'a Position,
     pub cylinder: &'a DatumCylinder,
     /// Axis of the table.
     pub axis: &'a AxisLine,
 }
 
-impl CylinderOnTable<'_> {
+impl ObservedCylinder<'_> {
     /// Foot of the cylinder, machine frame, mm.
     pub fn foot(&self) -> Vector3<f64> {
         let foot = Vector3::from(self.cylinder.centre_mm);
-        self.chain.machine_from_table(self.at, &[]).transform_point(&foot.into()).coords
+        self.chain.machine_from_table(self.position, &[]).transform_point(&foot.into()).coords
     }
 
     /// # Errors
     /// The sensor measures neither the face nor a section, or turns with the table.
-    pub fn observed(&self, sensor: &Sensor) -> Result<ObservedSurface, ObservationError> {
+    pub fn observed_surface(&self, sensor: &Sensor) -> Result<ObservedSurface, ObservationError> {
         let pose = match sensor.mount {
-            Mount::Spindle => Some(self.chain.machine_from_spindle(self.at, &[])),
-            Mount::Bed => None,
-            Mount::Table => return Err(ObservationError::OnTable),
+            SensorMount::Spindle => Some(self.chain.machine_from_spindle(self.position, &[])),
+            SensorMount::Bed => None,
+            SensorMount::Table => return Err(ObservationError::TurnsWithTable),
         };
         let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
         let zero = pose.map_or(zero, |pose| pose.transform_point(&zero.into()).coords);
         let along = pose.map_or(along, |pose| pose.transform_vector(&along));
         let from_axis = zero - self.axis.point;
-        if let Some(face) = self.cylinder.face.filter(|_| along.z < -MIN_COSINE) {
+        if let Some(face) = self.cylinder.face.filter(|_| along.z < -MIN_AXIAL_COSINE) {
             let (angle_rad, radius_mm) = (from_axis.y.atan2(from_axis.x), from_axis.xy().norm());
             if radius_mm > face.radius_mm {
-                return Err(ObservationError::BesideFace { radius_mm });
+                return Err(ObservationError::MissesFace { radius_mm });
             }
             return Ok(ObservedSurface { section: None, angle_rad, radius_mm });
         }
-        let across = unit_vector(along).filter(|along| along.z.abs() < MAX_CROSS_COSINE);
+        let across = unit_vector(along).filter(|along| along.z.abs() < MAX_RADIAL_COSINE);
         let across = across.ok_or(ObservationError::NoSurface)?;
-        let past_mm = (from_axis.x * across.y - from_axis.y * across.x).abs();
-        if past_mm > MAX_OFF_AXIS_MM || from_axis.dot(&across) > 0.0 {
-            return Err(ObservationError::PastAxis { past_mm });
+        let offset_mm = (from_axis.x * across.y - from_axis.y * across.x).abs();
+        if offset_mm > MAX_OFF_AXIS_MM || from_axis.dot(&across) > 0.0 {
+            return Err(ObservationError::MissesAxis { offset_mm });
         }
         let section = Some(self.section_at(zero.z - self.foot().z)?);
         let angle_rad = (-across.y).atan2(-across.x);
@@ -109,11 +117,13 @@ impl CylinderOnTable<'_> {
 
     /// Number of the section at `height_mm` above the foot.
     fn section_at(&self, height_mm: f64) -> Result<usize, ObservationError> {
-        let off = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
+        let distance_to_section =
+            |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
         let sections = 0..self.cylinder.sections.len();
-        let nearest = sections.min_by(|a, b| off(*a).total_cmp(&off(*b)));
+        let nearest =
+            sections.min_by(|a, b| distance_to_section(*a).total_cmp(&distance_to_section(*b)));
         nearest
-            .filter(|section| off(*section) <= MAX_OFF_SECTION_MM)
+            .filter(|section| distance_to_section(*section) <= MAX_OFF_SECTION_MM)
             .ok_or(ObservationError::NoSection { height_mm })
     }
 }

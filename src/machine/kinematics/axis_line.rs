@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::chain::Chain;
+use super::chain::KinematicChain;
 use super::joint::Joint;
 use crate::frame::Pose;
 use crate::{Axis, Position};
@@ -15,26 +15,26 @@ pub struct AxisLine {
     /// Unit vector along the axis.
     pub direction: Vector3<f64>,
     /// Pose of the carrier of the axis: it transforms the stated point and direction to those above.
-    pub carrier: Pose,
+    pub carrier_pose: Pose,
 }
 
-impl Chain {
+impl KinematicChain {
     /// Axis of rotation of `axis` while the axes that carry it are at `position`. `None` for a linear axis, and for
     /// an axis that the machine does not have.
     pub fn axis_line(&self, axis: Axis, position: &Position) -> Option<AxisLine> {
-        let turns = |joint: &Joint| joint.axis() == axis && !axis.is_linear();
-        let (branch, at) = [&self.workpiece, &self.tool]
+        let is_requested = |joint: &Joint| joint.axis() == axis && !axis.is_linear();
+        let (branch, index) = [&self.workpiece, &self.tool]
             .into_iter()
-            .find_map(|branch| Some((branch, branch.iter().position(turns)?)))?;
-        let carriers = branch.iter().take(at);
-        let carrier = carriers.fold(Pose::identity(), |outer, joint| {
-            outer * joint.nominal(position.at(joint.axis()))
+            .find_map(|branch| Some((branch, branch.iter().position(is_requested)?)))?;
+        let carriers = branch.iter().take(index);
+        let carrier_pose = carriers.fold(Pose::identity(), |outer, joint| {
+            outer * joint.nominal_pose(position.get_or_zero(joint.axis()))
         });
-        let joint = branch.get(at)?;
+        let joint = branch.get(index)?;
         Some(AxisLine {
-            point: carrier.transform_point(&joint.point().into()).coords,
-            direction: carrier.rotation * joint.direction(),
-            carrier,
+            point: carrier_pose.transform_point(&joint.point().into()).coords,
+            direction: carrier_pose.rotation * joint.direction(),
+            carrier_pose,
         })
     }
 }

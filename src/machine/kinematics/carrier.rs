@@ -3,28 +3,28 @@
 
 use nalgebra::Vector3;
 
-use super::chain::Chain;
+use super::chain::KinematicChain;
 use super::joint::Joint;
 use crate::Axis;
 use crate::frame::Pose;
 use crate::record::machine::Carrier;
 
 /// Positions of all axes in the order of [`Axis::ALL`], mm and rad.
-pub type Commands = [f64; Axis::ALL.len()];
+pub type AxisCommands = [f64; Axis::ALL.len()];
 
 /// Side of the machine, seen from the bed, on which a carrier is. Two carriers of one side share a part of their
 /// motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum MachineSide {
     Bed,
-    Work,
+    Workpiece,
     Tool,
 }
 
 /// The joints between the bed and a carrier, beginning at the bed.
 #[derive(Debug, Clone)]
 pub struct CarrierChain {
-    side: Side,
+    side: MachineSide,
     joints: Vec<Joint>,
 }
 
@@ -33,23 +33,23 @@ pub struct CarrierChain {
 #[derive(Debug)]
 pub struct CarrierMotion<'a>(Vec<(&'a Joint, Option<Pose>)>);
 
-impl Chain {
+impl KinematicChain {
     /// Joints of `carrier`; `None` if the machine does not have its axis.
-    pub fn carried(&self, carrier: Carrier) -> Option<CarrierChain> {
+    pub fn carrier_chain(&self, carrier: Carrier) -> Option<CarrierChain> {
         let up_to = |branch: &[Joint], axis: Axis| {
             let last = branch.iter().position(|joint| joint.axis() == axis)?;
             Some(branch.iter().take(last + 1).cloned().collect())
         };
         let (side, joints) = match carrier {
-            Carrier::Bed => (Side::Bed, Vec::new()),
-            Carrier::Table => (Side::Work, self.workpiece.clone()),
+            Carrier::Bed => (MachineSide::Bed, Vec::new()),
+            Carrier::Table => (MachineSide::Workpiece, self.workpiece.clone()),
             Carrier::Spindle => {
-                let still = |joint: &&Joint| joint.axis() != Axis::S;
-                (Side::Tool, self.tool.iter().filter(still).cloned().collect())
+                let is_not_s = |joint: &&Joint| joint.axis() != Axis::S;
+                (MachineSide::Tool, self.tool.iter().filter(is_not_s).cloned().collect())
             }
             Carrier::Axis(axis) => match up_to(&self.workpiece, axis) {
-                Some(joints) => (Side::Work, joints),
-                None => (Side::Tool, up_to(&self.tool, axis)?),
+                Some(joints) => (MachineSide::Workpiece, joints),
+                None => (MachineSide::Tool, up_to(&self.tool, axis)?),
             },
         };
         Some(CarrierChain { side, joints })
@@ -58,13 +58,13 @@ impl Chain {
 
 impl CarrierChain {
     /// Pose of the carrier in the machine frame.
-    pub fn pose(&self, commands: &Commands) -> Pose {
+    pub fn pose(&self, commands: &AxisCommands) -> Pose {
         self.joints.iter().rev().fold(Pose::identity(), |pose, joint| {
-            joint.nominal(commands[joint.axis() as usize]) * pose
+            joint.nominal_pose(commands[joint.axis() as usize]) * pose
         })
     }
 
-    pub fn side(&self) -> Side {
+    pub fn side(&self) -> MachineSide {
         self.side
     }
 
@@ -74,24 +74,24 @@ impl CarrierChain {
     }
 
     /// Whether the same axes move both carriers.
-    pub fn moves_as(&self, other: &Self) -> bool {
+    pub fn has_same_axes_as(&self, other: &Self) -> bool {
         self.axes().eq(other.axes())
     }
 
     /// Both carriers relative to the last carrier that they share, without the joints that move both.
-    pub fn between(one: &Self, other: &Self) -> [Self; 2] {
-        let shared = one.axes().zip(other.axes()).take_while(|(a, b)| a == b).count();
-        [one, other].map(|carried| {
-            let joints = carried.joints.iter().skip(shared).cloned().collect();
-            Self { side: carried.side, joints }
+    pub fn relative_chains(first: &Self, second: &Self) -> [Self; 2] {
+        let shared = first.axes().zip(second.axes()).take_while(|(a, b)| a == b).count();
+        [first, second].map(|chain| {
+            let joints = chain.joints.iter().skip(shared).cloned().collect();
+            Self { side: chain.side, joints }
         })
     }
 
     /// The carrier during the motion from `from` to `to`.
-    pub fn going(&self, from: &Commands, to: &Commands) -> CarrierMotion<'_> {
+    pub fn motion_between(&self, from: &AxisCommands, to: &AxisCommands) -> CarrierMotion<'_> {
         let joint = |joint| {
-            let [from, to] = [from, to].map(|place| place[Joint::axis(joint) as usize]);
-            (joint, (from == to).then(|| joint.nominal(from)))
+            let [from, to] = [from, to].map(|commands| commands[Joint::axis(joint) as usize]);
+            (joint, (from == to).then(|| joint.nominal_pose(from)))
         };
         CarrierMotion(self.joints.iter().map(joint).collect())
     }
@@ -105,24 +105,25 @@ impl CarrierMotion<'_> {
     /// The position of a point is M₁…Mₙ·p. Changing one joint after the other, the outermost first, each joint
     /// moves the point by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at `middle`*
     /// from that axis; the outer joints do not change that length. The sum bounds the total displacement.
-    pub fn sweep(
+    pub fn pose_and_displacement_bound(
         &self,
-        middle: &Commands,
-        half: &Commands,
+        middle: &AxisCommands,
+        half: &AxisCommands,
         corners: &[Vector3<f64>],
         radius: f64,
     ) -> (Pose, f64) {
-        let (mut pose, mut stray) = (Pose::identity(), 0.0);
-        for (joint, still) in self.0.iter().rev() {
+        let (mut pose, mut displacement_bound) = (Pose::identity(), 0.0);
+        for (joint, fixed_pose) in self.0.iter().rev() {
             let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
             if half > 0.0 {
                 let distances = corners
                     .iter()
-                    .map(|p| joint.distance(pose.transform_point(&(*p).into()).coords));
-                stray += joint.longest(half, distances.fold(0.0, f64::max) + radius);
+                    .map(|p| joint.distance_from_axis(pose.transform_point(&(*p).into()).coords));
+                displacement_bound +=
+                    joint.max_displacement(half, distances.fold(0.0, f64::max) + radius);
             }
-            pose = still.unwrap_or_else(|| joint.nominal(command)) * pose;
+            pose = fixed_pose.unwrap_or_else(|| joint.nominal_pose(command)) * pose;
         }
-        (pose, stray)
+        (pose, displacement_bound)
     }
 }

@@ -6,7 +6,7 @@ use super::KinematicsError;
 use super::joint::Joint;
 use super::parameter::{ErrorParameter, ErrorTerm};
 use super::topology::Topology;
-use crate::frame::{Point, Pose, Spindle, Table};
+use crate::frame::{Point, Pose, SpindleFrame, TableFrame};
 use crate::record::machine::Machine;
 use crate::{Axis, Position};
 
@@ -15,13 +15,13 @@ use crate::{Axis, Position};
 /// All frames coincide when every axis is at zero and there are no errors. Axes that a [`Position`] does not
 /// contain are at zero.
 #[derive(Debug, Clone)]
-pub struct Chain {
+pub struct KinematicChain {
     topology: Topology,
     pub(super) workpiece: Vec<Joint>,
     pub(super) tool: Vec<Joint>,
 }
 
-impl Chain {
+impl KinematicChain {
     /// # Errors
     /// The topology cannot be parsed; an axis is in the topology but not in `axes`, or the other way round (`S` may
     /// be absent from `axes`: a spindle that cannot be oriented); a direction is not finite; the linear axes do not
@@ -40,7 +40,7 @@ impl Chain {
         let workpiece = branch(topology.workpiece(), -1.0)?;
         let tool = branch(topology.tool(), 1.0)?;
         let chain = Self { topology, workpiece, tool };
-        chain.linear_inverse(&Position::new(), &[])?;
+        chain.inverse_linear_jacobian(&Position::new(), &[])?;
         Ok(chain)
     }
 
@@ -49,7 +49,7 @@ impl Chain {
     }
 
     /// Checks that this machine has the axis of `parameter`; errors of other axes have no effect.
-    pub fn check(&self, parameter: ErrorParameter) -> Result<(), KinematicsError> {
+    pub fn check_parameter(&self, parameter: ErrorParameter) -> Result<(), KinematicsError> {
         if self.topology.contains(parameter.axis()) {
             Ok(())
         } else {
@@ -60,21 +60,21 @@ impl Chain {
 
     /// Pose of the table in the machine frame.
     pub fn machine_from_table(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        pose(&self.workpiece, position, errors)
+        branch_pose(&self.workpiece, position, errors)
     }
 
     /// Pose of the spindle in the machine frame.
     pub fn machine_from_spindle(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        pose(&self.tool, position, errors)
+        branch_pose(&self.tool, position, errors)
     }
 
     /// Position of the tool point `tip` in the table frame: p_w = T_w⁻¹ T_t tip.
     pub fn tip_in_table(
         &self,
         position: &Position,
-        tip: Point<Spindle>,
+        tip: Point<SpindleFrame>,
         errors: &[ErrorTerm],
-    ) -> Point<Table> {
+    ) -> Point<TableFrame> {
         let in_machine = self.machine_from_spindle(position, errors) * Point3::from(tip.mm);
         let table = self.machine_from_table(position, errors);
         Point::from_vec(table.inverse_transform_point(&in_machine).coords)
@@ -85,33 +85,34 @@ impl Chain {
     ///
     /// # Errors
     /// The errors are so large that X, Y, Z no longer span space.
-    pub fn linear_axes_for(
+    pub fn solve_linear_axes(
         &self,
-        target: Point<Table>,
-        tip: Point<Spindle>,
+        target: Point<TableFrame>,
+        tip: Point<SpindleFrame>,
         others: &Position,
         errors: &[ErrorTerm],
     ) -> Result<Position, KinematicsError> {
-        let inverse = self.linear_inverse(others, errors)?;
+        let inverse = self.inverse_linear_jacobian(others, errors)?;
         let at = |xyz: Vector3<f64>| others.updated_by(&Position::from_xyz(xyz));
-        let missing = |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
+        let missing_motion =
+            |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
         // The second solve removes the rounding error of the first.
-        let first = inverse * missing(Vector3::zeros());
-        Ok(Position::from_xyz(first + inverse * missing(first)))
+        let first = inverse * missing_motion(Vector3::zeros());
+        Ok(Position::from_xyz(first + inverse * missing_motion(first)))
     }
 
-    /// ∂(X, Y, Z)/∂p_w, the inverse of [`Chain::linear_jacobian`].
+    /// ∂(X, Y, Z)/∂p_w, the inverse of [`KinematicChain::linear_jacobian`].
     ///
     /// # Errors
     /// The errors are so large that X, Y, Z no longer span space.
-    pub fn linear_inverse(
+    pub fn inverse_linear_jacobian(
         &self,
         position: &Position,
         errors: &[ErrorTerm],
     ) -> Result<Matrix3<f64>, KinematicsError> {
         let columns = self.linear_jacobian(position, errors);
-        let spans = columns.determinant().abs() > 1e-3;
-        columns.try_inverse().filter(|_| spans).ok_or(KinematicsError::Flat)
+        let spans_space = columns.determinant().abs() > 1e-3;
+        columns.try_inverse().filter(|_| spans_space).ok_or(KinematicsError::DependentLinearAxes)
     }
 
     /// ∂p_w/∂(X, Y, Z), constant over X, Y, Z.
@@ -119,20 +120,28 @@ impl Chain {
         let into_table = self.machine_from_table(position, errors).rotation.inverse();
         let mut columns = Matrix3::zeros();
         for (branch, side) in [(&self.workpiece, -1.0), (&self.tool, 1.0)] {
-            let mut prefix = Rotation3::identity();
+            let mut carrier_pose = Rotation3::identity();
             for joint in branch {
                 if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis()) {
-                    let before = prefix * joint.before(position, errors).rotation;
-                    columns
-                        .set_column(index, &(into_table * before * joint.advance(errors) * side));
+                    let pose_with_location_errors =
+                        carrier_pose * joint.error_pose(position, errors).rotation;
+                    columns.set_column(
+                        index,
+                        &(into_table
+                            * pose_with_location_errors
+                            * joint.travel_per_command(errors)
+                            * side),
+                    );
                 }
-                prefix *= joint.motion(position, errors).rotation;
+                carrier_pose *= joint.pose_with_errors(position, errors).rotation;
             }
         }
         columns
     }
 }
 
-fn pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
-    branch.iter().fold(Pose::identity(), |outer, joint| outer * joint.motion(position, errors))
+fn branch_pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
+    branch
+        .iter()
+        .fold(Pose::identity(), |outer, joint| outer * joint.pose_with_errors(position, errors))
 }

@@ -2,13 +2,13 @@
 
 use nalgebra::Vector3;
 
-use super::chain::Chain;
-use super::joint::{COMPONENTS, Joint};
-use super::parameter::{ErrorParameter, ErrorTerm, Shape};
+use super::chain::KinematicChain;
+use super::joint::{ERROR_COMPONENT_ORDER, Joint};
+use super::parameter::{ErrorParameter, ErrorShape, ErrorTerm};
 use crate::Position;
-use crate::frame::{Point, Pose, Spindle};
+use crate::frame::{Point, Pose, SpindleFrame};
 
-impl Chain {
+impl KinematicChain {
     /// ∂p_w/∂θ for each of `parameters`, in their order, exact at `errors`: mm per mm, per rad or
     /// per mm/mm, in the table frame. Zero for an axis that the machine does not have.
     ///
@@ -17,20 +17,20 @@ impl Chain {
     pub fn jacobian(
         &self,
         position: &Position,
-        tip: Point<Spindle>,
+        tip: Point<SpindleFrame>,
         errors: &[ErrorTerm],
         parameters: &[ErrorParameter],
     ) -> Vec<Vector3<f64>> {
-        let workpiece = placed(&self.workpiece, position, errors);
-        let tool = placed(&self.tool, position, errors);
+        let workpiece = joint_poses(&self.workpiece, position, errors);
+        let tool = joint_poses(&self.tool, position, errors);
         let tip = tool.1.transform_point(&tip.mm.into()).coords;
         let into_table = workpiece.1.rotation.inverse();
         let mut columns = vec![Vector3::zeros(); parameters.len()];
         for (branch, side) in [(&workpiece.0, -1.0), (&tool.0, 1.0)] {
-            for placed in branch {
+            for joint_poses in branch {
                 for (column, parameter) in columns.iter_mut().zip(parameters) {
-                    if parameter.axis() == placed.joint.axis() {
-                        let velocity = velocity(placed, *parameter, position, errors, tip);
+                    if parameter.axis() == joint_poses.joint.axis() {
+                        let velocity = tip_velocity(joint_poses, *parameter, position, errors, tip);
                         *column = into_table * velocity * side;
                     }
                 }
@@ -41,49 +41,52 @@ impl Chain {
 }
 
 /// A joint at its position: the pose of its carrier, and the same pose with the location errors of the joint.
-struct Placed<'a> {
+struct JointPoses<'a> {
     joint: &'a Joint,
-    prefix: Pose,
-    before: Pose,
+    carrier_pose: Pose,
+    pose_with_location_errors: Pose,
 }
 
 /// All joints of a branch, and the pose of its end.
-fn placed<'a>(
+fn joint_poses<'a>(
     branch: &'a [Joint],
     position: &Position,
     errors: &[ErrorTerm],
-) -> (Vec<Placed<'a>>, Pose) {
-    let mut prefix = Pose::identity();
-    let place = |joint: &'a Joint| {
-        let before = prefix * joint.before(position, errors);
-        let placed = Placed { joint, prefix, before };
-        prefix = before * joint.after(position, errors);
-        placed
+) -> (Vec<JointPoses<'a>>, Pose) {
+    let mut carrier_pose = Pose::identity();
+    let poses_of_joint = |joint: &'a Joint| {
+        let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors);
+        let joint_poses = JointPoses { joint, carrier_pose, pose_with_location_errors };
+        carrier_pose = pose_with_location_errors * joint.pose_with_gains(position, errors);
+        joint_poses
     };
-    (branch.iter().map(place).collect(), prefix)
+    (branch.iter().map(poses_of_joint).collect(), carrier_pose)
 }
 
 /// Velocity of the point `tip` (machine frame) per unit of `parameter` of `joint`.
-fn velocity(
-    Placed { joint, prefix, before }: &Placed<'_>,
+fn tip_velocity(
+    JointPoses { joint, carrier_pose, pose_with_location_errors }: &JointPoses<'_>,
     parameter: ErrorParameter,
     position: &Position,
     errors: &[ErrorTerm],
     tip: Vector3<f64>,
 ) -> Vector3<f64> {
-    let factor = parameter.factor(position.at(joint.axis()));
+    let factor = parameter.factor(position.get_or_zero(joint.axis()));
     let generator = parameter.component().direction();
-    if parameter.shape() == Shape::Gain {
-        return before.transform_vector(&generator) * joint.sign() * factor;
+    if parameter.shape() == ErrorShape::Gain {
+        return pose_with_location_errors.transform_vector(&generator) * joint.sign() * factor;
     }
-    let at = COMPONENTS
+    let component_pose = ERROR_COMPONENT_ORDER
         .into_iter()
         .take_while(|component| *component != parameter.component())
-        .fold(*prefix, |outer, component| outer * joint.error_motion(component, position, errors));
-    let direction = at.transform_vector(&generator);
+        .fold(*carrier_pose, |outer, component| {
+            outer * joint.component_error_pose(component, position, errors)
+        });
+    let direction = component_pose.transform_vector(&generator);
     if parameter.component().is_linear() {
         direction * factor
     } else {
-        direction.cross(&(tip - at.transform_point(&joint.point().into()).coords)) * factor
+        direction.cross(&(tip - component_pose.transform_point(&joint.point().into()).coords))
+            * factor
     }
 }

@@ -5,13 +5,14 @@ use std::f64::consts::PI;
 use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
 use super::KinematicsError;
-use super::parameter::{ErrorTerm, Shape};
+use super::parameter::{ErrorShape, ErrorTerm};
 use crate::frame::{Pose, unit_vector};
 use crate::record::machine::{AxisSpec, Machine};
 use crate::{Axis, Position};
 
 /// Order in which the error components of one joint act.
-pub(super) const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+pub(super) const ERROR_COMPONENT_ORDER: [Axis; 6] =
+    [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 #[derive(Debug, Clone)]
 pub(super) struct Joint {
@@ -36,15 +37,15 @@ impl Joint {
     }
 
     fn from_spec(axis: Axis, side: f64, spec: &AxisSpec) -> Result<Self, KinematicsError> {
-        let stated = Vector3::from(spec.direction);
-        let direction = if stated == Vector3::zeros() {
+        let axis_direction = Vector3::from(spec.direction);
+        let direction = if axis_direction == Vector3::zeros() {
             axis.direction()
         } else {
-            unit_vector(stated).unwrap_or_default()
+            unit_vector(axis_direction).unwrap_or_default()
         };
         let point = if axis.is_linear() { Vector3::zeros() } else { Vector3::from(spec.point_mm) };
         if direction == Vector3::zeros() || !is_finite(direction) || !is_finite(point) {
-            return Err(KinematicsError::Direction { axis });
+            return Err(KinematicsError::InvalidDirection { axis });
         }
         Ok(Self { axis, sign: side * spec.positive.sign(), direction, point })
     }
@@ -66,16 +67,16 @@ impl Joint {
     }
 
     /// The joint's motion without errors.
-    pub(super) fn nominal(&self, command: f64) -> Pose {
+    pub(super) fn nominal_pose(&self, command: f64) -> Pose {
         if self.axis.is_linear() {
             Pose::from(Translation3::from(self.sign * command * self.direction))
         } else {
-            turn(self.direction, self.point, self.sign * command)
+            rotation_about_line(self.direction, self.point, self.sign * command)
         }
     }
 
     /// Distance of `point` from the axis of rotation; 0 for a linear joint.
-    pub(super) fn distance(&self, point: Vector3<f64>) -> f64 {
+    pub(super) fn distance_from_axis(&self, point: Vector3<f64>) -> f64 {
         if self.axis.is_linear() {
             return 0.0;
         }
@@ -84,78 +85,83 @@ impl Joint {
 
     /// Maximum distance between two positions of a point at distance `reach` from the axis of rotation, while the
     /// command changes by `change` at most.
-    pub(super) fn longest(&self, change: f64, reach: f64) -> f64 {
+    pub(super) fn max_displacement(&self, change: f64, reach: f64) -> f64 {
         if self.axis.is_linear() { change } else { 2.0 * (change.min(PI) / 2.0).sin() * reach }
     }
 
     /// Motion of the joint with all its errors: location errors and error motions, then the nominal motion, then
     /// gains.
-    pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        self.before(position, errors) * self.after(position, errors)
+    pub(super) fn pose_with_errors(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
+        self.error_pose(position, errors) * self.pose_with_gains(position, errors)
     }
 
     /// Motion of the joint with its gains, without location errors and error motions.
-    pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        let command = position.at(self.axis);
+    pub(super) fn pose_with_gains(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
+        let command = position.get_or_zero(self.axis);
         if self.axis.is_linear() {
-            Pose::from(Translation3::from(self.sign * command * self.along(errors)))
+            Pose::from(Translation3::from(self.sign * command * self.direction_with_gains(errors)))
         } else {
-            turn(self.direction, self.point, self.sign * command)
+            rotation_about_line(self.direction, self.point, self.sign * command)
         }
     }
 
-    /// Location errors and error motions: one motion per component, in the order of [`COMPONENTS`].
-    pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
-        if self.own(errors).next().is_none() {
+    /// Location errors and error motions: one motion per component, in the order of [`ERROR_COMPONENT_ORDER`].
+    pub(super) fn error_pose(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
+        if self.own_errors(errors).next().is_none() {
             return Pose::identity();
         }
-        let command = position.at(self.axis);
-        COMPONENTS.into_iter().fold(Pose::identity(), |outer, component| {
-            match self.amount(component, command, errors) {
+        let command = position.get_or_zero(self.axis);
+        ERROR_COMPONENT_ORDER.into_iter().fold(Pose::identity(), |outer, component| {
+            match self.component_error(component, command, errors) {
                 0.0 => outer,
-                amount => outer * self.moved(component, amount),
+                amount => outer * self.component_pose(component, amount),
             }
         })
     }
 
     /// Sum of all errors of one component before the joint; they share one generator, so they add up.
-    pub(super) fn error_motion(
+    pub(super) fn component_error_pose(
         &self,
         component: Axis,
         position: &Position,
         errors: &[ErrorTerm],
     ) -> Pose {
-        self.moved(component, self.amount(component, position.at(self.axis), errors))
+        self.component_pose(
+            component,
+            self.component_error(component, position.get_or_zero(self.axis), errors),
+        )
     }
 
-    fn amount(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
-        self.own(errors)
-            .filter(|e| e.parameter.shape() != Shape::Gain && e.parameter.component() == component)
+    fn component_error(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
+        self.own_errors(errors)
+            .filter(|e| {
+                e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component
+            })
             .map(|e| e.value * e.parameter.factor(command))
             .sum()
     }
 
-    fn moved(&self, component: Axis, amount: f64) -> Pose {
+    fn component_pose(&self, component: Axis, amount: f64) -> Pose {
         if component.is_linear() {
             Pose::from(Translation3::from(component.direction() * amount))
         } else {
-            turn(component.direction(), self.point, amount)
+            rotation_about_line(component.direction(), self.point, amount)
         }
     }
 
     /// ∂(motion)/∂(command) of a linear joint, in the frame after its location errors.
-    pub(super) fn advance(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
-        self.sign * self.along(errors)
+    pub(super) fn travel_per_command(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
+        self.sign * self.direction_with_gains(errors)
     }
 
     /// Travel per unit of command: the direction and the gains.
-    fn along(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
-        self.own(errors)
-            .filter(|e| e.parameter.shape() == Shape::Gain)
+    fn direction_with_gains(&self, errors: &[ErrorTerm]) -> Vector3<f64> {
+        self.own_errors(errors)
+            .filter(|e| e.parameter.shape() == ErrorShape::Gain)
             .fold(self.direction, |sum, e| sum + e.parameter.component().direction() * e.value)
     }
 
-    fn own<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
+    fn own_errors<'a>(&self, errors: &'a [ErrorTerm]) -> impl Iterator<Item = &'a ErrorTerm> {
         let axis = self.axis;
         errors.iter().filter(move |e| e.parameter.axis() == axis)
     }
@@ -166,7 +172,7 @@ fn is_finite(vector: Vector3<f64>) -> bool {
 }
 
 /// Rotation about the line through `point` along the unit vector `direction`.
-fn turn(direction: Vector3<f64>, point: Vector3<f64>, angle: f64) -> Pose {
+fn rotation_about_line(direction: Vector3<f64>, point: Vector3<f64>, angle: f64) -> Pose {
     let rotation = Rotation3::from_axis_angle(&Unit::new_unchecked(direction), angle);
     Pose::rotation_wrt_point(rotation, point.into())
 }

@@ -17,9 +17,9 @@ mod table_axis;
 mod topology;
 
 pub use axis_line::AxisLine;
-pub use carrier::{CarrierChain, CarrierMotion, Commands, Side};
-pub use chain::Chain;
-pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
+pub use carrier::{AxisCommands, CarrierChain, CarrierMotion, MachineSide};
+pub use chain::KinematicChain;
+pub use parameter::{ErrorParameter, ErrorShape, ErrorTerm, ParameterError};
 pub use table_axis::TableAxis;
 pub use topology::{Topology, TopologyError};
 
@@ -31,23 +31,23 @@ pub enum KinematicsError {
     #[error(transparent)]
     Topology(#[from] TopologyError),
     #[error(
-        "axis {axis} stands in the topology `{topology}` but has no [axes.{axis}]; describe it there or take it out of the topology"
+        "axis {axis} is in the topology `{topology}`, but [axes.{axis}] is missing; add [axes.{axis}] or remove the axis from the topology"
     )]
     NotInAxes { axis: Axis, topology: String },
     #[error(
-        "[axes.{axis}] is described but {axis} does not stand in the topology `{topology}`; add it there or remove the section"
+        "[axes.{axis}] is described, but the topology `{topology}` does not contain axis {axis}; add the axis to the topology or remove the section"
     )]
     NotInTopology { axis: Axis, topology: String },
     #[error(
-        "[axes.{axis}]: direction and point_mm must be finite numbers; direction [0,0,0] is the nominal one"
+        "[axes.{axis}]: direction and point_mm must be finite numbers; [0,0,0] selects the nominal direction"
     )]
-    Direction { axis: Axis },
+    InvalidDirection { axis: Axis },
     #[error(
-        "{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove it"
+        "{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove the parameter"
     )]
     NoSuchAxis { parameter: ErrorParameter, axis: Axis, topology: String },
     #[error("X, Y and Z do not span space; check the directions in [axes.X], [axes.Y], [axes.Z]")]
-    Flat,
+    DependentLinearAxes,
 }
 
 #[cfg(test)]

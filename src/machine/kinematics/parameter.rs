@@ -8,7 +8,7 @@ use crate::Axis;
 
 /// Dependence of an error on the command `q` of its axis (rad or mm, sign as commanded).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Shape {
+pub enum ErrorShape {
     /// φ = 1: location error, e.g. `EX0C`.
     Location,
     /// φ = q: linear gain of a linear axis, e.g. `EXX1`.
@@ -17,9 +17,9 @@ pub enum Shape {
     Sin(u32),
     /// φ = cos nq, e.g. `EXC_cos2`.
     Cos(u32),
-    /// One entry of a periodic table with `of` equispaced angles from 0, linear in between, e.g.
+    /// One entry of a periodic table with `count` equispaced angles from 0, linear in between, e.g.
     /// `EXC_3/36`: φ is 1 at its own angle and 0 at the others.
-    Entry { index: u32, of: u32 },
+    Entry { index: u32, count: u32 },
 }
 
 /// One error parameter: component X, Y, Z (mm) or A, B, C (rad) of the error of `axis`.
@@ -27,7 +27,7 @@ pub enum Shape {
 pub struct ErrorParameter {
     component: Axis,
     axis: Axis,
-    shape: Shape,
+    shape: ErrorShape,
 }
 
 /// A parameter and its value in mm, rad, mm/mm (gains).
@@ -41,15 +41,15 @@ impl ErrorParameter {
     /// # Errors
     /// Component S; a gain of a rotary axis or with an angular component (the pose would no longer be affine in X,
     /// Y, Z); an error motion of a linear axis; harmonic 0; an entry outside its table.
-    pub fn new(component: Axis, axis: Axis, shape: Shape) -> Result<Self, ParameterError> {
+    pub fn new(component: Axis, axis: Axis, shape: ErrorShape) -> Result<Self, ParameterError> {
         let parameter = Self { component, axis, shape };
-        let sound = match shape {
-            Shape::Location => true,
-            Shape::Gain => axis.is_linear() && component.is_linear(),
-            Shape::Sin(n) | Shape::Cos(n) => !axis.is_linear() && n > 0,
-            Shape::Entry { index, of } => !axis.is_linear() && of > 1 && index < of,
+        let is_valid = match shape {
+            ErrorShape::Location => true,
+            ErrorShape::Gain => axis.is_linear() && component.is_linear(),
+            ErrorShape::Sin(n) | ErrorShape::Cos(n) => !axis.is_linear() && n > 0,
+            ErrorShape::Entry { index, count } => !axis.is_linear() && count > 1 && index < count,
         };
-        if sound && component != Axis::S {
+        if is_valid && component != Axis::S {
             Ok(parameter)
         } else {
             Err(ParameterError(parameter.to_string()))
@@ -64,21 +64,21 @@ impl ErrorParameter {
         self.axis
     }
 
-    pub fn shape(self) -> Shape {
+    pub fn shape(self) -> ErrorShape {
         self.shape
     }
 
     /// φ(q) at the axis command `q`.
     pub fn factor(self, q: f64) -> f64 {
         match self.shape {
-            Shape::Location => 1.0,
-            Shape::Gain => q,
-            Shape::Sin(n) => (f64::from(n) * q).sin(),
-            Shape::Cos(n) => (f64::from(n) * q).cos(),
-            Shape::Entry { index, of } => {
-                let turns = q / TAU - f64::from(index) / f64::from(of);
+            ErrorShape::Location => 1.0,
+            ErrorShape::Gain => q,
+            ErrorShape::Sin(n) => (f64::from(n) * q).sin(),
+            ErrorShape::Cos(n) => (f64::from(n) * q).cos(),
+            ErrorShape::Entry { index, count } => {
+                let turns = q / TAU - f64::from(index) / f64::from(count);
                 let nearest = (turns - turns.round()).abs();
-                (1.0 - nearest * f64::from(of)).max(0.0)
+                (1.0 - nearest * f64::from(count)).max(0.0)
             }
         }
     }
@@ -89,11 +89,11 @@ impl fmt::Display for ErrorParameter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { component, axis, shape } = self;
         match shape {
-            Shape::Location => write!(f, "E{component}0{axis}"),
-            Shape::Gain => write!(f, "E{component}{axis}1"),
-            Shape::Sin(n) => write!(f, "E{component}{axis}_sin{n}"),
-            Shape::Cos(n) => write!(f, "E{component}{axis}_cos{n}"),
-            Shape::Entry { index, of } => write!(f, "E{component}{axis}_{index}/{of}"),
+            ErrorShape::Location => write!(f, "E{component}0{axis}"),
+            ErrorShape::Gain => write!(f, "E{component}{axis}1"),
+            ErrorShape::Sin(n) => write!(f, "E{component}{axis}_sin{n}"),
+            ErrorShape::Cos(n) => write!(f, "E{component}{axis}_cos{n}"),
+            ErrorShape::Entry { index, count } => write!(f, "E{component}{axis}_{index}/{count}"),
         }
     }
 }
@@ -103,11 +103,11 @@ impl FromStr for ErrorParameter {
     type Err = ParameterError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        read(text).ok_or_else(|| ParameterError(text.to_owned()))?
+        parse_parameter(text).ok_or_else(|| ParameterError(text.to_owned()))?
     }
 }
 
-fn read(text: &str) -> Option<Result<ErrorParameter, ParameterError>> {
+fn parse_parameter(text: &str) -> Option<Result<ErrorParameter, ParameterError>> {
     let name = text.strip_prefix("E_").or_else(|| text.strip_prefix('E'))?;
     let (head, suffix) = match name.split_once('_') {
         Some((head, suffix)) => (head, Some(suffix)),
@@ -116,29 +116,29 @@ fn read(text: &str) -> Option<Result<ErrorParameter, ParameterError>> {
     let letters: Vec<char> = head.chars().collect();
     let axis = |letter: char| letter.to_string().parse::<Axis>().ok();
     let (component, axis, shape) = match (letters.as_slice(), suffix) {
-        ([k, '0', a], None) => (axis(*k)?, axis(*a)?, Shape::Location),
-        ([k, a, '1'], None) => (axis(*k)?, axis(*a)?, Shape::Gain),
-        ([k, a], Some(suffix)) => (axis(*k)?, axis(*a)?, motion(suffix)?),
+        ([k, '0', a], None) => (axis(*k)?, axis(*a)?, ErrorShape::Location),
+        ([k, a, '1'], None) => (axis(*k)?, axis(*a)?, ErrorShape::Gain),
+        ([k, a], Some(suffix)) => (axis(*k)?, axis(*a)?, parse_error_motion(suffix)?),
         _ => return None,
     };
     Some(ErrorParameter::new(component, axis, shape))
 }
 
-fn motion(suffix: &str) -> Option<Shape> {
+fn parse_error_motion(suffix: &str) -> Option<ErrorShape> {
     if let Some(n) = suffix.strip_prefix("sin") {
-        return n.parse().ok().map(Shape::Sin);
+        return n.parse().ok().map(ErrorShape::Sin);
     }
     if let Some(n) = suffix.strip_prefix("cos") {
-        return n.parse().ok().map(Shape::Cos);
+        return n.parse().ok().map(ErrorShape::Cos);
     }
-    let (index, of) = suffix.split_once('/')?;
-    Some(Shape::Entry { index: index.parse().ok()?, of: of.parse().ok()? })
+    let (index, count) = suffix.split_once('/')?;
+    Some(ErrorShape::Entry { index: index.parse().ok()?, count: count.parse().ok()? })
 }
 
 /// Error: the name is not an error parameter.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "`{0}` is no error parameter; write a location error as EX0C, the gain of a linear axis as EXX1, an error motion of a rotary axis as EXC_sin1, EXC_cos1 or, entry by entry of a periodic table, EXC_0/36"
+    "`{0}` is not an error parameter; write a location error as EX0C, the gain of a linear axis as EXX1, an error motion of a rotary axis as EXC_sin1 or EXC_cos1, an entry of a periodic table of 36 entries as EXC_0/36"
 )]
 pub struct ParameterError(pub String);
 

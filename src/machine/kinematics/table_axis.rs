@@ -1,6 +1,6 @@
 //! The rotary axis that turns the workpiece about Z.
 
-use super::Chain;
+use super::KinematicChain;
 use crate::record::machine::Machine;
 use crate::{Axis, Position};
 
@@ -11,22 +11,22 @@ const MIN_COSINE_TO_Z: f64 = 0.999;
 pub struct TableAxis {
     pub axis: Axis,
     /// Position with all rotary axes at zero.
-    pub zero: Position,
+    pub zero_position: Position,
     /// Sense in which an increasing command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
-    pub turn: f64,
+    pub turn_sign: f64,
 }
 
 impl TableAxis {
     /// Returns the innermost rotary axis on the workpiece side that is parallel to Z with all other axes at zero.
-    pub fn of(machine: &Machine, chain: &Chain) -> Option<Self> {
+    pub fn find(machine: &Machine, chain: &KinematicChain) -> Option<Self> {
         let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());
-        let zero: Position = rotary.map(|axis| (*axis, 0.0)).collect();
-        let direction_z = |axis: Axis| Some(chain.axis_line(axis, &zero)?.direction.z);
+        let zero_position: Position = rotary.map(|axis| (*axis, 0.0)).collect();
+        let direction_z = |axis: Axis| Some(chain.axis_line(axis, &zero_position)?.direction.z);
         let is_upright =
             |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
         let axis = *chain.topology().workpiece().iter().rev().find(is_upright)?;
         // A joint that carries the workpiece turns against the sign of the command (ISO 841).
-        let turn = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();
-        Some(Self { axis, zero, turn })
+        let turn_sign = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();
+        Some(Self { axis, zero_position, turn_sign })
     }
 }

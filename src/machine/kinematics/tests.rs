@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use super::*;
 use crate::Position;
-use crate::frame::{Point, Pose, Spindle};
-use crate::record::machine::{AxisSpec, Carrier, Machine, Sense};
+use crate::frame::{Point, Pose, SpindleFrame};
+use crate::record::machine::{AxisSense, AxisSpec, Carrier, Machine};
 
 fn machine(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
@@ -26,7 +26,7 @@ fn term(name: &str, value: f64) -> ErrorTerm {
     ErrorTerm { parameter: name.parse().unwrap(), value }
 }
 
-fn tip() -> Point<Spindle> {
+fn tip() -> Point<SpindleFrame> {
     Point::new(0.0, 0.0, 0.0)
 }
 
@@ -49,19 +49,22 @@ fn assert_near(actual: Vector3<f64>, expected: Vector3<f64>) {
 fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
     let (phi, c) = (0.3_f64, 1.1_f64);
     let pose = at(50.0 * phi.cos(), 50.0 * phi.sin(), 7.0).with(Axis::C, c);
-    for (sense, sign) in [(Sense::Iso, 1.0), (Sense::Reversed, -1.0)] {
+    for (sense, sign) in [(AxisSense::Iso, 1.0), (AxisSense::Reversed, -1.0)] {
         let mut machine = machine("wCFXYZt");
         machine.axes.get_mut(&Axis::C).unwrap().positive = sense;
         let angle = phi + sign * c;
         let expected = Vector3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
-        assert_near(Chain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm, expected);
+        assert_near(
+            KinematicChain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm,
+            expected,
+        );
     }
 }
 
 #[test]
 fn without_rotation_the_tip_is_the_command_on_every_machine() {
     for topology in ["wFXYZt", "wXYFZt", "wCBXFZYSt", "wCAYFXZt", "wAFXYZBt"] {
-        let chain = Chain::new(&machine(topology)).unwrap();
+        let chain = KinematicChain::new(&machine(topology)).unwrap();
         let point = chain.tip_in_table(&at(1.0, -2.0, 3.0), Point::new(0.0, 0.0, -9.0), &[]);
         assert_near(point.mm, Vector3::new(1.0, -2.0, -6.0));
     }
@@ -72,7 +75,7 @@ fn a_rotary_axis_turns_about_its_point_and_direction() {
     let mut machine = machine("wCFXYZt");
     machine.axes.get_mut(&Axis::C).unwrap().point_mm = [10.0, 20.0, 0.0];
     machine.axes.get_mut(&Axis::C).unwrap().direction = [0.0, 0.0, -2.0];
-    let chain = Chain::new(&machine).unwrap();
+    let chain = KinematicChain::new(&machine).unwrap();
     let on_axis = at(10.0, 20.0, 5.0).with(Axis::C, 1.0);
     assert_near(chain.tip_in_table(&on_axis, tip(), &[]).mm, Vector3::new(10.0, 20.0, 5.0));
     let beside = at(11.0, 20.0, 5.0).with(Axis::C, PI / 2.0);
@@ -83,7 +86,7 @@ fn a_rotary_axis_turns_about_its_point_and_direction() {
 #[test]
 fn gains_lengthen_the_motion_on_both_branches() {
     for topology in ["wCXFYZt", "wCFXYZt"] {
-        let chain = Chain::new(&machine(topology)).unwrap();
+        let chain = KinematicChain::new(&machine(topology)).unwrap();
         let point = chain.tip_in_table(&at(100.0, 0.0, 0.0), tip(), &[term("EXX1", 1e-4)]);
         assert_near(point.mm, Vector3::new(100.01, 0.0, 0.0));
     }
@@ -92,7 +95,7 @@ fn gains_lengthen_the_motion_on_both_branches() {
 /// The axis is at E_X0C instead of 0: a point on the true axis does not move with C.
 #[test]
 fn a_location_error_moves_the_axis_itself() {
-    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+    let chain = KinematicChain::new(&machine("wCFXYZt")).unwrap();
     let errors = [term("EX0C", 0.05), term("EY0C", -0.03)];
     for c in [0.0, 1.0, 4.0] {
         let point = chain.tip_in_table(&at(0.05, -0.03, 0.0).with(Axis::C, c), tip(), &errors);
@@ -104,41 +107,44 @@ fn a_location_error_moves_the_axis_itself() {
 fn topology_and_axes_must_name_the_same_axes() {
     let mut without_b = machine("wCBXFZYSt");
     without_b.axes.remove(&Axis::B);
-    let error = Chain::new(&without_b).unwrap_err();
+    let error = KinematicChain::new(&without_b).unwrap_err();
     assert!(matches!(error, KinematicsError::NotInAxes { axis: Axis::B, .. }), "{error}");
 
     let mut with_a = machine("wCFXYZt");
     with_a.axes.insert(Axis::A, with_a.axes[&Axis::C].clone());
-    let error = Chain::new(&with_a).unwrap_err();
+    let error = KinematicChain::new(&with_a).unwrap_err();
     assert!(matches!(error, KinematicsError::NotInTopology { axis: Axis::A, .. }), "{error}");
 
     let mut fixed_spindle = machine("wCFXYZSt");
     fixed_spindle.axes.remove(&Axis::S);
-    assert!(Chain::new(&fixed_spindle).is_ok());
+    assert!(KinematicChain::new(&fixed_spindle).is_ok());
 }
 
 #[test]
 fn what_cannot_be_built_is_refused() {
     let mut flat = machine("wCFXYZt");
     flat.axes.get_mut(&Axis::Y).unwrap().direction = [1.0, 0.0, 0.0];
-    assert_eq!(Chain::new(&flat).unwrap_err(), KinematicsError::Flat);
+    assert_eq!(KinematicChain::new(&flat).unwrap_err(), KinematicsError::DependentLinearAxes);
 
     let mut nan = machine("wCFXYZt");
     nan.axes.get_mut(&Axis::C).unwrap().direction = [f64::NAN, 0.0, 1.0];
-    assert_eq!(Chain::new(&nan).unwrap_err(), KinematicsError::Direction { axis: Axis::C });
+    assert_eq!(
+        KinematicChain::new(&nan).unwrap_err(),
+        KinematicsError::InvalidDirection { axis: Axis::C }
+    );
 
-    let chain = Chain::new(&machine("wCFXYZt")).unwrap();
-    assert!(chain.check("EX0C".parse().unwrap()).is_ok());
-    assert!(chain.check("EX0B".parse().unwrap()).is_err());
+    let chain = KinematicChain::new(&machine("wCFXYZt")).unwrap();
+    assert!(chain.check_parameter("EX0C".parse().unwrap()).is_ok());
+    assert!(chain.check_parameter("EX0B".parse().unwrap()).is_err());
 }
 
 /// The poses at the ends of both branches equal those of the chain; those in between are computed by hand.
 #[test]
 fn every_carrier_stands_where_its_axes_bring_it() {
-    let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
+    let chain = KinematicChain::new(&machine("wCBXFZYSt")).unwrap();
     let position = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let named: Position = Axis::ALL.into_iter().zip(position).collect();
-    let pose = |carrier| chain.carried(carrier).unwrap().pose(&position);
+    let pose = |carrier| chain.carrier_chain(carrier).unwrap().pose(&position);
     let table = chain.machine_from_table(&named, &[]);
     assert_same(pose(Carrier::Table), table);
     assert_same(pose(Carrier::Axis(Axis::C)), table);
@@ -159,9 +165,9 @@ fn every_carrier_stands_where_its_axes_bring_it() {
         Vector3::new(1.0, -5.0, 26.0),
     );
     assert_near(pose(Carrier::Bed).transform_point(&point.into()).coords, point);
-    let side = |carrier| chain.carried(carrier).map(|carried| carried.side());
-    assert_eq!(side(Carrier::Axis(Axis::B)), Some(Side::Work));
-    assert_eq!(side(Carrier::Axis(Axis::Y)), Some(Side::Tool));
+    let side = |carrier| chain.carrier_chain(carrier).map(|carried| carried.side());
+    assert_eq!(side(Carrier::Axis(Axis::B)), Some(MachineSide::Workpiece));
+    assert_eq!(side(Carrier::Axis(Axis::Y)), Some(MachineSide::Tool));
     assert_eq!(side(Carrier::Axis(Axis::A)), None);
 }
 
@@ -171,15 +177,15 @@ fn every_carrier_stands_where_its_axes_bring_it() {
 fn the_bound_on_straying_holds_and_is_reached() {
     let mut machine = machine("wCBXFZYSt");
     machine.axes.get_mut(&Axis::B).unwrap().point_mm = [5.0, 0.0, -20.0];
-    let chain = Chain::new(&machine).unwrap();
-    let carried = chain.carried(Carrier::Table).unwrap();
+    let chain = KinematicChain::new(&machine).unwrap();
+    let carried = chain.carrier_chain(Carrier::Table).unwrap();
     let corners = [Vector3::new(30.0, -20.0, 10.0), Vector3::new(-15.0, 40.0, 60.0)];
     let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
     let swept = |half: &[f64; 7], corners: &[Vector3<f64>]| {
         let [from, to] =
             [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
-        carried.going(&from, &to).sweep(&middle, half, corners, 0.0)
+        carried.motion_between(&from, &to).pose_and_displacement_bound(&middle, half, corners, 0.0)
     };
     let (pose, bound) = swept(&half, &corners);
     assert_same(pose, carried.pose(&middle));

@@ -31,21 +31,21 @@ impl Topology {
         self.workpiece.iter().chain(&self.tool).copied()
     }
 
-    fn check(&self) -> Result<(), Problem> {
+    fn check(&self) -> Result<(), TopologyProblem> {
         for axis in Axis::ALL {
             if self.axes().filter(|a| *a == axis).count() > 1 {
-                return Err(Problem::Twice(axis));
+                return Err(TopologyProblem::DuplicateAxis(axis));
             }
         }
         if let Some(missing) = Axis::LINEAR.into_iter().find(|axis| !self.contains(*axis)) {
-            return Err(Problem::NoLinear(missing));
+            return Err(TopologyProblem::MissingLinearAxis(missing));
         }
         if self.contains(Axis::S) && self.tool.last() != Some(&Axis::S) {
-            return Err(Problem::SpindlePlace);
+            return Err(TopologyProblem::SpindleNotLast);
         }
         match self.axes().filter(|a| *a != Axis::S).count() {
             3..=5 => Ok(()),
-            count => Err(Problem::Count(count)),
+            count => Err(TopologyProblem::AxisCount(count)),
         }
     }
 }
@@ -65,41 +65,43 @@ impl FromStr for Topology {
     type Err = TopologyError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        read(text).map_err(|problem| TopologyError { text: text.to_owned(), problem })
+        parse_topology(text).map_err(|problem| TopologyError { text: text.to_owned(), problem })
     }
 }
 
-fn read(text: &str) -> Result<Topology, Problem> {
-    let plain: String = unbracketed(text)?
+fn parse_topology(text: &str) -> Result<Topology, TopologyProblem> {
+    let plain: String = strip_brackets(text)?
         .replace("(C)", "S")
         .chars()
         .filter(|c| *c != '-' && !c.is_whitespace())
         .collect();
-    let middle = plain.strip_prefix('w').ok_or(Problem::Ends)?;
-    let middle = middle.strip_suffix('t').ok_or(Problem::Ends)?;
+    let middle = plain.strip_prefix('w').ok_or(TopologyProblem::MissingEnds)?;
+    let middle = middle.strip_suffix('t').ok_or(TopologyProblem::MissingEnds)?;
     let mut sides = middle.split(['F', 'b']);
     let (Some(workpiece), Some(tool), None) = (sides.next(), sides.next(), sides.next()) else {
-        return Err(Problem::Bed);
+        return Err(TopologyProblem::BedCount);
     };
-    let mut workpiece = axes(workpiece)?;
+    let mut workpiece = parse_axes(workpiece)?;
     workpiece.reverse();
-    let topology = Topology { workpiece, tool: axes(tool)? };
+    let topology = Topology { workpiece, tool: parse_axes(tool)? };
     topology.check()?;
     Ok(topology)
 }
 
 /// The text between the brackets of `V[..]`, or the whole text without brackets.
-fn unbracketed(text: &str) -> Result<&str, Problem> {
+fn strip_brackets(text: &str) -> Result<&str, TopologyProblem> {
     match text.trim().split_once('[') {
         None => Ok(text.trim()),
-        Some((_, rest)) => rest.strip_suffix(']').ok_or(Problem::Bracket),
+        Some((_, rest)) => rest.strip_suffix(']').ok_or(TopologyProblem::UnclosedBracket),
     }
 }
 
-fn axes(letters: &str) -> Result<Vec<Axis>, Problem> {
+fn parse_axes(letters: &str) -> Result<Vec<Axis>, TopologyProblem> {
     letters
         .chars()
-        .map(|letter| letter.to_string().parse().map_err(|_| Problem::Letter(letter)))
+        .map(|letter| {
+            letter.to_string().parse().map_err(|_| TopologyProblem::UnknownLetter(letter))
+        })
         .collect()
 }
 
@@ -110,27 +112,31 @@ fn axes(letters: &str) -> Result<Vec<Axis>, Problem> {
 )]
 pub struct TopologyError {
     pub text: String,
-    pub problem: Problem,
+    pub problem: TopologyProblem,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Problem {
-    #[error("begin with the workpiece `w` and end with the tool `t`")]
-    Ends,
-    #[error("close the bracket `[` with `]` at the end")]
-    Bracket,
-    #[error("name the bed exactly once, as `F` or `b`, between workpiece and tool axes")]
-    Bed,
-    #[error("`{0}` is no axis; write X, Y, Z, A, B, C, the spindle as `S` or `(C)`")]
-    Letter(char),
-    #[error("{0} stands twice; write each axis once")]
-    Twice(Axis),
-    #[error("{0} is missing; a machine needs X, Y and Z")]
-    NoLinear(Axis),
-    #[error("the spindle `S` or `(C)` stands directly before `t`")]
-    SpindlePlace,
-    #[error("{0} axes; write three to five and, if there is one, the spindle")]
-    Count(usize),
+pub enum TopologyProblem {
+    #[error("the ends are missing; begin with the workpiece `w` and end with the tool `t`")]
+    MissingEnds,
+    #[error("the bracket `[` is not closed; add `]` at the end")]
+    UnclosedBracket,
+    #[error(
+        "the bed must occur exactly once; write it as `F` or `b` between workpiece and tool axes"
+    )]
+    BedCount,
+    #[error("`{0}` is not an axis; write X, Y, Z, A, B or C, and the spindle as `S` or `(C)`")]
+    UnknownLetter(char),
+    #[error("axis {0} occurs twice; write each axis once")]
+    DuplicateAxis(Axis),
+    #[error("axis {0} is missing; a machine needs X, Y and Z")]
+    MissingLinearAxis(Axis),
+    #[error("the spindle is not the last axis; write `S` or `(C)` directly before `t`")]
+    SpindleNotLast,
+    #[error(
+        "the topology has {0} axes; write three to five, and the spindle if it can be oriented"
+    )]
+    AxisCount(usize),
 }
 
 #[cfg(test)]
@@ -160,18 +166,18 @@ mod tests {
     #[test]
     fn a_wrong_topology_says_what_to_write() {
         let problem = |text: &str| text.parse::<Topology>().unwrap_err().problem;
-        assert_eq!(problem("C-B-X-F-Z-Y-t"), Problem::Ends);
-        assert_eq!(problem("w-C-B-X-F-Z-Y"), Problem::Ends);
-        assert_eq!(problem("V[w-C-b-X-Y-Z-t"), Problem::Bracket);
-        assert_eq!(problem("wCBXZYt"), Problem::Bed);
-        assert_eq!(problem("wCBXFZbYt"), Problem::Bed);
-        assert_eq!(problem("wCUFXYZt"), Problem::Letter('U'));
-        assert_eq!(problem("wCFXYZ(B)t"), Problem::Letter('('));
-        assert_eq!(problem("wCCFXYZt"), Problem::Twice(Axis::C));
-        assert_eq!(problem("wCBFXYt"), Problem::NoLinear(Axis::Z));
-        assert_eq!(problem("wCFXYSZt"), Problem::SpindlePlace);
-        assert_eq!(problem("wSCFXYZt"), Problem::SpindlePlace);
-        assert_eq!(problem("wABCFXYZt"), Problem::Count(6));
-        assert_eq!(problem(""), Problem::Ends);
+        assert_eq!(problem("C-B-X-F-Z-Y-t"), TopologyProblem::MissingEnds);
+        assert_eq!(problem("w-C-B-X-F-Z-Y"), TopologyProblem::MissingEnds);
+        assert_eq!(problem("V[w-C-b-X-Y-Z-t"), TopologyProblem::UnclosedBracket);
+        assert_eq!(problem("wCBXZYt"), TopologyProblem::BedCount);
+        assert_eq!(problem("wCBXFZbYt"), TopologyProblem::BedCount);
+        assert_eq!(problem("wCUFXYZt"), TopologyProblem::UnknownLetter('U'));
+        assert_eq!(problem("wCFXYZ(B)t"), TopologyProblem::UnknownLetter('('));
+        assert_eq!(problem("wCCFXYZt"), TopologyProblem::DuplicateAxis(Axis::C));
+        assert_eq!(problem("wCBFXYt"), TopologyProblem::MissingLinearAxis(Axis::Z));
+        assert_eq!(problem("wCFXYSZt"), TopologyProblem::SpindleNotLast);
+        assert_eq!(problem("wSCFXYZt"), TopologyProblem::SpindleNotLast);
+        assert_eq!(problem("wABCFXYZt"), TopologyProblem::AxisCount(6));
+        assert_eq!(problem(""), TopologyProblem::MissingEnds);
     }
 }

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Temperature at which dimensions are certified (ISO 1), °C.
-pub const REFERENCE_C: f64 = 20.0;
+pub const REFERENCE_TEMPERATURE_C: f64 = 20.0;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
@@ -24,9 +24,9 @@ pub struct DatumCylinder {
     /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
     pub axis: [f64; 3],
-    pub sections: Vec<Section>,
+    pub sections: Vec<CylinderSection>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub face: Option<Section>,
+    pub face: Option<CylinderSection>,
     /// Maximum distance of the true centre from the stated centre.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,
@@ -35,7 +35,7 @@ pub struct DatumCylinder {
 /// A cross section of a datum cylinder, or its face.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Section {
+pub struct CylinderSection {
     /// Distance from the foot along the axis.
     pub z_mm: f64,
     /// Radius of the cylinder at this section; for the face, its outer radius.
@@ -64,7 +64,7 @@ pub struct Balls {
     #[serde(default)]
     pub balls: Vec<Ball>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub lengths: Vec<Length>,
+    pub lengths: Vec<CertifiedLength>,
     /// Standard uncertainty of a coordinate of a ball's centre relative to the other balls; absent if the positions
     /// are not calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -86,9 +86,9 @@ pub struct Balls {
 impl Balls {
     /// Thermal expansion per mm of distance between two certified centres, mm: its value at the stated temperature,
     /// and its standard uncertainty.
-    pub fn expansion(&self) -> [f64; 2] {
+    pub fn relative_expansion(&self) -> [f64; 2] {
         let per_k = self.expansion_um_per_m_k.unwrap_or_default() * 1e-6;
-        let above_k = self.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_C);
+        let above_k = self.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_TEMPERATURE_C);
         [per_k * above_k, (per_k * self.u_temperature_k.unwrap_or_default()).abs()]
     }
 }
@@ -114,7 +114,7 @@ pub struct Ball {
 /// A certified distance of two ball centres.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Length {
+pub struct CertifiedLength {
     pub from: String,
     pub to: String,
     /// Length at 20 °C.

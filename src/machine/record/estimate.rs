@@ -148,16 +148,17 @@ pub struct BudgetLine {
 
 impl Estimate {
     /// Symbols of the parameters that have this verdict.
-    pub fn with_verdict(&self, verdict: Verdict) -> Vec<&str> {
-        let so = |p: &&Parameter| p.judged.is_some_and(|judged| judged.verdict == verdict);
-        self.parameters.iter().filter(so).map(|p| p.symbol.as_str()).collect()
+    pub fn symbols_with_verdict(&self, verdict: Verdict) -> Vec<&str> {
+        let has_verdict = |p: &&Parameter| p.judged.is_some_and(|judged| judged.verdict == verdict);
+        self.parameters.iter().filter(has_verdict).map(|p| p.symbol.as_str()).collect()
     }
 
     /// Sets the point for which the displacements along X and Y over an angle are valid, machine frame with all
     /// axes at zero, mm.
-    pub fn displaced_at(mut self, at_mm: [f64; 3]) -> Self {
-        let is_across = |f: &Function| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
-        let is_displacement = |f: &&mut Function| f.argument_unit == "deg" && is_across(f);
+    pub fn with_displacement_point(mut self, at_mm: [f64; 3]) -> Self {
+        let is_across =
+            |f: &EstimatedFunction| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
+        let is_displacement = |f: &&mut EstimatedFunction| f.argument_unit == "deg" && is_across(f);
         let displacements = self.functions.iter_mut().filter(is_displacement);
         displacements.for_each(|function| function.at_mm = Some(at_mm));
         self
@@ -165,7 +166,7 @@ impl Estimate {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Function {
+pub struct EstimatedFunction {
     pub symbol: String,
     pub argument: String,
     pub argument_unit: String,
@@ -218,7 +219,7 @@ pub struct ArrowFigure {
     pub symbol: String,
     /// Unit of the vectors.
     pub unit: Unit,
-    pub groups: Vec<Arrows>,
+    pub groups: Vec<ArrowGroup>,
     /// Kind of figure: `arrows` or `paths`.
     #[serde(default)]
     pub figure: VectorKind,
@@ -235,7 +236,7 @@ pub enum VectorKind {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Arrows {
+pub struct ArrowGroup {
     /// e.g. `B -30°, C 90°, S 0°`.
     pub name: String,
     pub arrows: Vec<Arrow>,
@@ -264,7 +265,7 @@ pub struct Covariance {
 
 /// Limit on a parameter: |value| of `symbol` is at most `limit`, in `unit`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Limit {
+pub struct ParameterLimit {
     pub symbol: String,
     pub unit: Unit,
     pub limit: f64,
@@ -360,7 +361,7 @@ pub struct Estimate {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trials: Option<usize>,
     pub parameters: Vec<Parameter>,
-    pub functions: Vec<Function>,
+    pub functions: Vec<EstimatedFunction>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub circles: Vec<CircleFigure>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

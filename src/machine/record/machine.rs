@@ -12,17 +12,17 @@ use crate::{Axis, Position};
 /// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Sense {
+pub enum AxisSense {
     #[default]
     Iso,
     Reversed,
 }
 
-impl Sense {
+impl AxisSense {
     pub fn sign(self) -> f64 {
         match self {
-            Sense::Iso => 1.0,
-            Sense::Reversed => -1.0,
+            AxisSense::Iso => 1.0,
+            AxisSense::Reversed => -1.0,
         }
     }
 }
@@ -66,9 +66,11 @@ pub struct Machine {
 
 impl Machine {
     /// Position with all rotary axes at zero, or at the limit nearest to zero; the spindle keeps its orientation.
-    pub fn rotary_at_zero(&self) -> Position {
+    pub fn rotary_zero_position(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
-        rotary.map(|(axis, spec)| (*axis, axis.from_edge(spec.nearest_zero()))).collect()
+        rotary
+            .map(|(axis, spec)| (*axis, axis.to_mm_or_rad(spec.position_nearest_zero())))
+            .collect()
     }
 }
 
@@ -76,7 +78,7 @@ impl Machine {
 #[serde(deny_unknown_fields)]
 pub struct AxisSpec {
     #[serde(default)]
-    pub positive: Sense,
+    pub positive: AxisSense,
     /// A point on a rotary axis, all axes at zero.
     #[serde(default)]
     pub point_mm: [f64; 3],
@@ -122,7 +124,7 @@ pub struct AxisSpec {
 
 impl AxisSpec {
     /// Zero, or the limit nearest to it, mm or degrees.
-    pub fn nearest_zero(&self) -> f64 {
+    pub fn position_nearest_zero(&self) -> f64 {
         0.0_f64.max(self.min).min(self.max)
     }
 

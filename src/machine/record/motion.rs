@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::track::Track;
+use super::track::AxisTrack;
 use crate::Position;
 
 /// One move. Only the axes contained in `to` move, all together along a straight line.
@@ -53,11 +53,11 @@ pub struct Block {
 
 /// Result of an executed block.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Outcome {
+pub struct BlockOutcome {
     /// All axis positions at the trigger, machine coordinates; `None` if the block has no `Probe`.
     pub touch: Option<Position>,
     /// Time of the trigger, s, if the control stamps it; otherwise the host's clock is used.
     pub t_s: Option<f64>,
     /// For a block that moves at feed, on a control that stamps positions: the positions during the whole block.
-    pub track: Option<Track>,
+    pub track: Option<AxisTrack>,
 }

@@ -13,12 +13,12 @@ use crate::{Axis, Position};
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// First repeat number, below [`REPEAT_AFTER_STOP`], of steps that are measured again because all other readings
+/// First repeat number, below [`FIRST_REPEAT_AFTER_STOP`], of steps that are measured again because all other readings
 /// contradict theirs; no method has that many passes.
-pub const REPEAT_OF_SUSPECTS: u32 = 500;
+pub const FIRST_OUTLIER_REPEAT: u32 = 500;
 
 /// First repeat number of references that are measured again after a stop.
-pub const REPEAT_AFTER_STOP: u32 = 1000;
+pub const FIRST_REPEAT_AFTER_STOP: u32 = 1000;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
@@ -80,7 +80,7 @@ pub struct Step {
     pub feed_mm_min: f64,
     /// Names of the measuring sensors: `probe`, or sensors of the plan. In JSON, `sensor` is the only name, or
     /// empty; `sensors` is the list of several.
-    #[serde(flatten, with = "super::one_or_many")]
+    #[serde(flatten, with = "super::sensor_names")]
     pub sensors: Vec<String>,
     /// Outward surface normal at the expected contact, machine frame; for a scan: the direction against the beam.
     pub normal: [f64; 3],
@@ -106,7 +106,7 @@ pub struct ArtefactMount {
 
 impl Plan {
     /// Numbers the steps of a stage, continuing after the last step of the plan.
-    pub fn numbered(&self, stage: u32, steps: Vec<Step>) -> Vec<Step> {
+    pub fn number_steps(&self, stage: u32, steps: Vec<Step>) -> Vec<Step> {
         let first = self.steps.last().map_or(0, |step| step.id + 1);
         (first..).zip(steps).map(|(id, step)| Step { id, stage, ..step }).collect()
     }
@@ -141,7 +141,7 @@ impl Step {
     }
 
     /// Name of the first sensor; empty if there is none.
-    pub fn sensor(&self) -> &str {
+    pub fn first_sensor(&self) -> &str {
         self.sensors.first().map_or("", String::as_str)
     }
 }
@@ -157,20 +157,20 @@ pub struct Scan {
 
 impl Scan {
     /// Whether the scan moves rotary axes only; its feed is then in degrees per minute.
-    pub fn turns_only(&self) -> bool {
+    pub fn is_rotary_only(&self) -> bool {
         self.moved_axes().next().is_some() && self.moved_axes().all(|axis| !axis.is_linear())
     }
 
     /// The rotary axis that the scan turns, if it moves no other axis.
-    pub fn turned_axis(&self) -> Option<Axis> {
+    pub fn single_rotary_axis(&self) -> Option<Axis> {
         let mut moved = self.moved_axes();
         moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())
     }
 
     fn moved_axes(&self) -> impl Iterator<Item = Axis> {
-        let at = |axis: Axis| self.path.iter().map(move |point| point.get(axis));
+        let axes_at = |axis: Axis| self.path.iter().map(move |point| point.get(axis));
         let axes = self.path.first().into_iter().flat_map(Position::iter).map(|(axis, _)| axis);
-        axes.filter(move |axis| at(*axis).any(|value| Some(value) != at(*axis).next()))
+        axes.filter(move |axis| axes_at(*axis).any(|value| Some(value) != axes_at(*axis).next()))
     }
 }
 
@@ -197,8 +197,8 @@ pub enum Sampling {
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// Number of earlier measurements of each step: 0 in the first pass. From [`REPEAT_OF_SUSPECTS`] on: measured
-    /// again because the value was an outlier, counted by such stages. From [`REPEAT_AFTER_STOP`] on: references
+    /// Number of earlier measurements of each step: 0 in the first pass. From [`FIRST_OUTLIER_REPEAT`] on: measured
+    /// again because the value was an outlier, counted by such stages. From [`FIRST_REPEAT_AFTER_STOP`] on: references
     /// measured again after a stop, counted by stops.
     pub repeat: u32,
     /// Ids of the steps to run, in order. The plan contains these steps.

@@ -32,7 +32,7 @@ impl fmt::Display for AxisDirection {
 
 /// Required state of the stylus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stylus {
+pub enum StylusState {
     /// The touch probe is in the spindle, and no other sensor in its place.
     Mounted,
     /// Nothing touches the stylus.
@@ -44,54 +44,54 @@ pub enum Stylus {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Question {
     /// The control reports this position, machine coordinates. Does its own display show the same? Yes or no.
-    Shows(Position),
-    /// May the machine make this move, and then move back? `look_for`: the visible motion, as text. Yes or no.
-    MayJog { jog: Jog, look_for: String },
-    /// Which motion did the operator see? `Saw`.
-    Jogged { jog: Jog, look_for: String },
+    DisplayedPosition(Position),
+    /// May the machine make this move, and then move back? `visible_motion`: the visible motion, as text. Yes or no.
+    AllowJog { jog: Jog, visible_motion: String },
+    /// Which motion did the operator see? `Motion`.
+    ObservedJog { jog: Jog, visible_motion: String },
     /// Is the stylus in this state? Yes, once it is; no, if it cannot be.
-    Stylus(Stylus),
+    StylusState(StylusState),
     /// The probe reads closed at this position. Which linear axis moves the stylus out of contact? `Retract`; no:
     /// nothing moves.
     RetractDirection {
         position: Position,
         /// The visible motion of each axis at a positive command, as text.
-        look_for: Vec<String>,
+        visible_motions: Vec<String>,
         /// Result of the last answer, if the probe still reads closed.
         last_result: Option<String>,
     },
     /// May the machine make this move, to be held during the motion? Yes or no.
-    MayHold(Jog),
-    /// The control was held. Is the hold released at the control, and is the control ready again? `not_yet`: why
+    AllowHold(Jog),
+    /// The control was held. Is the hold released at the control, and is the control ready again? `last_failure`: why
     /// the last attempt failed. Yes or no.
-    Released { not_yet: Option<String> },
+    HoldReleased { last_failure: Option<String> },
     /// May this action be done? Yes or no.
-    May { what: String },
+    AllowAction { action: String },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Answer {
     Yes,
     No,
-    Saw(Seen),
+    Motion(ObservedMotion),
     /// One step along this axis.
     Retract(AxisDirection),
     /// No operator is available to answer.
-    Nobody,
+    NoOperator,
 }
 
 /// Motion that the operator saw during a jog.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Seen {
-    AsSaid,
+pub enum ObservedMotion {
+    AsAnnounced,
     /// The announced distance, in the opposite direction.
-    OtherWay,
+    Opposite,
     /// Nothing moved.
-    Nothing,
+    NoMotion,
     /// This axis moved instead.
-    Another(Axis),
+    OtherAxis(Axis),
     /// The axis moved by this distance instead: mm or degrees, negative in the opposite direction.
     Distance(f64),
     /// The operator did not see the motion clearly: repeat the jog.
-    ResumableRun,
+    Unclear,
 }

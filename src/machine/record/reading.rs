@@ -10,7 +10,7 @@ use crate::Position;
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Flag {
+pub enum ReadingFlag {
     #[default]
     #[serde(rename = "")]
     None,
@@ -21,8 +21,8 @@ pub enum Flag {
     Excluded,
 }
 
-impl Flag {
-    pub const ALL: [Flag; 6] =
+impl ReadingFlag {
+    pub const ALL: [ReadingFlag; 6] =
         [Self::None, Self::Range, Self::Saturated, Self::Stale, Self::Gap, Self::Excluded];
 
     /// The flag as written in files; empty for none.
@@ -38,7 +38,7 @@ impl Flag {
     }
 }
 
-impl FromStr for Flag {
+impl FromStr for ReadingFlag {
     type Err = UnknownFlag;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -64,7 +64,7 @@ pub struct Reading {
     pub sensor: String,
     pub t_s: f64,
     #[serde(default)]
-    pub flag: Flag,
+    pub flag: ReadingFlag,
     #[serde(default)]
     pub temperatures_c: Temperatures,
 }

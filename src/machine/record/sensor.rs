@@ -14,7 +14,7 @@ pub enum SensorKind {
 /// Carrier of a sensor, which also defines the frame of its zero point and direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Mount {
+pub enum SensorMount {
     /// Spindle: relative to the spindle datum, with the spindle at S = 0.
     #[default]
     Spindle,
@@ -24,7 +24,7 @@ pub enum Mount {
     Bed,
 }
 
-impl Mount {
+impl SensorMount {
     pub fn is_spindle(&self) -> bool {
         *self == Self::Spindle
     }
@@ -36,8 +36,8 @@ pub struct Sensor {
     pub name: String,
     #[serde(default)]
     pub kind: SensorKind,
-    #[serde(default, skip_serializing_if = "Mount::is_spindle")]
-    pub mount: Mount,
+    #[serde(default, skip_serializing_if = "SensorMount::is_spindle")]
+    pub mount: SensorMount,
     /// Zero point in the frame of the mount; nominal, because a measurement determines it.
     pub zero_mm: [f64; 3],
     /// Unit vector along which the reading increases, away from the sensor; nominal as well. The reading is the
@@ -65,10 +65,10 @@ pub struct Sensor {
     #[serde(default)]
     pub incidence_um: f64,
     /// Maximum angle between beam and surface normal; samples at a greater angle are not used.
-    #[serde(default = "default_incidence")]
+    #[serde(default = "default_incidence_limit_deg")]
     pub incidence_limit_deg: f64,
 }
 
-pub fn default_incidence() -> f64 {
+pub fn default_incidence_limit_deg() -> f64 {
     30.0
 }

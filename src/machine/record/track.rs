@@ -5,7 +5,7 @@ use crate::{Axis, Position};
 /// Positions with their times. Between two consecutive positions, the axes were on the straight line; where the
 /// control reports missing positions, the path is unknown.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Track {
+pub struct AxisTrack {
     axes: Vec<Axis>,
     /// Times on the devices' clock, s; increasing.
     times_s: Vec<f64>,
@@ -15,9 +15,9 @@ pub struct Track {
     gaps: Vec<usize>,
 }
 
-impl Track {
+impl AxisTrack {
     /// Empty track of these axes.
-    pub fn of(axes: Vec<Axis>) -> Self {
+    pub fn new(axes: Vec<Axis>) -> Self {
         Self { axes, ..Self::default() }
     }
 
@@ -25,7 +25,7 @@ impl Track {
     /// last one is dropped.
     pub fn push(&mut self, t_s: f64, values: impl IntoIterator<Item = f64>) {
         if self.times_s.last().is_some_and(|last| *last >= t_s) {
-            return self.gap();
+            return self.record_gap();
         }
         let before = self.values.len();
         self.values.extend(values.into_iter().take(self.axes.len()));
@@ -33,12 +33,12 @@ impl Track {
             self.times_s.push(t_s);
         } else {
             self.values.truncate(before);
-            self.gap();
+            self.record_gap();
         }
     }
 
     /// Records that positions are missing before the next one.
-    pub fn gap(&mut self) {
+    pub fn record_gap(&mut self) {
         let next = self.times_s.len();
         if next > 0 && self.gaps.last() != Some(&next) {
             self.gaps.push(next);
@@ -46,63 +46,70 @@ impl Track {
     }
 
     /// Number of positions.
-    pub fn positions(&self) -> usize {
+    pub fn position_count(&self) -> usize {
         self.times_s.len()
     }
 
     /// Number of gaps between the first and the last position.
-    pub fn gaps(&self) -> usize {
-        self.gaps.iter().filter(|gap| **gap < self.positions()).count()
+    pub fn gap_count(&self) -> usize {
+        self.gaps.iter().filter(|gap| **gap < self.position_count()).count()
     }
 
     /// Position of the axes at time `t_s`; `None` before the first position, after the last, and in a gap.
-    pub fn at(&self, t_s: f64) -> Option<Position> {
+    pub fn position_at(&self, t_s: f64) -> Option<Position> {
         let after = self.times_s.partition_point(|time| *time < t_s);
-        let (late_s, late) = (*self.times_s.get(after)?, self.number(after)?);
+        let (late_s, late) = (*self.times_s.get(after)?, self.values_at_index(after)?);
         if late_s == t_s {
-            return Some(self.position(late.iter().copied()));
+            return Some(self.position_from_values(late.iter().copied()));
         }
         let before = after.checked_sub(1)?;
         if self.gaps.binary_search(&after).is_ok() {
             return None;
         }
-        let (early_s, early) = (*self.times_s.get(before)?, self.number(before)?);
+        let (early_s, early) = (*self.times_s.get(before)?, self.values_at_index(before)?);
         let part = (t_s - early_s) / (late_s - early_s);
-        Some(self.position(early.iter().zip(late).map(|(from, to)| from + part * (to - from))))
+        Some(self.position_from_values(
+            early.iter().zip(late).map(|(from, to)| from + part * (to - from)),
+        ))
     }
 
-    /// Times at which the axes started and arrived: of the last position within `still` (mm or rad) of the first
+    /// Times at which the axes started and arrived: of the last position within `tolerance` (mm or rad) of the first
     /// one, and of the first position that is as near to the last one. `None` if the axes did not move.
-    pub fn moving_s(&self, still: f64) -> Option<(f64, f64)> {
-        let (first, last) = (self.number(0)?, self.number(self.positions().checked_sub(1)?)?);
-        let near = |number: usize, stands: &[f64]| {
-            let at = self.number(number).unwrap_or_default();
-            at.iter().zip(stands).all(|(at, stands)| (at - stands).abs() <= still)
+    pub fn motion_interval_s(&self, tolerance: f64) -> Option<(f64, f64)> {
+        let (first, last) = (
+            self.values_at_index(0)?,
+            self.values_at_index(self.position_count().checked_sub(1)?)?,
+        );
+        let is_near = |number: usize, reference: &[f64]| {
+            let at = self.values_at_index(number).unwrap_or_default();
+            at.iter().zip(reference).all(|(at, reference)| (at - reference).abs() <= tolerance)
         };
-        let set_out = (0..self.positions()).find(|number| !near(*number, first))?.saturating_sub(1);
-        let stands_from = (0..self.positions()).rev().find(|number| !near(*number, last))? + 1;
-        Some((*self.times_s.get(set_out)?, *self.times_s.get(stands_from)?))
+        let last_rest =
+            (0..self.position_count()).find(|number| !is_near(*number, first))?.saturating_sub(1);
+        let first_rest =
+            (0..self.position_count()).rev().find(|number| !is_near(*number, last))? + 1;
+        Some((*self.times_s.get(last_rest)?, *self.times_s.get(first_rest)?))
     }
 
-    /// Number of `points` that the track reaches in sequence, each within `near` (mm or rad).
-    pub fn reaches(&self, points: &[Position], near: f64) -> usize {
+    /// Number of `points` that the track reaches in sequence, each within `tolerance` (mm or rad).
+    pub fn reached_point_count(&self, points: &[Position], tolerance: f64) -> usize {
         let mut reached = 0;
         for values in self.values.chunks_exact(self.axes.len().max(1)) {
             let is_near = |point: &Position| {
-                let stands = self.axes.iter().zip(values);
+                let coordinates = self.axes.iter().zip(values);
                 let off = |(axis, at): (&Axis, &f64)| Some((point.get(*axis)? - at).abs());
-                stands.filter_map(off).all(|off| off <= near)
+                coordinates.filter_map(off).all(|off| off <= tolerance)
             };
             reached += usize::from(points.get(reached).is_some_and(is_near));
         }
         reached
     }
 
-    fn number(&self, number: usize) -> Option<&[f64]> {
-        self.values.chunks_exact(self.axes.len().max(1)).nth(number)
+    fn values_at_index(&self, index: usize) -> Option<&[f64]> {
+        self.values.chunks_exact(self.axes.len().max(1)).nth(index)
     }
 
-    fn position(&self, values: impl Iterator<Item = f64>) -> Position {
+    fn position_from_values(&self, values: impl Iterator<Item = f64>) -> Position {
         self.axes.iter().copied().zip(values).collect()
     }
 }
@@ -112,14 +119,14 @@ mod tests {
     use super::*;
 
     /// One axis: 0 at 10 s, 1 at 11 s, then a gap, 4 at 14 s, 4 at 15 s.
-    fn track() -> Track {
-        let mut track = Track::of(vec![Axis::Y]);
-        track.gap();
+    fn track() -> AxisTrack {
+        let mut track = AxisTrack::new(vec![Axis::Y]);
+        track.record_gap();
         for (t_s, y) in [(10.0, 0.0), (11.0, 1.0)] {
             track.push(t_s, [y]);
         }
-        track.gap();
-        track.gap();
+        track.record_gap();
+        track.record_gap();
         for (t_s, y) in [(14.0, 4.0), (15.0, 4.0)] {
             track.push(t_s, [y]);
         }
@@ -128,7 +135,7 @@ mod tests {
 
     #[test]
     fn between_two_positions_lies_the_straight_line_and_in_a_gap_nothing() {
-        let y = |t_s: f64| track().at(t_s).map(|at| at.at(Axis::Y));
+        let y = |t_s: f64| track().position_at(t_s).map(|at| at.get_or_zero(Axis::Y));
         assert_eq!(y(10.25), Some(0.25));
         assert_eq!(
             (y(10.0), y(11.0), y(14.0), y(15.0)),
@@ -137,20 +144,20 @@ mod tests {
         for t_s in [9.999, 11.001, 12.5, 13.999, 15.001, f64::NAN] {
             assert_eq!(y(t_s), None, "{t_s}");
         }
-        assert_eq!((track().positions(), track().gaps()), (4, 1));
-        assert_eq!(Track::default().at(1.0), None);
+        assert_eq!((track().position_count(), track().gap_count()), (4, 1));
+        assert_eq!(AxisTrack::default().position_at(1.0), None);
     }
 
     #[test]
     fn what_is_out_of_order_or_incomplete_is_a_gap() {
-        let mut back = Track::of(vec![Axis::X, Axis::Y]);
+        let mut back = AxisTrack::new(vec![Axis::X, Axis::Y]);
         for (t_s, values) in [(1.0, &[1.0, 1.0][..]), (0.5, &[9.0, 9.0]), (2.0, &[2.0, 2.0])] {
             back.push(t_s, values.iter().copied());
         }
-        assert_eq!((back.positions(), back.at(1.5)), (2, None));
+        assert_eq!((back.position_count(), back.position_at(1.5)), (2, None));
         back.push(3.0, [3.0]);
         back.push(4.0, [4.0, 4.0]);
-        assert_eq!((back.positions(), back.at(3.5), back.gaps()), (3, None, 2));
+        assert_eq!((back.position_count(), back.position_at(3.5), back.gap_count()), (3, None, 2));
     }
 
     #[test]
@@ -158,22 +165,22 @@ mod tests {
         let at = |y: f64| Position::new().with(Axis::Y, y).with(Axis::X, 9.0);
         let reaches = |points: &[f64]| {
             let points: Vec<Position> = points.iter().map(|y| at(*y)).collect();
-            track().reaches(&points, 0.1)
+            track().reached_point_count(&points, 0.1)
         };
         assert_eq!(reaches(&[0.0, 1.05, 3.95]), 3);
         assert_eq!((reaches(&[0.0, 2.0, 4.0]), reaches(&[1.0, 0.0]), reaches(&[0.5])), (1, 1, 0));
-        assert_eq!(Track::default().reaches(&[at(0.0)], 0.1), 0);
+        assert_eq!(AxisTrack::default().reached_point_count(&[at(0.0)], 0.1), 0);
     }
 
     #[test]
     fn it_knows_when_the_axes_moved() {
-        let mut track = Track::of(vec![Axis::X]);
+        let mut track = AxisTrack::new(vec![Axis::X]);
         for (t_s, x) in [(0.0, 5.0), (1.0, 5.001), (2.0, 6.0), (3.0, 4.0), (4.0, 5.0), (5.0, 5.001)]
         {
             track.push(t_s, [x]);
         }
-        assert_eq!(track.moving_s(0.01), Some((1.0, 4.0)));
-        assert_eq!(track.moving_s(10.0), None);
-        assert_eq!(Track::default().moving_s(0.01), None);
+        assert_eq!(track.motion_interval_s(0.01), Some((1.0, 4.0)));
+        assert_eq!(track.motion_interval_s(10.0), None);
+        assert_eq!(AxisTrack::default().motion_interval_s(0.01), None);
     }
 }

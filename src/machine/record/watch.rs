@@ -34,8 +34,8 @@ impl WatchedSensor {
 
     /// A watched sensor whose target is the middle of its range.
     pub fn at_mid_range(sensor: &Sensor) -> Self {
-        let [least, greatest] = sensor.range_mm;
-        Self { target_mm: Some((least + greatest) / 2.0), ..Self::new(&sensor.name) }
+        let [min, max] = sensor.range_mm;
+        Self { target_mm: Some((min + max) / 2.0), ..Self::new(&sensor.name) }
     }
 }
 
@@ -68,13 +68,13 @@ pub struct LiveSection {
 
 impl LiveSensor {
     /// Remaining change of the value to the target.
-    pub fn to_target_um(&self) -> Option<f64> {
+    pub fn distance_to_target_um(&self) -> Option<f64> {
         Some((self.target_mm? - self.value_mm?) * 1e3)
     }
 
     /// Relative position of a distance in the range: 0 at the minimum, 1 at the maximum.
-    pub fn range_share(&self, mm: f64) -> f64 {
-        let [least, greatest] = self.range_mm;
-        ((mm - least) / (greatest - least)).clamp(0.0, 1.0)
+    pub fn relative_position(&self, mm: f64) -> f64 {
+        let [min, max] = self.range_mm;
+        ((mm - min) / (max - min)).clamp(0.0, 1.0)
     }
 }

@@ -3,71 +3,86 @@
 use std::collections::BTreeMap;
 
 use super::settings::Settings;
-use crate::Refused;
+use crate::MethodRefusal;
 use crate::ball_measurement::{
-    Find, MeasurementSetup, Visit, balls, balls_by_planned_ways, balls_in_order, in_order,
-    indexations,
+    BallVisit, MeasurementSetup, SearchMode, list_indexations, order_balls_by_path,
+    order_balls_in_xy, order_visits, require_balls,
 };
-use machine::kinematics::Chain;
+use machine::kinematics::KinematicChain;
 use machine::record::plan::Plan;
 
 /// # Errors
 /// Settings or artefact are unusable; the balls have no certified positions.
-pub fn setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<MeasurementSetup<'a>, Refused> {
+pub fn dome_setup<'a>(
+    plan: &'a Plan,
+    settings: &Settings,
+) -> Result<MeasurementSetup<'a>, MethodRefusal> {
     settings.check()?;
-    let set = balls(super::NAME, &plan.artefact)?;
-    Refused::unless(
+    let set = require_balls(super::NAME, &plan.artefact)?;
+    MethodRefusal::require(
         set.certificate_u_mm.is_some(),
-        "the places of the balls have no certificate: there is nothing to compare with",
-        "state certificate_u_mm in [artefact], the standard uncertainty of a coordinate, or measure with samba",
+        "the positions of the balls have no certificate, which this comparison requires",
+        "set certificate_u_mm in [artefact] to the standard uncertainty of a coordinate, or measure with \
+        samba",
     )?;
     let known = |id: &String| set.balls.iter().any(|ball| ball.id == *id);
-    Refused::unless(
+    MethodRefusal::require(
         settings.tool_ball.is_empty() || known(&settings.tool_ball),
-        format!("tool_ball names {}, which is no ball of the artefact", settings.tool_ball),
-        "name one of the balls of [artefact], or leave tool_ball out",
+        format!("tool_ball = {} is not a ball of the artefact", settings.tool_ball),
+        "choose one of the balls of [artefact], or remove tool_ball",
     )?;
-    Ok(MeasurementSetup { method: super::NAME, plan, balls: set, touch: settings.touch() })
+    Ok(MeasurementSetup {
+        method: super::NAME,
+        plan,
+        balls: set,
+        touch_settings: settings.touch_settings(),
+    })
 }
 
 /// Visits in measuring order.
 ///
 /// # Errors
 /// An indexation is outside the limits; a ball is accessible at no indexation.
-pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<Visit>, Refused> {
-    let chain = Chain::new(&setup.plan.machine)?;
-    let places = indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
+pub fn design_visits(
+    setup: &MeasurementSetup<'_>,
+    settings: &Settings,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
+    let chain = KinematicChain::new(&setup.plan.machine)?;
+    let places = list_indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
     let access = setup.access(&setup.plan.artefact)?;
-    let approach = setup.search(setup.balls.uncertainty_mm);
+    let approach = setup.search_approach(setup.balls.uncertainty_mm);
     let mut seen = vec![false; setup.balls.balls.len()];
     let mut why_not: BTreeMap<usize, String> = BTreeMap::new();
     let mut visits = Vec::new();
     for at in places {
         let mut balls = Vec::new();
         for (index, ball) in setup.balls.balls.iter().enumerate() {
-            match access.accessible(&setup.task(ball, &at, approach)) {
+            match access.accessible_touches(&setup.ball_task(ball, &at, approach)) {
                 Ok(_) => {
                     balls.push(index);
                     seen[index] = true;
                 }
-                Err(why) => drop(why_not.insert(index, why.to_string())),
+                Err(reason) => drop(why_not.insert(index, reason.to_string())),
             }
         }
         if !balls.is_empty() {
-            visits.push(Visit::new(at, balls));
+            visits.push(BallVisit::new(at, balls));
         }
     }
     if let Some(hidden) = seen.iter().position(|seen| !seen) {
-        let why = why_not.get(&hidden).map_or("", String::as_str);
-        return Err(Refused::new(
-            format!("ball {} is accessible at no indexation: {why}", setup.balls.balls[hidden].id),
-            "add positions to tilt_deg or turn_deg, or take the ball out of [artefact]",
+        let reason = why_not.get(&hidden).map_or("", String::as_str);
+        return Err(MethodRefusal::new(
+            format!(
+                "ball {} is accessible at no indexation: {reason}",
+                setup.balls.balls[hidden].id
+            ),
+            "add positions to tilt_deg or turn_deg, or remove the ball from [artefact]",
         ));
     }
-    let visits = in_order(&setup.plan.machine, visits);
-    match setup.touch.find {
-        Find::Once => balls_by_planned_ways(setup, visits),
+    let visits = order_visits(&setup.plan.machine, visits);
+    match setup.touch_settings.search_mode {
+        SearchMode::Once => order_balls_by_path(setup, visits),
         // The path goes there and back, so the path in X and Y counts twice.
-        Find::Every => balls_in_order(setup, &access, visits),
+        SearchMode::Every => order_balls_in_xy(setup, &access, visits),
     }
 }

@@ -3,9 +3,8 @@
 //! the certificate (paper 4, sections 6 to 8; METHODS section 4).
 
 mod design;
+mod error_and_stylus_fit;
 mod estimate;
-mod found;
-mod full_fit;
 mod model;
 mod noise;
 mod outputs;
@@ -14,6 +13,7 @@ mod prior;
 mod settings;
 mod sources;
 mod stylus;
+mod stylus_fit;
 mod variant;
 
 #[cfg(test)]
@@ -21,9 +21,12 @@ mod tests;
 
 pub use settings::Settings;
 
-use crate::ball_measurement::{self, MadeVisits};
-use crate::identification::with_repeatability;
-use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use crate::ball_measurement::{self, VisitCache};
+use crate::identification::with_assumed_repeatability;
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -32,21 +35,21 @@ pub const NAME: &str = "ball-dome";
 
 pub struct BallDome {
     settings: Settings,
-    made: MadeVisits,
+    visit_cache: VisitCache,
 }
 
-impl Registered for BallDome {
+impl RegisteredMethod for BallDome {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
+    const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
-        needs: "a ball artefact whose places are calibrated, such as a ball dome",
-        finds: "deviation of the balls from their certificate, by the nominal machine and, with a SAMBA \
-                estimate, by the calibrated one",
+        required_setup: "a ball artefact with calibrated positions, such as a ball dome",
+        results: "deviation of the balls from their certificate, with the nominal machine and, given a SAMBA \
+            estimate, with the calibrated machine",
         machine_file: "ball-dome.toml",
     };
 
     fn new(settings: Settings) -> Self {
-        Self { settings, made: MadeVisits::default() }
+        Self { settings, visit_cache: VisitCache::default() }
     }
 }
 
@@ -55,18 +58,25 @@ impl Method for BallDome {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let setup = design::setup(plan, &self.settings)?;
-        let visits = self.made.of(plan, || design::visits(&setup, &self.settings))?;
-        ball_measurement::next(&setup, &visits, done, source)
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let setup = design::dome_setup(plan, &self.settings)?;
+        let visits = self
+            .visit_cache
+            .get_or_design(plan, || design::design_visits(&setup, &self.settings))?;
+        ball_measurement::next_stage(&setup, &visits, done, source)
     }
 
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let (watch_min, measure_min) = (self.settings.watch_min, machine_s / 60.0);
         let watch = || {
             format!(
-                "about {:.0} min: {measure_min:.0} min of measurement, and before it one ball is watched until the machine \
-                 is at rest, for {watch_min:.0} min at least",
+                "about {:.0} min: {measure_min:.0} min of measurement, after a rest check of at least \
+                {watch_min:.0} min with one ball",
                 measure_min + watch_min
             )
         };
@@ -74,26 +84,27 @@ impl Method for BallDome {
             true => watch(),
             false => format!("about {measure_min:.0} min"),
         };
-        if prior::known_machine(plan)?.is_none() {
+        if prior::machine_errors_from_prior(plan)?.is_none() {
             return Ok(vec![time]);
         }
         let settings =
-            Settings { monte_carlo_trials: Refused::MIN_TRIALS, ..self.settings.clone() };
+            Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
-        let estimate = estimate::estimate(&with_repeatability(plan), &settings, &readings)
-            .map_err(|error| Refused::new(error.to_string(), error.remedy()))?;
+        let estimate =
+            estimate::build_estimate(&with_assumed_repeatability(plan), &settings, &readings)
+                .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
         Ok([time].into_iter().chain(estimate.not_identifiable).collect())
     }
 
-    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
-        prior::known_machine(plan).map(drop)
+    fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
+        prior::machine_errors_from_prior(plan).map(drop)
     }
 
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         true
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        estimate::estimate(plan, &self.settings, readings)
+        estimate::build_estimate(plan, &self.settings, readings)
     }
 }

@@ -4,18 +4,18 @@
 use faer::{Mat, MatRef};
 use nalgebra::{Matrix3, Vector3};
 
-use super::points::Points;
-use super::variant::{Changes, Variant};
+use super::points::MeasuredPoints;
+use super::variant::{DomeVariant, InputChanges};
 use crate::identification::{ObservationModel, Response, solve_each_trial};
 
 pub struct DomeModel<'a> {
-    pub points: &'a Points,
-    pub variants: &'a [Variant],
+    pub points: &'a MeasuredPoints,
+    pub variants: &'a [DomeVariant],
     /// Derivative of each point by the errors of the prior, table frame: points × errors.
-    pub by_errors: &'a [Vec<Vector3<f64>>],
-    pub balls: usize,
+    pub error_derivatives: &'a [Vec<Vector3<f64>>],
+    pub ball_count: usize,
     /// Index of the variant whose deviations are compared with the declared sources.
-    pub judged: Option<usize>,
+    pub judged_variant: Option<usize>,
     /// Indices of the points of each group. The mean deviation of a group is a result of each variant.
     pub groups: &'a [Vec<usize>],
     /// Weight of each point: from its deviation in the table frame to weighted residuals.
@@ -23,83 +23,83 @@ pub struct DomeModel<'a> {
 }
 
 /// Changes of the observations, in the table and the artefact frame.
-struct Split<'c> {
+struct ObservationChanges<'c> {
     points: Vec<Vector3<f64>>,
-    by_errors: Vec<Vector3<f64>>,
+    error_derivatives: Vec<Vector3<f64>>,
     errors: &'c [f64],
     certified: Vec<Vector3<f64>>,
 }
 
 impl DomeModel<'_> {
     /// Number of errors of the prior.
-    fn errors(&self) -> usize {
-        self.by_errors.first().map_or(0, Vec::len)
+    fn prior_error_count(&self) -> usize {
+        self.error_derivatives.first().map_or(0, Vec::len)
     }
 
     /// Index of the observation of an error of the prior.
-    pub fn error_at(&self, error: usize) -> usize {
+    pub fn error_index(&self, error: usize) -> usize {
         3 * self.points.count() + error
     }
 
     /// Index of the first of the three observations of a certified position.
-    pub fn certified_at(&self, ball: usize) -> usize {
-        self.error_at(self.errors()) + 3 * ball
+    pub fn certified_index(&self, ball: usize) -> usize {
+        self.error_index(self.prior_error_count()) + 3 * ball
     }
 
-    fn split<'c>(&self, change: &'c [f64]) -> Split<'c> {
+    fn split_change<'c>(&self, change: &'c [f64]) -> ObservationChanges<'c> {
         let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
         let into_table = self.points.into_table.iter().enumerate();
-        let errors = &change[self.error_at(0)..self.certified_at(0)];
-        let by_errors = |columns: &Vec<Vector3<f64>>| {
+        let errors = &change[self.error_index(0)..self.certified_index(0)];
+        let error_derivatives = |columns: &Vec<Vector3<f64>>| {
             columns.iter().zip(errors).map(|(column, error)| column * *error).sum()
         };
-        Split {
+        ObservationChanges {
             points: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
-            by_errors: self.by_errors.iter().map(by_errors).collect(),
+            error_derivatives: self.error_derivatives.iter().map(error_derivatives).collect(),
             errors,
             certified: self
                 .points
-                .ball
+                .ball_index
                 .iter()
-                .map(|ball| vector(self.certified_at(*ball)))
+                .map(|ball| vector(self.certified_index(*ball)))
                 .collect(),
         }
     }
 
     /// Changes of the deviations and of the stylus of each variant.
-    fn changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
-        let split = self.split(change);
-        let changes = Changes {
+    fn variant_changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
+        let split = self.split_change(change);
+        let changes = InputChanges {
             points: &split.points,
-            by_errors: &split.by_errors,
+            error_derivatives: &split.error_derivatives,
             errors: split.errors,
             certified: &split.certified,
         };
-        self.variants.iter().map(|variant| variant.change(&changes)).collect()
+        self.variants.iter().map(|variant| variant.first_order_change(&changes)).collect()
     }
 
     /// Largest and mean deviation of each variant, then the styluses that are results, then the mean
     /// deviations of the groups, variant by variant, mm.
     pub fn values(&self, change: &[f64]) -> Vec<f64> {
-        let changes = self.changes(change);
-        let norms = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
+        let changes = self.variant_changes(change);
+        let norms = |(variant, (moved, _)): (&DomeVariant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
             let deviations = variant.fit.deviations.iter().zip(moved);
             deviations.map(|(d, by)| (d + by).norm()).collect()
         };
         let norms: Vec<Vec<f64>> = self.variants.iter().zip(&changes).map(norms).collect();
         let of_variant =
-            |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean(norms)];
+            |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean_value(norms)];
         let mut values: Vec<f64> = norms.iter().flat_map(of_variant).collect();
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
             let found = variant.has_stylus().then_some(variant.stylus + stylus);
             values.extend(found.iter().flatten());
         }
-        values.extend(norms.iter().flat_map(|norms| self.means(norms)));
+        values.extend(norms.iter().flat_map(|norms| self.group_means(norms)));
         values
     }
 
     /// Mean value of each group.
-    fn means(&self, values: &[f64]) -> Vec<f64> {
+    fn group_means(&self, values: &[f64]) -> Vec<f64> {
         let of = |group: &Vec<usize>| {
             group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64
         };
@@ -107,33 +107,33 @@ impl DomeModel<'_> {
     }
 
     /// Index of the mean of a group among the values.
-    pub fn group_at(&self, variant: usize, group: usize) -> usize {
+    pub fn group_index(&self, variant: usize, group: usize) -> usize {
         let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
         2 * self.variants.len() + 3 * styluses + variant * self.groups.len() + group
     }
 
-    pub fn weighted(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
+    pub fn weighted_residuals(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
         let rows = self.weights.iter().zip(deviations).map(|(weight, d)| weight * d);
         rows.flat_map(|row| [row.x, row.y, row.z]).collect()
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
+fn mean_value(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
 impl ObservationModel for DomeModel<'_> {
     fn observations(&self) -> usize {
-        self.certified_at(self.balls)
+        self.certified_index(self.ball_count)
     }
 
     fn unknowns(&self) -> usize {
-        self.group_at(self.variants.len(), 0)
+        self.group_index(self.variants.len(), 0)
     }
 
     /// The norm of a vector changes by the component of its change along the vector.
-    fn respond(&self, change: &[f64]) -> Response {
-        let changes = self.changes(change);
+    fn linear_response(&self, change: &[f64]) -> Response {
+        let changes = self.variant_changes(change);
         let mut unknowns = Vec::with_capacity(self.unknowns());
         let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
@@ -145,18 +145,20 @@ impl ObservationModel for DomeModel<'_> {
                 deviations.iter().zip(moved).max_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
             unknowns.push(largest.map_or(0.0, along));
             let each: Vec<f64> = deviations.iter().zip(moved).map(along).collect();
-            unknowns.push(mean(&each));
-            means.extend(self.means(&each));
+            unknowns.push(mean_value(&each));
+            means.extend(self.group_means(&each));
         }
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
             unknowns.extend(variant.has_stylus().then_some(*stylus).iter().flatten());
         }
         unknowns.extend(means);
-        let residuals = self.judged.map_or(Vec::new(), |judged| self.weighted(&changes[judged].0));
+        let residuals = self
+            .judged_variant
+            .map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
         Response { unknowns, residuals }
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| self.values(change))
     }
 }

@@ -5,27 +5,29 @@ use std::ops::Range;
 use faer::Mat;
 
 use super::model::DomeModel;
-use super::points::Points;
-use super::variant::Variant;
-use crate::ball_measurement::{BallCentre, MeasurementSetup, Observed, Pass, describe_position};
+use super::points::MeasuredPoints;
+use super::variant::DomeVariant;
+use crate::ball_measurement::{
+    BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_position,
+};
 use crate::identification::{
     Curve, Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, Output, Outputs,
-    numbered_values, unit_slope,
+    function_over_numbers, unit_slope,
 };
 use machine::Position;
 use machine::record::estimate::{
-    Arrow, ArrowFigure, Arrows, FigureKind, Function, Unit, VectorKind,
+    Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FigureKind, Unit, VectorKind,
 };
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "error motions, sag of the table as it tilts, a machine that has changed since the estimate, an artefact \
-             that gives way",
-    declared_by: "repeatability_um, error_motion_um or certificate_u_mm",
+    causes: "error motions, sag of the tilted table, a change of the machine since the estimate, deformation of \
+        the artefact",
+    declaring_settings: "repeatability_um, error_motion_um or certificate_u_mm",
 };
 
 /// The styluses that are results, then largest and mean deviations. The deviations are nonlinear functions,
 /// and their uncertainty comes from the trials.
-pub fn outputs(model: &DomeModel<'_>, groups: &Groups) -> Outputs {
+pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outputs {
     let values = model.values(&vec![0.0; model.observations()]);
     let names = model
         .variants
@@ -43,29 +45,34 @@ pub fn outputs(model: &DomeModel<'_>, groups: &Groups) -> Outputs {
     let styluses =
         with_stylus.flat_map(|v| ["x", "y", "z"].map(|k| format!("{}_tool_{k}", v.kind.name)));
     let stylus =
-        |(i, symbol): (usize, String)| Output::unknown(&symbol, Unit::Mm, count + i, &values);
+        |(i, symbol): (usize, String)| Output::from_unknown(&symbol, Unit::Mm, count + i, &values);
     let nonlinear = NonlinearOutputs {
         outputs: deviations,
         values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
     };
     Outputs {
         parameters: styluses.enumerate().map(stylus).collect(),
-        curves: curves(model, groups, &values),
+        curves: group_curves(model, groups, &values),
         nonlinear: Some(nonlinear),
     }
 }
 
 /// Groups of measurements: those of each ball in the order of the artefact, and those at each indexation in
 /// the order of the run, without references.
-pub struct Groups {
-    balls: usize,
-    pub points: Vec<Vec<usize>>,
+pub struct MeasurementGroups {
+    ball_count: usize,
+    pub point_indices: Vec<Vec<usize>>,
 }
 
-impl Groups {
-    pub fn of(observed: &Observed) -> Self {
-        let slow =
-            || observed.centres.iter().enumerate().filter(|(_, c)| c.label.pass == Pass::Slow);
+impl MeasurementGroups {
+    pub fn from_observed(observed: &ObservedBalls) -> Self {
+        let slow = || {
+            observed
+                .centres
+                .iter()
+                .enumerate()
+                .filter(|(_, c)| c.label.pass == MeasurementPass::Slow)
+        };
         let group = |key: fn(&BallCentre) -> usize| -> Vec<Vec<usize>> {
             let count = slow().map(|(_, centre)| key(centre) + 1).max().unwrap_or(0);
             let mut groups = vec![Vec::new(); count];
@@ -74,17 +81,21 @@ impl Groups {
         };
         let balls = group(|centre| centre.ball);
         let indexations = group(|centre| centre.label.indexation as usize);
-        Self { balls: balls.len(), points: [balls, indexations].concat() }
+        Self { ball_count: balls.len(), point_indices: [balls, indexations].concat() }
     }
 }
 
 /// Mean deviation of each ball and of each indexation.
-fn curves(model: &DomeModel<'_>, groups: &Groups, values: &[f64]) -> Vec<Curve> {
-    let kinds = [("ball", 0..groups.balls), ("indexation", groups.balls..groups.points.len())];
+fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<Curve> {
+    let kinds = [
+        ("ball", 0..groups.ball_count),
+        ("indexation", groups.ball_count..groups.point_indices.len()),
+    ];
     let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
         let first = range.start;
-        let seen: Vec<usize> = range.filter(|group| !groups.points[*group].is_empty()).collect();
-        let at = |group: &usize| model.group_at(variant, *group);
+        let seen: Vec<usize> =
+            range.filter(|group| !groups.point_indices[*group].is_empty()).collect();
+        let at = |group: &usize| model.group_index(variant, *group);
         Curve {
             symbol: format!("{}_{argument}", model.variants[variant].kind.name),
             argument,
@@ -101,35 +112,39 @@ fn curves(model: &DomeModel<'_>, groups: &Groups, values: &[f64]) -> Vec<Curve> 
 }
 
 /// Deviation of each measurement in order of time, as a histogram.
-pub fn histogram(variant: &Variant) -> Function {
+pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
-    Function { figure: FigureKind::Histogram, ..numbered_values(&symbol, "measurement", norms) }
+    EstimatedFunction {
+        figure: FigureKind::Histogram,
+        ..function_over_numbers(&symbol, "measurement", norms)
+    }
 }
 
 /// Deviations in the artefact frame, as arrows.
-pub fn arrows(
+pub fn deviation_arrows(
     setup: &MeasurementSetup<'_>,
-    observed: &Observed,
-    points: &Points,
-    shown: [&Variant; 2],
+    observed: &ObservedBalls,
+    points: &MeasuredPoints,
+    shown: [&DomeVariant; 2],
 ) -> Vec<ArrowFigure> {
-    let figure = |variant: &Variant| {
+    let figure = |variant: &DomeVariant| {
         let arrow = |i: usize| Arrow {
-            label: setup.balls.balls[points.ball[i]].id.clone(),
-            at_mm: points.certified[i].into(),
+            label: setup.balls.balls[points.ball_index[i]].id.clone(),
+            at_mm: points.certified_mm[i].into(),
             vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),
             modelled: None,
             flagged: false,
         };
         let group = |(place, at): (usize, &Position)| {
-            let here = (0..points.count()).filter(|i| observed.centres[*i].commanded == place);
-            Arrows { name: describe_position(at), arrows: here.map(arrow).collect() }
+            let here =
+                (0..points.count()).filter(|i| observed.centres[*i].commanded_index == place);
+            ArrowGroup { name: describe_position(at), arrows: here.map(arrow).collect() }
         };
         ArrowFigure {
             symbol: format!("{}_deviations", variant.kind.name),
             unit: Unit::Um,
-            groups: observed.commanded.iter().enumerate().map(group).collect(),
+            groups: observed.commanded_positions.iter().enumerate().map(group).collect(),
             figure: VectorKind::Arrows,
         }
     };
@@ -137,32 +152,33 @@ pub fn arrows(
 }
 
 /// `alone_mm`: largest and mean deviation that the declared sources alone cause.
-pub fn gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
+pub fn describe_gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
     let [largest, mean] = alone_mm.map(|mm| mm * 1e3);
     vec![
-        "deviations: after one rigid fit of the certified places over all points".to_owned(),
+        "deviations: after one rigid fit of the certified positions over all points".to_owned(),
         format!(
-            "deviations hold the scatter of the measurement and the errors of the certificate: on a machine without errors \
-             these make a largest of about {largest:.1} µm and a mean of about {mean:.1} µm"
+            "the deviations include the scatter of the measurement and the errors of the certificate: on a \
+            machine without errors the largest deviation is about {largest:.1} µm and the mean about \
+            {mean:.1} µm"
         ),
-        format!("N2, S2: the stylus that makes the places of ball {tool_ball} agree best"),
-        "S4: the stylus of a fit of all machine errors to the certified places, less the spindle's offset of the \
-         estimate that was taken as known"
+        format!("N2, S2: the stylus for which the measured positions of ball {tool_ball} agree best"),
+        "S4: the stylus of a fit of all machine errors to the certified positions, minus the spindle offset \
+        of the given estimate"
             .to_owned(),
     ]
 }
 
-pub fn warnings(
-    observed: &Observed,
+pub fn collect_warnings(
+    observed: &ObservedBalls,
     is_calibrated: bool,
     identified: &Identification,
 ) -> Vec<String> {
-    let mut lines = observed.left_out.clone();
+    let mut lines = observed.skipped_measurements.clone();
     lines.extend((!is_calibrated).then(|| {
-        "only the nominal machine is compared (N1 to N3): S1 to S4 take an estimate of samba (--with)".to_owned()
+        "only the nominal machine is compared (N1 to N3): S1 to S4 require an estimate of samba (--with)".to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(identified.checked.warnings.iter().cloned());
+    lines.extend(identified.outlier_check.warnings.iter().cloned());
     lines.extend(identified.trials_warning());
     lines
 }

@@ -2,79 +2,90 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::ball_measurement::Observed;
+use crate::ball_measurement::ObservedBalls;
 use machine::Position;
 use machine::frame::Point;
-use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::record::artefact::Balls;
 
 /// The measured points, one per measurement of a ball, in the order of the observations.
-pub struct Points {
-    chain: Chain,
+pub struct MeasuredPoints {
+    chain: KinematicChain,
     /// Stated stylus from the spindle datum, mm.
     pub stylus: Vector3<f64>,
     /// Axis positions with the stylus at the centre of the ball.
-    at: Vec<Position>,
+    positions: Vec<Position>,
     /// Index of the ball of each point.
-    pub ball: Vec<usize>,
+    pub ball_index: Vec<usize>,
     /// Certified position of the ball of each point at the temperature of the artefact, artefact frame, mm.
-    pub certified: Vec<Vector3<f64>>,
+    pub certified_mm: Vec<Vector3<f64>>,
     /// Matrix of each point from a change of X, Y, Z to the change in the table frame, for the nominal
     /// machine.
     pub into_table: Vec<Matrix3<f64>>,
 }
 
-impl Points {
-    pub fn new(chain: Chain, stylus: Vector3<f64>, observed: &Observed, balls: &Balls) -> Self {
+impl MeasuredPoints {
+    pub fn new(
+        chain: KinematicChain,
+        stylus: Vector3<f64>,
+        observed: &ObservedBalls,
+        balls: &Balls,
+    ) -> Self {
         let centres = &observed.centres;
         let at: Vec<Position> = centres
             .iter()
-            .map(|c| observed.places[c.place].updated_by(&Position::from_xyz(c.xyz)))
+            .map(|c| {
+                observed.rotary_positions[c.rotary_index].updated_by(&Position::from_xyz(c.axes_mm))
+            })
             .collect();
-        let longer = 1.0 + balls.expansion()[0];
+        let longer = 1.0 + balls.relative_expansion()[0];
         let certified = |ball: usize| longer * Vector3::from(balls.balls[ball].centre_mm);
         Self {
             stylus,
-            ball: centres.iter().map(|centre| centre.ball).collect(),
-            certified: centres.iter().map(|centre| certified(centre.ball)).collect(),
+            ball_index: centres.iter().map(|centre| centre.ball).collect(),
+            certified_mm: centres.iter().map(|centre| certified(centre.ball)).collect(),
             into_table: at.iter().map(|at| chain.linear_jacobian(at, &[])).collect(),
-            at,
+            positions: at,
             chain,
         }
     }
 
     pub fn count(&self) -> usize {
-        self.at.len()
+        self.positions.len()
     }
 
-    pub fn chain(&self) -> &Chain {
+    pub fn chain(&self) -> &KinematicChain {
         &self.chain
     }
 
     /// Position of each point for a machine with these errors and this stylus, table frame, mm.
-    pub fn seen(&self, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Vec<Vector3<f64>> {
+    pub fn table_positions_mm(
+        &self,
+        errors: &[ErrorTerm],
+        stylus: Vector3<f64>,
+    ) -> Vec<Vector3<f64>> {
         let tip = Point::from_vec(stylus);
-        self.at.iter().map(|at| self.chain.tip_in_table(at, tip, errors).mm).collect()
+        self.positions.iter().map(|at| self.chain.tip_in_table(at, tip, errors).mm).collect()
     }
 
     /// Derivative of each point by each error: points × errors.
-    pub fn by_errors(
+    pub fn error_derivatives(
         &self,
         errors: &[ErrorTerm],
         stylus: Vector3<f64>,
         parameters: &[ErrorParameter],
     ) -> Vec<Vec<Vector3<f64>>> {
         let tip = Point::from_vec(stylus);
-        self.at.iter().map(|at| self.chain.jacobian(at, tip, errors, parameters)).collect()
+        self.positions.iter().map(|at| self.chain.jacobian(at, tip, errors, parameters)).collect()
     }
 
     /// Derivative of each point by the stylus; the point is an affine function of it.
-    pub fn by_stylus(&self, errors: &[ErrorTerm]) -> Vec<Matrix3<f64>> {
+    pub fn stylus_derivatives(&self, errors: &[ErrorTerm]) -> Vec<Matrix3<f64>> {
         let rotation = |at: &Position| {
             let table = self.chain.machine_from_table(at, errors).rotation;
             let spindle = self.chain.machine_from_spindle(at, errors).rotation;
             (table.inverse() * spindle).into_inner()
         };
-        self.at.iter().map(rotation).collect()
+        self.positions.iter().map(rotation).collect()
     }
 }

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
-use crate::ball_measurement::{Find, NamedPositions, RotaryPositions, TouchSettings};
+use crate::MethodRefusal;
+use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, TouchSettings};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -14,7 +14,7 @@ pub struct Settings {
     pub turn_deg: Vec<f64>,
     /// Name of the ball that gives the stylus of N2 and S2; empty: the first ball of the artefact.
     pub tool_ball: String,
-    pub find: Find,
+    pub find: SearchMode,
     /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
@@ -41,7 +41,7 @@ impl Default for Settings {
             tilt_deg: vec![-90.0, -54.0, -18.0, 18.0, 54.0, 90.0],
             turn_deg: vec![0.0, 90.0, 180.0, 270.0],
             tool_ball: String::new(),
-            find: Find::Once,
+            find: SearchMode::Once,
             touches: 5,
             references: true,
             watch_min: 0.0,
@@ -55,10 +55,10 @@ impl Default for Settings {
 }
 
 impl Settings {
-    pub fn touch(&self) -> TouchSettings {
+    pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
-            find: self.find,
-            touches: self.touches,
+            search_mode: self.find,
+            touch_count: self.touches,
             has_references: self.references,
             watch_s: 60.0 * self.watch_min,
             standoff_mm: self.standoff_mm,
@@ -71,9 +71,9 @@ impl Settings {
     /// Positions of the rotary axes; the spindle is not turned.
     pub fn positions(&self) -> RotaryPositions<'_> {
         let usual = Self::default();
-        let named = |key, degrees, default: &[f64]| NamedPositions {
+        let named = |key, degrees, default: &[f64]| ConfiguredPositions {
             key,
-            degrees,
+            angles_deg: degrees,
             is_default: degrees == default,
         };
         RotaryPositions {
@@ -85,8 +85,8 @@ impl Settings {
 
     /// # Errors
     /// A setting does not allow a measurement.
-    pub fn check(&self) -> Result<(), Refused> {
-        self.touch().check()?;
-        Refused::check_trials(self.monte_carlo_trials)
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        self.touch_settings().check()?;
+        MethodRefusal::check_trials(self.monte_carlo_trials)
     }
 }

@@ -5,34 +5,34 @@ use nalgebra::{Matrix3, Vector3};
 
 /// Minimum ratio of smallest to largest singular value of the equations; below it the stylus is not
 /// determined.
-const MIN_RATIO: f64 = 1e-6;
+const MIN_SINGULAR_VALUE_RATIO: f64 = 1e-6;
 
 /// Gain of the stylus for a change of each point in the table frame: the change of the stylus is the sum of
 /// gain·change.
 pub type StylusGain = Vec<Matrix3<f64>>;
 
-/// The least-squares gain; zero for points of balls that `counts` excludes. `by_stylus`: derivative of each
+/// The least-squares gain; zero for points of balls that are not included. `stylus_derivatives`: derivative of each
 /// point. `None`: the indexations do not determine the stylus.
 pub fn stylus_gain(
-    by_stylus: &[Matrix3<f64>],
+    stylus_derivatives: &[Matrix3<f64>],
     ball: &[usize],
-    counts: impl Fn(usize) -> bool,
+    is_included: impl Fn(usize) -> bool,
 ) -> Option<StylusGain> {
     let balls = ball.iter().max().map_or(0, |last| last + 1);
     let (mut sums, mut numbers) = (vec![Matrix3::zeros(); balls], vec![0.0; balls]);
-    for (ball, column) in ball.iter().zip(by_stylus) {
+    for (ball, column) in ball.iter().zip(stylus_derivatives) {
         sums[*ball] += column;
         numbers[*ball] += 1.0;
     }
     // The mean position of each ball is an unknown too.
-    let centred = |(ball, column): (&usize, &Matrix3<f64>)| match counts(*ball) {
+    let centred = |(ball, column): (&usize, &Matrix3<f64>)| match is_included(*ball) {
         true => column - sums[*ball] / numbers[*ball],
         false => Matrix3::zeros(),
     };
-    let centred: Vec<Matrix3<f64>> = ball.iter().zip(by_stylus).map(centred).collect();
+    let centred: Vec<Matrix3<f64>> = ball.iter().zip(stylus_derivatives).map(centred).collect();
     let normal: Matrix3<f64> = centred.iter().map(|column| column.transpose() * column).sum();
     let singular = normal.symmetric_eigenvalues();
-    let is_determined = singular.min() > MIN_RATIO.powi(2) * singular.max();
+    let is_determined = singular.min() > MIN_SINGULAR_VALUE_RATIO.powi(2) * singular.max();
     let inverse = normal.try_inverse().filter(|_| is_determined)?;
     Some(centred.iter().map(|column| -inverse * column.transpose()).collect())
 }

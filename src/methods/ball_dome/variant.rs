@@ -5,65 +5,69 @@
 use estimation::rigid::RigidFit;
 use nalgebra::{Matrix3, Vector3};
 
-use super::points::Points;
+use super::points::MeasuredPoints;
 use super::stylus::{StylusGain, stylus_change};
 use machine::kinematics::ErrorTerm;
 
 /// Machine and stylus of a variant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Kind {
+pub struct VariantKind {
     /// Name of the variant in the paper.
     pub name: &'static str,
     /// Whether the variant uses the machine of the prior; otherwise it uses the nominal one.
     pub is_calibrated: bool,
-    pub stylus: StylusFrom,
+    pub stylus: StylusSource,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum StylusFrom {
+pub enum StylusSource {
     /// The stylus as the machine file states it.
     Stated,
     OneBall,
     AllBalls,
     /// Fitted together with the machine errors, minus the offset of the spindle in the prior.
-    FullFit,
+    ErrorAndStylusFit,
 }
 
-const fn kind(name: &'static str, is_calibrated: bool, stylus: StylusFrom) -> Kind {
-    Kind { name, is_calibrated, stylus }
+const fn variant_kind(
+    name: &'static str,
+    is_calibrated: bool,
+    stylus: StylusSource,
+) -> VariantKind {
+    VariantKind { name, is_calibrated, stylus }
 }
 
-pub const KINDS: [Kind; 7] = [
-    kind("N1", false, StylusFrom::Stated),
-    kind("N2", false, StylusFrom::OneBall),
-    kind("N3", false, StylusFrom::AllBalls),
-    kind("S1", true, StylusFrom::Stated),
-    kind("S2", true, StylusFrom::OneBall),
-    kind("S3", true, StylusFrom::AllBalls),
-    kind("S4", true, StylusFrom::FullFit),
+pub const VARIANT_KINDS: [VariantKind; 7] = [
+    variant_kind("N1", false, StylusSource::Stated),
+    variant_kind("N2", false, StylusSource::OneBall),
+    variant_kind("N3", false, StylusSource::AllBalls),
+    variant_kind("S1", true, StylusSource::Stated),
+    variant_kind("S2", true, StylusSource::OneBall),
+    variant_kind("S3", true, StylusSource::AllBalls),
+    variant_kind("S4", true, StylusSource::ErrorAndStylusFit),
 ];
 
 /// A variant with its deviations and their first-order changes.
-pub struct Variant {
-    pub kind: Kind,
+pub struct DomeVariant {
+    pub kind: VariantKind,
     /// Stylus from the spindle datum, mm.
     pub stylus: Vector3<f64>,
     /// Fit of the certified positions to the measured ones, table frame, mm.
     pub fit: RigidFit,
     /// Derivative of each point by the stylus.
-    by_stylus: Vec<Matrix3<f64>>,
+    stylus_derivatives: Vec<Matrix3<f64>>,
     /// Gain of the stylus. `None`: the stylus is as stated.
     gain: Option<StylusGain>,
     /// Change of the stylus by each error of the prior (S4).
-    by_prior: Vec<Vector3<f64>>,
+    prior_derivatives: Vec<Vector3<f64>>,
 }
 
 /// Changes of the inputs of the variants.
-pub struct Changes<'a> {
+pub struct InputChanges<'a> {
     /// Change of each point in the table frame, mm, without the errors of the machine.
     pub points: &'a [Vector3<f64>],
     /// Change of each point by the errors of the prior.
-    pub by_errors: &'a [Vector3<f64>],
+    pub error_derivatives: &'a [Vector3<f64>],
     /// Changes of the errors of the prior.
     pub errors: &'a [f64],
     /// Change of the certified position of each point, artefact frame, mm.
@@ -71,23 +75,28 @@ pub struct Changes<'a> {
 }
 
 /// A stylus and its derivatives.
-pub struct Found {
+pub struct StylusResult {
     pub stylus: Vector3<f64>,
     pub gain: Option<StylusGain>,
-    pub by_prior: Vec<Vector3<f64>>,
+    pub prior_derivatives: Vec<Vector3<f64>>,
 }
 
-impl Variant {
+impl DomeVariant {
     /// `errors`: errors of the machine of this variant.
-    pub fn new(kind: Kind, points: &Points, errors: &[ErrorTerm], found: Found) -> Self {
-        let seen = points.seen(errors, found.stylus);
+    pub fn new(
+        kind: VariantKind,
+        points: &MeasuredPoints,
+        errors: &[ErrorTerm],
+        found: StylusResult,
+    ) -> Self {
+        let seen = points.table_positions_mm(errors, found.stylus);
         Self {
             kind,
             stylus: found.stylus,
-            fit: RigidFit::new(&points.certified, &seen),
-            by_stylus: points.by_stylus(errors),
+            fit: RigidFit::new(&points.certified_mm, &seen),
+            stylus_derivatives: points.stylus_derivatives(errors),
             gain: found.gain,
-            by_prior: found.by_prior,
+            prior_derivatives: found.prior_derivatives,
         }
     }
 
@@ -97,28 +106,34 @@ impl Variant {
     }
 
     /// First-order changes of the deviations and of the stylus, mm.
-    pub fn change(&self, changes: &Changes<'_>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
+    pub fn first_order_change(
+        &self,
+        changes: &InputChanges<'_>,
+    ) -> (Vec<Vector3<f64>>, Vector3<f64>) {
         let places = changes.certified.iter().map(|change| self.fit.rotation * change);
         let places: Vec<Vector3<f64>> = places.collect();
         let mut moved = changes.points.to_vec();
-        let is_full = self.kind.stylus == StylusFrom::FullFit;
+        let is_full = self.kind.stylus == StylusSource::ErrorAndStylusFit;
         if is_full {
             moved.iter_mut().zip(&places).for_each(|(moved, place)| *moved -= place);
         }
         if self.kind.is_calibrated && !is_full {
-            moved.iter_mut().zip(changes.by_errors).for_each(|(moved, by)| *moved += by);
+            moved.iter_mut().zip(changes.error_derivatives).for_each(|(moved, by)| *moved += by);
         }
         let mut stylus =
             self.gain.as_ref().map_or(Vector3::zeros(), |gain| stylus_change(gain, &moved));
-        let prior = self.by_prior.iter().zip(changes.errors);
+        let prior = self.prior_derivatives.iter().zip(changes.errors);
         stylus += prior.map(|(by, error)| by * *error).sum::<Vector3<f64>>();
         if is_full {
-            moved.iter_mut().zip(changes.by_errors).for_each(|(moved, by)| *moved += by);
+            moved.iter_mut().zip(changes.error_derivatives).for_each(|(moved, by)| *moved += by);
         } else {
             moved.iter_mut().zip(&places).for_each(|(moved, place)| *moved -= place);
         }
-        moved.iter_mut().zip(&self.by_stylus).for_each(|(moved, by)| *moved += by * stylus);
-        self.fit.without_rigid(&mut moved);
+        moved
+            .iter_mut()
+            .zip(&self.stylus_derivatives)
+            .for_each(|(moved, by)| *moved += by * stylus);
+        self.fit.subtract_rigid_motion(&mut moved);
         (moved, stylus)
     }
 }

@@ -3,10 +3,13 @@
 use nalgebra::Vector3;
 
 use super::observe::BallCentre;
-use crate::identification::{Effect, ObservationRun};
+use crate::identification::{Effect, ObservationSpan};
 
 /// A column of a [`Effect::Joint`]: the `shift` of each measurement, machine frame, mm.
-pub fn shifts(centres: &[BallCentre], shift: impl FnMut(&BallCentre) -> Vector3<f64>) -> Vec<f64> {
+pub fn shift_column(
+    centres: &[BallCentre],
+    shift: impl FnMut(&BallCentre) -> Vector3<f64>,
+) -> Vec<f64> {
     let shifts: Vec<[f64; 3]> = centres.iter().map(shift).map(Into::into).collect();
     shifts.into_flattened()
 }
@@ -17,8 +20,8 @@ pub fn nonzero_columns(columns: impl IntoIterator<Item = Vec<f64>>) -> Effect {
 }
 
 /// An effect with one draw per run, without runs that are zero.
-pub fn nonzero_runs(runs: impl Iterator<Item = ObservationRun>) -> Effect {
-    Effect::Runs(runs.filter(|run| !is_zero(&run.values)).collect())
+pub fn nonzero_spans(runs: impl Iterator<Item = ObservationSpan>) -> Effect {
+    Effect::Spans(runs.filter(|run| !is_zero(&run.changes_mm)).collect())
 }
 
 fn is_zero(changes: &[f64]) -> bool {

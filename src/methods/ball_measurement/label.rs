@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 /// Purpose of a touch of a ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Pass {
+pub enum MeasurementPass {
     /// Fast touches to find the ball.
     Find,
     /// Slow touches along the normals, which are known by then. The identification uses them.
@@ -21,7 +21,7 @@ pub enum Pass {
 /// measurement, with the same position of the rotary axes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Label {
-    pub pass: Pass,
+    pub pass: MeasurementPass,
     /// Index of the indexation, from 0. The text and the messages for users count from 1.
     pub indexation: u32,
     pub ball: String,
@@ -29,21 +29,21 @@ pub struct Label {
     pub touch: String,
 }
 
-const NAMES: [(Pass, &str); 4] = [
-    (Pass::Find, "find"),
-    (Pass::Slow, "slow"),
-    (Pass::Watch, "watch"),
-    (Pass::Reference, "reference"),
+const PASS_NAMES: [(MeasurementPass, &str); 4] = [
+    (MeasurementPass::Find, "find"),
+    (MeasurementPass::Slow, "slow"),
+    (MeasurementPass::Watch, "watch"),
+    (MeasurementPass::Reference, "reference"),
 ];
 
 impl Label {
     /// Number of the indexation of the touch, counted from 1.
-    pub fn number(&self) -> u32 {
+    pub fn indexation_number(&self) -> u32 {
         self.indexation.saturating_add(1)
     }
 
     /// Common part of the labels of a measurement, e.g. `slow/007/3`.
-    pub fn measurement(&self) -> String {
+    pub fn measurement_label(&self) -> String {
         let text = self.to_string();
         text.rsplit_once('/').map_or(text.clone(), |(measurement, _)| measurement.to_owned())
     }
@@ -51,24 +51,25 @@ impl Label {
 
 impl fmt::Display for Label {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
-        write!(f, "{name}/{:03}/{}/{}", self.number(), self.ball, self.touch)
+        let name =
+            PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
+        write!(f, "{name}/{:03}/{}/{}", self.indexation_number(), self.ball, self.touch)
     }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no label of a ball measurement: they read like slow/007/3/+45")]
-pub struct UnknownLabel(pub String);
+#[error("`{0}` is not a label of a ball measurement, such as slow/007/3/+45")]
+pub struct InvalidLabel(pub String);
 
 impl FromStr for Label {
-    type Err = UnknownLabel;
+    type Err = InvalidLabel;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let unknown = || UnknownLabel(text.to_owned());
+        let unknown = || InvalidLabel(text.to_owned());
         let [pass, indexation, ball, touch] =
             text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
         let number: u32 = indexation.parse().map_err(|_| unknown())?;
-        let named = NAMES.iter().find(|(_, name)| *name == pass);
+        let named = PASS_NAMES.iter().find(|(_, name)| *name == pass);
         Ok(Self {
             pass: named.ok_or_else(unknown)?.0,
             indexation: number.checked_sub(1).ok_or_else(unknown)?,

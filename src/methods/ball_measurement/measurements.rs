@@ -2,24 +2,25 @@
 
 use nalgebra::Vector3;
 
-use super::observe::Observed;
+use super::observe::ObservedBalls;
 use super::setup::describe_position;
 use crate::identification::Measurement;
 
 /// `of_centre`: the residual of a measured centre, mm, the index of its first of three rows, and the standard
 /// uncertainty of a coordinate, mm.
-pub fn measurements(
-    observed: &Observed,
+pub fn outlier_measurements(
+    observed: &ObservedBalls,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),
 ) -> Vec<Measurement> {
     let measurement = |centre: usize| {
         let (residual, first, u_mm) = of_centre(centre);
         let measured = &observed.centres[centre];
-        let (label, at) = (&measured.label, &observed.commanded[measured.commanded]);
-        let (ball, number) = (&label.ball, label.number());
+        let (label, at) =
+            (&measured.label, &observed.commanded_positions[measured.commanded_index]);
+        let (ball, number) = (&label.ball, label.indexation_number());
         Measurement {
-            label: label.measurement(),
-            in_words: format!("ball {ball} at indexation {number} ({})", describe_position(at)),
+            label: label.measurement_label(),
+            description: format!("ball {ball} at indexation {number} ({})", describe_position(at)),
             rows: first..first + 3,
             residual_mm: residual.norm(),
             u_mm,

@@ -4,40 +4,40 @@
 
 mod artefact;
 mod effects;
+mod found_balls;
 mod indexations;
 mod interruptions;
-mod known;
 mod label;
-mod made_visits;
 mod measurements;
 mod nominal;
 mod observe;
 mod order;
-mod planned_ways;
+mod path_order;
+mod rest_check;
 mod review;
 mod rotary;
 mod setup;
 mod sources;
 mod stages;
 mod touch_order;
-mod watch;
+mod visit_cache;
 
-pub use artefact::balls;
-pub use effects::{nonzero_columns, nonzero_runs, shifts};
+pub use artefact::require_balls;
+pub use effects::{nonzero_columns, nonzero_spans, shift_column};
 pub use indexations::{
-    NamedPositions, RotaryPositions, indexations, is_parallel, is_rotary, is_same, tilts_spindle,
-    tilts_table,
+    ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary, is_same_angle,
+    list_indexations, tilts_spindle, tilts_table,
 };
 #[cfg(test)]
 pub use label::Label;
-pub use label::Pass;
-pub use made_visits::MadeVisits;
-pub use measurements::measurements;
+pub use label::MeasurementPass;
+pub use measurements::outlier_measurements;
 pub use nominal::nominal_readings;
-pub use observe::{BallCentre, Observed, observe, stated_balls};
-pub use order::{balls_in_order, in_order};
-pub use planned_ways::balls_by_planned_ways;
+pub use observe::{BallCentre, ObservedBalls, artefact_balls, observe_balls};
+pub use order::{order_balls_in_xy, order_visits};
+pub use path_order::order_balls_by_path;
 pub use rotary::{angular_source, rotary_source};
-pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
+pub use setup::{BallVisit, MeasurementSetup, SearchMode, TouchSettings, describe_position};
 pub use sources::touch_sources;
-pub use stages::{machine_time_s, next};
+pub use stages::{machine_time_s, next_stage};
+pub use visit_cache::VisitCache;

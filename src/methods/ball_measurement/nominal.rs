@@ -1,14 +1,15 @@
 //! Nominal readings of a plan.
 
-use super::label::{Label, Pass};
+use super::label::{Label, MeasurementPass};
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 
 /// Readings of the slow touches as if each made contact at its start point, at equal time intervals. A
 /// standoff that is the same for all touches of a ball changes only the radius.
 pub fn nominal_readings(plan: &Plan, machine_s: f64) -> Vec<Reading> {
-    let is_slow =
-        |step: &&Step| step.label.parse::<Label>().is_ok_and(|label| label.pass == Pass::Slow);
+    let is_slow = |step: &&Step| {
+        step.label.parse::<Label>().is_ok_and(|label| label.pass == MeasurementPass::Slow)
+    };
     let steps: Vec<&Step> = plan.steps.iter().filter(is_slow).collect();
     let interval_s = machine_s / steps.len().max(1) as f64;
     let reading = |(i, step): (usize, &&Step)| Reading {
@@ -16,9 +17,9 @@ pub fn nominal_readings(plan: &Plan, machine_s: f64) -> Vec<Reading> {
         repeat: 0,
         position: step.from.clone(),
         value_mm: None,
-        sensor: step.sensor().to_owned(),
+        sensor: step.first_sensor().to_owned(),
         t_s: interval_s * i as f64,
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     };
     steps.iter().enumerate().map(reading).collect()

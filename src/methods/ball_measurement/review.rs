@@ -2,14 +2,14 @@
 
 use nalgebra::Vector3;
 
-use super::known::{BallMeasurement, FoundBalls, taken};
-use super::label::Pass;
+use super::found_balls::{BallMeasurement, FoundBalls, ball_measurements};
+use super::label::MeasurementPass;
 use super::setup::{MeasurementSetup, describe_position};
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::Axis;
 use machine::record::plan::{Stage, StepKind};
 use machine::record::reading::Reading;
-use planning::{BallDoubt, BallLimits};
+use planning::{BallCheckError, BallLimits};
 
 /// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and
 /// the number of their repeat.
@@ -17,30 +17,32 @@ use planning::{BallDoubt, BallLimits};
 /// # Errors
 /// A measurement was outside the limits for the second time; a ball is outside its possible range. Neither is
 /// an error if the run was stopped and resumed since then.
-pub fn review(
+pub fn review_stage(
     setup: &MeasurementSetup<'_>,
     last: &Stage,
     readings: &[Reading],
-) -> Result<Option<(Vec<u32>, u32)>, Refused> {
-    let all = taken(setup, readings);
-    let of_stage =
-        |taken: &&BallMeasurement<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
+) -> Result<Option<(Vec<u32>, u32)>, MethodRefusal> {
+    let all = ball_measurements(setup, readings);
+    let of_stage = |measurement: &&BallMeasurement<'_>| {
+        measurement.steps.iter().any(|step| last.steps.contains(&step.id))
+    };
     let mut again = Vec::new();
-    for taken in all.iter().filter(of_stage) {
+    for measurement in all.iter().filter(of_stage) {
         // After a stop the operator has checked the ball and may have cleaned it.
-        let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
-        let looked_after = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
-        let doubt = match fault(setup, taken) {
-            Some(fault) if last.repeat > 0 => Some(outside(setup, &fault)),
+        let newest_s =
+            measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
+        let is_resumed_since = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
+        let doubt = match find_fault(setup, measurement) {
+            Some(fault) if last.repeat > 0 => Some(repeated_fault_refusal(setup, &fault)),
             Some(_) => None,
-            None => match check_place(setup, &all, taken) {
+            None => match check_ball_position(setup, &all, measurement) {
                 Ok(()) => continue,
                 Err(elsewhere) => Some(elsewhere),
             },
         };
         match doubt {
-            Some(doubt) if !looked_after => return Err(doubt),
-            _ => again.extend(taken.steps.iter().map(|step| step.id)),
+            Some(doubt) if !is_resumed_since => return Err(doubt),
+            _ => again.extend(measurement.steps.iter().map(|step| step.id)),
         }
     }
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
@@ -48,92 +50,98 @@ pub fn review(
 
 /// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
 /// for them it is sufficient that they lie on a sphere.
-fn fault(setup: &MeasurementSetup<'_>, taken: &BallMeasurement<'_>) -> Option<BallDoubt> {
-    let measured = match taken.measured(setup)? {
+fn find_fault(
+    setup: &MeasurementSetup<'_>,
+    measurement: &BallMeasurement<'_>,
+) -> Option<BallCheckError> {
+    let measured = match measurement.fit_ball(setup)? {
         Ok(measured) => measured,
         Err(doubt) => return Some(doubt),
     };
-    let stated_mm = 2.0 * setup.balls.balls.get(taken.ball)?.radius_mm;
+    let stated_mm = 2.0 * setup.balls.balls.get(measurement.ball)?.radius_mm;
     let limits = BallLimits {
-        form_mm: setup.touch.form_limit_mm,
-        diameter_mm: setup.touch.diameter_limit_mm,
+        form_mm: setup.touch_settings.form_limit_mm,
+        diameter_mm: setup.touch_settings.diameter_limit_mm,
     };
-    let slow = taken.label.pass != Pass::Find;
-    slow.then(|| measured.check(&taken.label.ball, stated_mm, &limits).err()).flatten()
+    let slow = measurement.label.pass != MeasurementPass::Find;
+    slow.then(|| measured.check(&measurement.label.ball, stated_mm, &limits).err()).flatten()
 }
 
-fn outside(setup: &MeasurementSetup<'_>, fault: &BallDoubt) -> Refused {
-    Refused {
-        why: format!("twice the same: {fault}"),
-        instead: format!(
-            "clean and tighten the ball and the stylus and compare both radii with the machine file, \
-             {}. form_limit_um and diameter_limit_um stand in [method.{}]",
-            way_on(setup),
+fn repeated_fault_refusal(setup: &MeasurementSetup<'_>, fault: &BallCheckError) -> MethodRefusal {
+    MethodRefusal {
+        reason: format!("the repeated measurement was rejected too: {fault}"),
+        remedy: format!(
+            "clean and tighten the ball and the stylus, and compare both radii with the machine file, {}. \
+            The limits are form_limit_um and diameter_limit_um in [method.{}]",
+            continuation_advice(setup),
             setup.method
         ),
     }
 }
 
 /// How to continue. A run can be resumed only by its references, and the first searches precede them.
-pub fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
+pub fn continuation_advice(setup: &MeasurementSetup<'_>) -> &'static str {
     match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
-        true => "then resume the run: it measures the ball again",
+        true => "then resume the run, which measures the ball again",
         false => "then start a new run",
     }
 }
 
-fn name(setup: &MeasurementSetup<'_>, taken: &BallMeasurement<'_>) -> String {
-    let ball = setup.balls.balls.get(taken.ball).map_or("", |ball| &ball.id);
-    let at = taken.steps.first().map(|step| step.from.only(|axis: Axis| !axis.is_linear()));
+fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallMeasurement<'_>) -> String {
+    let ball = setup.balls.balls.get(measurement.ball).map_or("", |ball| &ball.id);
+    let at =
+        measurement.steps.first().map(|step| step.from.filter_axes(|axis: Axis| !axis.is_linear()));
     format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
 }
 
 /// Checks that a ball is within the position uncertainty of its expected position.
-fn check_place(
+fn check_ball_position(
     setup: &MeasurementSetup<'_>,
     all: &[BallMeasurement<'_>],
-    taken: &BallMeasurement<'_>,
-) -> Result<(), Refused> {
+    measurement: &BallMeasurement<'_>,
+) -> Result<(), MethodRefusal> {
     let (Some(Ok(measured)), Some(ball)) =
-        (taken.measured(setup), setup.balls.balls.get(taken.ball))
+        (measurement.fit_ball(setup), setup.balls.balls.get(measurement.ball))
     else {
         return Ok(());
     };
-    if taken.label.pass != Pass::Find {
+    if measurement.label.pass != MeasurementPass::Find {
         return Ok(());
     }
     // The results of its own stage were unknown when the stage was planned.
     let stage = |of: &BallMeasurement<'_>| (of.label.pass, of.label.indexation);
-    let before = all.iter().take_while(|other| stage(other) != stage(taken));
-    let known = FoundBalls::of_taken(setup, before);
+    let before = all.iter().take_while(|other| stage(other) != stage(measurement));
+    let known = FoundBalls::from_measurements(setup, before);
     let stated = Vector3::from(ball.centre_mm);
-    let expected = known.centre(setup, taken.ball, taken.label.indexation as usize);
+    let expected =
+        known.expected_centre(setup, measurement.ball, measurement.label.indexation as usize);
     let (away, limit) =
         (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(setup));
     if away <= limit {
         return Ok(());
     }
-    let place = name(setup, taken);
+    let place = describe_measurement(setup, measurement);
     if expected == stated {
-        return Err(Refused {
-            why: format!(
-                "{place} was found {away:.3} mm from its stated place, beyond uncertainty_mm = {limit}"
+        return Err(MethodRefusal {
+            reason: format!(
+                "{place} was found {away:.3} mm from the position in [artefact], more than uncertainty_mm = \
+                {limit}"
             ),
-            instead: format!(
-                "check centre_mm of the ball and how the artefact stands on the table, {}",
-                way_on(setup)
+            remedy: format!(
+                "check centre_mm of the ball and the position of the artefact on the table, {}",
+                continuation_advice(setup)
             ),
         });
     }
-    Err(Refused {
-        why: format!(
-            "{place} was found {away:.3} mm from where the indexations before put it, beyond {limit} \
-             mm: the ball has moved, or the rotary axes stand that far from where the file says"
+    Err(MethodRefusal {
+        reason: format!(
+            "{place} was found {away:.3} mm from the position expected from earlier indexations, more than \
+            {limit} mm: the ball has moved, or point_mm of a rotary axis is wrong by this distance"
         ),
-        instead: format!(
-            "clean the ball and put it back if it has moved, {}. Where point_mm of the rotary axes, \
-             standoff_mm or uncertainty_mm must be changed, start a new run",
-            way_on(setup)
+        remedy: format!(
+            "clean the ball, and put the ball back if it has moved, {}. After a change of point_mm, \
+            standoff_mm or uncertainty_mm start a new run",
+            continuation_advice(setup)
         ),
     })
 }

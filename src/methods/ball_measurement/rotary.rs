@@ -3,25 +3,31 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::effects::{nonzero_columns, shifts};
-use super::observe::{BallCentre, Observed};
+use super::effects::{nonzero_columns, shift_column};
+use super::observe::{BallCentre, ObservedBalls};
 use crate::identification::UncertaintySource;
-use crate::identification::declared::{MOTION_ORDERS, angular_motion_patterns, rotary_motions};
+use crate::identification::declared::{
+    ROTARY_MOTION_ORDERS, angular_motion_patterns, rotary_error_motions,
+};
 use machine::Position;
 use machine::frame::Point;
-use machine::kinematics::{Chain, ErrorParameter};
+use machine::kinematics::{ErrorParameter, KinematicChain};
 use machine::record::plan::Plan;
 
 /// Source of the rotary error motions, which displace all touches of a measurement alike. It may have no
 /// draw.
-pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
-    let mut motions = rotary_motions(plan, &MOTION_ORDERS);
-    motions.retain(|motion| chain.check(motion.error).is_ok());
+pub fn rotary_source(
+    plan: &Plan,
+    chain: &KinematicChain,
+    observed: &ObservedBalls,
+) -> UncertaintySource {
+    let mut motions = rotary_error_motions(plan, &ROTARY_MOTION_ORDERS);
+    motions.retain(|motion| chain.check_parameter(motion.error).is_ok());
     let errors: Vec<ErrorParameter> = motions.iter().map(|motion| motion.error).collect();
-    let by_error = displacements(plan, chain, observed, &errors);
+    let by_error = displacements_by_error(plan, chain, observed, &errors);
     let column = |index: usize| {
         let mut of_centres = by_error.iter();
-        shifts(&observed.centres, |_| {
+        shift_column(&observed.centres, |_| {
             let of_centre = of_centres.next().map_or(Vector3::zeros(), |centre| centre[index]);
             of_centre * motions[index].size_mm
         })
@@ -32,14 +38,18 @@ pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncerta
 
 /// Source of the rotations of X, Y and Z, each the same for all touches of a measurement. It may have no
 /// draw.
-pub fn angular_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
-    let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.xyz).collect();
+pub fn angular_source(
+    plan: &Plan,
+    chain: &KinematicChain,
+    observed: &ObservedBalls,
+) -> UncertaintySource {
+    let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.axes_mm).collect();
     let patterns = angular_motion_patterns(plan, &points);
     let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
-    let by_error = displacements(plan, chain, observed, &errors);
+    let by_error = displacements_by_error(plan, chain, observed, &errors);
     let column = |index: usize| {
         let mut of_centres = by_error.iter().zip(&patterns[index].1);
-        shifts(&observed.centres, |_| {
+        shift_column(&observed.centres, |_| {
             of_centres.next().map_or(Vector3::zeros(), |(centre, angle)| centre[index] * *angle)
         })
     };
@@ -48,10 +58,10 @@ pub fn angular_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncert
 }
 
 /// Displacement of each measurement, in axis positions, per unit of each error.
-fn displacements(
+fn displacements_by_error(
     plan: &Plan,
-    chain: &Chain,
-    observed: &Observed,
+    chain: &KinematicChain,
+    observed: &ObservedBalls,
     errors: &[ErrorParameter],
 ) -> Vec<Vec<Vector3<f64>>> {
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));
@@ -60,11 +70,12 @@ fn displacements(
         let forth = chain.linear_jacobian(place, &[]);
         forth.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     };
-    let back: Vec<Matrix3<f64>> = observed.places.iter().map(back).collect();
+    let back: Vec<Matrix3<f64>> = observed.rotary_positions.iter().map(back).collect();
     let of_centre = |centre: &BallCentre| {
-        let at = observed.places[centre.place].updated_by(&Position::from_xyz(centre.xyz));
+        let at = observed.rotary_positions[centre.rotary_index]
+            .updated_by(&Position::from_xyz(centre.axes_mm));
         let columns = chain.jacobian(&at, stylus, &[], errors).into_iter();
-        columns.map(|along| back[centre.place] * along).collect()
+        columns.map(|along| back[centre.rotary_index] * along).collect()
     };
     observed.centres.iter().map(of_centre).collect()
 }

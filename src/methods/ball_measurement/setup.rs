@@ -5,16 +5,16 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::touch_order::TouchOrder;
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
-use planning::{Access, Approach, BallTask};
+use planning::{BallApproach, BallTask, TouchAccess};
 
 /// When fast touches search for a ball before it is measured slowly.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Find {
+pub enum SearchMode {
     /// Once; afterwards the expected position follows from the nominal machine.
     Once,
     /// At every indexation, as in paper 4, section 3.
@@ -24,25 +24,25 @@ pub enum Find {
 
 /// One rotary position and the balls measured there, as indices of the artefact's balls.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Visit {
-    pub at: Position,
+pub struct BallVisit {
+    pub rotary: Position,
     pub balls: Vec<usize>,
     /// Order of the touches of a ball in a slow measurement, by ball; the default order if absent.
-    pub around: BTreeMap<usize, TouchOrder>,
+    pub touch_orders: BTreeMap<usize, TouchOrder>,
 }
 
-impl Visit {
+impl BallVisit {
     pub fn new(at: Position, balls: Vec<usize>) -> Self {
-        Self { at, balls, around: BTreeMap::new() }
+        Self { rotary: at, balls, touch_orders: BTreeMap::new() }
     }
 }
 
 /// Touch settings of each ball measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchSettings {
-    pub find: Find,
+    pub search_mode: SearchMode,
     /// Number of touches of one measurement: 5, or more for a form check.
-    pub touches: usize,
+    pub touch_count: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
     /// Duration for which one ball is watched before the run, s; 0: no watch.
@@ -58,31 +58,31 @@ pub struct TouchSettings {
     pub diameter_limit_mm: f64,
 }
 
-const MOST_WATCH_S: f64 = 7200.0;
+const MAX_WATCH_S: f64 = 7200.0;
 
 impl TouchSettings {
     /// # Errors
     /// A setting would make the run fail.
-    pub fn check(&self) -> Result<(), Refused> {
-        Refused::unless(
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        MethodRefusal::require(
             self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
             "standoff_mm and search_mm must be greater than 0",
-            "leave them out, or choose about 0.5 and 1.0",
+            "remove both settings, or choose about 0.5 and 1.0",
         )?;
-        Refused::unless(
-            (5..=100).contains(&self.touches),
-            format!("{} touches do not tell a ball from its dents", self.touches),
+        MethodRefusal::require(
+            (5..=100).contains(&self.touch_count),
+            format!("touches = {}: a ball requires 5 to 100 touches", self.touch_count),
             "choose touches = 5, or 15 for a form check",
         )?;
-        Refused::unless(
-            (0.0..=MOST_WATCH_S).contains(&self.watch_s),
-            "a ball is watched for 0 to 120 minutes",
-            "choose watch_min = 10, or 0 to begin at once",
+        MethodRefusal::require(
+            (0.0..=MAX_WATCH_S).contains(&self.watch_s),
+            "watch_min must be 0 to 120",
+            "choose watch_min = 10, or 0 to start without a rest check",
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             self.form_limit_mm > 0.0 && self.diameter_limit_mm > 0.0,
             "form_limit_um and diameter_limit_um must be greater than 0",
-            "leave them out, or choose about 15 and 30",
+            "remove both settings, or choose about 15 and 30",
         )
     }
 }
@@ -90,7 +90,7 @@ impl TouchSettings {
 impl TouchSettings {
     /// Maximum distance of a ball from the position where it was found, mm: half of the standoff of a slow
     /// touch, or of its search distance if that is smaller.
-    pub fn found_within_mm(&self) -> f64 {
+    pub fn position_tolerance_mm(&self) -> f64 {
         self.standoff_mm.min(self.search_mm) / 2.0
     }
 }
@@ -101,12 +101,12 @@ pub struct MeasurementSetup<'a> {
     pub method: &'static str,
     pub plan: &'a Plan,
     pub balls: &'a Balls,
-    pub touch: TouchSettings,
+    pub touch_settings: TouchSettings,
 }
 
 impl<'a> MeasurementSetup<'a> {
     /// The same setup for an extended plan.
-    pub fn with<'b>(&self, plan: &'b Plan) -> MeasurementSetup<'b>
+    pub fn with_plan<'b>(&self, plan: &'b Plan) -> MeasurementSetup<'b>
     where
         'a: 'b,
     {
@@ -117,30 +117,30 @@ impl<'a> MeasurementSetup<'a> {
     ///
     /// # Errors
     /// The machine has no kinematics.
-    pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
-        Ok(Access::new(self.plan, artefact)?)
+    pub fn access(&self, artefact: &Artefact) -> Result<TouchAccess, MethodRefusal> {
+        Ok(TouchAccess::new(self.plan, artefact)?)
     }
 
     /// Task of one measurement of a ball.
-    pub fn task<'t>(
+    pub fn ball_task<'t>(
         &self,
         ball: &'t Ball,
         rotary: &'t Position,
-        approach: Approach,
+        approach: BallApproach,
     ) -> BallTask<'t> {
-        BallTask { ball, rotary, approach, touches: self.touch.touches }
+        BallTask { ball, rotary, approach, touches: self.touch_settings.touch_count }
     }
 
     /// Fast approach to a ball whose position has this uncertainty.
-    pub fn search(&self, uncertainty_mm: f64) -> Approach {
-        Approach::Find { uncertainty_mm, standoff_mm: self.touch.standoff_mm }
+    pub fn search_approach(&self, uncertainty_mm: f64) -> BallApproach {
+        BallApproach::Search { uncertainty_mm, standoff_mm: self.touch_settings.standoff_mm }
     }
 }
 
 /// Text of a rotary position in degrees: `B30 C90 S0`.
 pub fn describe_position(at: &Position) -> String {
-    let degree = |axis: Axis, value: f64| (axis.to_edge(value) * 1e3).round() / 1e3;
-    let words: Vec<String> =
+    let degree = |axis: Axis, value: f64| (axis.to_mm_or_deg(value) * 1e3).round() / 1e3;
+    let parts: Vec<String> =
         at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
-    words.join(" ")
+    parts.join(" ")
 }

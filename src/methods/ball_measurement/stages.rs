@@ -1,24 +1,24 @@
 //! Choice of the next stage: the tasks of a list of visits, one stage each.
 
-use super::known::FoundBalls;
-use super::label::{Label, Pass};
-use super::review::review;
-use super::setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
-use super::watch;
-use crate::{Next, Refused, Source};
+use super::found_balls::FoundBalls;
+use super::label::{Label, MeasurementPass};
+use super::rest_check;
+use super::review::review_stage;
+use super::setup::{BallVisit, MeasurementSetup, SearchMode, TouchSettings, describe_position};
+use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
-use planning::{Approach, Unreachable, staged_blocks};
+use planning::{BallAccessError, BallApproach, plan_blocks_by_stage};
 
 /// One stage: a pass over balls at one indexation.
 #[derive(Debug, Clone, PartialEq)]
-struct Task {
-    pass: Pass,
+struct StageTask {
+    pass: MeasurementPass,
     /// Number of the visit in the labels; for a reference, number of its round.
-    number: usize,
+    label_number: usize,
     /// Index of the visit that gives the indexation.
-    visit: usize,
+    visit_index: usize,
     balls: Vec<usize>,
 }
 
@@ -27,82 +27,98 @@ struct Task {
 ///
 /// # Errors
 /// A ball cannot be touched, or was outside the limits twice.
-pub fn next(
+pub fn next_stage(
     setup: &MeasurementSetup<'_>,
-    visits: &[Visit],
+    visits: &[BallVisit],
     done: &[Stage],
-    source: Source<'_>,
-) -> Result<Next, Refused> {
+    source: PositionSource<'_>,
+) -> Result<NextStage, MethodRefusal> {
     let id = done.last().map_or(0, |stage| stage.id + 1);
     let (known, one_more) = match source {
-        Source::Nominal => (FoundBalls::nominal(setup), false),
-        Source::Measured(readings) => {
-            if let Some(stage) = once_more(setup, done, readings, id)? {
-                return Ok(Next::Stage { stage, new_steps: Vec::new() });
+        PositionSource::Nominal => (FoundBalls::from_stated_positions(setup), false),
+        PositionSource::Measured(readings) => {
+            if let Some(stage) = repeat_rejected(setup, done, readings, id)? {
+                return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
-            (FoundBalls::of(setup, readings), watch::needs_a_round(setup, readings)?)
+            (
+                FoundBalls::from_readings(setup, readings),
+                rest_check::needs_watch_round(setup, readings)?,
+            )
         }
     };
-    let tasks = tasks(setup, visits, rounds_of_watch(setup) + usize::from(one_more));
+    let tasks = list_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
-    let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
-    let (stage, new_steps) = stage(setup, visits, task, &known, id)?;
-    Ok(Next::Stage { stage, new_steps })
+    let Some(task) = tasks.get(passed) else { return Ok(NextStage::Done) };
+    let (stage, new_steps) = build_stage(setup, visits, task, &known, id)?;
+    Ok(NextStage::Stage { stage, new_steps })
 }
 
 /// The stage that repeats the measurements of the last stage that were outside the limits.
-fn once_more(
+fn repeat_rejected(
     setup: &MeasurementSetup<'_>,
     done: &[Stage],
     readings: &[Reading],
     id: u32,
-) -> Result<Option<Stage>, Refused> {
+) -> Result<Option<Stage>, MethodRefusal> {
     let Some(last) = done.last() else { return Ok(None) };
-    let Some((steps, repeat)) = review(setup, last, readings)? else { return Ok(None) };
+    let Some((steps, repeat)) = review_stage(setup, last, readings)? else { return Ok(None) };
     let name = format!("{}, once more", last.name.trim_end_matches(", once more"));
     Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }
 
 /// Number of watch rounds in the plan so far.
-fn rounds_of_watch(setup: &MeasurementSetup<'_>) -> usize {
+fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
     let labels = setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok());
-    let rounds = labels.filter(|label| label.pass == Pass::Watch).map(|label| label.number());
+    let rounds = labels
+        .filter(|label| label.pass == MeasurementPass::Watch)
+        .map(|label| label.indexation_number());
     rounds.max().unwrap_or(0) as usize
 }
 
 /// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
-fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<Task> {
-    let searches = searches(visits);
-    let task = |pass, number: usize, balls: &[usize]| Task {
+fn list_tasks(
+    setup: &MeasurementSetup<'_>,
+    visits: &[BallVisit],
+    watched: usize,
+) -> Vec<StageTask> {
+    let searches = plan_searches(visits);
+    let task = |pass, number: usize, balls: &[usize]| StageTask {
         pass,
-        number,
-        visit: number,
+        label_number: number,
+        visit_index: number,
         balls: balls.to_vec(),
     };
-    let every = setup.touch.find == Find::Every;
-    let mut tasks: Vec<Task> = searches
+    let every = setup.touch_settings.search_mode == SearchMode::Every;
+    let mut tasks: Vec<StageTask> = searches
         .iter()
         .map(|(visit, new)| {
             let all =
                 visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
-            task(Pass::Find, *visit, all)
+            task(MeasurementPass::Find, *visit, all)
         })
         .collect();
-    let repeated = |pass: Pass, number: usize| {
+    let repeated = |pass: MeasurementPass, number: usize| {
         let (visit, balls) = searches.first()?;
-        Some(Task { pass, number, visit: *visit, balls: vec![*balls.first()?] })
+        Some(StageTask {
+            pass,
+            label_number: number,
+            visit_index: *visit,
+            balls: vec![*balls.first()?],
+        })
     };
-    let reference = |round| repeated(Pass::Reference, round).filter(|_| setup.touch.has_references);
+    let reference = |round| {
+        repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references)
+    };
     tasks.extend(reference(0));
-    tasks.extend((0..watched).filter_map(|round| repeated(Pass::Watch, round)));
+    tasks.extend((0..watched).filter_map(|round| repeated(MeasurementPass::Watch, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
             tasks.extend(reference(1));
         }
-        let mut slow = task(Pass::Slow, number, &visit.balls);
+        let mut slow = task(MeasurementPass::Slow, number, &visit.balls);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
-            tasks.push(task(Pass::Find, number, &visit.balls));
+            tasks.push(task(MeasurementPass::Find, number, &visit.balls));
             // The slow measurement takes the path of the search backwards.
             slow.balls.reverse();
         }
@@ -113,11 +129,11 @@ fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<
 }
 
 /// Visits that together give access to every ball, and the balls that are new at each.
-fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
+fn plan_searches(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
     let mut found: Vec<usize> = Vec::new();
     let mut searches = Vec::new();
     loop {
-        let new = |visit: &Visit| -> Vec<usize> {
+        let new = |visit: &BallVisit| -> Vec<usize> {
             visit.balls.iter().copied().filter(|ball| !found.contains(ball)).collect()
         };
         // The first of equal visits.
@@ -136,53 +152,68 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
 ///
 /// # Errors
 /// A visit cannot be planned.
-pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<f64, Refused> {
+pub fn machine_time_s(
+    setup: &MeasurementSetup<'_>,
+    visits: &[BallVisit],
+) -> Result<f64, MethodRefusal> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
-    for (id, task) in (0..).zip(tasks(setup, visits, 0)) {
-        let grown = setup.with(&plan);
-        let (planned, steps) = stage(&grown, visits, &task, &FoundBalls::nominal(&grown), id)?;
+    for (id, task) in (0..).zip(list_tasks(setup, visits, 0)) {
+        let grown = setup.with_plan(&plan);
+        let (planned, steps) =
+            build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
     }
-    Ok(staged_blocks(&plan, &stages)?.1)
+    Ok(plan_blocks_by_stage(&plan, &stages)?.1)
 }
 
 /// The stage of a task and its steps, numbered after those of the plan.
 ///
 /// # Errors
 /// A ball cannot be touched.
-fn stage(
+fn build_stage(
     setup: &MeasurementSetup<'_>,
-    visits: &[Visit],
-    task: &Task,
+    visits: &[BallVisit],
+    task: &StageTask,
     known: &FoundBalls,
     id: u32,
-) -> Result<(Stage, Vec<Step>), Refused> {
+) -> Result<(Stage, Vec<Step>), MethodRefusal> {
     let steps = match task.pass {
-        Pass::Reference | Pass::Watch if task.number > 0 => again(setup, task),
+        MeasurementPass::Reference | MeasurementPass::Watch if task.label_number > 0 => {
+            repeat_first_round(setup, task)
+        }
         _ => new_steps(setup, visits, task, known)?,
     };
-    let steps = setup.plan.numbered(id, steps);
+    let steps = setup.plan.number_steps(id, steps);
     let stage = Stage {
         id,
-        name: name(setup, visits, task),
+        name: stage_name(setup, visits, task),
         repeat: 0,
         steps: steps.iter().map(|step| step.id).collect(),
-        found: found(setup, task, known),
+        found: artefact_at_found_positions(setup, task, known),
     };
     Ok((stage, steps))
 }
 
-fn name(setup: &MeasurementSetup<'_>, visits: &[Visit], task: &Task) -> String {
-    let at = visits.get(task.visit).map_or(String::new(), |visit| describe_position(&visit.at));
+fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
+    let at = visits
+        .get(task.visit_index)
+        .map_or(String::new(), |visit| describe_position(&visit.rotary));
     match task.pass {
-        Pass::Find => format!("find at {at} ({} of {})", task.number + 1, visits.len()),
-        Pass::Slow => format!("measure at {at} ({} of {})", task.number + 1, visits.len()),
-        Pass::Watch | Pass::Reference => {
+        MeasurementPass::Find => {
+            format!("find at {at} ({} of {})", task.label_number + 1, visits.len())
+        }
+        MeasurementPass::Slow => {
+            format!("measure at {at} ({} of {})", task.label_number + 1, visits.len())
+        }
+        MeasurementPass::Watch | MeasurementPass::Reference => {
             let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
-            let what =
-                if task.pass == Pass::Watch { "is the machine at rest" } else { "reference" };
+            let what = if task.pass == MeasurementPass::Watch {
+                "rest check of the machine"
+            } else {
+                "reference"
+            };
             format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
@@ -190,58 +221,73 @@ fn name(setup: &MeasurementSetup<'_>, visits: &[Visit], task: &Task) -> String {
 
 fn new_steps(
     setup: &MeasurementSetup<'_>,
-    visits: &[Visit],
-    task: &Task,
+    visits: &[BallVisit],
+    task: &StageTask,
     known: &FoundBalls,
-) -> Result<Vec<Step>, Refused> {
-    let Some(visit) = visits.get(task.visit) else { return Ok(Vec::new()) };
-    let thought = found(setup, task, known);
-    let access = setup.access(thought.as_ref().unwrap_or(&setup.plan.artefact))?;
-    let TouchSettings { standoff_mm, search_mm, .. } = setup.touch;
+) -> Result<Vec<Step>, MethodRefusal> {
+    let Some(visit) = visits.get(task.visit_index) else { return Ok(Vec::new()) };
+    let assumed_artefact = artefact_at_found_positions(setup, task, known);
+    let access = setup.access(assumed_artefact.as_ref().unwrap_or(&setup.plan.artefact))?;
+    let TouchSettings { standoff_mm, search_mm, .. } = setup.touch_settings;
     let mut steps: Vec<Step> = Vec::new();
     for index in &task.balls {
         let Some(ball) = setup.balls.balls.get(*index) else { continue };
-        let centre_mm = known.centre(setup, *index, task.visit).into();
+        let centre_mm = known.expected_centre(setup, *index, task.visit_index).into();
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
-            Pass::Find => setup.search(known.uncertainty_mm(setup)),
-            Pass::Slow | Pass::Watch | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
+            MeasurementPass::Find => setup.search_approach(known.uncertainty_mm(setup)),
+            MeasurementPass::Slow | MeasurementPass::Watch | MeasurementPass::Reference => {
+                BallApproach::Measure { standoff_mm, search_mm }
+            }
         };
-        let kind = if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
+        let kind = if task.pass == MeasurementPass::Reference {
+            StepKind::Reference
+        } else {
+            StepKind::Touch
+        };
         let label = |touch: &str| {
-            let (pass, indexation, touch) = (task.pass, task.number as u32, touch.to_owned());
+            let (pass, indexation, touch) = (task.pass, task.label_number as u32, touch.to_owned());
             Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
         };
-        let wanted = setup.task(&expected, &visit.at, approach);
-        let new = access.steps(&wanted, &setup.plan.probe, kind, (0, 0), label);
-        let new = new.map_err(|why| refused(setup, visit, ball, &why))?;
-        let around = visit.around.get(index).filter(|_| task.pass == Pass::Slow);
-        steps.extend(around.copied().unwrap_or_default().applied(new));
+        let task_of_ball = setup.ball_task(&expected, &visit.rotary, approach);
+        let new = access.steps(&task_of_ball, &setup.plan.probe, kind, (0, 0), label);
+        let new = new.map_err(|reason| unreachable_refusal(setup, visit, ball, &reason))?;
+        let around = visit.touch_orders.get(index).filter(|_| task.pass == MeasurementPass::Slow);
+        steps.extend(around.copied().unwrap_or_default().apply(new));
     }
     Ok(steps)
 }
 
-fn refused(setup: &MeasurementSetup<'_>, visit: &Visit, ball: &Ball, why: &Unreachable) -> Refused {
-    let instead = match why {
-        Unreachable::TooLong { .. } => format!(
-            "lower uncertainty_mm of [artefact] ({} mm): set the artefact up nearer to where the file \
-             says, or take its place from a first probing by hand",
+fn unreachable_refusal(
+    setup: &MeasurementSetup<'_>,
+    visit: &BallVisit,
+    ball: &Ball,
+    reason: &BallAccessError,
+) -> MethodRefusal {
+    let remedy = match reason {
+        BallAccessError::SearchTooLong { .. } => format!(
+            "lower uncertainty_mm of [artefact] ({} mm): place the artefact closer to centre_mm, or measure \
+            the position by hand and correct centre_mm",
             setup.balls.uncertainty_mm
         ),
-        _ => "take the position out of tilt_deg and turn_deg, or set the ball up elsewhere"
-            .to_owned(),
+        _ => {
+            "remove the position from tilt_deg and turn_deg, or place the ball elsewhere".to_owned()
+        }
     };
-    Refused { why: format!("ball {} at {}: {why}", ball.id, describe_position(&visit.at)), instead }
+    MethodRefusal {
+        reason: format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)),
+        remedy,
+    }
 }
 
 /// The first round of references or of the watch again, at exactly the same places.
-fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
+fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
     let label = |step: &Step| step.label.parse::<Label>().ok();
     let of_first = |step: &&Step| {
         label(step).is_some_and(|label| label.pass == task.pass && label.indexation == 0)
     };
     let renumbered = |step: &Step| {
-        let label = Label { indexation: task.number as u32, ..label(step)? };
+        let label = Label { indexation: task.label_number as u32, ..label(step)? };
         Some(Step { label: label.to_string(), ..step.clone() })
     };
     setup.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
@@ -249,17 +295,21 @@ fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
 /// stated positions are known until then.
-fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &FoundBalls) -> Option<Artefact> {
-    if !known.all() {
+fn artefact_at_found_positions(
+    setup: &MeasurementSetup<'_>,
+    task: &StageTask,
+    known: &FoundBalls,
+) -> Option<Artefact> {
+    if !known.has_all_balls() {
         return None;
     }
-    let settings = setup.touch;
+    let settings = setup.touch_settings;
     let uncertainty_mm = match task.pass {
-        Pass::Find => known.uncertainty_mm(setup),
-        _ => settings.found_within_mm(),
+        MeasurementPass::Find => known.uncertainty_mm(setup),
+        _ => settings.position_tolerance_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
-        let centre_mm = known.centre(setup, index, task.visit).into();
+        let centre_mm = known.expected_centre(setup, index, task.visit_index).into();
         Ball { centre_mm, ..ball.clone() }
     });
     Some(Artefact::Balls(Balls { balls: balls.collect(), uncertainty_mm, ..setup.balls.clone() }))

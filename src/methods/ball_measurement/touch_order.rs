@@ -4,115 +4,124 @@
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TouchOrder {
     /// Index of the first of the touches around the ball.
-    first: usize,
-    backward: bool,
+    first_touch: usize,
+    is_backward: bool,
     /// Whether the pole is touched before the others; otherwise after them.
-    pole_first: bool,
+    is_pole_first: bool,
 }
 
 /// Path times of one ball, s, by indices of touches; the pole is the last.
 #[derive(Debug, Clone)]
-pub struct BallWays {
+pub struct BallPathTimes {
     /// Times from each touch of the previous ball to each touch; for the first ball one row, from the current
     /// position of the machine.
-    pub entering: Vec<Vec<f64>>,
+    pub entering_s: Vec<Vec<f64>>,
     /// Times from each touch to each other.
-    pub within: Vec<Vec<f64>>,
+    pub within_s: Vec<Vec<f64>>,
 }
 
 impl TouchOrder {
     /// All orders: from neighbour to neighbour in either sense, from any start, with the pole first or last.
-    fn all(touches: usize) -> Vec<Self> {
+    fn all_orders(touches: usize) -> Vec<Self> {
         let firsts = 0..touches.saturating_sub(1).max(1);
         let senses = firsts.flat_map(|first| [false, true].map(|backward| (first, backward)));
         let both = |(first, backward)| {
-            [false, true].map(|pole_first| Self { first, backward, pole_first })
+            [false, true].map(|pole_first| Self {
+                first_touch: first,
+                is_backward: backward,
+                is_pole_first: pole_first,
+            })
         };
         senses.flat_map(both).collect()
     }
 
     /// Applies the order. `touches`: in their order around the ball, the pole last.
-    pub fn applied<T>(self, mut touches: Vec<T>) -> Vec<T> {
+    pub fn apply<T>(self, mut touches: Vec<T>) -> Vec<T> {
         let Some(pole) = touches.pop() else { return touches };
         let count = touches.len().max(1);
-        touches.rotate_left(self.first % count);
-        if self.backward {
+        touches.rotate_left(self.first_touch % count);
+        if self.is_backward {
             // The first touch remains the first.
             touches.reverse();
             touches.rotate_right(1 % count);
         }
-        let at = if self.pole_first { 0 } else { touches.len() };
+        let at = if self.is_pole_first { 0 } else { touches.len() };
         touches.insert(at, pole);
         touches
     }
 }
 
 /// One of the orders of a ball, and the shortest time to its last touch.
-struct Reached {
-    around: TouchOrder,
+struct OrderCandidate {
+    touch_order: TouchOrder,
     order: Vec<usize>,
-    seconds: f64,
+    time_s: f64,
     /// Index of the order of the previous ball.
-    before: usize,
+    previous_index: usize,
 }
 
 /// Orders of the touches of the balls, one ball after the other, with the shortest total path time (dynamic
 /// programming over the last touch of each ball).
-pub fn quickest(balls: &[BallWays]) -> Vec<TouchOrder> {
-    let mut reached: Vec<Vec<Reached>> = Vec::new();
-    for ways in balls {
-        let next = reach(ways, reached.last().map_or(&[], Vec::as_slice));
+pub fn fastest_touch_orders(balls: &[BallPathTimes]) -> Vec<TouchOrder> {
+    let mut reached: Vec<Vec<OrderCandidate>> = Vec::new();
+    for path_times in balls {
+        let next = extend_candidates(path_times, reached.last().map_or(&[], Vec::as_slice));
         reached.push(next);
     }
-    let shortest = |all: &Vec<Reached>| {
+    let shortest = |all: &Vec<OrderCandidate>| {
         let times = all.iter().enumerate();
-        times.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds)).map(|(number, _)| number)
+        times.min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s)).map(|(number, _)| number)
     };
     let mut number = reached.last().and_then(shortest).unwrap_or_default();
     let mut chosen: Vec<TouchOrder> = Vec::new();
     for all in reached.iter().rev() {
         let Some(this) = all.get(number) else { break };
-        chosen.push(this.around);
-        number = this.before;
+        chosen.push(this.touch_order);
+        number = this.previous_index;
     }
     chosen.reverse();
     chosen
 }
 
-fn reach(ways: &BallWays, before: &[Reached]) -> Vec<Reached> {
+fn extend_candidates(path_times: &BallPathTimes, before: &[OrderCandidate]) -> Vec<OrderCandidate> {
     let seconds = |table: &[Vec<f64>], from: usize, to: usize| {
         table.get(from).and_then(|row| row.get(to)).copied().unwrap_or_default()
     };
-    let touches = ways.within.len();
+    let touches = path_times.within_s.len();
     let one = |around: TouchOrder| {
-        let order = around.applied((0..touches).collect());
+        let order = around.apply((0..touches).collect());
         let first = order.first().copied().unwrap_or_default();
         let pairs = order.windows(2);
-        let within: f64 = pairs.map(|pair| seconds(&ways.within, pair[0], pair[1])).sum();
+        let within: f64 = pairs.map(|pair| seconds(&path_times.within_s, pair[0], pair[1])).sum();
         let entered = before.iter().enumerate().map(|(number, reached)| {
             let end = reached.order.last().copied().unwrap_or_default();
-            (number, reached.seconds + seconds(&ways.entering, end, first))
+            (number, reached.time_s + seconds(&path_times.entering_s, end, first))
         });
         let (before, entered) = entered
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or((0, seconds(&ways.entering, 0, first)));
-        Reached { around, order, seconds: entered + within, before }
+            .unwrap_or((0, seconds(&path_times.entering_s, 0, first)));
+        OrderCandidate {
+            touch_order: around,
+            order,
+            time_s: entered + within,
+            previous_index: before,
+        }
     };
-    TouchOrder::all(touches).into_iter().map(one).collect()
+    TouchOrder::all_orders(touches).into_iter().map(one).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use estimation::random::stream;
+    use estimation::random::seeded_stream;
     use rand::RngExt;
 
-    fn total_s(balls: &[BallWays], order: &[Vec<usize>]) -> f64 {
+    fn total_s(balls: &[BallPathTimes], order: &[Vec<usize>]) -> f64 {
         let mut seconds = 0.0;
         for (number, touches) in order.iter().enumerate() {
             let from = number.checked_sub(1).map_or(0, |before| *order[before].last().unwrap());
-            seconds += balls[number].entering[from][touches[0]];
-            seconds += touches.windows(2).map(|p| balls[number].within[p[0]][p[1]]).sum::<f64>();
+            seconds += balls[number].entering_s[from][touches[0]];
+            seconds += touches.windows(2).map(|p| balls[number].within_s[p[0]][p[1]]).sum::<f64>();
         }
         seconds
     }
@@ -120,33 +129,34 @@ mod tests {
     #[test]
     fn the_touches_go_round_from_any_of_them_the_pole_before_or_after() {
         let applied = |first, backward, pole_first| {
-            let around = TouchOrder { first, backward, pole_first };
-            around.applied(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
+            let around =
+                TouchOrder { first_touch: first, is_backward: backward, is_pole_first: pole_first };
+            around.apply(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
         };
         assert_eq!(applied(0, false, false), "+45 +135 -135 -45 pole");
         assert_eq!(applied(2, false, true), "pole -135 -45 +45 +135");
         assert_eq!(applied(2, true, false), "-135 +135 +45 -45 pole");
-        assert!(TouchOrder::default().applied(Vec::<u8>::new()).is_empty());
-        let four = TouchOrder { first: 3, ..TouchOrder::default() }.applied(vec![1, 2, 3, 9]);
+        assert!(TouchOrder::default().apply(Vec::<u8>::new()).is_empty());
+        let four = TouchOrder { first_touch: 3, ..TouchOrder::default() }.apply(vec![1, 2, 3, 9]);
         assert_eq!(four, [1, 2, 3, 9]);
     }
 
     #[test]
     fn no_combination_is_quicker() {
-        let random = &mut stream(1, &[1]);
+        let random = &mut seeded_stream(1, &[1]);
         let mut table = |rows: usize, columns: usize| -> Vec<Vec<f64>> {
             (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()
         };
         // The second ball has four accessible touches.
-        let mut ball = |before, count| BallWays {
-            entering: table(before, count),
-            within: table(count, count),
+        let mut ball = |before, count| BallPathTimes {
+            entering_s: table(before, count),
+            within_s: table(count, count),
         };
         let balls = [ball(1, 5), ball(5, 4), ball(4, 5)];
         let orders = [5, 4, 5].map(|count| {
             let touches: Vec<usize> = (0..count).collect();
-            let all = TouchOrder::all(count).into_iter();
-            all.map(|around| around.applied(touches.clone())).collect::<Vec<_>>()
+            let all = TouchOrder::all_orders(count).into_iter();
+            all.map(|around| around.apply(touches.clone())).collect::<Vec<_>>()
         });
         let mut best = f64::INFINITY;
         for first in &orders[0] {
@@ -157,11 +167,11 @@ mod tests {
                 }
             }
         }
-        let chosen = quickest(&balls);
+        let chosen = fastest_touch_orders(&balls);
         let order: Vec<Vec<usize>> = chosen
             .iter()
             .zip([5, 4, 5])
-            .map(|(around, count)| around.applied((0..count).collect()))
+            .map(|(around, count)| around.apply((0..count).collect()))
             .collect();
         assert!((total_s(&balls, &order) - best).abs() < 1e-12);
     }

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 /// Basis functions, the same for all six error motions.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Basis {
+pub enum AngleBasis {
     /// cos kθ and sin kθ for k = 1..=`order`, then cos θ/n and sin θ/n for n = 2..=`sub_order` (paper 5, Eq.
     /// (2); the constant that the equation lacks is gauge). θ is the commanded angle, not wrapped.
     Fourier { order: usize, sub_order: usize },
@@ -12,7 +12,7 @@ pub enum Basis {
     Stops(usize),
 }
 
-impl Basis {
+impl AngleBasis {
     pub fn len(&self) -> usize {
         match self {
             Self::Fourier { order, sub_order } => 2 * (order + sub_order.saturating_sub(1)),

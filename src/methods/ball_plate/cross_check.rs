@@ -5,9 +5,9 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use super::four_steps::four_steps;
-use super::layout::{COMPONENTS, Layout};
-use super::solved::Solved;
+use super::four_steps::solve_in_four_steps;
+use super::layout::{MOTION_COMPONENTS, UnknownsLayout};
+use super::solved::SolvedRun;
 use crate::identification::{Identification, unit_slope};
 use machine::record::estimate::Unit;
 
@@ -21,19 +21,21 @@ pub struct CoefficientDifference {
     pub symbol: String,
     pub unit: Unit,
     /// Difference of the coefficient, in its internal unit.
-    pub by: f64,
+    pub difference: f64,
     pub expanded: f64,
 }
 
 impl CrossCheck {
-    pub fn new(solved: &Solved<'_>, identified: &Identification) -> Self {
-        if let Some(reason) = obstacle(solved) {
+    pub fn new(solved: &SolvedRun<'_>, identified: &Identification) -> Self {
+        if let Some(reason) = find_obstacle(solved) {
             return Self::NotPossible(reason);
         }
         let layout = &solved.design.layout;
-        let (stops, sightings) = (&solved.design.stops, &solved.measured.sightings);
-        let Some(other) = four_steps(layout, stops, sightings, &without_drift(solved)) else {
-            return Self::NotPossible("their equations have no solution");
+        let (stops, observations) = (&solved.design.stops, &solved.measured.observations);
+        let Some(other) =
+            solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved))
+        else {
+            return Self::NotPossible("the equations have no solution");
         };
         let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknowns()));
         let expanded: Vec<f64> = (0..other.len()).map(|j| uncertainty(j).expanded()).collect();
@@ -41,11 +43,11 @@ impl CrossCheck {
         let share = |j: usize| by(j) / expanded[j].max(f64::MIN_POSITIVE);
         let worst = (0..other.len()).max_by(|i, j| share(*i).total_cmp(&share(*j))).unwrap_or(0);
         let symbol = layout.names(solved.plate.axis).swap_remove(worst);
-        let unit = unit_of(layout, worst);
+        let unit = coefficient_unit(layout, worst);
         Self::Compared(CoefficientDifference {
             symbol,
             unit,
-            by: by(worst),
+            difference: by(worst),
             expanded: expanded[worst],
         })
     }
@@ -54,10 +56,10 @@ impl CrossCheck {
     /// factor of two, the standard deviation of a difference is 0.35 u; by a factor of four, 0.75 u.
     pub fn warning(&self) -> Option<String> {
         let Self::Compared(difference) = self else { return None };
-        (difference.by > difference.expanded).then(|| {
+        (difference.difference > difference.expanded).then(|| {
             format!(
-                "least squares over all visits and the four steps of paper 5 do not agree: {difference}. Look for \
-                 visits in residual_rms that do not fit, and measure again"
+                "least squares over all visits and the four steps of paper 5 differ: {difference}. Find the \
+                visits with large residual_rms and measure them again"
             )
         })
     }
@@ -79,50 +81,55 @@ impl fmt::Display for CrossCheck {
 
 impl fmt::Display for CoefficientDifference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { symbol, unit, by, expanded } = self;
+        let Self { symbol, unit, difference: by, expanded } = self;
         let [by, expanded] = [by, expanded].map(|value| unit.from_internal(*value));
         let unit = unit.symbol();
         write!(f, "largest difference {by:.3} {unit}, in {symbol} (U = {expanded:.3} {unit})")
     }
 }
 
-fn unit_of(layout: &Layout, coefficient: usize) -> Unit {
-    let motions = COMPONENTS.len() * layout.basis.len();
+fn coefficient_unit(layout: &UnknownsLayout, coefficient: usize) -> Unit {
+    let motions = MOTION_COMPONENTS.len() * layout.basis.len();
     let component = match coefficient.checked_sub(motions) {
         None => coefficient / layout.basis.len(),
         Some(reversal) => reversal,
     };
-    super::outputs::unit(COMPONENTS[component])
+    super::outputs::component_unit(MOTION_COMPONENTS[component])
 }
 
 /// Reason why the four steps do not apply.
-fn obstacle(solved: &Solved<'_>) -> Option<&'static str> {
-    let Solved { design, measured, plate, settings, .. } = solved;
-    let (balls, positions) = (plate.steps.len(), settings.positions);
-    let steps: BTreeSet<usize> = plate.steps.iter().copied().collect();
+fn find_obstacle(solved: &SolvedRun<'_>) -> Option<&'static str> {
+    let SolvedRun { design, measured, plate, settings, .. } = solved;
+    let (balls, positions) = (plate.position_steps.len(), settings.positions);
+    let steps: BTreeSet<usize> = plate.position_steps.iter().copied().collect();
     let is_even = steps.len() == balls
         && positions.is_multiple_of(balls)
         && steps.iter().all(|step| step.is_multiple_of(positions / balls));
-    let visits: BTreeSet<(usize, usize)> =
-        measured.sightings.iter().map(|sighting| (sighting.stop, sighting.ball)).collect();
+    let visits: BTreeSet<(usize, usize)> = measured
+        .observations
+        .iter()
+        .map(|observation| (observation.stop, observation.ball))
+        .collect();
     let all = design.stops.len() * balls;
-    let is_complete = visits.len() == all && measured.sightings.len() == all;
+    let is_complete = visits.len() == all && measured.observations.len() == all;
     match () {
-        () if settings.values => Some("they need harmonics (values = false)"),
-        () if !is_even => Some("they need balls at equal angles, which lose harmonics"),
-        () if !is_complete => Some("they need each ball once at each stop"),
+        () if settings.values => Some("harmonics are required (values = false)"),
+        () if !is_even => {
+            Some("balls at equal angles are required, which leave some harmonics undetermined")
+        }
+        () if !is_complete => Some("each ball must be measured once at each stop"),
         () => None,
     }
 }
 
 /// Deviations of the sightings, minus the fitted drift and the steps at interruptions, mm.
-fn without_drift(solved: &Solved<'_>) -> Vec<Vector3<f64>> {
-    let Solved { design, measured, solution, a, .. } = solved;
-    let drift = design.layout.drift(1, 0)..design.layout.place(0, 0);
+fn deviations_without_drift(solved: &SolvedRun<'_>) -> Vec<Vector3<f64>> {
+    let SolvedRun { design, measured, solution, design_matrix: a, .. } = solved;
+    let drift = design.layout.drift_index(1, 0)..design.layout.position_index(0, 0);
     let fitted = |row: usize| drift.clone().map(|j| a[(row, j)] * solution.x[j]).sum::<f64>();
-    let sightings = measured.sightings.iter().enumerate();
-    let of_sighting = |(i, sighting): (usize, &super::equations::BallObservation)| {
-        sighting.deviation - Vector3::from_fn(|axis, _| fitted(3 * i + axis))
+    let observations = measured.observations.iter().enumerate();
+    let of_observation = |(i, observation): (usize, &super::equations::BallObservation)| {
+        observation.deviation - Vector3::from_fn(|axis, _| fitted(3 * i + axis))
     };
-    sightings.map(of_sighting).collect()
+    observations.map(of_observation).collect()
 }

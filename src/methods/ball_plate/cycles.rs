@@ -4,48 +4,52 @@
 use nalgebra::Vector3;
 
 use super::basis::equal_angles;
-use super::four_steps::rigid_bodies;
-use super::layout::{COMPONENTS, Stop};
-use super::outputs::unit;
-use super::solved::Solved;
-use crate::identification::order_values;
+use super::four_steps::fit_rigid_bodies;
+use super::layout::{MOTION_COMPONENTS, Stop};
+use super::outputs::component_unit;
+use super::solved::SolvedRun;
+use crate::identification::function_over_orders;
 use machine::Axis;
-use machine::record::estimate::{FigureKind, Function, Unit};
+use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
 
-pub fn functions(solved: &Solved<'_>) -> Vec<Function> {
+pub fn revolution_functions(solved: &SolvedRun<'_>) -> Vec<EstimatedFunction> {
     let residuals: Vec<Vector3<f64>> = solved.residuals().collect();
-    let mut all = linear_axes(solved, &residuals);
+    let mut all = linear_axis_functions(solved, &residuals);
     // Values at the stops already show every revolution.
     if !solved.settings.values {
-        all.extend(error_motions(solved, &residuals));
+        all.extend(error_motion_functions(solved, &residuals));
     }
     all
 }
 
 /// Curves over an angle without a stated uncertainty, one curve per revolution or direction.
-fn curves(
+fn angle_curve(
     symbol: String,
     argument: &str,
     unit: Unit,
     points: impl Iterator<Item = (f64, f64)>,
-) -> Function {
+) -> EstimatedFunction {
     let points = points.map(|(angle, value)| (angle.to_degrees(), unit.from_internal(value)));
-    Function {
+    EstimatedFunction {
         argument: argument.to_owned(),
         argument_unit: "deg".to_owned(),
         figure: FigureKind::Curve,
-        ..order_values(&symbol, unit, points)
+        ..function_over_orders(&symbol, unit, points)
     }
 }
 
 /// Deviations of X, Y and Z at the measuring positions, by revolution.
-fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function> {
+fn linear_axis_functions(
+    solved: &SolvedRun<'_>,
+    residuals: &[Vector3<f64>],
+) -> Vec<EstimatedFunction> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     let positions = solved.settings.positions;
     let revolutions = solved.design.stops.len().div_ceil(positions);
     let mut sums = vec![(Vector3::zeros(), 0.0); revolutions * positions];
-    for (sighting, residual) in solved.measured.sightings.iter().zip(residuals) {
-        let (sum, count) = &mut sums[sighting.stop / positions * positions + sighting.place];
+    for (observation, residual) in solved.measured.observations.iter().zip(residuals) {
+        let (sum, count) =
+            &mut sums[observation.stop / positions * positions + observation.position_index];
         *sum += residual;
         *count += 1.0;
     }
@@ -54,35 +58,45 @@ fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function>
         let of_place = |(i, (angle, (sum, count))): (usize, (f64, &(Vector3<f64>, f64)))| {
             // If the true position of a linear axis is too large, its displayed position at a ball is too
             // small.
-            (*count > 0.0).then(|| (angle, x[layout.place(i % positions, k)] - sum[k] / count))
+            (*count > 0.0)
+                .then(|| (angle, x[layout.position_index(i % positions, k)] - sum[k] / count))
         };
         let points = angles.zip(&sums).enumerate().filter_map(of_place);
-        curves(format!("D{axis}_revolutions"), "position", Unit::Um, points)
+        angle_curve(format!("D{axis}_revolutions"), "position", Unit::Um, points)
     };
     Axis::LINEAR.into_iter().enumerate().map(of_axis).collect()
 }
 
 /// Error motions at the stops: the harmonics plus the residuals of the stop; rising commands first, then
 /// falling ones.
-fn error_motions(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function> {
+fn error_motion_functions(
+    solved: &SolvedRun<'_>,
+    residuals: &[Vector3<f64>],
+) -> Vec<EstimatedFunction> {
     let (layout, stops, x) = (&solved.design.layout, &solved.design.stops, &solved.solution.x);
     let axis = solved.plate.axis;
-    let bodies = rigid_bodies(&solved.measured.sightings, residuals);
+    let bodies = fit_rigid_bodies(&solved.measured.observations, residuals);
     let mut order: Vec<usize> = bodies.keys().copied().collect();
     order.sort_by(|a, b| {
         let [a, b] = [stops[*a], stops[*b]];
-        b.direction.total_cmp(&a.direction).then(a.angle.total_cmp(&b.angle))
+        b.approach_direction.total_cmp(&a.approach_direction).then(a.angle.total_cmp(&b.angle))
     });
     let of_component = |(k, component): (usize, Axis)| {
         let point = |stop: &usize| {
-            let Stop { angle, direction } = stops[*stop];
+            let Stop { angle, approach_direction: direction } = stops[*stop];
             let functions = layout.basis.values(angle, *stop).into_iter().enumerate();
-            let harmonics: f64 = functions.map(|(j, value)| value * x[layout.motion(k, j)]).sum();
-            let reversal = if layout.has_reversal { x[layout.reversal(k)] } else { 0.0 };
+            let harmonics: f64 =
+                functions.map(|(j, value)| value * x[layout.motion_index(k, j)]).sum();
+            let reversal = if layout.has_reversal { x[layout.reversal_index(k)] } else { 0.0 };
             (angle, harmonics + 0.5 * direction * reversal + bodies[stop][k])
         };
         let points = order.iter().map(point);
-        curves(format!("E{component}{axis}_stops"), axis.name(), unit(component), points)
+        angle_curve(
+            format!("E{component}{axis}_stops"),
+            axis.name(),
+            component_unit(component),
+            points,
+        )
     };
-    COMPONENTS.into_iter().enumerate().map(of_component).collect()
+    MOTION_COMPONENTS.into_iter().enumerate().map(of_component).collect()
 }

@@ -4,140 +4,149 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::basis::Basis;
-use super::equations::{BallObservation, survey};
-use super::layout::{Layout, Stop};
+use super::basis::AngleBasis;
+use super::equations::{BallObservation, survey_equations};
+use super::layout::{Stop, UnknownsLayout};
 use super::plate::Plate;
 use super::settings::Settings;
-use crate::Refused;
-use crate::ball_measurement::Visit;
-use crate::turns::Turns;
+use crate::MethodRefusal;
+use crate::ball_measurement::BallVisit;
+use crate::revolution_steps::RevolutionSteps;
 use machine::record::plan::Plan;
 
-pub struct Design {
+pub struct PlateDesign {
     pub stops: Vec<Stop>,
     /// Position of each stop, in steps of 360°/M from zero.
-    pub numbers: Vec<i64>,
-    pub visits: Vec<Visit>,
-    pub layout: Layout,
+    pub stop_numbers: Vec<i64>,
+    pub visits: Vec<BallVisit>,
+    pub layout: UnknownsLayout,
 }
 
-impl Design {
+impl PlateDesign {
     /// # Errors
     /// The limits of the axis do not allow the revolutions.
-    pub fn new(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Self, Refused> {
-        let numbers = numbers(plan, settings, plate)?;
+    pub fn new(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Self, MethodRefusal> {
+        let numbers = list_stop_numbers(plan, settings, plate)?;
         let step = TAU / settings.positions as f64;
         let rising = settings.positions * settings.revolutions;
         let stop = |(i, number): (usize, &i64)| Stop {
             angle: step * *number as f64,
-            direction: if i < rising { 1.0 } else { -1.0 },
+            approach_direction: if i < rising { 1.0 } else { -1.0 },
         };
         let stops: Vec<Stop> = numbers.iter().enumerate().map(stop).collect();
         let visit = |stop: &Stop| {
-            let at = plate.still.clone().with(plate.axis, stop.angle);
-            Visit::new(at, (0..plate.balls.balls.len()).collect())
+            let at = plate.rest_position.clone().with(plate.axis, stop.angle);
+            BallVisit::new(at, (0..plate.balls.balls.len()).collect())
         };
-        let layout = Layout {
-            basis: basis(settings, stops.len()),
+        let layout = UnknownsLayout {
+            basis: choose_basis(settings, stops.len()),
             has_reversal: settings.both_directions && !settings.values,
             // The values of a stop include the drift up to that stop.
             drift_order: if settings.values { 0 } else { settings.drift_order },
             interruptions: 0,
-            places: settings.positions,
-            radial: plate.radial.clone(),
-            turn: plate.turn,
+            position_count: settings.positions,
+            radial_directions: plate.radial_directions.clone(),
+            rotation_sense: plate.rotation_sense,
         };
         let visits = stops.iter().map(visit).collect();
-        Ok(Self { stops, numbers, visits, layout })
+        Ok(Self { stops, stop_numbers: numbers, visits, layout })
     }
 
     /// Checks the rank of the nominal equations before the first motion.
     ///
     /// # Errors
     /// The visits do not separate the error motions; the error proposes a better layout.
-    pub fn check(&self, settings: &Settings, plate: &Plate<'_>) -> Result<(), Refused> {
-        let sightings = self.nominal(settings, plate);
-        let numerical = |error: estimation::linear::LinearError| Refused {
-            why: error.to_string(),
-            instead: "correct [artefact] and [method.ball-plate]".to_owned(),
+    pub fn check(&self, settings: &Settings, plate: &Plate<'_>) -> Result<(), MethodRefusal> {
+        let observations = self.nominal_observations(settings, plate);
+        let numerical = |error: estimation::linear::LinearError| MethodRefusal {
+            reason: error.to_string(),
+            remedy: "correct [artefact] and [method.ball-plate]".to_owned(),
         };
-        let survey = survey(&self.layout, &self.stops, &sightings, true).map_err(numerical)?;
+        let survey =
+            survey_equations(&self.layout, &self.stops, &observations, true).map_err(numerical)?;
         if survey.nullity == 0 {
             return Ok(());
         }
-        let lost = lost_harmonics(&plate.steps, settings.positions, settings.harmonics);
+        let lost =
+            undetermined_harmonics(&plate.position_steps, settings.positions, settings.harmonics);
         let lost = lost.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-        let better = staggered(plate.steps.len(), settings.positions);
+        let better = stagger_balls(plate.position_steps.len(), settings.positions);
         let degrees = better.iter().map(|step| 360.0 / settings.positions as f64 * *step as f64);
         let degrees = degrees.map(|degrees| format!("{degrees:.1}")).collect::<Vec<_>>().join(", ");
-        Err(Refused {
-            why: format!(
+        Err(MethodRefusal {
+            reason: format!(
                 "these visits do not separate {} combinations of the unknowns{}",
                 survey.nullity,
                 if lost.is_empty() {
                     String::new()
                 } else {
                     format!(
-                        ": the harmonics {lost} of the error motions are lost, because every ball comes to \
-                             each measuring position at the same phase of them"
+                        ": the harmonics {lost} of the error motions are not determined, because they have \
+                        the same phase for every ball at a measuring position"
                     )
                 }
             ),
-            instead: format!(
-                "stagger the balls: stand them at {degrees} degrees from the first; or measure fewer harmonics"
+            remedy: format!(
+                "place the balls at {degrees} degrees from the first ball, or lower harmonics"
             ),
         })
     }
 
     /// Sightings as if every ball were at its stated position, with the machine frame parallel to the table
     /// frame.
-    fn nominal(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<BallObservation> {
+    fn nominal_observations(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<BallObservation> {
         let count = self.stops.len().max(2) as f64;
-        let mut sightings = Vec::new();
-        for (i, (stop, number)) in self.stops.iter().zip(&self.numbers).enumerate() {
+        let mut observations = Vec::new();
+        for (i, (stop, number)) in self.stops.iter().zip(&self.stop_numbers).enumerate() {
             let turned = Matrix3::from(nalgebra::Rotation3::from_axis_angle(
                 &Vector3::z_axis(),
-                plate.turn * stop.angle,
+                plate.rotation_sense * stop.angle,
             ));
-            for (ball, radial) in plate.radial.iter().enumerate() {
+            for (ball, radial) in plate.radial_directions.iter().enumerate() {
                 let height = plate.height_mm();
                 let at = turned * radial * plate.radius_mm + Vector3::z() * height;
-                sightings.push(BallObservation {
+                observations.push(BallObservation {
                     stop: i,
                     ball,
-                    place: plate.place(ball, *number, settings.positions),
-                    time: 2.0 * i as f64 / (count - 1.0) - 1.0,
+                    position_index: plate.measuring_position(ball, *number, settings.positions),
+                    relative_time: 2.0 * i as f64 / (count - 1.0) - 1.0,
                     segment: 0,
                     deviation: Vector3::zeros(),
-                    by_motion: rigid_motion(at),
-                    by_ball: turned,
+                    motion_derivatives: rigid_motion_columns(at),
+                    ball_derivative: turned,
                 });
             }
         }
-        sightings
+        observations
     }
 }
 
-fn basis(settings: &Settings, stops: usize) -> Basis {
+fn choose_basis(settings: &Settings, stops: usize) -> AngleBasis {
     match settings.values {
-        true => Basis::Stops(stops),
-        false => Basis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
+        true => AngleBasis::Stops(stops),
+        false => {
+            AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics }
+        }
     }
 }
 
 /// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: vector to the point from the
 /// point about which the table tilts, mm.
-pub fn rigid_motion(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
+pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
     let unit = |axis: usize| Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
     let turned = |axis: usize| unit(axis).cross(&from_axis);
     [unit(0), unit(1), unit(2), turned(0), turned(1), turned(2)]
 }
 
 /// Positions of the stops in steps from zero: rising, then falling.
-fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, Refused> {
+fn list_stop_numbers(
+    plan: &Plan,
+    settings: &Settings,
+    plate: &Plate<'_>,
+) -> Result<Vec<i64>, MethodRefusal> {
     let Settings { positions, revolutions, .. } = *settings;
-    let steps = Turns { positions, revolutions, lead: 0 }.within(plan, plate.axis)?;
+    let steps = RevolutionSteps { positions, revolutions, lead_steps: 0 }
+        .range_within_limits(plan, plate.axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
     // The return begins one step beyond the last stop and ends one step after the first.
@@ -146,7 +155,7 @@ fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i6
 }
 
 /// Harmonics up to `order` at which all balls arrive at each measuring position with the same phase.
-pub fn lost_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<usize> {
+pub fn undetermined_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<usize> {
     let first = steps.first().copied().unwrap_or(0);
     let is_lost = |k: &usize| {
         steps.iter().all(|step| (k * (step + positions - first)).is_multiple_of(positions))
@@ -156,7 +165,7 @@ pub fn lost_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<us
 
 /// Steps for `balls` balls, nearly evenly spaced, at which no harmonic is lost or nearly lost. The candidates
 /// shift each ball further than the one before; the one with the best worst harmonic is chosen.
-pub fn staggered(balls: usize, positions: usize) -> Vec<usize> {
+pub fn stagger_balls(balls: usize, positions: usize) -> Vec<usize> {
     let width = (positions / balls.max(1)).max(1);
     let candidate = |shift: usize| -> Vec<usize> {
         let place =

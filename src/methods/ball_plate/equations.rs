@@ -4,9 +4,9 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::layout::{COMPONENTS, Layout, Stop};
+use super::layout::{MOTION_COMPONENTS, Stop, UnknownsLayout};
 use estimation::linear::{
-    self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey,
+    self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis,
 };
 
 /// One measurement of a ball at one stop.
@@ -15,50 +15,60 @@ pub struct BallObservation {
     pub stop: usize,
     pub ball: usize,
     /// Index of the measuring position.
-    pub place: usize,
+    pub position_index: usize,
     /// Time from the middle of the run, divided by half its duration: −1 to 1.
-    pub time: f64,
+    pub relative_time: f64,
     /// Number of interruptions of the run before the measurement.
     pub segment: usize,
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.
     pub deviation: Vector3<f64>,
     /// Derivative of that deviation by each error motion of the rotary axis, mm per mm or rad.
-    pub by_motion: [Vector3<f64>; COMPONENTS.len()],
+    pub motion_derivatives: [Vector3<f64>; MOTION_COMPONENTS.len()],
     /// Derivative of that deviation by the position of the ball in the table frame.
-    pub by_ball: Matrix3<f64>,
+    pub ball_derivative: Matrix3<f64>,
 }
 
 /// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
-pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[BallObservation]) -> Mat<f64> {
-    let mut a = Mat::zeros(3 * sightings.len(), layout.unknowns());
-    for (i, sighting) in sightings.iter().enumerate() {
+pub fn design_matrix(
+    layout: &UnknownsLayout,
+    stops: &[Stop],
+    observations: &[BallObservation],
+) -> Mat<f64> {
+    let mut a = Mat::zeros(3 * observations.len(), layout.unknowns());
+    for (i, observation) in observations.iter().enumerate() {
         let mut set = |j: usize, column: Vector3<f64>| {
             (0..3).for_each(|axis| a[(3 * i + axis, j)] = column[axis]);
         };
-        let Some(stop) = stops.get(sighting.stop) else { continue };
-        let functions = layout.basis.values(stop.angle, sighting.stop);
-        for (component, by) in sighting.by_motion.iter().enumerate() {
+        let Some(stop) = stops.get(observation.stop) else { continue };
+        let functions = layout.basis.values(stop.angle, observation.stop);
+        for (component, by) in observation.motion_derivatives.iter().enumerate() {
             for (function, value) in functions.iter().enumerate() {
-                set(layout.motion(component, function), by * *value);
+                set(layout.motion_index(component, function), by * *value);
             }
             if layout.has_reversal {
                 // The reversal value is the full difference between both directions.
-                set(layout.reversal(component), by * (0.5 * stop.direction));
+                set(layout.reversal_index(component), by * (0.5 * stop.approach_direction));
             }
         }
         for axis in 0..3 {
             let along = Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
             for order in 1..=layout.drift_order {
-                set(layout.drift(order, axis), along * sighting.time.powi(order as i32));
+                set(
+                    layout.drift_index(order, axis),
+                    along * observation.relative_time.powi(order as i32),
+                );
             }
-            for interruption in 0..sighting.segment.min(layout.interruptions) {
-                set(layout.step(interruption, axis), along);
+            for interruption in 0..observation.segment.min(layout.interruptions) {
+                set(layout.step_index(interruption, axis), along);
             }
             // If the true position of a linear axis is too large, its displayed position at a ball is too
             // small.
-            set(layout.place(sighting.place, axis), -along);
-            set(layout.ball(sighting.ball, axis), sighting.by_ball.column(axis).into_owned());
+            set(layout.position_index(observation.position_index, axis), -along);
+            set(
+                layout.ball_index(observation.ball, axis),
+                observation.ball_derivative.column(axis).into_owned(),
+            );
         }
     }
     a
@@ -66,15 +76,16 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[BallObservation]) ->
 
 /// # Errors
 /// The visits do not separate the unknowns.
-pub fn solve(
-    layout: &Layout,
+pub fn solve_equations(
+    layout: &UnknownsLayout,
     stops: &[Stop],
-    sightings: &[BallObservation],
+    observations: &[BallObservation],
     sigma: &[f64],
 ) -> Result<(Mat<f64>, LinearSolution), LinearError> {
-    let a = matrix(layout, stops, sightings);
-    let deviations: Vec<f64> = sightings.iter().flat_map(|s| s.deviation.iter().copied()).collect();
-    let solution = linear::solve(&LinearProblem {
+    let a = design_matrix(layout, stops, observations);
+    let deviations: Vec<f64> =
+        observations.iter().flat_map(|s| s.deviation.iter().copied()).collect();
+    let solution = linear::solve_least_squares(&LinearProblem {
         a: a.as_ref(),
         y: &deviations,
         sigma,
@@ -87,14 +98,14 @@ pub fn solve(
 /// Null space of the equations of the visits, with or without the gauge.
 ///
 /// # Errors
-/// The errors of [`linear::survey`].
-pub fn survey(
-    layout: &Layout,
+/// The errors of [`linear::analyse_rank`].
+pub fn survey_equations(
+    layout: &UnknownsLayout,
     stops: &[Stop],
-    sightings: &[BallObservation],
+    observations: &[BallObservation],
     with_gauge: bool,
-) -> Result<Survey, LinearError> {
-    let a = matrix(layout, stops, sightings);
+) -> Result<RankAnalysis, LinearError> {
+    let a = design_matrix(layout, stops, observations);
     let gauge = layout.gauge(stops);
-    linear::survey(a.as_ref(), with_gauge.then_some(gauge.as_ref()), RANK_THRESHOLD)
+    linear::analyse_rank(a.as_ref(), with_gauge.then_some(gauge.as_ref()), RANK_THRESHOLD)
 }

@@ -1,14 +1,16 @@
 //! Expected uncertainty of a run, from its plan alone.
 
-use super::identify::identified;
-use super::layout::COMPONENTS;
+use super::identify::identify_solved;
+use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
 use super::settings::Settings;
-use super::solved::Solved;
-use super::warnings::not_identifiable;
+use super::solved::SolvedRun;
+use super::warnings::describe_not_identifiable;
 use crate::IdentifyError;
 use crate::ball_measurement::nominal_readings;
-use crate::identification::{Curve, Identification, assumed_repeatability, with_repeatability};
+use crate::identification::{
+    Curve, Identification, describe_assumed_repeatability, with_assumed_repeatability,
+};
 use machine::record::plan::Plan;
 
 /// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
@@ -21,20 +23,21 @@ pub fn forecast(
     settings: &Settings,
     machine_s: f64,
 ) -> Result<Vec<String>, IdentifyError> {
-    let declared = with_repeatability(plan);
+    let declared = with_assumed_repeatability(plan);
     let plate = Plate::new(&declared, settings)?;
-    let solved = Solved::new(&declared, settings, &plate, &nominal_readings(plan, machine_s))?;
-    let identified = identified(&solved, None)?;
-    let motions = identified.outputs.curves.iter().take(COMPONENTS.len());
-    let motions: Vec<String> = motions.map(|motion| largest(&identified, motion)).collect();
+    let solved = SolvedRun::new(&declared, settings, &plate, &nominal_readings(plan, machine_s))?;
+    let identified = identify_solved(&solved, None)?;
+    let motions = identified.outputs.curves.iter().take(MOTION_COMPONENTS.len());
+    let motions: Vec<String> =
+        motions.map(|motion| largest_expanded_uncertainty(&identified, motion)).collect();
     let mut lines = vec![format!(
         "expected U of the error motions after {:.1} h: {}",
         machine_s / 3600.0,
         motions.join(", ")
     )];
-    lines.extend(assumed_repeatability(plan));
+    lines.extend(describe_assumed_repeatability(plan));
     lines.extend(
-        not_identifiable(&solved, &identified)
+        describe_not_identifiable(&solved, &identified)
             .iter()
             .map(|line| format!("not identifiable: {line}")),
     );
@@ -42,7 +45,7 @@ pub fn forecast(
 }
 
 /// The largest U of the points of the curve, as text.
-fn largest(identified: &Identification, curve: &Curve) -> String {
+fn largest_expanded_uncertainty(identified: &Identification, curve: &Curve) -> String {
     let expanded = |slope: &Vec<f64>| identified.propagation.uncertainty(slope).expanded();
     let largest = curve.slopes.iter().map(expanded).fold(0.0, f64::max);
     let largest = curve.unit.from_internal(largest);

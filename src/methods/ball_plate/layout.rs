@@ -3,11 +3,11 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::basis::Basis;
+use super::basis::AngleBasis;
 use machine::Axis;
 
 /// The six error motions in their order: X, Y, Z in mm; A, B, C in rad.
-pub const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+pub const MOTION_COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 /// A direction at a ball as a function of its outward radial direction.
 pub type DirectionAtBall = fn(&Vector3<f64>) -> Vector3<f64>;
@@ -18,78 +18,80 @@ pub struct Stop {
     /// Commanded angle, not wrapped, rad.
     pub angle: f64,
     /// +1 if the command rises towards the stop, −1 if it falls.
-    pub direction: f64,
+    pub approach_direction: f64,
 }
 
 /// The unknowns and their order: error motions (component by component, function by function), reversal (one
 /// per component), drift (order by order, X, Y, Z), steps at interruptions (X, Y, Z each), measuring
 /// positions (X, Y, Z each), balls (X, Y, Z each).
 #[derive(Debug, Clone)]
-pub struct Layout {
-    pub basis: Basis,
+pub struct UnknownsLayout {
+    pub basis: AngleBasis,
     pub has_reversal: bool,
     pub drift_order: usize,
     /// Number of interruptions of the run. The table may be displaced after each.
     pub interruptions: usize,
     /// Number of measuring positions.
-    pub places: usize,
+    pub position_count: usize,
     /// Outward radial direction of each ball, table frame.
-    pub radial: Vec<Vector3<f64>>,
+    pub radial_directions: Vec<Vector3<f64>>,
     /// Sense of rotation of the table about +Z for a rising command: +1 right-handed, −1 as in ISO 841.
-    pub turn: f64,
+    pub rotation_sense: f64,
 }
 
-impl Layout {
-    pub fn motion(&self, component: usize, function: usize) -> usize {
+impl UnknownsLayout {
+    pub fn motion_index(&self, component: usize, function: usize) -> usize {
         component * self.basis.len() + function
     }
 
-    pub fn reversal(&self, component: usize) -> usize {
-        COMPONENTS.len() * self.basis.len() + component
+    pub fn reversal_index(&self, component: usize) -> usize {
+        MOTION_COMPONENTS.len() * self.basis.len() + component
     }
 
     fn first_drift(&self) -> usize {
-        let reversal = if self.has_reversal { COMPONENTS.len() } else { 0 };
-        COMPONENTS.len() * self.basis.len() + reversal
+        let reversal = if self.has_reversal { MOTION_COMPONENTS.len() } else { 0 };
+        MOTION_COMPONENTS.len() * self.basis.len() + reversal
     }
 
     /// Index of the unknown for a drift coefficient; `order` starts at 1.
-    pub fn drift(&self, order: usize, axis: usize) -> usize {
+    pub fn drift_index(&self, order: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (order - 1) + axis
     }
 
     /// Index of the unknown for the table's step at an interruption; interruptions are counted from 0.
-    pub fn step(&self, interruption: usize, axis: usize) -> usize {
+    pub fn step_index(&self, interruption: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (self.drift_order + interruption) + axis
     }
 
-    pub fn place(&self, place: usize, axis: usize) -> usize {
-        self.step(self.interruptions + place, axis)
+    pub fn position_index(&self, place: usize, axis: usize) -> usize {
+        self.step_index(self.interruptions + place, axis)
     }
 
-    pub fn ball(&self, ball: usize, axis: usize) -> usize {
-        self.place(self.places, 0) + 3 * ball + axis
+    pub fn ball_index(&self, ball: usize, axis: usize) -> usize {
+        self.position_index(self.position_count, 0) + 3 * ball + axis
     }
 
     pub fn unknowns(&self) -> usize {
-        self.ball(self.radial.len(), 0)
+        self.ball_index(self.radial_directions.len(), 0)
     }
 
     /// Names of all unknowns, for the rotary axis `axis`.
     pub fn names(&self, axis: Axis) -> Vec<String> {
         let suffixes = self.basis.suffixes();
-        let motions = COMPONENTS.iter().flat_map(|component| {
+        let motions = MOTION_COMPONENTS.iter().flat_map(|component| {
             suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}"))
         });
         let mut names: Vec<String> = motions.collect();
         if self.has_reversal {
-            names.extend(COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
+            names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
         }
         let along = |name: String| Axis::LINEAR.map(|axis| format!("{name} {axis}"));
         names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
         names.extend((1..=self.interruptions).flat_map(|gap| along(format!("step {gap}"))));
-        names.extend((1..=self.places).flat_map(|place| along(format!("place {place}"))));
-        names.extend((1..=self.radial.len()).flat_map(|ball| along(format!("ball {ball}"))));
+        names.extend((1..=self.position_count).flat_map(|place| along(format!("place {place}"))));
+        names.extend(
+            (1..=self.radial_directions.len()).flat_map(|ball| along(format!("ball {ball}"))),
+        );
         names
     }
 
@@ -99,19 +101,19 @@ impl Layout {
     /// - the mean height, rotation and radius of the plate, which the measuring positions absorb.
     pub fn gauge(&self, stops: &[Stop]) -> Mat<f64> {
         let mut rows = Vec::new();
-        if matches!(self.basis, Basis::Stops(_)) {
-            rows.extend((0..COMPONENTS.len()).map(|k| self.weighted_sum(stops, k, |_| 1.0)));
+        if matches!(self.basis, AngleBasis::Stops(_)) {
+            rows.extend((0..MOTION_COMPONENTS.len()).map(|k| self.weighted_sum(stops, k, |_| 1.0)));
         }
-        let turn = self.turn;
+        let turn = self.rotation_sense;
         for [x, y] in [[0, 1], [3, 4]] {
             let cos = |component| self.weighted_sum(stops, component, f64::cos);
             let sin = |component| self.weighted_sum(stops, component, f64::sin);
-            rows.push(sum(&cos(x), &sin(y), turn));
-            rows.push(sum(&cos(y), &sin(x), -turn));
+            rows.push(add_scaled(&cos(x), &sin(y), turn));
+            rows.push(add_scaled(&cos(y), &sin(x), -turn));
         }
         let directions: [DirectionAtBall; 3] =
             [|_| Vector3::z(), |radial| Vector3::z().cross(radial), |radial| *radial];
-        rows.extend(directions.map(|direction| self.ball_sum(direction)));
+        rows.extend(directions.map(|direction| self.ball_gauge_row(direction)));
         Mat::from_fn(rows.len(), self.unknowns(), |i, j| rows[i][j])
     }
 
@@ -126,22 +128,22 @@ impl Layout {
         for (i, stop) in stops.iter().enumerate() {
             let values = self.basis.values(stop.angle, i);
             for (function, value) in values.iter().enumerate() {
-                row[self.motion(component, function)] += weight(stop.angle) * value;
+                row[self.motion_index(component, function)] += weight(stop.angle) * value;
             }
         }
         row
     }
 
-    fn ball_sum(&self, direction: DirectionAtBall) -> Vec<f64> {
+    fn ball_gauge_row(&self, direction: DirectionAtBall) -> Vec<f64> {
         let mut row = vec![0.0; self.unknowns()];
-        for (ball, radial) in self.radial.iter().enumerate() {
+        for (ball, radial) in self.radial_directions.iter().enumerate() {
             let along = direction(radial);
-            (0..3).for_each(|axis| row[self.ball(ball, axis)] = along[axis]);
+            (0..3).for_each(|axis| row[self.ball_index(ball, axis)] = along[axis]);
         }
         row
     }
 }
 
-fn sum(one: &[f64], other: &[f64], factor: f64) -> Vec<f64> {
+fn add_scaled(one: &[f64], other: &[f64], factor: f64) -> Vec<f64> {
     one.iter().zip(other).map(|(one, other)| one + factor * other).collect()
 }

@@ -23,9 +23,12 @@ mod warnings;
 
 pub use settings::Settings;
 
-use self::design::Design;
+use self::design::PlateDesign;
 use self::plate::Plate;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use crate::ball_measurement::{self, MeasurementSetup};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -39,12 +42,12 @@ pub struct BallPlate {
     settings: Settings,
 }
 
-impl Registered for BallPlate {
+impl RegisteredMethod for BallPlate {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
+    const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
-        needs: "three or more uncalibrated balls on a circle about the rotary table",
-        finds: "six error motions of the rotary table over its angle, reversal, deviations of \
+        required_setup: "three or more uncalibrated balls on a circle about the rotary table",
+        results: "six error motions of the rotary table over its angle, reversal, deviations of \
                 the linear axes along the circle, and of the plate",
         machine_file: "ball-plate.toml",
     };
@@ -59,26 +62,32 @@ impl Method for BallPlate {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let plate = Plate::new(plan, &self.settings)?;
-        let design = Design::new(plan, &self.settings, &plate)?;
-        let touch = self.settings.touch();
-        let setup = MeasurementSetup { method: NAME, plan, balls: plate.balls, touch };
+        let design = PlateDesign::new(plan, &self.settings, &plate)?;
+        let touch = self.settings.touch_settings();
+        let setup =
+            MeasurementSetup { method: NAME, plan, balls: plate.balls, touch_settings: touch };
         if done.is_empty() {
             design.check(&self.settings, &plate)?;
             let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;
             self.check_duration(time_s)?;
         }
-        ball_measurement::next(&setup, &design.visits, done, source)
+        ball_measurement::next_stage(&setup, &design.visits, done, source)
     }
 
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         forecast::forecast(plan, &self.settings, machine_s)
-            .map_err(|error| Refused::new(error.to_string(), error.remedy()))
+            .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
     }
 
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         true
     }
 
@@ -88,15 +97,15 @@ impl Method for BallPlate {
 }
 
 impl BallPlate {
-    fn check_duration(&self, time_s: f64) -> Result<(), Refused> {
+    fn check_duration(&self, time_s: f64) -> Result<(), MethodRefusal> {
         if time_s <= MAX_DURATION_S || self.settings.long {
             return Ok(());
         }
-        Err(Refused {
-            why: format!("this plan takes {:.1} hours of machine time", time_s / 3600.0),
-            instead: format!(
-                "choose fewer positions or revolutions, or state long = true in [method.{NAME}]: drift then \
-                 stands in U"
+        Err(MethodRefusal {
+            reason: format!("this plan requires {:.1} h of machine time", time_s / 3600.0),
+            remedy: format!(
+                "choose fewer positions or revolutions, or set long = true in [method.{NAME}]; U then \
+                includes the drift"
             ),
         })
     }

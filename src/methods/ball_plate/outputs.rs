@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use super::basis::equal_angles;
-use super::layout::{COMPONENTS, DirectionAtBall};
-use super::solved::Solved;
+use super::layout::{DirectionAtBall, MOTION_COMPONENTS};
+use super::solved::SolvedRun;
 use crate::identification::{
-    Curve, Harmonic, HarmonicFunction, Output, Outputs, Range, range_outputs, unit_slope,
+    Curve, Harmonic, HarmonicFunction, Output, Outputs, RangeOutput, range_outputs, unit_slope,
 };
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
@@ -16,10 +16,13 @@ use machine::record::estimate::{FigureKind, Unit};
 /// Number of points of a curve per revolution.
 const CURVE_POINTS: usize = 72;
 
-pub fn outputs(solved: &Solved<'_>) -> Outputs {
-    let motions = COMPONENTS.iter().enumerate().map(|(k, component)| motion(solved, k, *component));
+pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
+    let motions = MOTION_COMPONENTS
+        .iter()
+        .enumerate()
+        .map(|(k, component)| motion_curve(solved, k, *component));
     let motions: Vec<Curve> = motions.collect();
-    let range = |motion: &Curve| Range {
+    let range = |motion: &Curve| RangeOutput {
         symbol: format!("{}_range", motion.symbol),
         unit: motion.unit,
         slopes: motion.slopes.clone(),
@@ -27,69 +30,74 @@ pub fn outputs(solved: &Solved<'_>) -> Outputs {
     let ranges = motions.iter().map(range).collect();
     let curves = motions.into_iter().chain(plate_curves(solved)).chain(linear_axis_curves(solved));
     Outputs {
-        parameters: parameters(solved),
+        parameters: build_parameters(solved),
         curves: curves.collect(),
         nonlinear: Some(range_outputs(ranges, &solved.solution.x)),
     }
 }
 
 /// Each motion as its harmonics; empty with values at the stops.
-pub fn harmonic_functions(solved: &Solved<'_>) -> Vec<HarmonicFunction> {
+pub fn harmonic_functions(solved: &SolvedRun<'_>) -> Vec<HarmonicFunction> {
     let (layout, axis) = (&solved.design.layout, solved.plate.axis);
     let unknowns = layout.unknowns();
     let harmonic = |k: usize, (pair, order): (usize, f64)| {
-        let part = |function| unit_slope(layout.motion(k, 2 * pair + function), unknowns);
+        let part = |function| unit_slope(layout.motion_index(k, 2 * pair + function), unknowns);
         Harmonic { order, parts: [part(0), part(1)] }
     };
     let function = |(k, component): (usize, Axis)| HarmonicFunction {
         symbol: format!("E{component}{axis}"),
-        unit: unit(component),
+        unit: component_unit(component),
         harmonics: layout.basis.frequencies().enumerate().map(|pair| harmonic(k, pair)).collect(),
     };
-    let functions = COMPONENTS.into_iter().enumerate().map(function);
+    let functions = MOTION_COMPONENTS.into_iter().enumerate().map(function);
     functions.filter(|function| !function.harmonics.is_empty()).collect()
 }
 
-pub fn unit(component: Axis) -> Unit {
+pub fn component_unit(component: Axis) -> Unit {
     if component.is_linear() { Unit::Um } else { Unit::Urad }
 }
 
 /// Harmonics and reversal of each component, then eccentricity and tilt of the plate.
-fn parameters(solved: &Solved<'_>) -> Vec<Output> {
+fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
     // Values at the stops are the points of the curves.
     let suffixes = if solved.settings.values { Vec::new() } else { layout.basis.suffixes() };
     let mut parameters = Vec::new();
-    for (k, component) in COMPONENTS.into_iter().enumerate() {
+    for (k, component) in MOTION_COMPONENTS.into_iter().enumerate() {
         for (function, suffix) in suffixes.iter().enumerate() {
             let symbol = format!("E{component}{axis}_{suffix}");
-            let index = layout.motion(k, function);
-            parameters.push(Output::unknown(&symbol, unit(component), index, x));
+            let index = layout.motion_index(k, function);
+            parameters.push(Output::from_unknown(&symbol, component_unit(component), index, x));
         }
         if layout.has_reversal {
             let symbol = format!("E{component}{axis}_reversal");
-            parameters.push(Output::unknown(&symbol, unit(component), layout.reversal(k), x));
+            parameters.push(Output::from_unknown(
+                &symbol,
+                component_unit(component),
+                layout.reversal_index(k),
+                x,
+            ));
         }
     }
-    parameters.extend(setting_up(solved));
+    parameters.extend(plate_alignment_outputs(solved));
     parameters
 }
 
 /// Offset of the circle of the balls from the axis, and slope of its plane, table frame.
-fn setting_up(solved: &Solved<'_>) -> Vec<Output> {
+fn plate_alignment_outputs(solved: &SolvedRun<'_>) -> Vec<Output> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
-    let circle = centring_weights(&plate.radial);
+    let circle = centring_weights(&plate.radial_directions);
     let plane = circle.iter().map(|row| row.map(|weight| weight / plate.radius_mm));
     let plane: Vec<[f64; 2]> = plane.collect();
     let from_axis: Vec<Vector3<f64>> =
-        solved.measured.expected.iter().map(|at| at - plate.point).collect();
+        solved.measured.expected_centres_mm.iter().map(|at| at - plate.axis_point_mm).collect();
     let mut list = Vec::new();
     for (axis, symbol) in ["e_x", "e_y"].into_iter().enumerate() {
-        let mut output = Output::linear(symbol, Unit::Um, vec![0.0; x.len()], x);
+        let mut output = Output::from_coefficients(symbol, Unit::Um, vec![0.0; x.len()], x);
         let mut slope = vec![0.0; x.len()];
-        for (ball, radial) in plate.radial.iter().enumerate() {
+        for (ball, radial) in plate.radial_directions.iter().enumerate() {
             for k in 0..2 {
-                slope[layout.ball(ball, k)] = circle[ball][axis] * radial[k];
+                slope[layout.ball_index(ball, k)] = circle[ball][axis] * radial[k];
             }
             output.value += circle[ball][axis] * radial.dot(&from_axis[ball]);
         }
@@ -101,7 +109,7 @@ fn setting_up(solved: &Solved<'_>) -> Vec<Output> {
         let mut slope = vec![0.0; x.len()];
         let mut value = 0.0;
         for (ball, from_axis) in from_axis.iter().enumerate() {
-            slope[layout.ball(ball, 2)] = plane[ball][axis];
+            slope[layout.ball_index(ball, 2)] = plane[ball][axis];
             value += plane[ball][axis] * from_axis.z;
         }
         value += slope.iter().zip(x).map(|(slope, x)| slope * x).sum::<f64>();
@@ -121,12 +129,12 @@ fn centring_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     radial.iter().map(weights).map(|w| [w.x, w.y]).collect()
 }
 
-fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
+fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
     let slope = |(stop, angle): (usize, &f64)| {
         let mut slope = vec![0.0; x.len()];
         for (function, value) in layout.basis.values(*angle, stop).into_iter().enumerate() {
-            slope[layout.motion(k, function)] = value;
+            slope[layout.motion_index(k, function)] = value;
         }
         slope
     };
@@ -141,8 +149,8 @@ fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
         }
     };
     let slopes: Vec<Vec<f64>> = angles.iter().enumerate().map(slope).collect();
-    curve(
-        (format!("E{component}{axis}"), unit(component), FigureKind::Polar),
+    build_curve(
+        (format!("E{component}{axis}"), component_unit(component), FigureKind::Polar),
         (axis.name(), "deg"),
         angles.iter().map(|angle| angle.to_degrees()).collect(),
         slopes,
@@ -150,7 +158,7 @@ fn motion(solved: &Solved<'_>, k: usize, component: Axis) -> Curve {
     )
 }
 
-fn curve(
+fn build_curve(
     (symbol, unit, figure): (String, Unit, FigureKind),
     (argument, argument_unit): (&'static str, &'static str),
     at: Vec<f64>,
@@ -164,7 +172,7 @@ fn curve(
 
 /// Deviation of each ball from its position in the first measurement with the nominal machine: radial,
 /// tangential, axial components.
-fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
+fn plate_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let directions: [(&str, DirectionAtBall); 3] = [
         ("plate_radial", |radial| *radial),
@@ -175,28 +183,28 @@ fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
         let slope = |(ball, radial): (usize, &Vector3<f64>)| {
             let mut slope = vec![0.0; x.len()];
             let along = direction(radial);
-            (0..3).for_each(|axis| slope[layout.ball(ball, axis)] = along[axis]);
+            (0..3).for_each(|axis| slope[layout.ball_index(ball, axis)] = along[axis]);
             slope
         };
-        let slopes: Vec<Vec<f64>> = plate.radial.iter().enumerate().map(slope).collect();
+        let slopes: Vec<Vec<f64>> = plate.radial_directions.iter().enumerate().map(slope).collect();
         let numbers = (1..=slopes.len()).map(|number| number as f64).collect();
         let name = (symbol.to_owned(), Unit::Um, FigureKind::Points);
-        curve(name, ("ball", ""), numbers, slopes, x)
+        build_curve(name, ("ball", ""), numbers, slopes, x)
     })
 }
 
 /// True minus displayed position of each linear axis at the measuring positions, within the gauge.
-fn linear_axis_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
+fn linear_axis_curves(solved: &SolvedRun<'_>) -> impl Iterator<Item = Curve> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     Axis::LINEAR.into_iter().enumerate().map(move |(k, axis)| {
         let slope = |place: usize| {
             let mut slope = vec![0.0; x.len()];
-            slope[layout.place(place, k)] = 1.0;
+            slope[layout.position_index(place, k)] = 1.0;
             slope
         };
-        let slopes: Vec<Vec<f64>> = (0..layout.places).map(slope).collect();
-        let at = equal_angles(layout.places).map(f64::to_degrees).collect();
+        let slopes: Vec<Vec<f64>> = (0..layout.position_count).map(slope).collect();
+        let at = equal_angles(layout.position_count).map(f64::to_degrees).collect();
         let name = (format!("D{axis}"), Unit::Um, FigureKind::Points);
-        curve(name, ("position", "deg"), at, slopes, x)
+        build_curve(name, ("position", "deg"), at, slopes, x)
     })
 }

@@ -5,16 +5,16 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::settings::Settings;
-use crate::Refused;
-use crate::ball_measurement::balls;
-use machine::kinematics::{Chain, TableAxis};
+use crate::MethodRefusal;
+use crate::ball_measurement::require_balls;
+use machine::kinematics::{KinematicChain, TableAxis};
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
 /// Maximum distance of a ball from its measuring position, mm. Within it the deviations of the linear axes
 /// are the same (paper 5, section 2.2).
-pub const MAX_OFF_PLACE_MM: f64 = 1.0;
+pub const MAX_POSITION_OFFSET_MM: f64 = 1.0;
 /// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
 const MIN_RADIUS_MM: f64 = 10.0;
 
@@ -23,27 +23,28 @@ pub struct Plate<'a> {
     /// The axis that turns the plate.
     pub axis: Axis,
     /// Positions of all other rotary axes.
-    pub still: Position,
+    pub rest_position: Position,
     /// A point on the axis at the height of `point_mm`, table frame, mm.
-    pub point: Vector3<f64>,
+    pub axis_point_mm: Vector3<f64>,
     /// Sense of rotation: +1 if a rising command turns the table right-handed about +Z.
-    pub turn: f64,
+    pub rotation_sense: f64,
     /// Radius of the circle of the balls, mm.
     pub radius_mm: f64,
-    pub radial: Vec<Vector3<f64>>,
+    pub radial_directions: Vec<Vector3<f64>>,
     /// Position of each ball in steps of 360°/M, counted from the first ball, counter-clockwise.
-    pub steps: Vec<usize>,
+    pub position_steps: Vec<usize>,
 }
 
 impl<'a> Plate<'a> {
     /// # Errors
     /// The machine has no rotary table along Z; the balls are not on one circle at multiples of 360°/M.
-    pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, Refused> {
-        let set = balls(super::NAME, &plan.artefact)?;
-        let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
-        let TableAxis { axis, zero: still, turn } = table;
-        let line = chain.axis_line(axis, &still).ok_or_else(Refused::no_table)?;
+    pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, MethodRefusal> {
+        let set = require_balls(super::NAME, &plan.artefact)?;
+        let chain = KinematicChain::new(&plan.machine)?;
+        let table = TableAxis::find(&plan.machine, &chain)
+            .ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let TableAxis { axis, zero_position: still, turn_sign: turn } = table;
+        let line = chain.axis_line(axis, &still).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
         let point = to_table.transform_point(&line.point.into()).coords;
         let seen = set.balls.iter().map(|ball| Vector3::from(ball.centre_mm) - point);
@@ -52,49 +53,50 @@ impl<'a> Plate<'a> {
         let plate = Self {
             balls: set,
             axis,
-            still,
-            point,
-            turn,
+            rest_position: still,
+            axis_point_mm: point,
+            rotation_sense: turn,
             radius_mm,
-            steps: steps(&radial, settings.positions),
-            radial: radial.iter().map(|r| r / r.norm().max(f64::MIN_POSITIVE)).collect(),
+            position_steps: nearest_steps(&radial, settings.positions),
+            radial_directions: radial.iter().map(|r| r / r.norm().max(f64::MIN_POSITIVE)).collect(),
         };
         plate.check(settings)?;
         Ok(plate)
     }
 
     /// Checks that the balls are on one circle, at one height, each on its step.
-    fn check(&self, settings: &Settings) -> Result<(), Refused> {
+    fn check(&self, settings: &Settings) -> Result<(), MethodRefusal> {
         if self.radius_mm < MIN_RADIUS_MM {
-            return Err(Refused {
-                why: format!(
-                    "the balls stand {:.1} mm from the axis {}",
+            return Err(MethodRefusal {
+                reason: format!(
+                    "the circle of the balls has a radius of {:.1} mm about the axis {}",
                     self.radius_mm, self.axis
                 ),
-                instead: format!(
-                    "set the plate up with its centre on the axis, and a radius over {MIN_RADIUS_MM} mm"
+                remedy: format!(
+                    "centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"
                 ),
             });
         }
-        let first = self.radial.first().copied().unwrap_or_default();
+        let first = self.radial_directions.first().copied().unwrap_or_default();
         let height = self.balls.balls.first().map_or(0.0, |ball| ball.centre_mm[2]);
-        let limit = MAX_OFF_PLACE_MM + self.balls.uncertainty_mm;
-        for (ball, step) in self.balls.balls.iter().zip(&self.steps) {
+        let limit = MAX_POSITION_OFFSET_MM + self.balls.uncertainty_mm;
+        for (ball, step) in self.balls.balls.iter().zip(&self.position_steps) {
             let angle = TAU * *step as f64 / settings.positions as f64;
             let turned = nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first;
-            let nominal = self.point.xy().push(height) + turned * self.radius_mm;
+            let nominal = self.axis_point_mm.xy().push(height) + turned * self.radius_mm;
             let off = Vector3::from(ball.centre_mm) - nominal;
             if off.norm() > limit {
-                return Err(Refused {
-                    why: format!(
-                        "ball {} stands {:.2} mm beside its place: the balls must stand on one circle of one \
-                         height, at multiples of 360°/{} from the first, within {limit:.1} mm",
+                return Err(MethodRefusal {
+                    reason: format!(
+                        "ball {} is {:.2} mm from its required position: the balls must be on one circle at \
+                        one height, at multiples of 360°/{} from the first ball, within {limit:.1} mm",
                         ball.id,
                         off.norm(),
                         settings.positions
                     ),
-                    instead: format!(
-                        "correct its centre_mm (here {:.2}, {:.2}, {:.2}), or choose other positions",
+                    remedy: format!(
+                        "correct centre_mm of the ball (required: {:.2}, {:.2}, {:.2}), or choose another \
+                        number of positions",
                         nominal.x, nominal.y, nominal.z
                     ),
                 });
@@ -105,21 +107,21 @@ impl<'a> Plate<'a> {
 
     /// Mean height of the balls above `point_mm` of the axis, mm.
     pub fn height_mm(&self) -> f64 {
-        let heights = self.balls.balls.iter().map(|ball| ball.centre_mm[2] - self.point.z);
+        let heights = self.balls.balls.iter().map(|ball| ball.centre_mm[2] - self.axis_point_mm.z);
         heights.sum::<f64>() / self.balls.balls.len().max(1) as f64
     }
 
     /// Measuring position of a ball at a stop `number` steps from zero: a step of the machine's circle,
     /// counted from the position of the first ball at zero.
-    pub fn place(&self, ball: usize, number: i64, positions: usize) -> usize {
-        let turned = if self.turn > 0.0 { number } else { -number };
-        let step = self.steps.get(ball).copied().unwrap_or(0) as i64;
+    pub fn measuring_position(&self, ball: usize, number: i64, positions: usize) -> usize {
+        let turned = if self.rotation_sense > 0.0 { number } else { -number };
+        let step = self.position_steps.get(ball).copied().unwrap_or(0) as i64;
         (step + turned).rem_euclid(positions as i64) as usize
     }
 }
 
 /// The nearest multiples of 360°/M, counted from the first ball.
-fn steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
+fn nearest_steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
     let azimuth = |r: &Vector3<f64>| r.y.atan2(r.x);
     let first = radial.first().map_or(0.0, azimuth);
     let step = |r: &Vector3<f64>| {

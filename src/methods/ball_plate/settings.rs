@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
-use crate::ball_measurement::{Find, TouchSettings};
+use crate::MethodRefusal;
+use crate::ball_measurement::{SearchMode, TouchSettings};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -72,41 +72,44 @@ const MAX_POSITIONS: usize = 720;
 
 impl Settings {
     /// Refuses settings that would make the run fail, before the first motion.
-    pub fn check(&self) -> Result<(), Refused> {
-        Refused::unless(
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        MethodRefusal::require(
             self.positions <= MAX_POSITIONS,
-            format!("{} positions of a revolution are more than a run can have", self.positions),
+            format!("positions = {} exceeds the maximum", self.positions),
             format!("choose positions = 72, at most {MAX_POSITIONS}"),
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             self.harmonics > 0 && 2 * self.harmonics < self.positions,
             format!(
-                "{} positions do not show {} harmonics: more than twice as many are needed",
+                "{} positions do not determine {} harmonics: more than twice as many positions are required",
                 self.positions, self.harmonics
             ),
             format!("choose positions = {} or more, or fewer harmonics", 4 * self.harmonics.max(1)),
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             self.revolutions > 0 && self.sub_harmonics <= self.revolutions,
             format!(
-                "sub-harmonics up to θ/{} need as many revolutions in one direction, not {}",
+                "sub-harmonics up to θ/{} require as many revolutions in one direction, not {}",
                 self.sub_harmonics, self.revolutions
             ),
             format!("choose revolutions = {}", self.sub_harmonics.max(1)),
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             self.drift_order <= MAX_DRIFT_ORDER,
-            format!("drift_order = {} follows the scatter of the touches", self.drift_order),
+            format!(
+                "drift_order = {} is too high: the polynomial would follow the scatter of the touches",
+                self.drift_order
+            ),
             format!("choose drift_order = 3, at most {MAX_DRIFT_ORDER}"),
         )?;
-        self.touch().check()?;
-        Refused::check_trials(self.monte_carlo_trials)
+        self.touch_settings().check()?;
+        MethodRefusal::check_trials(self.monte_carlo_trials)
     }
 
-    pub fn touch(&self) -> TouchSettings {
+    pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
-            find: Find::Once,
-            touches: self.touches,
+            search_mode: SearchMode::Once,
+            touch_count: self.touches,
             has_references: self.references,
             watch_s: 0.0,
             standoff_mm: self.standoff_mm,

@@ -3,38 +3,38 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::design::Design;
-use super::equations::solve;
-use super::observe::{Measured, measured};
+use super::design::PlateDesign;
+use super::equations::solve_equations;
+use super::observe::{MeasuredRun, observe_run};
 use super::plate::Plate;
 use super::settings::Settings;
-use super::sources::{sigma, sources};
+use super::sources::{coordinate_sigmas, uncertainty_sources};
 use crate::IdentifyError;
-use crate::ball_measurement::measurements;
+use crate::ball_measurement::outlier_measurements;
 use crate::identification::{Measurement, UncertaintySource};
-use estimation::linear::{LinearSolution, Survey};
+use estimation::linear::{LinearSolution, RankAnalysis};
 use estimation::null_names::name_null_space;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
 /// Maximum number of undetermined combinations that are named.
-const MAX_NAMED_LOST: usize = 4;
+const MAX_NAMED_COMBINATIONS: usize = 4;
 
-pub struct Solved<'a> {
+pub struct SolvedRun<'a> {
     pub settings: &'a Settings,
     pub plate: &'a Plate<'a>,
-    pub design: Design,
-    pub measured: Measured,
+    pub design: PlateDesign,
+    pub measured: MeasuredRun,
     pub sources: Vec<UncertaintySource>,
     /// Standard uncertainty of each coordinate of each sighting, mm.
     pub sigma: Vec<f64>,
-    pub a: Mat<f64>,
+    pub design_matrix: Mat<f64>,
     pub solution: LinearSolution,
     /// Whether the sizes of the sources are declared; otherwise the residuals scale them.
-    pub is_declared: bool,
+    pub has_declared_sizes: bool,
 }
 
-impl<'a> Solved<'a> {
+impl<'a> SolvedRun<'a> {
     /// # Errors
     /// The readings do not belong to the plan or do not separate the unknowns.
     pub fn new(
@@ -43,28 +43,40 @@ impl<'a> Solved<'a> {
         plate: &'a Plate<'a>,
         readings: &[Reading],
     ) -> Result<Self, IdentifyError> {
-        let mut design = Design::new(plan, settings, plate)?;
-        let measured = measured(plan, settings, plate, &design, readings)?;
-        let interruptions = measured.sightings.iter().map(|sighting| sighting.segment).max();
+        let mut design = PlateDesign::new(plan, settings, plate)?;
+        let measured = observe_run(plan, settings, plate, &design, readings)?;
+        let interruptions =
+            measured.observations.iter().map(|observation| observation.segment).max();
         design.layout.interruptions = interruptions.filter(|_| !settings.values).unwrap_or(0);
-        let sources = sources(plan, &measured);
-        let sigma = sigma(&sources, measured.sightings.len());
+        let sources = uncertainty_sources(plan, &measured);
+        let sigma = coordinate_sigmas(&sources, measured.observations.len());
         let names = design.layout.names(plate.axis);
-        let lost = |survey: &Survey| {
+        let lost = |survey: &RankAnalysis| {
             let mut named = name_null_space(survey.null_space.as_ref(), &names);
-            named.truncate(MAX_NAMED_LOST);
+            named.truncate(MAX_NAMED_COMBINATIONS);
             named
         };
-        let (a, solution) = solve(&design.layout, &design.stops, &measured.sightings, &sigma)
-            .map_err(|error| IdentifyError::unsolved(error, lost))?;
-        let is_declared = plan.probe.repeatability_um.is_some();
-        Ok(Self { settings, plate, design, measured, sources, sigma, a, solution, is_declared })
+        let (a, solution) =
+            solve_equations(&design.layout, &design.stops, &measured.observations, &sigma)
+                .map_err(|error| IdentifyError::from_solver_error(error, lost))?;
+        let has_declared_sizes = plan.probe.repeatability_um.is_some();
+        Ok(Self {
+            settings,
+            plate,
+            design,
+            measured,
+            sources,
+            sigma,
+            design_matrix: a,
+            solution,
+            has_declared_sizes,
+        })
     }
 
     /// Each ball at each stop as a measurement for the outlier check.
     pub fn measurements(&self) -> Vec<Measurement> {
         let residuals: Vec<Vector3<f64>> = self.residuals().collect();
-        measurements(&self.measured.observed, |i| {
+        outlier_measurements(&self.measured.observed, |i| {
             let variances = self.sigma[3 * i..][..3].iter().map(|sigma| sigma.powi(2));
             (residuals[i], 3 * i, (variances.sum::<f64>() / 3.0).sqrt())
         })

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::observe::Measured;
-use crate::ball_measurement::{nonzero_columns, shifts, touch_sources};
+use super::observe::MeasuredRun;
+use crate::ball_measurement::{nonzero_columns, shift_column, touch_sources};
 use crate::identification::declared::drift_mm_per_s;
 use crate::identification::{UncertaintySource, block_covariances};
 use machine::Axis;
@@ -13,19 +13,21 @@ use machine::record::plan::Plan;
 const MIN_U_MM: f64 = 1e-6;
 /// Assumed time constant of a machine that approaches thermal equilibrium, s: it sets how much the declared
 /// drift rate changes within a run.
-const SETTLING_S: f64 = 7200.0;
+const THERMAL_TIME_CONSTANT_S: f64 = 7200.0;
 
 /// Sources of a run. Constant errors of X, Y and Z are part of the measuring positions and therefore no
 /// source.
-pub fn sources(plan: &Plan, measured: &Measured) -> Vec<UncertaintySource> {
+pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<UncertaintySource> {
     let centres = &measured.observed.centres;
     let mut list = touch_sources(plan, &measured.observed);
     let first_s = centres.first().map_or(0.0, |centre| centre.t_s);
     // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
-    let settled = |t_s: f64| SETTLING_S * (1.0 - (-(t_s - first_s) / SETTLING_S).exp());
+    let settled = |t_s: f64| {
+        THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp())
+    };
     let rate = drift_mm_per_s(plan);
     let column = |axis: Axis| {
-        shifts(centres, |centre| -> Vector3<f64> {
+        shift_column(centres, |centre| -> Vector3<f64> {
             axis.direction() * (rate * settled(centre.t_s))
         })
     };
@@ -39,13 +41,13 @@ pub fn sources(plan: &Plan, measured: &Measured) -> Vec<UncertaintySource> {
     list.iter_mut().filter(|source| source.name == "thermal drift").for_each(|source| {
         source.is_in_weights = false;
     });
-    list.retain(|source| source.draws() > 0);
+    list.retain(|source| source.draw_count() > 0);
     list
 }
 
 /// Standard uncertainty of each coordinate of each sighting, mm.
-pub fn sigma(sources: &[UncertaintySource], sightings: usize) -> Vec<f64> {
-    let blocks = block_covariances::<3>(sources, sightings);
+pub fn coordinate_sigmas(sources: &[UncertaintySource], observations: usize) -> Vec<f64> {
+    let blocks = block_covariances::<3>(sources, observations);
     let of_block = |block: &nalgebra::Matrix3<f64>| {
         [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_U_MM))
     };

@@ -2,28 +2,28 @@
 
 use nalgebra::Vector3;
 
-use super::solved::Solved;
+use super::solved::SolvedRun;
 use crate::identification::{Identification, MisfitAdvice};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "a loose ball, drift, error motions above the highest harmonic, or that do not repeat",
-    declared_by: "repeatability_um or error_motion_um",
+    causes: "a loose ball, drift, error motions above the highest harmonic, error motions that do not repeat",
+    declaring_settings: "repeatability_um or error_motion_um",
 };
 /// Minimum displacement of a ball in one revolution for it to be named, in standard deviations.
-const LOOSE: f64 = 5.0;
+const MIN_LOOSE_RATIO: f64 = 5.0;
 
-pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
-    let mut lines = solved.measured.observed.left_out.clone();
+pub fn collect_warnings(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {
+    let mut lines = solved.measured.observed.skipped_measurements.clone();
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(identified.checked.warnings.iter().cloned());
-    lines.extend(loose_ball(solved));
+    lines.extend(identified.outlier_check.warnings.iter().cloned());
+    lines.extend(describe_loose_ball(solved));
     lines.extend(identified.trials_warning());
     lines
 }
 
 /// Stability watch: the largest mean residual of a ball in one revolution. Only that ball is named, because
 /// its displacement leaves smaller residuals at all others.
-fn loose_ball(solved: &Solved<'_>) -> Option<String> {
+fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
     let turns = solved.design.stops.len().div_ceil(solved.settings.positions);
     let all = solved.plate.balls.balls.iter().enumerate();
     let means = all.flat_map(|(ball, of)| {
@@ -34,10 +34,11 @@ fn loose_ball(solved: &Solved<'_>) -> Option<String> {
         (0..turns).filter_map(mean)
     });
     let (ball, revolution, off_mm, u_mm) = means.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    (off_mm > LOOSE * u_mm).then(|| {
+    (off_mm > MIN_LOOSE_RATIO * u_mm).then(|| {
         format!(
-            "ball {} stands {:.1} µm beside its mean place in revolution {} of {turns} (scatter of such a \
-             mean: {:.1} µm): is it loose? Tighten it and measure again, or take it out of [artefact]",
+            "ball {} is displaced by {:.1} µm from its mean position in revolution {} of {turns} (standard \
+            uncertainty of the mean: {:.1} µm). The ball may be loose: tighten the ball and measure again, \
+            or remove the ball from [artefact]",
             ball.id,
             off_mm * 1e3,
             revolution + 1,
@@ -49,20 +50,20 @@ fn loose_ball(solved: &Solved<'_>) -> Option<String> {
 /// Mean residual of a ball in one revolution, table frame, mm, and the standard uncertainty of one of its
 /// coordinates.
 fn mean_residual(
-    solved: &Solved<'_>,
+    solved: &SolvedRun<'_>,
     ball: usize,
     revolution: usize,
 ) -> Option<(Vector3<f64>, f64)> {
     let positions = solved.settings.positions;
-    let sightings = solved.measured.sightings.iter().enumerate();
-    let here = sightings.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution).map(
-        |(i, sighting)| {
+    let observations = solved.measured.observations.iter().enumerate();
+    let here = observations
+        .filter(|(_, s)| s.ball == ball && s.stop / positions == revolution)
+        .map(|(i, observation)| {
             let residual = |axis: usize| solved.solution.residuals[3 * i + axis];
             let in_axes = Vector3::new(residual(0), residual(1), residual(2));
-            let to_table = sighting.by_ball.try_inverse().unwrap_or_default();
+            let to_table = observation.ball_derivative.try_inverse().unwrap_or_default();
             (to_table * in_axes, solved.sigma[3 * i])
-        },
-    );
+        });
     let all: Vec<(Vector3<f64>, f64)> = here.collect();
     let count = all.len() as f64;
     let sum: Vector3<f64> = all.iter().map(|(residual, _)| residual).sum();
@@ -70,9 +71,9 @@ fn mean_residual(
     (!all.is_empty()).then(|| (sum / count, variance.sqrt() / count))
 }
 
-pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
+pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
     let (axis, plate) = (solved.plate.axis, solved.plate);
-    let point = plate.point;
+    let point = plate.axis_point_mm;
     let mut lines = vec![
         format!(
             "the mean of each error motion is zero; the location of {axis} is part of DX, DY and DZ"
@@ -81,8 +82,8 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
             "the co-rotating first harmonic of EX{axis} and EY{axis} is the eccentricity of the plate (e_x, e_y), \
              that of EA{axis} and EB{axis} its tilt (dz_dx, dz_dy)"
         ),
-        format!("EX{axis} and EY{axis} hold at Z = {:.3} mm (point_mm)", point.z),
-        "mean radius, mean height and mean turn of the plate: as in the first measurement"
+        format!("EX{axis} and EY{axis} are valid at Z = {:.3} mm (point_mm)", point.z),
+        "mean radius, mean height and mean rotation of the plate: as in the first measurement"
             .to_owned(),
     ];
     if solved.design.layout.interruptions > 0 {
@@ -93,14 +94,17 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
     }
     if solved.design.layout.drift_order > 0 {
         lines.push(format!(
-            "drift of X, Y and Z fitted (order {}) and removed; values hold at the middle of the run",
+            "drift of X, Y and Z fitted (order {}) and removed; values are valid at the middle of the run",
             solved.design.layout.drift_order
         ));
     }
     lines
 }
 
-pub fn not_identifiable(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
+pub fn describe_not_identifiable(
+    solved: &SolvedRun<'_>,
+    identified: &Identification,
+) -> Vec<String> {
     let axis = solved.plate.axis;
     let mut lines = vec![
         format!(
@@ -108,16 +112,16 @@ pub fn not_identifiable(solved: &Solved<'_>, identified: &Identification) -> Vec
         ),
         "scale of X and Y: inseparable from the radius of the plate".to_owned(),
         format!(
-            "harmonics above {}: those below {half} are in the residuals; above {half} an order k is not told from \
-             {positions} - k (the positions of a revolution)",
+            "harmonics above {}: orders below {half} are in the residuals; an order k above {half} is \
+            inseparable from {positions} - k ({positions} positions per revolution)",
             solved.settings.harmonics,
             half = solved.settings.positions / 2,
             positions = solved.settings.positions
         ),
     ];
     if !solved.settings.both_directions {
-        lines.push(format!("reversal of {axis}: needs both_directions = true"));
+        lines.push(format!("reversal of {axis}: both_directions = true is required"));
     }
-    lines.extend(identified.checked.limits());
+    lines.extend(identified.outlier_check.describe_detection_limits());
     lines
 }

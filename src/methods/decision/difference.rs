@@ -8,27 +8,27 @@ use machine::record::estimate::{
 };
 
 /// Field of the provenance that identifies what a source of uncertainty belongs to.
-type Owner = fn(&Provenance) -> &str;
+type ProvenanceField = fn(&Provenance) -> &str;
 
-const PROBE: Owner = |provenance| &provenance.probe_sha256;
-const MACHINE: Owner = |provenance| &provenance.machine;
-const ARTEFACT: Owner = |provenance| &provenance.artefact_sha256;
+const PROBE_FIELD: ProvenanceField = |provenance| &provenance.probe_sha256;
+const MACHINE_FIELD: ProvenanceField = |provenance| &provenance.machine;
+const ARTEFACT_FIELD: ProvenanceField = |provenance| &provenance.artefact_sha256;
 
 /// Sources of type B that have the same value in every run with the same owner. Every other source, including
 /// unknown ones, counts as independent; U of a difference is then rather too large.
-const SAME_IN_EVERY_RUN: [(&str, Owner); 7] = [
-    ("stylus offset", PROBE),
-    ("probe lobing", PROBE),
-    ("backlash", MACHINE),
-    ("error motions of X, Y and Z", MACHINE),
-    ("squareness of X, Y and Z", MACHINE),
-    ("error motions of rotary axes", MACHINE),
-    ("certified length", ARTEFACT),
+const PERSISTENT_SOURCES: [(&str, ProvenanceField); 7] = [
+    ("stylus offset", PROBE_FIELD),
+    ("probe lobing", PROBE_FIELD),
+    ("backlash", MACHINE_FIELD),
+    ("error motions of X, Y and Z", MACHINE_FIELD),
+    ("squareness of X, Y and Z", MACHINE_FIELD),
+    ("error motions of rotary axes", MACHINE_FIELD),
+    ("certified length", ARTEFACT_FIELD),
 ];
 
 /// Difference of one parameter between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Difference {
+pub struct ParameterDifference {
     pub symbol: String,
     pub unit: Unit,
     pub first: f64,
@@ -58,8 +58,8 @@ pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     for line in first.parameters.iter().flat_map(|parameter| &parameter.budget) {
         let is_type_b = |line: &BudgetLine| line.evaluation == Some(EvaluationType::B);
         let is_in_both = others.iter().any(|other| other.source == line.source && is_type_b(other));
-        let known = SAME_IN_EVERY_RUN.iter().find(|(source, _)| *source == line.source);
-        let is_same = known.is_some_and(|(_, owner)| have_same(*owner, first, second));
+        let known = PERSISTENT_SOURCES.iter().find(|(source, _)| *source == line.source);
+        let is_same = known.is_some_and(|(_, owner)| share_provenance_field(*owner, first, second));
         if is_type_b(line) && is_in_both && is_same && !names.contains(&line.source) {
             names.push(line.source.clone());
         }
@@ -67,33 +67,41 @@ pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     names
 }
 
-fn have_same(owner: Owner, first: &Estimate, second: &Estimate) -> bool {
+fn share_provenance_field(owner: ProvenanceField, first: &Estimate, second: &Estimate) -> bool {
     let pair = first.provenance.as_ref().zip(second.provenance.as_ref());
     pair.is_none_or(|(first, second)| owner(first) == owner(second))
 }
 
 /// Differences of all parameters that both results identify, in the order of the first. The sources `common`
 /// have the same value in both results and the same sign of their effect; all other sources are independent.
-pub fn differences(first: &Estimate, second: &Estimate, common: &[String]) -> Vec<Difference> {
+pub fn parameter_differences(
+    first: &Estimate,
+    second: &Estimate,
+    common: &[String],
+) -> Vec<ParameterDifference> {
     let pairs = first.parameters.iter().filter_map(|one| {
         let same = |other: &&Parameter| (&other.symbol, other.unit) == (&one.symbol, one.unit);
         Some((one, second.parameters.iter().find(same)?))
     });
     let known = pairs.filter(|(one, other)| one.identifiable && other.identifiable);
-    known.filter_map(|(one, other)| difference(one, other, common)).collect()
+    known.filter_map(|(one, other)| parameter_difference(one, other, common)).collect()
 }
 
 /// Difference of one parameter. `None`: a number is missing.
-fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<Difference> {
+fn parameter_difference(
+    one: &Parameter,
+    other: &Parameter,
+    common: &[String],
+) -> Option<ParameterDifference> {
     let independent = one.u.powi(2) + other.u.powi(2);
-    let shared = |source: &String| component(one, source) * component(other, source);
+    let shared = |source: &String| source_u(one, source) * source_u(other, source);
     let covariance: f64 = common.iter().map(shared).sum();
     // If all budget lines are common, rounding may give a negative variance.
     let variance = (independent - 2.0 * covariance).max(0.0);
     let by = other.value - one.value;
-    let expanded = coverage_factor(dof([one, other], variance)) * variance.sqrt();
+    let expanded = coverage_factor(effective_dof([one, other], variance)) * variance.sqrt();
     let normalized = normalized_error(by, expanded);
-    let difference = Difference {
+    let difference = ParameterDifference {
         symbol: one.symbol.clone(),
         unit: one.unit,
         first: one.value,
@@ -107,13 +115,13 @@ fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<D
 }
 
 /// Standard uncertainty of the parameter from one source.
-fn component(parameter: &Parameter, source: &String) -> f64 {
+fn source_u(parameter: &Parameter, source: &String) -> f64 {
     let lines = parameter.budget.iter().filter(|line| line.source == *source);
     lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt()
 }
 
 /// Effective degrees of freedom of the difference (GUM, G.2b). The common sources have infinitely many.
-fn dof(of: [&Parameter; 2], variance: f64) -> f64 {
+fn effective_dof(of: [&Parameter; 2], variance: f64) -> f64 {
     let part = |p: &Parameter| p.dof.map_or(0.0, |dof| p.u.powi(4) / dof);
     let spread = part(of[0]) + part(of[1]);
     if spread > 0.0 { variance.powi(2) / spread } else { f64::INFINITY }
@@ -124,7 +132,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use estimation::random::stream;
+    use estimation::random::seeded_stream;
 
     fn parameter(value: f64, u: f64, dof: Option<f64>) -> Parameter {
         serde_json::from_value(serde_json::json!({
@@ -148,26 +156,30 @@ mod tests {
     /// effective degrees of freedom, truncated to 6: t(95.45 %) = 2.52.
     #[test]
     fn its_uncertainty_is_that_of_both() {
-        let found =
-            difference(&parameter(1.0, 2.0, Some(4.0)), &parameter(7.0, 1.0, Some(8.0)), &[]);
+        let found = parameter_difference(
+            &parameter(1.0, 2.0, Some(4.0)),
+            &parameter(7.0, 1.0, Some(8.0)),
+            &[],
+        );
         let found = found.unwrap();
         assert!((found.by - 6.0).abs() < 1e-12 && found.significant);
         let k = found.expanded / 5f64.sqrt();
         assert!((2.50..2.53).contains(&k), "{k}");
         let many =
-            difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None), &[]).unwrap();
+            parameter_difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None), &[])
+                .unwrap();
         assert!((many.expanded - 10.0).abs() < 0.05 && !many.significant, "{}", many.expanded);
     }
 
     /// For machines that have not changed, 4.6 of 100 differences are significant.
     #[test]
     fn false_alarms_come_as_often_as_said() {
-        let mut rng = stream(5, &[1]);
+        let mut rng = seeded_stream(5, &[1]);
         let mut draw =
             |u: f64| -> f64 { u * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let told = (0..4000).filter(|_| {
             let (one, other) = (parameter(draw(0.6), 0.6, None), parameter(draw(0.8), 0.8, None));
-            difference(&one, &other, &[]).unwrap().significant
+            parameter_difference(&one, &other, &[]).unwrap().significant
         });
         // 182 expected, standard deviation 13.
         let told = told.count();
@@ -182,9 +194,9 @@ mod tests {
         let unit = Parameter { unit: Unit::Mm, ..other.clone() };
         estimate.parameters = vec![parameter(1.0, 1.0, None), other];
         let mut second = estimate.clone();
-        assert_eq!(differences(&estimate, &second, &[]).len(), 2);
+        assert_eq!(parameter_differences(&estimate, &second, &[]).len(), 2);
         second.parameters = vec![lost, unit];
-        assert_eq!(differences(&estimate, &second, &[]), []);
+        assert_eq!(parameter_differences(&estimate, &second, &[]), []);
     }
 
     fn with_budget(value: f64, lines: &[(&str, EvaluationType, f64)]) -> Parameter {
@@ -235,21 +247,21 @@ mod tests {
         };
         assert_eq!(common_sources(&with(&first, "a"), &with(&second, "a")), ["probe lobing"]);
         assert!(common_sources(&with(&first, "a"), &with(&second, "b")).is_empty());
-        let found = &differences(&first, &second, &common)[0];
+        let found = &parameter_differences(&first, &second, &common)[0];
         assert!((found.expanded - 2.0 * 3.94f64.sqrt()).abs() < 1e-9, "{}", found.expanded);
         assert!((found.normalized - 3.0 / (2.0 * 3.94f64.sqrt())).abs() < 1e-9);
         assert!(!found.significant);
-        let independent = &differences(&first, &second, &[])[0];
+        let independent = &parameter_differences(&first, &second, &[])[0];
         assert!((independent.expanded - 2.0 * 15.94f64.sqrt()).abs() < 1e-9);
         // 3.94²/(5.69²/ν) = 2 effective degrees of freedom; GUM, table G.2: t(95.45 %) = 4.53.
         let few = Parameter { dof: Some(2.0 * (5.69f64 / 3.94).powi(2)), ..other.clone() };
-        let found = difference(&one, &few, &common).unwrap();
+        let found = parameter_difference(&one, &few, &common).unwrap();
         assert!((found.expanded / 3.94f64.sqrt() - 4.53).abs() < 0.005, "{}", found.expanded);
         // With a common source only, equal values agree and different values do not.
         let whole = |value| with_budget(value, &[("probe lobing", B, 3.0)]);
-        let found = difference(&whole(1.0), &whole(1.0), &common).unwrap();
+        let found = parameter_difference(&whole(1.0), &whole(1.0), &common).unwrap();
         assert_eq!((found.expanded, found.normalized, found.significant), (0.0, 0.0, false));
-        let found = difference(&whole(1.0), &whole(2.0), &common).unwrap();
+        let found = parameter_difference(&whole(1.0), &whole(2.0), &common).unwrap();
         assert!(found.normalized.is_infinite() && found.significant);
     }
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::difference::normalized_error;
-use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
+use machine::record::estimate::{Estimate, EstimatedFunction, FigureKind, Unit};
 
 /// Difference of one function between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -28,17 +28,22 @@ pub struct FunctionDifference {
 
 impl FunctionDifference {
     /// Index of the largest E_n.
-    pub fn worst(&self) -> Option<usize> {
+    pub fn worst_index(&self) -> Option<usize> {
         (0..self.normalized.len())
             .max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
     }
 
     /// Number of points that agree.
-    pub fn agreeing(&self) -> usize {
+    pub fn agreeing_count(&self) -> usize {
         self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
     }
 
-    fn push(&mut self, [one, other]: [Point; 2], gauge: Option<[Point; 2]>, k: f64) {
+    fn push(
+        &mut self,
+        [one, other]: [FunctionPoint; 2],
+        gauge: Option<[FunctionPoint; 2]>,
+        k: f64,
+    ) {
         let of_gauge = gauge.map(|[one, other]| (other.y - one.y, one.u.hypot(other.u)));
         let (shift, u_shift) = of_gauge.unwrap_or((0.0, 0.0));
         let by = other.y - one.y - shift;
@@ -59,16 +64,16 @@ pub fn function_differences(
     k: f64,
 ) -> Vec<FunctionDifference> {
     let pairs = first.functions.iter().filter_map(|one| {
-        let same = |other: &&Function| is_comparable(one, other);
+        let same = |other: &&EstimatedFunction| is_comparable(one, other);
         Some((one, second.functions.iter().find(same)?))
     });
-    pairs.filter_map(|(one, other)| difference(one, other, k)).collect()
+    pairs.filter_map(|(one, other)| function_difference(one, other, k)).collect()
 }
 
 /// A function without a stated uncertainty, such as residuals, is not comparable.
-fn is_comparable(one: &Function, other: &Function) -> bool {
-    let is_stated = |function: &Function| function.u.iter().any(|u| *u > 0.0);
-    let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
+fn is_comparable(one: &EstimatedFunction, other: &EstimatedFunction) -> bool {
+    let is_stated = |function: &EstimatedFunction| function.u.iter().any(|u| *u > 0.0);
+    let of = |f: &EstimatedFunction| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
     let is_drawn_alike = one.figure == other.figure || (is_continuous(one) && is_continuous(other));
     of(one) == of(other)
         && is_drawn_alike
@@ -78,33 +83,33 @@ fn is_comparable(one: &Function, other: &Function) -> bool {
 }
 
 /// Whether the points of the function are those of a curve.
-fn is_continuous(function: &Function) -> bool {
+fn is_continuous(function: &EstimatedFunction) -> bool {
     matches!(function.figure, FigureKind::Curve | FigureKind::Polar)
 }
 
 /// Argument, value and u.
 #[derive(Debug, Clone, Copy)]
-struct Point {
+struct FunctionPoint {
     x: f64,
     y: f64,
     u: f64,
 }
 
 /// Finite points of a function, by increasing argument.
-struct Points(Vec<Point>);
+struct FunctionPoints(Vec<FunctionPoint>);
 
-impl Points {
-    fn of(function: &Function) -> Self {
+impl FunctionPoints {
+    fn from_function(function: &EstimatedFunction) -> Self {
         let values = function.x.iter().zip(&function.y).zip(&function.u);
-        let points = values.map(|((x, y), u)| Point { x: *x, y: *y, u: *u });
-        let finite = |p: &Point| p.x.is_finite() && p.y.is_finite() && p.u.is_finite();
-        let mut points: Vec<Point> = points.filter(finite).collect();
+        let points = values.map(|((x, y), u)| FunctionPoint { x: *x, y: *y, u: *u });
+        let finite = |p: &FunctionPoint| p.x.is_finite() && p.y.is_finite() && p.u.is_finite();
+        let mut points: Vec<FunctionPoint> = points.filter(finite).collect();
         points.sort_by(|one, other| one.x.total_cmp(&other.x));
         Self(points)
     }
 
     /// Linear interpolation between the points; `None` outside of them.
-    fn at(&self, x: f64) -> Option<Point> {
+    fn interpolate(&self, x: f64) -> Option<FunctionPoint> {
         let next = self.0.partition_point(|point| point.x < x);
         let after = *self.0.get(next)?;
         if after.x == x {
@@ -113,25 +118,29 @@ impl Points {
         let before = self.0[next.checked_sub(1)?];
         let share = (x - before.x) / (after.x - before.x);
         let between = |from: f64, to: f64| from + share * (to - from);
-        Some(Point { x, y: between(before.y, after.y), u: between(before.u, after.u) })
+        Some(FunctionPoint { x, y: between(before.y, after.y), u: between(before.u, after.u) })
     }
 
     /// Value of the function at `x`, if `x` is the argument of one of its points.
-    fn exactly_at(&self, x: f64) -> Option<Point> {
-        self.at(x).filter(|_| self.0.iter().any(|point| point.x == x))
+    fn point_at(&self, x: f64) -> Option<FunctionPoint> {
+        self.interpolate(x).filter(|_| self.0.iter().any(|point| point.x == x))
     }
 }
 
 /// Difference of one function. `None`: the functions have no common argument.
-fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDifference> {
+fn function_difference(
+    one: &EstimatedFunction,
+    other: &EstimatedFunction,
+    k: f64,
+) -> Option<FunctionDifference> {
     let is_continuous = is_continuous(one);
-    let points = [one, other].map(Points::of);
+    let points = [one, other].map(FunctionPoints::from_function);
     let at = |x: f64| match is_continuous {
-        true => Some([points[0].at(x)?, points[1].at(x)?]),
-        false => Some([points[0].exactly_at(x)?, points[1].exactly_at(x)?]),
+        true => Some([points[0].interpolate(x)?, points[1].interpolate(x)?]),
+        false => Some([points[0].point_at(x)?, points[1].point_at(x)?]),
     };
     // The arguments of the function with fewer points, within the range of both.
-    let common = |of: &Points| -> Vec<[Point; 2]> {
+    let common = |of: &FunctionPoints| -> Vec<[FunctionPoint; 2]> {
         let mut x: Vec<f64> = of.0.iter().map(|point| point.x).collect();
         x.dedup();
         x.into_iter().filter_map(at).collect()
@@ -162,8 +171,8 @@ fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDiffer
 mod tests {
     use super::*;
 
-    fn function(x: &[f64], y: &[f64], u: f64) -> Function {
-        Function {
+    fn function(x: &[f64], y: &[f64], u: f64) -> EstimatedFunction {
+        EstimatedFunction {
             symbol: "EXC".to_owned(),
             argument: "C".to_owned(),
             argument_unit: "deg".to_owned(),
@@ -188,13 +197,13 @@ mod tests {
     fn functions_are_compared_from_their_value_at_zero() {
         let one = function(&[0.0, 60.0, 120.0, 180.0, 240.0], &[1.0, 1.0, 2.0, 2.0, 0.0], 0.3);
         let other = function(&[-90.0, 0.0, 90.0, 180.0, 270.0], &[9.0, 6.0, 9.0, 7.0, 9.0], 0.4);
-        let found = difference(&one, &other, 2.0).unwrap();
+        let found = function_difference(&one, &other, 2.0).unwrap();
         assert_eq!((found.gauge_at, &found.x[..]), (Some(0.0), &[90.0, 180.0][..]));
         near(&found.by, &[2.5, 0.0]);
         near(&found.expanded, &[2f64.sqrt(); 2]);
         near(&found.normalized, &[2.5 / 2f64.sqrt(), 0.0]);
-        assert_eq!((found.worst(), found.agreeing()), (Some(0), 1));
-        let back = difference(&other, &one, 2.0).unwrap();
+        assert_eq!((found.worst_index(), found.agreeing_count()), (Some(0), 1));
+        let back = function_difference(&other, &one, 2.0).unwrap();
         near(&back.by, &[-2.5, 0.0]);
     }
 
@@ -203,33 +212,36 @@ mod tests {
     fn the_gauge_is_within_both() {
         let one = function(&[30.0, 60.0, 90.0], &[1.0, 2.0, 4.0], 0.1);
         let other = function(&[45.0, 60.0, 90.0], &[0.0, 0.0, 0.0], 0.1);
-        let found = difference(&one, &other, 2.0).unwrap();
+        let found = function_difference(&one, &other, 2.0).unwrap();
         // Both functions have two common arguments; of the function with fewer points these are 60° and 90°.
         assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
         near(&found.by, &[-2.0]);
-        assert_eq!(difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);
+        assert_eq!(
+            function_difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0),
+            None
+        );
     }
 
     /// Functions of orders or balls are not interpolated and have no reference point.
     #[test]
     fn single_points_are_compared_as_they_are() {
-        let points = |x: &[f64], y: &[f64]| Function {
+        let points = |x: &[f64], y: &[f64]| EstimatedFunction {
             argument_unit: String::new(),
             figure: FigureKind::Spectrum,
             ..function(x, y, 0.5)
         };
         let one = points(&[0.5, 1.0, 2.0, 4.0], &[1.0, 1.0, 2.0, 9.0]);
         let other = points(&[1.0, 2.0, 3.0], &[2.0, 2.0, 9.0]);
-        let found = difference(&one, &other, 2.0).unwrap();
+        let found = function_difference(&one, &other, 2.0).unwrap();
         assert_eq!((found.gauge_at, &found.x[..]), (None, &[1.0, 2.0][..]));
         near(&found.by, &[1.0, 0.0]);
         near(&found.expanded, &[2f64.sqrt(); 2]);
-        let histogram = Function { figure: FigureKind::Histogram, ..one.clone() };
+        let histogram = EstimatedFunction { figure: FigureKind::Histogram, ..one.clone() };
         assert!(!is_comparable(&histogram, &histogram.clone()) && is_comparable(&one, &other));
-        let drawn = |figure| Function { figure, ..one.clone() };
+        let drawn = |figure| EstimatedFunction { figure, ..one.clone() };
         let [curve, polar] = [FigureKind::Curve, FigureKind::Polar].map(drawn);
         assert!(is_comparable(&curve, &polar) && !is_comparable(&curve, &one));
-        let residuals = Function { u: vec![0.0; one.x.len()], ..one.clone() };
+        let residuals = EstimatedFunction { u: vec![0.0; one.x.len()], ..one.clone() };
         assert!(!is_comparable(&residuals, &residuals.clone()));
     }
 }

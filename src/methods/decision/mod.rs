@@ -6,25 +6,25 @@ pub mod reference_check;
 pub mod references;
 pub mod trend;
 
-use estimation::coverage::cumulative;
-use machine::record::estimate::{Estimate, Limit, LimitVerdict, Parameter, Verdict};
+use estimation::coverage::student_t_cdf;
+use machine::record::estimate::{Estimate, LimitVerdict, Parameter, ParameterLimit, Verdict};
 
-const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole interval lies within the \
-                             limit, fail if it lies outside; the worst parameter decides";
+const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole coverage interval is inside the limit, \
+    fail if the whole interval is outside; the verdict is that of the worst parameter";
 
 /// Judges every parameter that has a limit. The expanded uncertainty is the guard band on both sides (ISO
 /// 14253-1): a parameter passes only if the whole interval lies inside the limits, fails only if it lies
 /// outside, and is undecided otherwise. The worst parameter decides. A limit for a parameter that was not
 /// estimated, or that has another unit, leaves the verdict undecided. Without any limit there is no verdict.
 /// A misfit that the identification has found takes precedence over the limits.
-pub fn judge(estimate: &mut Estimate, limits: &[Limit]) {
+pub fn judge_estimate(estimate: &mut Estimate, limits: &[ParameterLimit]) {
     let contradicted = estimate.verdict == Verdict::UndecidedModel;
     let mut verdicts = Vec::new();
-    for Limit { symbol, unit, limit } in limits {
+    for ParameterLimit { symbol, unit, limit } in limits {
         let mut parameters = estimate.parameters.iter_mut();
         let verdict = match parameters.find(|p| p.symbol == *symbol && p.unit == *unit) {
             Some(parameter) => {
-                let judged = judge_one(parameter, *limit, contradicted);
+                let judged = judge_parameter(parameter, *limit, contradicted);
                 parameter.judged = Some(judged);
                 judged.verdict
             }
@@ -48,8 +48,8 @@ pub fn judge(estimate: &mut Estimate, limits: &[Limit]) {
 }
 
 /// Limits that match no parameter of the estimate, in words.
-pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
-    let known = |limit: &&Limit| {
+pub fn describe_unmatched_limits(estimate: &Estimate, limits: &[ParameterLimit]) -> Vec<String> {
+    let known = |limit: &&ParameterLimit| {
         estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
     };
     let symbols: Vec<&str> = estimate.parameters.iter().map(|p| p.symbol.as_str()).collect();
@@ -58,7 +58,7 @@ pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
         .filter(|limit| !known(limit))
         .map(|limit| {
             format!(
-                "the limit for {} in {} matches no parameter; there are {}",
+                "the limit for {} in {} matches no parameter; the parameters are {}",
                 limit.symbol,
                 limit.unit.symbol(),
                 symbols.join(", ")
@@ -67,7 +67,7 @@ pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
         .collect()
 }
 
-fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> LimitVerdict {
+fn judge_parameter(parameter: &Parameter, limit: f64, contradicted: bool) -> LimitVerdict {
     let Parameter { value, u, expanded, dof, .. } = *parameter;
     let magnitude = value.abs();
     let is_known = parameter.identifiable && magnitude.is_finite() && expanded.is_finite();
@@ -82,7 +82,7 @@ fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> LimitVerd
     } else {
         Verdict::Undecided
     };
-    let below = |bound: f64| cumulative((bound - value) / u, dof.unwrap_or(f64::INFINITY));
+    let below = |bound: f64| student_t_cdf((bound - value) / u, dof.unwrap_or(f64::INFINITY));
     let conformance = (is_known && !contradicted && u > 0.0).then(|| below(limit) - below(-limit));
     LimitVerdict { limit, verdict, conformance }
 }
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn the_guard_band_makes_a_third_state() {
-        let verdict = |parameter: &Parameter| judge_one(parameter, 10.0, false).verdict;
+        let verdict = |parameter: &Parameter| judge_parameter(parameter, 10.0, false).verdict;
         assert_eq!(verdict(&one(-7.9, 2.0)), Verdict::Pass);
         assert_eq!(verdict(&one(-8.1, 2.0)), Verdict::Undecided);
         assert_eq!(verdict(&one(11.9, 2.0)), Verdict::Undecided);
@@ -124,7 +124,7 @@ mod tests {
     #[test]
     fn the_probability_of_conformance_is_that_of_tables() {
         let near = |parameter: &Parameter, expected: f64| {
-            let found = judge_one(parameter, 10.0, false).conformance.unwrap();
+            let found = judge_parameter(parameter, 10.0, false).conformance.unwrap();
             assert!((found - expected).abs() < 1e-4, "{found} {expected}");
         };
         near(&one(9.0, 2.0), 0.8413);
@@ -133,8 +133,8 @@ mod tests {
         // With a large u both limits count.
         near(&one(0.0, 20.0), 0.6827);
         near(&Parameter { dof: Some(5.0), ..one(10.0 - 2.015, 2.0) }, 0.9500);
-        assert_eq!(judge_one(&one(f64::NAN, 2.0), 10.0, false).conformance, None);
-        let contradicted = judge_one(&one(1.0, 2.0), 10.0, true);
+        assert_eq!(judge_parameter(&one(f64::NAN, 2.0), 10.0, false).conformance, None);
+        let contradicted = judge_parameter(&one(1.0, 2.0), 10.0, true);
         assert_eq!(
             (contradicted.verdict, contradicted.conformance),
             (Verdict::UndecidedModel, None)

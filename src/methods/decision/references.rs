@@ -27,7 +27,7 @@ pub struct ReferencePair {
 
 /// Knowledge of the scatter of one touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Scatter {
+pub enum TouchScatter {
     /// Declared standard uncertainty, mm.
     Declared { u_mm: f64 },
     /// Pooled standard uncertainty from repeated touches of the references before the stop, mm.
@@ -36,11 +36,11 @@ pub enum Scatter {
     Unknown,
 }
 
-impl Scatter {
+impl TouchScatter {
     /// The declared scatter, or else the scatter from `series`: for each reference all its values before the
     /// stop in order, mm. It is computed from successive differences, so that slow drift does not count as
     /// scatter.
-    pub fn of(declared_mm: Option<f64>, series: &[Vec<f64>]) -> Self {
+    pub fn from_series(declared_mm: Option<f64>, series: &[Vec<f64>]) -> Self {
         if let Some(u_mm) = declared_mm {
             return Self::Declared { u_mm };
         }
@@ -56,17 +56,17 @@ impl Scatter {
     }
 
     /// Origin of the limit, in words.
-    pub fn in_words(self) -> String {
+    pub fn describe(self) -> String {
         match self {
             Self::Declared { u_mm } => {
-                format!("one touch is declared to repeat within {:.2} µm", u_mm * 1e3)
+                format!("declared repeatability of one touch: {:.2} µm", u_mm * 1e3)
             }
             Self::Pooled { u_mm, dof } => format!(
-                "one touch repeats within {:.2} µm, from {dof} repeated references",
+                "repeatability of one touch: {:.2} µm, from {dof} repeated references",
                 u_mm * 1e3
             ),
-            Self::Unknown => "nothing is known of how touches repeat ([probe] repeatability_um is \
-                              missing): the limit follows from resolution and drift alone"
+            Self::Unknown => "the repeatability of a touch is unknown ([probe] repeatability_um is missing): the limit \
+                follows from resolution and drift alone"
                 .to_owned(),
         }
     }
@@ -74,41 +74,41 @@ impl Scatter {
 
 /// Limits for the shift of the references.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
+pub struct ShiftLimits {
     /// Standard uncertainty of one touch, mm.
     u_mm: f64,
     /// Coverage factor of one reference among all that are compared.
-    factor: f64,
+    coverage_factor: f64,
     drift_mm_per_s: f64,
 }
 
-impl Limits {
-    /// Limits for `places` references that are compared together, so that all of them agree with probability
+impl ShiftLimits {
+    /// Limits for `reference_count` references that are compared together, so that all of them agree with probability
     /// [`AGREEMENT_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals even rarer.
     /// `drift_mm_per_s` is the declared standard deviation of the drift rate.
-    pub fn new(scatter: Scatter, places: usize, drift_mm_per_s: f64) -> Self {
+    pub fn new(scatter: TouchScatter, reference_count: usize, drift_mm_per_s: f64) -> Self {
         let (u_mm, dof) = match scatter {
-            Scatter::Declared { u_mm } => (u_mm, f64::INFINITY),
-            Scatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
-            Scatter::Unknown => (0.0, f64::INFINITY),
+            TouchScatter::Declared { u_mm } => (u_mm, f64::INFINITY),
+            TouchScatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
+            TouchScatter::Unknown => (0.0, f64::INFINITY),
         };
-        let inside = AGREEMENT_PROBABILITY.powf(1.0 / places.max(1) as f64);
-        Self { u_mm, factor: coverage::two_sided(inside, dof), drift_mm_per_s }
+        let inside = AGREEMENT_PROBABILITY.powf(1.0 / reference_count.max(1) as f64);
+        Self { u_mm, coverage_factor: coverage::two_sided_factor(inside, dof), drift_mm_per_s }
     }
 
     /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.
-    fn of(&self, pair: &ReferencePair) -> f64 {
+    fn limit_mm(&self, pair: &ReferencePair) -> f64 {
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
         let touches = (2.0 * (self.u_mm.powi(2) + rounding.powi(2))).sqrt();
         let drift =
             (self.drift_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
-        self.factor * touches.hypot(drift) + pair.resolution_mm
+        self.coverage_factor * touches.hypot(drift) + pair.resolution_mm
     }
 }
 
-/// Number of places that the references of a plan compare, counting the references of one stage.
-pub fn places(plan: &Plan) -> usize {
+/// Number of reference points that a plan compares, counting the references of one stage.
+pub fn reference_point_count(plan: &Plan) -> usize {
     let references = || plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
     let first = references().next().map(|step| step.stage);
     let together = references().filter(|step| Some(step.stage) == first);
@@ -118,20 +118,20 @@ pub fn places(plan: &Plan) -> usize {
 
 /// Shift of one reference, and its limit.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Shift {
+pub struct ReferenceShift {
     pub label: String,
     /// Shift along the outward normal, mm.
     pub shift_mm: f64,
     pub limit_mm: f64,
 }
 
-impl Shift {
-    pub fn of(pair: &ReferencePair, limits: &Limits) -> Self {
+impl ReferenceShift {
+    pub fn from_pair(pair: &ReferencePair, limits: &ShiftLimits) -> Self {
         let [old, new] = pair.position_mm;
-        Self { label: pair.label.clone(), shift_mm: new - old, limit_mm: limits.of(pair) }
+        Self { label: pair.label.clone(), shift_mm: new - old, limit_mm: limits.limit_mm(pair) }
     }
 
-    pub fn agrees(&self) -> bool {
+    pub fn is_within_limit(&self) -> bool {
         self.shift_mm.abs() <= self.limit_mm
     }
 }
@@ -140,20 +140,20 @@ impl Shift {
 const MAX_LISTED_SHIFTS: usize = 4;
 
 /// Lists all shifts if there are few, otherwise the largest relative to their limits.
-pub fn in_words(shifts: &[Shift]) -> String {
-    let mut told: Vec<&Shift> = shifts.iter().collect();
-    if told.len() > MAX_LISTED_SHIFTS {
-        let part = |shift: &Shift| shift.shift_mm.abs() / shift.limit_mm;
-        told.sort_by(|one, other| part(other).total_cmp(&part(one)));
-        told.truncate(MAX_LISTED_SHIFTS);
+pub fn describe_shifts(shifts: &[ReferenceShift]) -> String {
+    let mut listed: Vec<&ReferenceShift> = shifts.iter().collect();
+    if listed.len() > MAX_LISTED_SHIFTS {
+        let part = |shift: &ReferenceShift| shift.shift_mm.abs() / shift.limit_mm;
+        listed.sort_by(|one, other| part(other).total_cmp(&part(one)));
+        listed.truncate(MAX_LISTED_SHIFTS);
     }
-    let more = shifts.len() - told.len();
-    let mut words: Vec<String> = told.into_iter().map(Shift::to_string).collect();
-    words.extend((more > 0).then(|| format!("{more} more")));
-    words.join(", ")
+    let more = shifts.len() - listed.len();
+    let mut texts: Vec<String> = listed.into_iter().map(ReferenceShift::to_string).collect();
+    texts.extend((more > 0).then(|| format!("{more} more")));
+    texts.join(", ")
 }
 
-impl std::fmt::Display for Shift {
+impl std::fmt::Display for ReferenceShift {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let [shift, limit] = [self.shift_mm, self.limit_mm].map(|mm| mm * 1e3);
         write!(f, "{} moved by {shift:+.1} µm (limit {limit:.1} µm)", self.label)
@@ -179,47 +179,62 @@ mod tests {
     #[test]
     fn the_limit_of_four_is_three_standard_deviations_of_the_difference() {
         let declared = |um_per_h: f64| {
-            Limits::new(Scatter::of(Some(0.5e-3), &[]), 4, um_per_h * 1e-3 / 3600.0)
+            ShiftLimits::new(
+                TouchScatter::from_series(Some(0.5e-3), &[]),
+                4,
+                um_per_h * 1e-3 / 3600.0,
+            )
         };
-        let shift = Shift::of(&pair(2.0e-3, 0.0), &declared(0.0));
+        let shift = ReferenceShift::from_pair(&pair(2.0e-3, 0.0), &declared(0.0));
         assert!((shift.limit_mm - 3.0 * 0.5e-3 * 2f64.sqrt()).abs() < 1e-9);
-        assert!(shift.agrees() && !Shift::of(&pair(-2.2e-3, 0.0), &declared(0.0)).agrees());
+        assert!(
+            shift.is_within_limit()
+                && !ReferenceShift::from_pair(&pair(-2.2e-3, 0.0), &declared(0.0))
+                    .is_within_limit()
+        );
         // Drift of 5 µm/h over a quarter of an hour: 3·1.25 µm in addition to the touches.
-        let slow = Shift::of(&pair(0.0, 900.0), &declared(5.0));
+        let slow = ReferenceShift::from_pair(&pair(0.0, 900.0), &declared(5.0));
         assert!((slow.limit_mm - 3.0 * (0.5e-6f64 + 1.25e-3f64.powi(2)).sqrt()).abs() < 1e-9);
         // Over a weekend a part that moved by 20 µm is still detected.
-        let weekend = Shift::of(&pair(20e-3, 200_000.0), &declared(5.0));
+        let weekend = ReferenceShift::from_pair(&pair(20e-3, 200_000.0), &declared(5.0));
         assert!((weekend.limit_mm - 3.0 * (0.5e-6f64 * 10.0).sqrt()).abs() < 1e-9);
-        assert!(!weekend.agrees());
+        assert!(!weekend.is_within_limit());
         assert_eq!(shift.to_string(), "R1/P090 moved by +2.0 µm (limit 2.1 µm)");
     }
 
     /// Share of refused stops, out of `stops`, for a machine that has moved by `shift` standard deviations of
     /// a touch: with declared scatter, and with scatter pooled from two rounds before the stop and two after
     /// it.
-    fn refused(places: usize, shift: f64, stops: u32) -> [f64; 2] {
+    fn refused(reference_count: usize, shift: f64, stops: u32) -> [f64; 2] {
         const U_MM: f64 = 1e-3;
-        let mut rng = estimation::random::stream(5, &[places as u64]);
-        let declared = Limits::new(Scatter::of(Some(U_MM), &[]), places, 0.0);
+        let mut rng = estimation::random::seeded_stream(5, &[reference_count as u64]);
+        let declared =
+            ShiftLimits::new(TouchScatter::from_series(Some(U_MM), &[]), reference_count, 0.0);
         // The factor depends only on the number of places, so it is computed once, as in a run.
-        let pooled =
-            Limits::new(Scatter::Pooled { u_mm: 1.0, dof: 2 * places as u32 }, places, 0.0);
+        let pooled = ShiftLimits::new(
+            TouchScatter::Pooled { u_mm: 1.0, dof: 2 * reference_count as u32 },
+            reference_count,
+            0.0,
+        );
         let mut alarms = [0_u32; 2];
         for _ in 0..stops {
             let mut draw = |at: f64| U_MM * (at + rng.sample::<f64, _>(StandardNormal));
-            let mut round = |at| (0..places).map(|_| vec![draw(at), draw(at)]).collect::<Vec<_>>();
+            let mut round =
+                |at| (0..reference_count).map(|_| vec![draw(at), draw(at)]).collect::<Vec<_>>();
             let (before, after) = (round(0.0), round(shift));
-            let Scatter::Pooled { u_mm, dof } =
-                Scatter::of(None, &[before.as_slice(), &after].concat())
+            let TouchScatter::Pooled { u_mm, dof } =
+                TouchScatter::from_series(None, &[before.as_slice(), &after].concat())
             else {
                 panic!("no scatter")
             };
-            assert_eq!(dof, 2 * places as u32);
-            for (alarms, limits) in alarms.iter_mut().zip([declared, Limits { u_mm, ..pooled }]) {
+            assert_eq!(dof, 2 * reference_count as u32);
+            for (alarms, limits) in
+                alarms.iter_mut().zip([declared, ShiftLimits { u_mm, ..pooled }])
+            {
                 let moved = |(before, after): (&Vec<f64>, &Vec<f64>)| {
                     let pair =
                         ReferencePair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
-                    !Shift::of(&pair, &limits).agrees()
+                    !ReferenceShift::from_pair(&pair, &limits).is_within_limit()
                 };
                 *alarms += u32::from(before.iter().zip(&after).any(moved));
             }
@@ -231,45 +246,48 @@ mod tests {
     /// relevant shift is detected.
     #[test]
     fn false_alarms_are_as_rare_as_promised_however_many_places_are_compared() {
-        for places in [1, 4, 26] {
-            let [declared, pooled] = refused(places, 0.0, 20_000);
-            println!("{places} places: {declared} of stops, {pooled} with pooled scatter");
+        for reference_count in [1, 4, 26] {
+            let [declared, pooled] = refused(reference_count, 0.0, 20_000);
+            println!("{reference_count} places: {declared} of stops, {pooled} with pooled scatter");
             // Tolerance of the comparison: four standard deviations of the count.
             assert!(
                 (declared - (1.0 - AGREEMENT_PROBABILITY)).abs() < 0.003,
-                "{places}: {declared}"
+                "{reference_count}: {declared}"
             );
             // With pooled scatter, a shift between the rounds also increases the scatter.
-            assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");
+            assert!((0.002..0.0138).contains(&pooled), "{reference_count}: {pooled}");
         }
         // A shift of 8 standard deviations of a touch (4 µm with a usual probe) is nearly always detected.
-        for places in [4, 26] {
-            let [declared, pooled] = refused(places, 8.0, 500);
-            assert!(declared > 0.999 && pooled > 0.97, "{places}: {declared} {pooled}");
+        for reference_count in [4, 26] {
+            let [declared, pooled] = refused(reference_count, 8.0, 500);
+            assert!(declared > 0.999 && pooled > 0.97, "{reference_count}: {declared} {pooled}");
         }
     }
 
     #[test]
     fn of_many_the_farthest_are_told() {
-        let limits = Limits::new(Scatter::of(Some(0.5e-3), &[]), 26, 0.0);
-        let shift = |um: f64| Shift::of(&pair(um * 1e-3, 0.0), &limits);
-        let few: Vec<Shift> = [1.0, -3.0, 2.0].map(shift).into();
-        let words = in_words(&few);
-        assert!(words.starts_with("R1/P090 moved by +1.0 µm (limit 2.5 µm), "), "{words}");
-        assert_eq!(words.matches("moved").count(), 3);
-        let many: Vec<Shift> = (0..26).map(|place| shift(f64::from(place - 20))).collect();
-        let words = in_words(&many);
-        assert!(words.starts_with("R1/P090 moved by -20.0 µm"), "{words}");
-        assert!(words.ends_with("moved by -17.0 µm (limit 2.5 µm), 22 more"), "{words}");
+        let limits = ShiftLimits::new(TouchScatter::from_series(Some(0.5e-3), &[]), 26, 0.0);
+        let shift = |um: f64| ReferenceShift::from_pair(&pair(um * 1e-3, 0.0), &limits);
+        let few: Vec<ReferenceShift> = [1.0, -3.0, 2.0].map(shift).into();
+        let texts = describe_shifts(&few);
+        assert!(texts.starts_with("R1/P090 moved by +1.0 µm (limit 2.5 µm), "), "{texts}");
+        assert_eq!(texts.matches("moved").count(), 3);
+        let many: Vec<ReferenceShift> = (0..26).map(|place| shift(f64::from(place - 20))).collect();
+        let texts = describe_shifts(&many);
+        assert!(texts.starts_with("R1/P090 moved by -20.0 µm"), "{texts}");
+        assert!(texts.ends_with("moved by -17.0 µm (limit 2.5 µm), 22 more"), "{texts}");
     }
 
     #[test]
     fn an_unknown_scatter_is_said() {
-        assert_eq!(Scatter::of(None, &[vec![1.0], vec![2.0]]), Scatter::Unknown);
-        assert!(Scatter::Unknown.in_words().contains("repeatability_um is missing"));
+        assert_eq!(TouchScatter::from_series(None, &[vec![1.0], vec![2.0]]), TouchScatter::Unknown);
+        assert!(TouchScatter::Unknown.describe().contains("repeatability_um is missing"));
         let coarse = ReferencePair { resolution_mm: 1e-3, ..pair(1.5e-3, 0.0) };
-        let unknown = Limits::new(Scatter::Unknown, 1, 0.0);
-        assert!(Shift::of(&coarse, &unknown).agrees());
-        assert!(!Shift::of(&ReferencePair { resolution_mm: 1e-4, ..coarse }, &unknown).agrees());
+        let unknown = ShiftLimits::new(TouchScatter::Unknown, 1, 0.0);
+        assert!(ReferenceShift::from_pair(&coarse, &unknown).is_within_limit());
+        assert!(
+            !ReferenceShift::from_pair(&ReferencePair { resolution_mm: 1e-4, ..coarse }, &unknown)
+                .is_within_limit()
+        );
     }
 }

@@ -5,7 +5,7 @@ use machine::Axis;
 use machine::record::plan::{Plan, StepKind};
 
 /// Orders that are checked.
-const CHECKED_ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
+const CHECKED_HARMONIC_ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
 const COSINE_TOLERANCE: f64 = 1e-6;
 
 /// Orders whose harmonics have the same value at all `angles`, rad. Empty if the axis does not turn.
@@ -17,39 +17,39 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     }
     let is_aliased =
         |order: &u32| angles.iter().all(|angle| is_same(f64::from(*order) * (angle - first)));
-    CHECKED_ORDERS.filter(is_aliased).collect()
+    CHECKED_HARMONIC_ORDERS.filter(is_aliased).collect()
 }
 
 /// What the error motions of an axis are inseparable from, if the method gives nothing more exact.
-pub const LOCATION: &str = "its location errors";
+pub const LOCATION_ERRORS_TEXT: &str = "its location errors";
 
 /// A sentence for `not_identifiable`. `of` names what these orders are inseparable from. `None`: the angles
 /// separate all orders that are checked.
-pub fn aliased(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
+pub fn describe_aliased_orders(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
     let orders = aliased_orders(angles);
     let first = orders.first()?;
     let named: Vec<String> = orders.iter().map(u32::to_string).collect();
     let plural = if named.len() > 1 { "s" } else { "" };
     Some(format!(
         "error motions of {axis} at order{plural} {}: inseparable from {of} ({axis} is measured in steps of \
-         360°/{first} only; an angle between them separates them)",
+        360°/{first} only; add an angle between two steps)",
         named.join(", ")
     ))
 }
 
-/// The sentences of [`aliased`] for all rotary axes except the spindle, from the angles at which the steps of
+/// The sentences of [`describe_aliased_orders`] for all rotary axes except the spindle, from the angles at which the steps of
 /// a plan measure.
-pub fn aliased_by_plan(plan: &Plan) -> Vec<String> {
+pub fn describe_plan_aliasing(plan: &Plan) -> Vec<String> {
     let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
     let of_axis = |axis: &Axis| {
         let measured = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
         let angles: Vec<f64> = measured
             .flat_map(|step| match &step.scan {
-                Some(scan) => scan.path.iter().map(|at| at.at(*axis)).collect(),
-                None => vec![step.from.at(*axis)],
+                Some(scan) => scan.path.iter().map(|at| at.get_or_zero(*axis)).collect(),
+                None => vec![step.from.get_or_zero(*axis)],
             })
             .collect();
-        aliased(*axis, &angles, LOCATION)
+        describe_aliased_orders(*axis, &angles, LOCATION_ERRORS_TEXT)
     };
     rotary.filter_map(of_axis).collect()
 }
@@ -68,7 +68,9 @@ mod tests {
         // One angle between the others separates all orders; a single angle gives no orders.
         assert!(orders(&[0.0, 90.0, 180.0, 200.0]).is_empty());
         assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
-        let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION).unwrap();
+        let line =
+            describe_aliased_orders(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION_ERRORS_TEXT)
+                .unwrap();
         assert!(line.starts_with("error motions of C at orders 4, 8, 12: "), "{line}");
         assert!(line.contains("steps of 360°/4 only"), "{line}");
     }

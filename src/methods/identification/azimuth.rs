@@ -27,18 +27,18 @@ pub fn azimuth_factor(order: u32, quarter_turns: f64, normal: &Vector3<f64>) -> 
 
 /// Patterns of a deviation of standard deviation `total_mm` that depends on the direction
 /// ([`azimuth_factor`]) of the outward unit `normals` of the contacts. `declared`: its orders, if known;
-/// `counts`: whether an order is included. The patterns follow the order of the declared orders, cosine
+/// `is_included`: whether an order is included. The patterns follow the order of the declared orders, cosine
 /// before sine.
 pub fn azimuth_patterns(
     total_mm: f64,
     declared: &[u32],
     normals: &[Vector3<f64>],
-    counts: impl Fn(u32) -> bool,
+    is_included: impl Fn(u32) -> bool,
 ) -> Vec<Vec<f64>> {
     let pattern = |(order, size): (u32, f64), quarter_turns: f64| {
         normals.iter().map(|normal| size * azimuth_factor(order, quarter_turns, normal)).collect()
     };
     let sizes = size_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
-    let sizes = sizes.filter(|(order, _)| counts(*order));
+    let sizes = sizes.filter(|(order, _)| is_included(*order));
     sizes.flat_map(|size| [0.0, 0.25].map(|turns| pattern(size, turns))).collect()
 }

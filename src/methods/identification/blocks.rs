@@ -1,20 +1,22 @@
 //! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions. In each
 //! block only the directions that the rows determine are solved.
 
-use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey, lower_root};
+use estimation::linear::{
+    self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis, cholesky_lower,
+};
 use estimation::null_names::name_null_space;
 use estimation::thin_svd::ThinSvd;
 use faer::{Mat, MatRef};
 
-use super::harmonics::order_values;
-use super::model::{FitFigures, ObservationModel, Response, Solution, multiply, rms};
+use super::harmonics::function_over_orders;
+use super::model::{FitFigures, ObservationModel, Response, Solution, multiply_vector, rms};
 use super::outputs::unit_slope;
-use super::source::{Effect, InResiduals, ObservationRun, UncertaintySource};
+use super::source::{Effect, ObservationSpan, ResidualTreatment, UncertaintySource};
 use crate::IdentifyError;
-use machine::record::estimate::{Function, Unit};
+use machine::record::estimate::{EstimatedFunction, Unit};
 
 /// Maximum relative component of an identifiable output along an undetermined direction.
-const MAX_LOST_SHARE: f64 = 1e-7;
+const MAX_UNDETERMINED_SHARE: f64 = 1e-7;
 
 /// The equations of one block.
 pub struct BlockEquations {
@@ -39,7 +41,7 @@ pub struct BlockFit {
     /// them.
     pub null_space: Mat<f64>,
     /// The undetermined directions in words.
-    pub lost: Vec<String>,
+    pub undetermined: Vec<String>,
     /// Residuals of all observations, measured minus model, mm.
     residuals_mm: Vec<f64>,
     /// Σ(residual/σ)² of all observations; `dof`: their degrees of freedom.
@@ -50,24 +52,25 @@ pub struct BlockFit {
 impl BlockFit {
     fn new(equations: &BlockEquations) -> Result<Self, IdentifyError> {
         let BlockEquations { design: full, names, observed_mm, sigma_mm, .. } = equations;
-        let survey = linear::survey(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical)?;
-        let Survey { null_space, rank, .. } = survey;
+        let survey =
+            linear::analyse_rank(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical_error)?;
+        let RankAnalysis { null_space, rank, .. } = survey;
         let constraints = null_space.transpose().to_owned();
-        let reduction = reduction(equations);
+        let reduction = reduction_matrix(equations);
         let design = &reduction * full;
         let problem = LinearProblem {
             a: design.as_ref(),
-            y: &multiply(&reduction, observed_mm),
+            y: &multiply_vector(&reduction, observed_mm),
             sigma: &vec![1.0; design.nrows()],
             constraints: (constraints.nrows() > 0).then_some(constraints.as_ref()),
             rank_threshold: RANK_THRESHOLD,
         };
-        let solution = linear::solve(&problem).map_err(numerical)?;
-        let explained = multiply(full, &solution.x);
+        let solution = linear::solve_least_squares(&problem).map_err(numerical_error)?;
+        let explained = multiply_vector(full, &solution.x);
         let residuals_mm: Vec<f64> =
             observed_mm.iter().zip(explained).map(|(o, e)| o - e).collect();
         Ok(Self {
-            lost: name_null_space(null_space.as_ref(), names),
+            undetermined: name_null_space(null_space.as_ref(), names),
             chi2: residuals_mm.iter().zip(sigma_mm).map(|(r, sigma)| (r / sigma).powi(2)).sum(),
             dof: observed_mm.len() - rank,
             residuals_mm,
@@ -79,11 +82,11 @@ impl BlockFit {
     }
 
     /// Whether the rows determine an output with the derivative `slope` by the unknowns of the block.
-    pub fn determines(&self, slope: &[f64]) -> bool {
+    pub fn determines_output(&self, slope: &[f64]) -> bool {
         let largest = slope.iter().fold(0.0, |largest: f64, s| largest.max(s.abs()));
         self.null_space.col_iter().all(|direction| {
             let along: f64 = direction.iter().zip(slope).map(|(d, s)| d * s).sum();
-            along.abs() <= MAX_LOST_SHARE * largest
+            along.abs() <= MAX_UNDETERMINED_SHARE * largest
         })
     }
 }
@@ -95,33 +98,34 @@ impl BlockFit {
     pub fn identifiable_parts(&self, column: usize, removed: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
         let part = |offset: usize| {
             let mut slope = unit_slope(2 * column + offset, self.design.ncols());
-            removed.iter().for_each(|direction| remove(&mut slope, direction));
-            self.determines(&slope).then_some(slope)
+            removed.iter().for_each(|direction| remove_component(&mut slope, direction));
+            self.determines_output(&slope).then_some(slope)
         };
         Some([part(0)?, part(1)?])
     }
 }
 
 /// Removes the component along `direction`.
-fn remove(slope: &mut [f64], direction: &[f64]) {
+fn remove_component(slope: &mut [f64], direction: &[f64]) {
     let square: f64 = direction.iter().map(|d| d * d).sum();
     let along: f64 = slope.iter().zip(direction).map(|(s, d)| s * d).sum::<f64>() / square;
     slope.iter_mut().zip(direction).for_each(|(s, d)| *s -= along * d);
 }
 
-fn numerical(error: linear::LinearError) -> IdentifyError {
-    IdentifyError::Numerical(error.to_string())
+fn numerical_error(error: linear::LinearError) -> IdentifyError {
+    IdentifyError::IdentificationFailed(error.to_string())
 }
 
 /// An orthonormal basis of the weighted rows of the design, for each group.
-fn reduction(equations: &BlockEquations) -> Mat<f64> {
+fn reduction_matrix(equations: &BlockEquations) -> Mat<f64> {
     let BlockEquations { design, sigma_mm, groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for group in 0..count {
         let own: Vec<usize> = (0..design.nrows()).filter(|i| groups[*i] == group).collect();
         let entry = |i: usize, j: usize| design[(own[i], j)] / sigma_mm[own[i]];
-        let ThinSvd { u, s, .. } = ThinSvd::of(&Mat::from_fn(own.len(), design.ncols(), entry));
+        let ThinSvd { u, s, .. } =
+            ThinSvd::decompose(&Mat::from_fn(own.len(), design.ncols(), entry));
         let is_kept = |j: &usize| s[*j] > RANK_THRESHOLD * s[0];
         for j in (0..s.len()).filter(is_kept) {
             let mut row = vec![0.0; design.nrows()];
@@ -141,7 +145,7 @@ pub struct BlockwiseFit {
     /// Weighted residuals of the reduced observations.
     weighted_residuals: Vec<f64>,
     /// Number of unknowns of one block.
-    columns: usize,
+    unknowns_per_block: usize,
 }
 
 impl BlockwiseFit {
@@ -156,7 +160,7 @@ impl BlockwiseFit {
                 .iter()
                 .flat_map(|fit| fit.solution.residuals.clone())
                 .collect(),
-            columns: blocks.first().map_or(0, |fit| fit.solution.x.len()),
+            unknowns_per_block: blocks.first().map_or(0, |fit| fit.solution.x.len()),
             blocks,
         })
     }
@@ -174,42 +178,45 @@ impl BlockwiseFit {
             residual_rms_mm: rms(&residuals.collect::<Vec<f64>>()),
         };
         let residuals = &self.weighted_residuals;
-        Solution { model: self, residuals, is_declared: true, figures, measurements: &[] }
+        Solution { model: self, residuals, has_declared_sizes: true, figures, measurements: &[] }
     }
 
     /// Extends a derivative by the unknowns of one block to all unknowns.
-    pub fn widened(&self, block: usize, slope: &[f64]) -> Vec<f64> {
+    pub fn extend_to_all_unknowns(&self, block: usize, slope: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.x.len()];
-        all[block * self.columns..][..slope.len()].copy_from_slice(slope);
+        all[block * self.unknowns_per_block..][..slope.len()].copy_from_slice(slope);
         all
     }
 
     /// Converts a change of all observations, mm, to a change of the reduced observations.
-    fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
+    fn reduce_change(&self, change_mm: &[f64]) -> Vec<f64> {
         let parts = change_mm.chunks(change_mm.len() / self.blocks.len().max(1));
-        let of = |(fit, part): (&BlockFit, &[f64])| multiply(&fit.reduction, part);
+        let of = |(fit, part): (&BlockFit, &[f64])| multiply_vector(&fit.reduction, part);
         self.blocks.iter().zip(parts).flat_map(of).collect()
     }
 
     /// Effect of observations that have the given covariance, mm², within each block.
-    pub fn independent_blocks(&self, covariance: impl Fn(usize) -> Mat<f64>) -> Effect {
+    pub fn block_covariance_effect(&self, covariance: impl Fn(usize) -> Mat<f64>) -> Effect {
         let (mut runs, mut first) = (Vec::new(), 0);
         for (block, fit) in self.blocks.iter().enumerate() {
             let reduced = &fit.reduction * covariance(block) * fit.reduction.transpose();
-            let root = lower_root(&reduced);
+            let root = cholesky_lower(&reduced);
             let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
-            runs.extend(columns.map(|values| ObservationRun { first, values }));
+            runs.extend(
+                columns.map(|values| ObservationSpan { first_index: first, changes_mm: values }),
+            );
             first += root.nrows();
         }
-        Effect::Runs(runs)
+        Effect::Spans(runs)
     }
 
     /// A source that changes many observations together, by its `columns` in mm. It does not enter the
     /// weights; its size stays as declared.
     pub fn declared_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
-        let effect = Effect::Joint(columns.iter().map(|column| self.reduce(column)).collect());
+        let effect =
+            Effect::Joint(columns.iter().map(|column| self.reduce_change(column)).collect());
         UncertaintySource {
-            in_residuals: InResiduals::Expected,
+            in_residuals: ResidualTreatment::Expected,
             is_in_weights: false,
             ..UncertaintySource::new(name, effect)
         }
@@ -218,9 +225,13 @@ impl BlockwiseFit {
 
 impl BlockwiseFit {
     /// Root mean square residual of each block. Block n holds harmonic n, from 1.
-    pub fn residuals(&self) -> Function {
+    pub fn residual_rms_by_order(&self) -> EstimatedFunction {
         let of = |(order, block): (f64, &BlockFit)| (order, rms(&block.residuals_mm) * 1e3);
-        order_values("residual_rms", Unit::Um, (1..).map(f64::from).zip(&self.blocks).map(of))
+        function_over_orders(
+            "residual_rms",
+            Unit::Um,
+            (1..).map(f64::from).zip(&self.blocks).map(of),
+        )
     }
 }
 
@@ -233,12 +244,12 @@ impl ObservationModel for BlockwiseFit {
         self.x.len()
     }
 
-    fn respond(&self, change: &[f64]) -> Response {
+    fn linear_response(&self, change: &[f64]) -> Response {
         let (mut unknowns, mut residuals, mut rest) = (Vec::new(), Vec::new(), change);
         for fit in &self.blocks {
             let (change, after) = rest.split_at(fit.design.nrows());
-            let own = multiply(&fit.solution.gain, change);
-            let explained = multiply(&fit.design, &own);
+            let own = multiply_vector(&fit.solution.gain, change);
+            let explained = multiply_vector(&fit.design, &own);
             residuals.extend(change.iter().zip(explained).map(|(c, e)| c - e));
             unknowns.extend(own);
             rest = after;
@@ -246,12 +257,12 @@ impl ObservationModel for BlockwiseFit {
         Response { unknowns, residuals }
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = Mat::from_fn(changes.nrows(), self.x.len(), |_, j| self.x[j]);
         let mut first = 0;
         for (i, fit) in self.blocks.iter().enumerate() {
             let change = changes.subcols(first, fit.design.nrows());
-            let mut part = x.subcols_mut(i * self.columns, self.columns);
+            let mut part = x.subcols_mut(i * self.unknowns_per_block, self.unknowns_per_block);
             part += change * fit.solution.gain.transpose();
             first += fit.design.nrows();
         }

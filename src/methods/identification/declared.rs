@@ -4,9 +4,9 @@
 use std::f64::consts::PI;
 
 use estimation::revolutions::{HarmonicData, RowRevolutions};
-use estimation::smooth::{smooth_function, stationary_function};
+use estimation::smooth::{smooth_function_columns, stationary_function_columns};
 use machine::Axis;
-use machine::kinematics::{ErrorParameter, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
@@ -16,13 +16,13 @@ use super::probe_map::ProbeMap;
 
 /// Harmonic orders of the error motion of a rotary axis if none are declared. The mean is the location of the
 /// axis, and the first harmonic is inseparable from the position of what the axis carries.
-pub const MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
+pub const ROTARY_MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
 /// Assumed standard uncertainty of one touch if none is declared, mm; the residuals rescale it.
 const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 
 /// An error motion of a rotary axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RotaryMotion {
+pub struct RotaryErrorMotion {
     pub error: ErrorParameter,
     /// Standard deviation of the amplitude of the error motion, mm.
     pub size_mm: f64,
@@ -41,14 +41,14 @@ pub fn display_step_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
 
 /// Standard uncertainty from rounding of the displayed position along the unit vector `normal` (machine
 /// frame), mm: rectangular over one step (JCGM 100, F.2.2.1).
-pub fn resolution_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
+pub fn resolution_u_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     display_step_mm(plan, normal) / 12f64.sqrt()
 }
 
 /// Standard uncertainty of a mean of touches from the steps of the display, mm. The rounding error is a
 /// sawtooth function of the true position. Scatter of σ multiplies its first harmonic by exp(−2π²σ²/a²) and
 /// reduces the higher ones more. The part that the scatter does not average out remains.
-pub fn rounding_mm(step_mm: f64, s_mm: f64) -> f64 {
+pub fn rounding_u_mm(step_mm: f64, s_mm: f64) -> f64 {
     if step_mm <= 0.0 {
         return 0.0;
     }
@@ -63,7 +63,7 @@ pub fn drift_mm_per_s(plan: &Plan) -> f64 {
 
 /// Standard uncertainty of one coordinate of a point, mm, from what the plan declares for the axes and, for a
 /// touch, for the probe. `t_s`: time since the start of the run, s, for the drift.
-pub fn point_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
+pub fn point_u_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     let along = |axis: Axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
     let rounding = Axis::LINEAR.map(along).into_iter().fold(0.0, f64::max) * 1e-3 / 12f64.sqrt();
     let motions = plan.machine.axes.values().map(|spec| (spec.error_motion_um * 1e-3).powi(2));
@@ -84,7 +84,7 @@ pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
 /// Deviation of the true positions of X, Y and Z from the displayed ones after each move through `positions`
 /// (mm), from the declared lost motion. An axis follows its command once the backlash is taken up. At the
 /// first position the deviation is zero.
-pub fn lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+pub fn backlash_lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let half = half_backlash_mm(plan);
     let mut lag = Vector3::zeros();
     let moves = positions.windows(2).map(|two| two[1] - two[0]);
@@ -101,17 +101,17 @@ pub fn lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
     // A map that cannot be used is refused earlier.
-    match ProbeMap::of(plan) {
-        Ok(Some(map)) => map.patterns(total_mm, orders, normals),
+    match ProbeMap::from_plan(plan) {
+        Ok(Some(map)) => map.uncertainty_patterns(total_mm, orders, normals),
         _ => azimuth_patterns(total_mm, orders, normals, |_| true),
     }
 }
 
 /// Standard uncertainty of the stated stylus offset in each of X and Y, mm; 0 for a probe whose offset is
 /// qualified.
-pub fn stylus_offset_mm(plan: &Plan) -> f64 {
-    match ProbeMap::of(plan) {
-        Ok(Some(map)) if map.knows(1) => 0.0,
+pub fn stylus_offset_u_mm(plan: &Plan) -> f64 {
+    match ProbeMap::from_plan(plan) {
+        Ok(Some(map)) if map.subtracts_order(1) => 0.0,
         _ => plan.probe.stylus_offset_um * 1e-3,
     }
 }
@@ -119,7 +119,7 @@ pub fn stylus_offset_mm(plan: &Plan) -> f64 {
 /// Correlation length of the linearity error of a sensor, as a fraction of its range. Linearity errors with
 /// two to six periods over the range correspond to 0.04 where the slope at one reading matters (r-test) and
 /// to 0.025 where the readings span a part of a period (laser R-test).
-const LINEARITY_LENGTH: f64 = 0.032;
+const LINEARITY_CORRELATION_SHARE: f64 = 0.032;
 
 /// Linearity error of a sensor: a smooth random function of its `readings`, mm. Readings closer than a
 /// hundredth of the correlation length have the same error.
@@ -127,16 +127,16 @@ pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
     if sensor.linearity_um == 0.0 {
         return Vec::new();
     }
-    let length_mm = LINEARITY_LENGTH * (sensor.range_mm[1] - sensor.range_mm[0]);
+    let length_mm = LINEARITY_CORRELATION_SHARE * (sensor.range_mm[1] - sensor.range_mm[0]);
     let per_mm = 100.0 / length_mm;
     let readings: Vec<f64> = readings.iter().map(|mm| (mm * per_mm).round() / per_mm).collect();
-    stationary_function(&readings, sensor.linearity_um * 1e-3, length_mm)
+    stationary_function_columns(&readings, sensor.linearity_um * 1e-3, length_mm)
 }
 
 /// Effects of the linearity errors on the harmonics of revolutions, mm, one entry per observation of `data`.
 /// The error of each sensor is a smooth random function of its reading. It is the same in all rows and is
 /// evaluated over their mean revolutions. `sensors` are in the order of the channels.
-pub fn linearity_of_revolutions(
+pub fn linearity_effects_on_harmonics(
     sensors: &[Sensor],
     rows: &[RowRevolutions],
     data: &HarmonicData,
@@ -144,7 +144,7 @@ pub fn linearity_of_revolutions(
     let revolutions: Vec<Vec<f64>> = rows.iter().map(RowRevolutions::mean).collect();
     let mut columns = Vec::new();
     for (channel, sensor) in sensors.iter().enumerate() {
-        let is_own = |row: &RowRevolutions| row.row.channel == channel;
+        let is_own = |row: &RowRevolutions| row.key.channel == channel;
         let own = rows.iter().zip(&revolutions).filter(|(row, _)| is_own(row));
         let readings: Vec<f64> = own.flat_map(|(_, of)| of.iter().map(|m| -m)).collect();
         for pattern in linearity_patterns(sensor, &readings) {
@@ -154,7 +154,7 @@ pub fn linearity_of_revolutions(
                 false => vec![0.0; of.len()],
             };
             let effects: Vec<Vec<f64>> = rows.iter().zip(&revolutions).map(&mut of_row).collect();
-            columns.push(data.observations_of(&effects));
+            columns.push(data.revolution_observations(&effects));
         }
     }
     columns
@@ -169,7 +169,7 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
         if spec.error_motion_um > 0.0 {
             let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
             let size_mm = spec.error_motion_um * 1e-3;
-            patterns.extend(smooth_function(&positions, size_mm, spec.error_wavelength_mm));
+            patterns.extend(smooth_function_columns(&positions, size_mm, spec.error_wavelength_mm));
         }
     }
     patterns
@@ -188,9 +188,11 @@ pub fn angular_motion_patterns(
         if spec.angular_motion_urad > 0.0 {
             let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
             let size = spec.angular_motion_urad * 1e-6;
-            let functions = smooth_function(&positions, size, spec.error_wavelength_mm);
+            let functions = smooth_function_columns(&positions, size, spec.error_wavelength_mm);
             for about in [Axis::A, Axis::B, Axis::C] {
-                let Ok(error) = ErrorParameter::new(about, axis, Shape::Location) else { continue };
+                let Ok(error) = ErrorParameter::new(about, axis, ErrorShape::Location) else {
+                    continue;
+                };
                 patterns.extend(functions.iter().map(|function| (error, function.clone())));
             }
         }
@@ -200,16 +202,16 @@ pub fn angular_motion_patterns(
 
 /// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders for an axis that declares
 /// none. Order of the list: axis; harmonic, cosine before sine; X, Y, Z.
-pub fn rotary_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryMotion> {
+pub fn rotary_error_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryErrorMotion> {
     let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
     let mut motions = Vec::new();
     for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
         let total_mm = spec.error_motion_um * 1e-3;
         for (n, size_mm) in size_by_order(total_mm, &spec.error_motion_orders, possible) {
-            for shape in [Shape::Cos(n), Shape::Sin(n)] {
+            for shape in [ErrorShape::Cos(n), ErrorShape::Sin(n)] {
                 let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
                 let errors = errors.into_iter().flatten();
-                motions.extend(errors.map(|error| RotaryMotion { error, size_mm }));
+                motions.extend(errors.map(|error| RotaryErrorMotion { error, size_mm }));
             }
         }
     }

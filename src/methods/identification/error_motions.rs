@@ -3,20 +3,20 @@
 
 use machine::record::estimate::{Parameter, Unit};
 
-use super::estimate::reported_parameter;
+use super::estimate::parameter_without_budget;
 use super::harmonics::HarmonicFunction;
-use super::range::{Range, range};
+use super::range::{RangeOutput, value_range};
 
 /// Synchronous error motion value in the fixed sensitive direction of the motion. An axial motion also has
 /// the fundamental and the residual synchronous value (the first harmonic of the other motions is
 /// eccentricity or tilt). Only identifiable harmonics are included; a motion without one has no value.
-pub fn turning_axis_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<Range> {
+pub fn synchronous_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<RangeOutput> {
     let symbol = &motion.symbol;
     let mut ranges = vec![motion.range(format!("{symbol}_synchronous"))];
     let has_fundamental = motion.harmonics.iter().any(|harmonic| harmonic.order == 1.0);
     if is_axial && has_fundamental {
-        let fundamental = motion.clone().only(|order| order == 1.0);
-        let residual = motion.clone().only(|order| order > 1.0);
+        let fundamental = motion.clone().retain_orders(|order| order == 1.0);
+        let residual = motion.clone().retain_orders(|order| order > 1.0);
         ranges.push(fundamental.range(format!("{symbol}_fundamental")));
         ranges.push(residual.range(format!("{symbol}_residual_synchronous")));
     }
@@ -41,10 +41,10 @@ impl RevolutionRanges {
             let at_angle = || motion.iter().map(|revolution| revolution[i]);
             let mean = at_angle().sum::<f64>() / motion.len() as f64;
             let deviations: Vec<f64> = at_angle().map(|value| value - mean).collect();
-            asynchronous = asynchronous.max(range(&deviations));
+            asynchronous = asynchronous.max(value_range(&deviations));
             all.extend(deviations.iter().map(|deviation| synchronous + deviation));
         }
-        Self { total: range(&all), asynchronous }
+        Self { total: value_range(&all), asynchronous }
     }
 }
 
@@ -60,7 +60,7 @@ pub fn revolution_parameters(
         let mean = values.iter().map(value).sum::<f64>() / count;
         let squares: f64 = values.iter().map(|own| (value(own) - mean).powi(2)).sum();
         let u = (squares / (count - 1.0) / count).sqrt();
-        reported_parameter(&format!("{symbol}_{suffix}"), unit, mean, u, Some(count - 1.0))
+        parameter_without_budget(&format!("{symbol}_{suffix}"), unit, mean, u, Some(count - 1.0))
     };
     if values.len() < 2 {
         return Vec::new();

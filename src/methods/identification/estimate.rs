@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use estimation::coverage::{COVERAGE_PROBABILITY, coverage_factor};
-use estimation::monte_carlo::Summary;
+use estimation::monte_carlo::TrialStatistics;
 use machine::record::estimate::{
-    BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit, Verdict,
+    BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, EstimatedFunction, Parameter, Unit, Verdict,
 };
 
-use super::likely::{LikelySource, likely_sources};
+use super::likely_sources::{LikelySource, likely_sources};
 use super::model::{FitFigures, Solution};
 use super::outliers::OutlierCheck;
 use super::outputs::{Curve, Output, Outputs};
@@ -22,11 +22,11 @@ pub struct Identification {
     pub outputs: Outputs,
     pub propagation: Propagation,
     /// Trials of the parameters in the order of the estimate, internal units.
-    pub trials: Option<Summary>,
+    pub trials: Option<TrialStatistics>,
     pub figures: FitFigures,
-    pub checked: OutlierCheck,
+    pub outlier_check: OutlierCheck,
     /// Sources that may be larger than declared and would explain a misfit.
-    pub likely: Vec<LikelySource>,
+    pub likely_sources: Vec<LikelySource>,
 }
 
 /// Propagates the sources to the outputs: to first order and, with a `plan`, by Monte Carlo trials.
@@ -40,9 +40,12 @@ pub fn identify(
     plan: Option<TrialPlan>,
 ) -> Result<Identification, IdentifyError> {
     let (observations, unknowns) = (solution.model.observations(), solution.model.unknowns());
-    if let Some(source) = sources.iter().find(|source| !source.fits(observations, unknowns)) {
-        return Err(IdentifyError::Numerical(format!(
-            "the source `{}` does not fit {observations} observations and {unknowns} unknowns",
+    if let Some(source) =
+        sources.iter().find(|source| !source.has_matching_size(observations, unknowns))
+    {
+        return Err(IdentifyError::IdentificationFailed(format!(
+            "the size of the uncertainty source `{}` does not match {observations} observations and \
+            {unknowns} unknowns",
             source.name
         )));
     }
@@ -51,8 +54,15 @@ pub fn identify(
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
     let trials = plan.map(run).transpose()?;
     let checked = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
-    let likely = if misfit.above { likely_sources(solution, sources) } else { Vec::new() };
-    Ok(Identification { outputs, propagation, trials, figures: solution.figures, checked, likely })
+    let likely = if misfit.is_above_bound { likely_sources(solution, sources) } else { Vec::new() };
+    Ok(Identification {
+        outputs,
+        propagation,
+        trials,
+        figures: solution.figures,
+        outlier_check: checked,
+        likely_sources: likely,
+    })
 }
 
 impl Identification {
@@ -66,11 +76,11 @@ impl Identification {
             provenance: None,
             coverage_percent: Some((COVERAGE_PROBABILITY * 1e4).round() / 1e2),
             trials: self.trials.as_ref().map(|trials| trials.trials),
-            parameters: parameters.map(|(i, output)| self.parameter(i, output)).collect(),
-            functions: self.outputs.curves.iter().map(|curve| self.function(curve)).collect(),
+            parameters: parameters.map(|(i, output)| self.build_parameter(i, output)).collect(),
+            functions: self.outputs.curves.iter().map(|curve| self.build_function(curve)).collect(),
             circles: Vec::new(),
             arrows: Vec::new(),
-            covariance: self.covariance(),
+            covariance: self.build_covariance(),
             rank: figures.rank,
             unknowns: figures.unknowns,
             condition: figures.condition,
@@ -83,25 +93,27 @@ impl Identification {
                 true => misfit.chi2 / misfit.expected,
                 false => 0.0,
             },
-            verdict: match misfit.above || !self.checked.outliers.is_empty() {
+            verdict: match misfit.is_above_bound || !self.outlier_check.outliers.is_empty() {
                 true => Verdict::UndecidedModel,
                 false => Verdict::None,
             },
             decision_rule: None,
             warnings: Vec::new(),
-            outliers: self.checked.outliers.clone(),
-            smallest_found: self.checked.smallest_found.clone(),
+            outliers: self.outlier_check.outliers.clone(),
+            smallest_found: self.outlier_check.detectable_deviations.clone(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
         }
     }
 
-    fn parameter(&self, index: usize, output: &Output) -> Parameter {
+    fn build_parameter(&self, index: usize, output: &Output) -> Parameter {
         let Output { symbol, unit, value, .. } = output;
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
-            interval_monte_carlo: self.interval(index).map(|mm| mm.map(|x| unit.from_internal(x))),
-            ..derived_parameter(symbol, *unit, *value, self.uncertainty_of(index, output))
+            interval_monte_carlo: self
+                .trial_interval(index)
+                .map(|mm| mm.map(|x| unit.from_internal(x))),
+            ..parameter_with_budget(symbol, *unit, *value, self.output_uncertainty(index, output))
         }
     }
 
@@ -111,18 +123,18 @@ impl Identification {
     }
 
     /// Shortest coverage interval from the trials, internal unit.
-    fn interval(&self, index: usize) -> Option<[f64; 2]> {
-        self.trials.as_ref()?.shortest.get(index).copied()
+    fn trial_interval(&self, index: usize) -> Option<[f64; 2]> {
+        self.trials.as_ref()?.shortest_interval.get(index).copied()
     }
 
     /// Uncertainty of a parameter in its internal unit, by its index in the estimate. `None`: there is no
     /// such parameter.
     pub fn uncertainty(&self, index: usize) -> Option<Uncertainty> {
         let output = self.outputs.all_parameters().nth(index)?;
-        Some(self.uncertainty_of(index, output))
+        Some(self.output_uncertainty(index, output))
     }
 
-    fn uncertainty_of(&self, index: usize, output: &Output) -> Uncertainty {
+    fn output_uncertainty(&self, index: usize, output: &Output) -> Uncertainty {
         match &output.slope {
             Some(slope) => self.propagation.uncertainty(slope),
             None => {
@@ -133,7 +145,7 @@ impl Identification {
     }
 
     /// Covariance of the linear parameters, in the products of their reported units.
-    fn covariance(&self) -> Covariance {
+    fn build_covariance(&self) -> Covariance {
         let outputs = &self.outputs.parameters;
         let slopes = self.outputs.slopes(self.propagation.unknowns());
         let full = self.propagation.covariance(&slopes);
@@ -145,9 +157,9 @@ impl Identification {
         }
     }
 
-    fn function(&self, curve: &Curve) -> Function {
+    fn build_function(&self, curve: &Curve) -> EstimatedFunction {
         let u = |slope: &Vec<f64>| curve.unit.from_internal(self.propagation.uncertainty(slope).u);
-        Function {
+        EstimatedFunction {
             symbol: curve.symbol.clone(),
             argument: curve.argument.to_owned(),
             argument_unit: curve.argument_unit.to_owned(),
@@ -161,28 +173,30 @@ impl Identification {
     }
 
     /// Symbols of the linear parameters whose first-order u contradicts the trials (JCGM 101, 8.1.3).
-    pub fn contradicted(&self) -> Vec<&str> {
+    pub fn contradicted_symbols(&self) -> Vec<&str> {
         let Some(trials) = &self.trials else { return Vec::new() };
         let parameters = self.outputs.parameters.iter().enumerate();
         parameters
-            .filter(|(i, output)| trials.contradicts(*i, self.uncertainty_of(*i, output).u))
+            .filter(|(i, output)| {
+                trials.contradicts_uncertainty(*i, self.output_uncertainty(*i, output).u)
+            })
             .map(|(_, output)| output.symbol.as_str())
             .collect()
     }
 }
 
 /// A parameter without trials, with the given `value` (internal unit) and uncertainty.
-pub fn derived_parameter(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
+pub fn parameter_with_budget(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
     let lines = own.budget.into_iter();
     Parameter {
         budget: lines.map(|line| BudgetLine { u: unit.from_internal(line.u), ..line }).collect(),
-        ..reported_parameter(symbol, unit, value, own.u, own.dof)
+        ..parameter_without_budget(symbol, unit, value, own.u, own.dof)
     }
 }
 
 /// A parameter without budget and trials, with the given `value` and standard uncertainty `u` (internal unit)
 /// and `dof` effective degrees of freedom (`None`: infinitely many).
-pub fn reported_parameter(
+pub fn parameter_without_budget(
     symbol: &str,
     unit: Unit,
     value: f64,

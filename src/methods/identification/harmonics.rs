@@ -3,11 +3,11 @@
 use std::f64::consts::TAU;
 
 use faer::Mat;
-use machine::record::estimate::{FigureKind, Function, Unit};
+use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
 
 use super::estimate::Identification;
 use super::outputs::{Curve, Output};
-use super::range::Range;
+use super::range::RangeOutput;
 
 /// Cosine and sine part of one harmonic.
 #[derive(Debug, Clone)]
@@ -28,11 +28,11 @@ pub struct HarmonicFunction {
 }
 
 /// Number of angles at which the largest and the smallest value of a function are searched.
-const RANGE_ANGLES: usize = 360;
+const RANGE_ANGLE_COUNT: usize = 360;
 
 impl HarmonicFunction {
     /// The function with only the orders that `is_kept` accepts.
-    pub fn only(mut self, is_kept: impl Fn(f64) -> bool) -> Self {
+    pub fn retain_orders(mut self, is_kept: impl Fn(f64) -> bool) -> Self {
         self.harmonics.retain(|harmonic| is_kept(harmonic.order));
         self
     }
@@ -80,7 +80,7 @@ impl HarmonicFunction {
                 .zip(&harmonic.parts)
                 .map(|(part, slope)| {
                     let symbol = format!("{}_{part}{}", self.symbol, harmonic.order);
-                    Output::linear(&symbol, self.unit, slope.clone(), x)
+                    Output::from_coefficients(&symbol, self.unit, slope.clone(), x)
                 })
                 .collect::<Vec<_>>()
         };
@@ -88,21 +88,21 @@ impl HarmonicFunction {
     }
 
     /// Largest minus smallest value over one revolution. `None`: there are no harmonics.
-    pub fn range(&self, symbol: String) -> Option<Range> {
-        let angle = |i: usize| i as f64 / RANGE_ANGLES as f64 * TAU;
-        let slopes = (0..RANGE_ANGLES).map(|i| self.slope_at(angle(i))).collect();
-        (!self.harmonics.is_empty()).then_some(Range { symbol, unit: self.unit, slopes })
+    pub fn range(&self, symbol: String) -> Option<RangeOutput> {
+        let angle = |i: usize| i as f64 / RANGE_ANGLE_COUNT as f64 * TAU;
+        let slopes = (0..RANGE_ANGLE_COUNT).map(|i| self.slope_at(angle(i))).collect();
+        (!self.harmonics.is_empty()).then_some(RangeOutput { symbol, unit: self.unit, slopes })
     }
 }
 
 /// Values over the harmonic order in `unit`, without a stated uncertainty.
-pub fn order_values(
+pub fn function_over_orders(
     symbol: &str,
     unit: Unit,
     points: impl Iterator<Item = (f64, f64)>,
-) -> Function {
+) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
-    Function {
+    EstimatedFunction {
         symbol: symbol.to_owned(),
         argument: "order".to_owned(),
         argument_unit: String::new(),
@@ -116,12 +116,16 @@ pub fn order_values(
 }
 
 /// Values in mm, numbered from 1, without a stated uncertainty. In order of time they show movements.
-pub fn numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> Function {
+pub fn function_over_numbers(
+    symbol: &str,
+    argument: &str,
+    mm: impl Iterator<Item = f64>,
+) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
-    Function {
+    EstimatedFunction {
         argument: argument.to_owned(),
         figure: FigureKind::Points,
-        ..order_values(symbol, Unit::Um, x.into_iter().zip(y))
+        ..function_over_orders(symbol, Unit::Um, x.into_iter().zip(y))
     }
 }
 
@@ -133,12 +137,12 @@ impl Identification {
     /// Amplitudes at the solution `x` over the order. The u of an amplitude is the largest u that the
     /// harmonic has at any phase, because the phase of an amplitude near zero is unknown and its derivative
     /// does not exist there. An amplitude below 2u does not differ significantly from zero.
-    pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> Function {
+    pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> EstimatedFunction {
         let mut points: Vec<[f64; 3]> =
             of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
         let reported = |value: f64| of.unit.from_internal(value);
-        Function {
+        EstimatedFunction {
             symbol: format!("{}_spectrum", of.symbol),
             argument: "order".to_owned(),
             argument_unit: String::new(),

@@ -3,8 +3,8 @@
 use faer::Mat;
 
 use super::source::prior_covariance;
-use crate::Refused;
-use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use crate::MethodRefusal;
+use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::record::estimate::Estimate;
 
 /// Errors of the axes and the estimate that gives them.
@@ -23,7 +23,10 @@ impl<'a> KnownErrors<'a> {
     /// # Errors
     /// The estimate has no such errors, or none with their covariance; it has errors of axes that this
     /// machine does not have.
-    pub fn of(estimate: &'a Estimate, chain: &Chain) -> Result<Self, Refused> {
+    pub fn from_estimate(
+        estimate: &'a Estimate,
+        chain: &KinematicChain,
+    ) -> Result<Self, MethodRefusal> {
         let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;
             let value = parameter.value / parameter.unit.from_internal(1.0);
@@ -32,26 +35,27 @@ impl<'a> KnownErrors<'a> {
         let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_axes.unzip();
         let pairs = errors.iter().zip(&symbols);
         let foreign: Vec<&str> = pairs
-            .filter(|(error, _)| chain.check(error.parameter).is_err())
+            .filter(|(error, _)| chain.check_parameter(error.parameter).is_err())
             .map(|(_, symbol)| *symbol)
             .collect();
-        Refused::unless(
+        MethodRefusal::require(
             foreign.is_empty(),
             format!(
-                "the estimate of {} is of another machine: this one has no {}",
+                "the estimate of {} is of another machine: this machine has no {}",
                 estimate.method,
                 foreign.join(", ")
             ),
-            "give an estimate of this machine, or the file of the machine that it is of (--machine)",
+            "give an estimate of this machine, or the machine file of that estimate (--machine)",
         )?;
         let covariance = prior_covariance(estimate, &symbols).filter(|_| !errors.is_empty());
         let covariance = covariance.ok_or_else(|| {
-            Refused::new(
+            MethodRefusal::new(
                 format!(
-                    "the estimate of {} holds no errors of this machine's axes with their covariance",
+                    "the estimate of {} has no errors of this machine's axes with their covariance",
                     estimate.method
                 ),
-                "give an estimate of this machine by samba, laser-r-test or self-calibration, as --json prints it",
+                "give an estimate of this machine by samba, laser-r-test or self-calibration, as printed by \
+                --json",
             )
         })?;
         Ok(Self { estimate, errors, symbols, covariance })

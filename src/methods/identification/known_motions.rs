@@ -2,13 +2,13 @@
 //! values, and their uncertainty as sources of the budget.
 
 use machine::Axis;
-use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
-use machine::record::estimate::{Estimate, Function, Parameter, Unit};
+use machine::kinematics::{ErrorParameter, ErrorShape, ErrorTerm};
+use machine::record::estimate::{Estimate, EstimatedFunction, Parameter, Unit};
 
 use super::periodic_points::PeriodicPoints;
-use super::probe_map::others;
-use super::source::{Effect, InResiduals, UncertaintySource};
-use crate::Refused;
+use super::probe_map::priors_without_probe_maps;
+use super::source::{Effect, ResidualTreatment, UncertaintySource};
+use crate::MethodRefusal;
 
 /// Known error motions. Each has mean zero over the revolution, because the mean is part of the location of
 /// the axis.
@@ -21,7 +21,7 @@ pub struct KnownMotions<'a> {
 #[derive(Debug)]
 struct KnownMotion<'a> {
     /// Index of the estimate that gives the motion.
-    prior: usize,
+    prior_index: usize,
     /// Location error that displaces the axis as this motion does at one angle.
     error: ErrorParameter,
     /// Height Z at which the motion is valid, if it is not that of `point_mm`, mm.
@@ -40,22 +40,27 @@ impl<'a> KnownMotions<'a> {
     /// # Errors
     /// An estimate has no error motions of `axis` and is not a map of the probe; a function does not cover
     /// one revolution; two estimates have the same function.
-    pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, Refused> {
-        let priors: Vec<&Estimate> = others(priors).collect();
+    pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, MethodRefusal> {
+        let priors: Vec<&Estimate> = priors_without_probe_maps(priors).collect();
         let mut motions: Vec<KnownMotion<'_>> = Vec::new();
         for (prior, estimate) in priors.iter().copied().enumerate() {
-            let all = estimate.functions.iter().filter_map(|f| Some((motion_error(f)?, f)));
+            let all =
+                estimate.functions.iter().filter_map(|f| Some((location_error_of_function(f)?, f)));
             let (own, others): (Vec<_>, Vec<_>) = all.partition(|(error, _)| error.axis() == axis);
             if own.is_empty() {
-                return Err(no_motions(axis, estimate, others.first().map(|(_, other)| *other)));
+                return Err(missing_motions_refusal(
+                    axis,
+                    estimate,
+                    others.first().map(|(_, other)| *other),
+                ));
             }
             for (error, function) in own {
                 if motions.iter().any(|motion| motion.error == error) {
-                    return Err(given_twice(function));
+                    return Err(duplicate_function_refusal(function));
                 }
                 let form = MotionForm::new(estimate, error, function)?;
                 let height_mm = function.at_mm.map(|at_mm| at_mm[2]);
-                motions.push(KnownMotion { prior, error, height_mm, form });
+                motions.push(KnownMotion { prior_index: prior, error, height_mm, form });
             }
         }
         Ok(Self { priors, motions })
@@ -65,7 +70,7 @@ impl<'a> KnownMotions<'a> {
         self.motions.is_empty()
     }
 
-    pub fn has(&self, component: Axis) -> bool {
+    pub fn has_component(&self, component: Axis) -> bool {
         self.motions.iter().any(|motion| motion.error.component() == component)
     }
 
@@ -76,7 +81,7 @@ impl<'a> KnownMotions<'a> {
             MotionForm::Points(points) => {
                 vec![ErrorTerm {
                     parameter: motion.error,
-                    value: points.at(angle.to_degrees()).value,
+                    value: points.interpolate(angle.to_degrees()).value,
                 }]
             }
         };
@@ -95,7 +100,7 @@ impl<'a> KnownMotions<'a> {
         let mut sources = Vec::new();
         for (prior, estimate) in self.priors.iter().enumerate() {
             let (mut symbols, mut by_coefficient, mut by_points) = (vec![], vec![], vec![]);
-            for motion in self.motions.iter().filter(|motion| motion.prior == prior) {
+            for motion in self.motions.iter().filter(|motion| motion.prior_index == prior) {
                 let by = by_component(motion.error.component());
                 let times = |factor: &dyn Fn(f64) -> f64| {
                     angles.iter().zip(&by).map(|(angle, by)| factor(*angle) * by).collect()
@@ -108,11 +113,11 @@ impl<'a> KnownMotions<'a> {
                         }
                     }
                     MotionForm::Points(points) => {
-                        by_points.push(times(&|q| points.at(q.to_degrees()).u));
+                        by_points.push(times(&|q| points.interpolate(q.to_degrees()).u));
                     }
                 }
             }
-            sources.extend(UncertaintySource::of_prior(estimate, &symbols, &by_coefficient));
+            sources.extend(UncertaintySource::from_prior(estimate, &symbols, &by_coefficient));
             sources.push(points_source(estimate, by_points));
         }
         sources.retain(|source| !source.is_zero());
@@ -120,28 +125,32 @@ impl<'a> KnownMotions<'a> {
     }
 
     /// One line per estimate: its method, its functions and how they are evaluated.
-    pub fn in_words(&self) -> Vec<String> {
+    pub fn describe(&self) -> Vec<String> {
         let line = |(prior, estimate): (usize, &&Estimate)| {
-            let own = self.motions.iter().filter(|motion| motion.prior == prior);
-            let own: Vec<String> = own.map(KnownMotion::in_words).collect();
-            format!("taken as known from an estimate of {}: {}", estimate.method, own.join(", "))
+            let own = self.motions.iter().filter(|motion| motion.prior_index == prior);
+            let own: Vec<String> = own.map(KnownMotion::describe).collect();
+            format!(
+                "known error motions from an estimate of {}: {}",
+                estimate.method,
+                own.join(", ")
+            )
         };
         self.priors.iter().enumerate().map(line).collect()
     }
 }
 
 impl KnownMotion<'_> {
-    fn in_words(&self) -> String {
-        let height = self.height_mm.map_or(String::new(), |z| format!(" (holds at Z = {z:.1} mm)"));
+    fn describe(&self) -> String {
+        let height = self.height_mm.map_or(String::new(), |z| format!(" (valid at Z = {z:.1} mm)"));
         let name = format!("E{}{}{height}", self.error.component(), self.error.axis());
         match &self.form {
             MotionForm::Harmonics(terms) => {
-                let orders = terms.iter().filter_map(|(_, term)| order(term.parameter));
+                let orders = terms.iter().filter_map(|(_, term)| harmonic_order(term.parameter));
                 let highest = orders.max().unwrap_or(0);
-                format!("{name} by its Fourier coefficients to order {highest}")
+                format!("{name} from its Fourier coefficients up to order {highest}")
             }
             MotionForm::Points(_) => format!(
-                "{name} by its points, linear between them, u fully correlated over the angle"
+                "{name} from its points, with linear interpolation, u fully correlated over the angle"
             ),
         }
     }
@@ -151,15 +160,17 @@ impl<'a> MotionForm<'a> {
     fn new(
         estimate: &'a Estimate,
         error: ErrorParameter,
-        function: &Function,
-    ) -> Result<Self, Refused> {
-        let points = PeriodicPoints::new(function).map_err(|why| Refused {
-            why: format!("{} of the estimate of {} {why}", function.symbol, estimate.method),
-            instead: "give an estimate of one revolution without sub-harmonics".to_owned(),
+        function: &EstimatedFunction,
+    ) -> Result<Self, MethodRefusal> {
+        let points = PeriodicPoints::new(function).map_err(|reason| MethodRefusal {
+            reason: format!("{} of the estimate of {} {reason}", function.symbol, estimate.method),
+            remedy: "give an estimate of one revolution without sub-harmonics".to_owned(),
         })?;
         let parameters = estimate.parameters.iter().filter(|own| own.unit == function.unit);
         let terms: Vec<_> = parameters
-            .filter_map(|own| Some((own.symbol.as_str(), harmonic(&function.symbol, error, own)?)))
+            .filter_map(|own| {
+                Some((own.symbol.as_str(), harmonic_term(&function.symbol, error, own)?))
+            })
             .collect();
         let has_all = terms.iter().all(|(symbol, _)| has_covariance(estimate, symbol));
         Ok(if has_all && !terms.is_empty() { Self::Harmonics(terms) } else { Self::Points(points) })
@@ -167,11 +178,15 @@ impl<'a> MotionForm<'a> {
 }
 
 /// The term of a parameter such as `EXC_c2` or `EXC_s2` of the function `EXC`, internal unit.
-fn harmonic(function: &str, error: ErrorParameter, parameter: &Parameter) -> Option<ErrorTerm> {
+fn harmonic_term(
+    function: &str,
+    error: ErrorParameter,
+    parameter: &Parameter,
+) -> Option<ErrorTerm> {
     let suffix = parameter.symbol.strip_prefix(function)?.strip_prefix('_')?;
     let shape = match suffix.split_at_checked(1)? {
-        ("c", order) => Shape::Cos(order.parse().ok()?),
-        ("s", order) => Shape::Sin(order.parse().ok()?),
+        ("c", order) => ErrorShape::Cos(order.parse().ok()?),
+        ("s", order) => ErrorShape::Sin(order.parse().ok()?),
         _ => return None,
     };
     let parameter_of_order = ErrorParameter::new(error.component(), error.axis(), shape).ok()?;
@@ -179,15 +194,15 @@ fn harmonic(function: &str, error: ErrorParameter, parameter: &Parameter) -> Opt
     Some(ErrorTerm { parameter: parameter_of_order, value })
 }
 
-fn order(parameter: ErrorParameter) -> Option<u32> {
+fn harmonic_order(parameter: ErrorParameter) -> Option<u32> {
     match parameter.shape() {
-        Shape::Cos(order) | Shape::Sin(order) => Some(order),
+        ErrorShape::Cos(order) | ErrorShape::Sin(order) => Some(order),
         _ => None,
     }
 }
 
 /// The error of a function `EXC` to `ECC` of a rotary axis over its angle.
-fn motion_error(function: &Function) -> Option<ErrorParameter> {
+fn location_error_of_function(function: &EstimatedFunction) -> Option<ErrorParameter> {
     let mut letters = function.symbol.strip_prefix('E')?.chars();
     let mut axis = || letters.next()?.to_string().parse::<Axis>().ok();
     let (component, turned) = (axis()?, axis()?);
@@ -197,7 +212,7 @@ fn motion_error(function: &Function) -> Option<ErrorParameter> {
         false => function.unit == Unit::Urad,
     };
     let is_motion = letters.next().is_none() && !turned.is_linear() && is_over_angle && has_unit;
-    let error = ErrorParameter::new(component, turned, Shape::Location).ok();
+    let error = ErrorParameter::new(component, turned, ErrorShape::Location).ok();
     error.filter(|_| is_motion)
 }
 
@@ -214,32 +229,36 @@ fn has_covariance(estimate: &Estimate, symbol: &str) -> bool {
 fn points_source(estimate: &Estimate, columns: Vec<Vec<f64>>) -> UncertaintySource {
     let name = format!("estimate of {}", estimate.method);
     UncertaintySource {
-        in_residuals: InResiduals::Expected,
+        in_residuals: ResidualTreatment::Expected,
         is_in_weights: false,
         ..UncertaintySource::new(name, Effect::Joint(columns))
     }
 }
 
-fn no_motions(axis: Axis, estimate: &Estimate, other: Option<&Function>) -> Refused {
+fn missing_motions_refusal(
+    axis: Axis,
+    estimate: &Estimate,
+    other: Option<&EstimatedFunction>,
+) -> MethodRefusal {
     let found = match other {
-        Some(other) => format!("its function {} is of the axis {}", other.symbol, other.argument),
-        None => "it has no such function".to_owned(),
+        Some(other) => format!("the function {} is of the axis {}", other.symbol, other.argument),
+        None => "no such function".to_owned(),
     };
-    Refused {
-        why: format!(
+    MethodRefusal {
+        reason: format!(
             "the estimate of {} has no error motions of {axis} over its angle: {found}",
             estimate.method
         ),
-        instead: format!(
+        remedy: format!(
             "give an estimate with EX{axis}, EY{axis} (of ball-plate, multiprobe or r-test on this \
-             machine), or leave out --with"
+            machine), or remove --with"
         ),
     }
 }
 
-fn given_twice(function: &Function) -> Refused {
-    Refused {
-        why: format!("two estimates give {}", function.symbol),
-        instead: "give one of them with --with".to_owned(),
+fn duplicate_function_refusal(function: &EstimatedFunction) -> MethodRefusal {
+    MethodRefusal {
+        reason: format!("two estimates contain {}", function.symbol),
+        remedy: "give only one of these estimates with --with".to_owned(),
     }
 }

@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 pub struct Measurement {
     /// Label in the plan.
     pub label: String,
-    pub in_words: String,
+    pub description: String,
     /// Indices of the measurement's rows in the weighted residuals.
     pub rows: Range<usize>,
     /// Residual of the measurement, mm: outward along a touch; for a point, the length of its residual
@@ -20,6 +20,6 @@ pub struct Measurement {
 }
 
 /// Mean standard uncertainty of a coordinate, mm. `weight` converts mm to weighted rows.
-pub fn mean_u_mm(weight: &Matrix3<f64>) -> f64 {
+pub fn mean_coordinate_u_mm(weight: &Matrix3<f64>) -> f64 {
     3f64.sqrt() / weight.norm()
 }

@@ -10,6 +10,7 @@
 mod aliasing;
 pub mod azimuth;
 mod blocks;
+mod budget_keys;
 pub mod declared;
 mod error_motions;
 mod estimate;
@@ -17,7 +18,7 @@ mod forecast;
 mod harmonics;
 mod known_errors;
 mod known_motions;
-mod likely;
+mod likely_sources;
 mod measurement;
 mod model;
 mod outliers;
@@ -26,34 +27,35 @@ mod periodic_points;
 pub mod probe_map;
 mod propagation;
 mod range;
-mod sizes;
 mod source;
 mod trials;
 mod warnings;
 
-pub use aliasing::{LOCATION, aliased, aliased_by_plan};
+pub use aliasing::{LOCATION_ERRORS_TEXT, describe_aliased_orders, describe_plan_aliasing};
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
-pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
-pub use estimate::{Identification, derived_parameter, identify, reported_parameter};
-pub use forecast::{assumed_repeatability, expected, with_repeatability};
-pub use harmonics::{Harmonic, HarmonicFunction, numbered_values, order_values};
+pub use budget_keys::add_budget_sensitivities;
+pub use error_motions::{RevolutionRanges, revolution_parameters, synchronous_ranges};
+pub use estimate::{Identification, identify, parameter_with_budget, parameter_without_budget};
+pub use forecast::{
+    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
+};
+pub use harmonics::{Harmonic, HarmonicFunction, function_over_numbers, function_over_orders};
 pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
-pub use measurement::{Measurement, mean_u_mm};
+pub use measurement::{Measurement, mean_coordinate_u_mm};
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
-    multiply, rms, solve_each_trial,
+    multiply_vector, rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
 pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
 pub use propagation::{Propagation, Uncertainty};
-pub use range::{Range, range_outputs};
-pub use sizes::add_sensitivities;
+pub use range::{RangeOutput, range_outputs};
 pub use source::{
-    Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
-    block_covariances, prior_covariance,
+    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment,
+    UncertaintySource, block_covariances, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;

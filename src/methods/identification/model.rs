@@ -1,7 +1,7 @@
 //! Interface of a solved observation model for the propagation of uncertainty.
 
-use estimation::linear::{LinearSolution, Survey};
-use estimation::nonlinear::Minimum;
+use estimation::linear::{LinearSolution, RankAnalysis};
+use estimation::nonlinear::NonlinearSolution;
 use faer::{Mat, MatRef};
 use nalgebra::Vector3;
 
@@ -22,7 +22,7 @@ pub struct FitFigures {
 
 impl FitFigures {
     /// Figures of a linear fit without gauge.
-    pub fn of_linear(solution: &LinearSolution) -> Self {
+    pub fn from_linear(solution: &LinearSolution) -> Self {
         Self {
             rank: solution.rank,
             unknowns: solution.x.len(),
@@ -33,7 +33,11 @@ impl FitFigures {
     }
 
     /// Figures of points found by a nonlinear fit of full rank. `misses`: residual of each point, mm.
-    pub fn of_places(survey: &Survey, minimum: &Minimum, misses: &[Vector3<f64>]) -> Self {
+    pub fn from_points(
+        survey: &RankAnalysis,
+        minimum: &NonlinearSolution,
+        misses: &[Vector3<f64>],
+    ) -> Self {
         let unknowns = minimum.x.len();
         let coordinates: Vec<f64> = misses.iter().flatten().copied().collect();
         Self {
@@ -58,7 +62,7 @@ pub struct Solution<'a> {
     /// Weighted residuals (divided by the standard uncertainties), measured minus model.
     pub residuals: &'a [f64],
     /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
-    pub is_declared: bool,
+    pub has_declared_sizes: bool,
     pub figures: FitFigures,
     /// Measurements that are checked for outliers; observations outside of them are not checked.
     pub measurements: &'a [Measurement],
@@ -83,7 +87,7 @@ pub trait ObservationModel: Sync {
     fn unknowns(&self) -> usize;
 
     /// First-order effect of a change of the observations, mm, one entry per observation.
-    fn respond(&self, change: &[f64]) -> Response;
+    fn linear_response(&self, change: &[f64]) -> Response;
 
     /// Leverage of each weighted residual, 0 to 1: the share of a deviation that its own row absorbs. Empty:
     /// negligible.
@@ -93,12 +97,16 @@ pub trait ObservationModel: Sync {
 
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
     /// observations, mm). The solution is nonlinear if the model is.
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// Linear functions of the unknowns of [`solve_near`](Self::solve_near): trials × functions. `slopes`:
+    /// Linear functions of the unknowns of [`solve_with_changes`](Self::solve_near): trials × functions. `slopes`:
     /// functions × unknowns.
-    fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
-        self.solve_near(changes) * slopes.transpose()
+    fn functions_with_changes(
+        &self,
+        changes: MatRef<'_, f64>,
+        slopes: MatRef<'_, f64>,
+    ) -> Mat<f64> {
+        self.solve_with_changes(changes) * slopes.transpose()
     }
 }
 
@@ -119,19 +127,19 @@ pub trait ObservationEquation: Sync {
 /// Number of Gauss–Newton steps to a nearby solution with one Jacobian. After the second step the error is of
 /// third order in a change that the model explains. For a change that it does not explain, the curvature
 /// times the residuals remains.
-const NEAR_STEPS: usize = 2;
+const GAUSS_NEWTON_STEPS: usize = 2;
 
-/// A problem solved by [`estimation::nonlinear::minimise`].
+/// A problem solved by [`estimation::nonlinear::minimise_squares`].
 pub struct LeastSquares<'a, E> {
     pub equation: &'a E,
-    pub minimum: &'a Minimum,
+    pub minimum: &'a NonlinearSolution,
 }
 
 impl<E: ObservationEquation> LeastSquares<'_, E> {
     /// The unknowns for observations changed by `change`, mm.
-    pub fn near(&self, change: &[f64]) -> Vec<f64> {
+    pub fn solve_for_change(&self, change: &[f64]) -> Vec<f64> {
         let mut x = self.minimum.x.clone();
-        for _ in 0..NEAR_STEPS {
+        for _ in 0..GAUSS_NEWTON_STEPS {
             let step = self.minimum.factored.solve(&self.equation.residuals(&x, change));
             x.iter_mut().zip(step).for_each(|(x, step)| *x += step);
         }
@@ -148,9 +156,9 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
         self.minimum.x.len()
     }
 
-    fn respond(&self, change: &[f64]) -> Response {
+    fn linear_response(&self, change: &[f64]) -> Response {
         let rows = self.equation.weighted_change(change);
-        let (unknowns, residuals) = self.minimum.factored.split(rows);
+        let (unknowns, residuals) = self.minimum.factored.solution_and_remainder(rows);
         Response { unknowns, residuals }
     }
 
@@ -158,8 +166,8 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
         self.minimum.factored.leverage()
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
-        solve_each_trial(changes, self.unknowns(), |change| self.near(change))
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        solve_each_trial(changes, self.unknowns(), |change| self.solve_for_change(change))
     }
 }
 
@@ -182,7 +190,7 @@ pub fn solve_each_trial(
 pub struct LinearFit<'a> {
     pub x: &'a [f64],
     /// Design matrix, observations × unknowns.
-    pub a: &'a Mat<f64>,
+    pub design_matrix: &'a Mat<f64>,
     /// Standard uncertainty of each observation, mm.
     pub sigma: &'a [f64],
     /// Gain matrix, unknowns × observations.
@@ -192,7 +200,7 @@ pub struct LinearFit<'a> {
 impl LinearFit<'_> {
     /// Change of the weighted residuals if the unknowns follow the gain.
     pub fn residual_change(&self, change: &[f64]) -> Vec<f64> {
-        let explained = multiply(self.a, &multiply(self.gain, change));
+        let explained = multiply_vector(self.design_matrix, &multiply_vector(self.gain, change));
         let rows = change.iter().zip(explained).zip(self.sigma);
         rows.map(|((change, explained), sigma)| (change - explained) / sigma).collect()
     }
@@ -200,24 +208,26 @@ impl LinearFit<'_> {
 
 impl ObservationModel for LinearFit<'_> {
     fn observations(&self) -> usize {
-        self.a.nrows()
+        self.design_matrix.nrows()
     }
 
     fn unknowns(&self) -> usize {
-        self.a.ncols()
+        self.design_matrix.ncols()
     }
 
-    fn respond(&self, change: &[f64]) -> Response {
+    fn linear_response(&self, change: &[f64]) -> Response {
         let residuals = self.residual_change(change);
-        Response { unknowns: multiply(self.gain, change), residuals }
+        Response { unknowns: multiply_vector(self.gain, change), residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
-        let own = |i: usize| (0..self.unknowns()).map(|j| self.a[(i, j)] * self.gain[(j, i)]).sum();
+        let own = |i: usize| {
+            (0..self.unknowns()).map(|j| self.design_matrix[(i, j)] * self.gain[(j, i)]).sum()
+        };
         (0..self.observations()).map(own).collect()
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = changes * self.gain.transpose();
         for (j, solved) in self.x.iter().enumerate() {
             x.col_as_slice_mut(j).iter_mut().for_each(|x| *x += solved);
@@ -227,7 +237,7 @@ impl ObservationModel for LinearFit<'_> {
 }
 
 /// Matrix × vector.
-pub fn multiply(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
+pub fn multiply_vector(matrix: &Mat<f64>, vector: &[f64]) -> Vec<f64> {
     let mut product = vec![0.0; matrix.nrows()];
     for (j, value) in vector.iter().enumerate().filter(|(_, value)| **value != 0.0) {
         product.iter_mut().zip(matrix.col_as_slice(j)).for_each(|(sum, m)| *sum += m * value);

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use estimation::coverage::{two_sided, variance_ratio_bound};
+use estimation::coverage::{two_sided_factor, variance_ratio_bound};
 use estimation::misfit::Misfit;
 
 use super::measurement::Measurement;
@@ -13,20 +13,20 @@ use super::model::Solution;
 use machine::record::estimate::{DetectableDeviation, Deviation, Outlier};
 
 /// Probability of a false alarm over all measurements.
-const FALSE_ALARM: f64 = 1e-3;
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
 /// Minimum share of the variance of a row that must remain in its residual. Below it no other row checks this
 /// row.
 const MIN_RESIDUAL_VARIANCE: f64 = 1e-4;
 /// Squared cosine between the residual patterns of two measurements above which they are indistinguishable.
 const MIN_PATTERN_COSINE_SQUARED: f64 = 1.0 - 1e-6;
-/// Probability of detecting a deviation of the size of [`OutlierCheck::smallest_found`].
-const POWER: f64 = 0.95;
+/// Probability of detecting a deviation of the size of [`OutlierCheck::detectable_deviations`].
+const DETECTION_PROBABILITY: f64 = 0.95;
 
 /// Result of the comparison of each measurement with all others.
 pub struct OutlierCheck {
     pub outliers: Vec<Outlier>,
     /// Smallest detectable deviation of each measurement.
-    pub smallest_found: Vec<DetectableDeviation>,
+    pub detectable_deviations: Vec<DetectableDeviation>,
     /// One sentence for each outlier.
     pub warnings: Vec<String>,
 }
@@ -40,20 +40,22 @@ impl OutlierCheck {
             variances,
             dof: misfit.dof,
             chi2: misfit.chi2 * misfit.dof / misfit.expected,
-            is_declared: solution.is_declared,
+            has_declared_sizes: solution.has_declared_sizes,
         };
         let measurements = solution.measurements;
-        let check = Check { solution, residuals, leverage: &leverage };
+        let check = OutlierSearch { solution, residuals, leverage: &leverage };
         let outliers = check.outliers();
-        let warnings = outliers.iter().map(|outlier| warning(outlier, measurements)).collect();
-        let smallest_found = measurements.iter().map(|m| check.smallest_found(m)).collect();
-        Self { outliers, smallest_found, warnings }
+        let warnings =
+            outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
+        let detectable_deviations =
+            measurements.iter().map(|m| check.detectable_deviation(m)).collect();
+        Self { outliers, detectable_deviations, warnings }
     }
 
     /// Smallest detectable deviations in words. `None`: no measurement is checked.
-    pub fn limits(&self) -> Option<String> {
+    pub fn describe_detection_limits(&self) -> Option<String> {
         let mut sizes: Vec<(f64, &str)> = self
-            .smallest_found
+            .detectable_deviations
             .iter()
             .map(|one| (one.deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
             .collect();
@@ -64,31 +66,34 @@ impl OutlierCheck {
             false => "any size".to_owned(),
         };
         Some(format!(
-            "deviations of a single measurement below {} (half of them) to {} ({least_checked}): found with a \
-             probability of less than 95 %",
+            "deviations of a single measurement below {} (median of all measurements) to {} (measurement \
+            {least_checked}): the probability of detection is less than 95 %",
             found(middle),
             found(*largest),
         ))
     }
 }
 
-struct Check<'a> {
+struct OutlierSearch<'a> {
     solution: &'a Solution<'a>,
     residuals: RowResiduals<'a>,
     leverage: &'a [f64],
 }
 
-impl Check<'_> {
+impl OutlierSearch<'_> {
     fn outliers(&self) -> Vec<Outlier> {
         let mut list: Vec<Outlier> = Vec::new();
         for measurement in self.solution.measurements {
-            let Some(limit) = self.limit(measurement) else { continue };
-            let t = self.residuals.studentised(measurement.rows.clone());
+            let Some(limit) = self.residual_limit(measurement) else { continue };
+            let t = self.residuals.studentised_residual(measurement.rows.clone());
             if t <= limit {
                 continue;
             }
-            let candidates: Vec<Deviation> =
-                self.alike(measurement).into_iter().map(|m| self.deviation(m)).collect();
+            let candidates: Vec<Deviation> = self
+                .indistinguishable_measurements(measurement)
+                .into_iter()
+                .map(|m| self.deviation(m))
+                .collect();
             if list.iter().all(|known| known.candidates != candidates) {
                 list.push(Outlier { candidates, t, resolution: None });
             }
@@ -97,14 +102,18 @@ impl Check<'_> {
     }
 
     /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
-    fn limit(&self, measurement: &Measurement) -> Option<f64> {
+    fn residual_limit(&self, measurement: &Measurement) -> Option<f64> {
         let all = self.solution.measurements.len();
-        self.residuals.limit(measurement.rows.clone(), FALSE_ALARM / all as f64)
+        self.residuals
+            .studentised_limit(measurement.rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
     /// Measurements of one row each whose deviations leave the same pattern in the residuals, including this
     /// one.
-    fn alike<'m>(&'m self, measurement: &'m Measurement) -> Vec<&'m Measurement> {
+    fn indistinguishable_measurements<'m>(
+        &'m self,
+        measurement: &'m Measurement,
+    ) -> Vec<&'m Measurement> {
         let Solution { model, residuals, measurements, .. } = self.solution;
         if measurement.rows.len() > 1 || model.observations() != residuals.len() {
             return vec![measurement];
@@ -112,20 +121,20 @@ impl Check<'_> {
         let pattern = |of: &Measurement| {
             let mut change = vec![0.0; residuals.len()];
             change[of.rows.start] = of.u_mm;
-            model.respond(&change).residuals
+            model.linear_response(&change).residuals
         };
         let own = pattern(measurement);
-        measurements.iter().filter(|other| are_alike([&own, &pattern(other)])).collect()
+        measurements.iter().filter(|other| are_indistinguishable([&own, &pattern(other)])).collect()
     }
 
     /// Deviation of this measurement if it is the only outlier.
     fn deviation(&self, measurement: &Measurement) -> Deviation {
-        let deviation_um = 1e3 * measurement.residual_mm / self.remainder(measurement);
+        let deviation_um = 1e3 * measurement.residual_mm / self.residual_fraction(measurement);
         Deviation { label: measurement.label.clone(), deviation_um }
     }
 
     /// Fraction of the measurement's deviation that remains in its residual.
-    fn remainder(&self, measurement: &Measurement) -> f64 {
+    fn residual_fraction(&self, measurement: &Measurement) -> f64 {
         let rows = measurement.rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
         1.0 - sum / measurement.rows.len() as f64
@@ -133,14 +142,14 @@ impl Check<'_> {
 
     /// Smallest detectable deviation of the measurement, in the direction in which the residuals show a
     /// deviation least.
-    fn smallest_found(&self, measurement: &Measurement) -> DetectableDeviation {
+    fn detectable_deviation(&self, measurement: &Measurement) -> DetectableDeviation {
         let rows = measurement.rows.clone();
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
-            let residual = (limit + self.residuals.margin()) * least;
-            1e3 * residual * measurement.u_mm / self.remainder(measurement)
+            let residual = (limit + self.residuals.detection_margin()) * least;
+            1e3 * residual * measurement.u_mm / self.residual_fraction(measurement)
         };
-        let deviation_um = self.limit(measurement).map(um);
+        let deviation_um = self.residual_limit(measurement).map(um);
         DetectableDeviation { label: measurement.label.clone(), deviation_um }
     }
 }
@@ -155,63 +164,64 @@ pub struct RowResiduals<'a> {
     pub chi2: f64,
     pub dof: f64,
     /// Whether the standard uncertainties are declared; otherwise the scatter comes from the residuals alone.
-    pub is_declared: bool,
+    pub has_declared_sizes: bool,
 }
 
 impl RowResiduals<'_> {
     /// Rows that other rows check.
-    fn checked(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
+    fn checkable_rows(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
         rows.filter(|row| self.variances[*row] >= MIN_RESIDUAL_VARIANCE)
     }
 
-    /// The value that [`Self::studentised`] of rows without an outlier exceeds with this `probability`.
+    /// The value that [`Self::studentised_residual`] of rows without an outlier exceeds with this `probability`.
     /// `None`: no other row checks them.
-    pub fn limit(&self, rows: Range<usize>, probability: f64) -> Option<f64> {
-        let own = self.checked(rows).count() as f64;
+    pub fn studentised_limit(&self, rows: Range<usize>, probability: f64) -> Option<f64> {
+        let own = self.checkable_rows(rows).count() as f64;
         let others = self.dof - own;
         match own {
             _ if own < 1.0 || others < 1.0 => None,
-            1.0 => Some(two_sided(1.0 - probability, others)),
+            1.0 => Some(two_sided_factor(1.0 - probability, others)),
             _ => Some((own * variance_ratio_bound(1.0 - probability, own, others)?).sqrt()),
         }
     }
 
     /// Length of the residual relative to the scatter of all others; 0 for rows that no other row checks.
-    pub fn studentised(&self, rows: Range<usize>) -> f64 {
-        let count = self.checked(rows.clone()).count() as f64;
+    pub fn studentised_residual(&self, rows: Range<usize>) -> f64 {
+        let count = self.checkable_rows(rows.clone()).count() as f64;
         let square = |row: usize| self.residuals[row].powi(2) / self.variances[row];
-        let own: f64 = self.checked(rows).map(square).sum();
+        let own: f64 = self.checkable_rows(rows).map(square).sum();
         // Residuals smaller than declared must not make a measurement an outlier.
-        let least = if self.is_declared { 1.0 } else { f64::MIN_POSITIVE };
+        let least = if self.has_declared_sizes { 1.0 } else { f64::MIN_POSITIVE };
         (own / ((self.chi2 - own) / (self.dof - count)).max(least)).sqrt()
     }
 
     /// Excess of a deviation over the limit that gives a detection probability of 0.95.
-    fn margin(&self) -> f64 {
-        two_sided(2.0 * POWER - 1.0, self.dof - 1.0)
+    fn detection_margin(&self) -> f64 {
+        two_sided_factor(2.0 * DETECTION_PROBABILITY - 1.0, self.dof - 1.0)
     }
 }
 
 /// Whether deviations of two measurements leave the same pattern in the residuals. `patterns`: the residuals
 /// that a deviation of each measurement leaves.
-pub fn are_alike(patterns: [&[f64]; 2]) -> bool {
+pub fn are_indistinguishable(patterns: [&[f64]; 2]) -> bool {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let [one, other] = patterns;
     product(one, other).powi(2)
         > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
 }
 
-fn warning(outlier: &Outlier, measurements: &[Measurement]) -> String {
+fn outlier_warning(outlier: &Outlier, measurements: &[Measurement]) -> String {
     let candidate = |candidate: &Deviation| {
         let own = measurements.iter().find(|m| m.label == candidate.label);
-        let in_words = own.map_or(&*candidate.label, |own| &own.in_words);
+        let in_words = own.map_or(&*candidate.label, |own| &own.description);
         format!("{in_words} by {:.1} µm", candidate.deviation_um)
     };
     let candidates: Vec<String> = outlier.candidates.iter().map(candidate).collect();
-    let doubt = if candidates.len() > 1 { " (the readings do not tell which)" } else { "" };
+    let doubt = if candidates.len() > 1 { " (not distinguishable)" } else { "" };
     format!(
-        "off what all others make expected: {}{doubt}, {:.1} standard deviations, which the declared sources do not \
-         explain. Dirt, a chip, a loose part? It is in the result; flag its readings `excluded` to leave it out",
+        "outlier, deviation from the fit to all others: {}{doubt}, {:.1} standard deviations. The declared \
+        sources do not explain the deviation. Check for dirt, chips and loose parts. The result includes \
+        this measurement; flag the readings `excluded` to remove the measurement",
         candidates.join(" or "),
         outlier.t
     )

@@ -1,7 +1,7 @@
 //! Reported quantities as functions of the unknowns.
 
 use faer::{Mat, MatRef};
-use machine::kinematics::{ErrorParameter, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::estimate::{FigureKind, Unit};
 
 /// A parameter of the estimate. Internal units: mm, rad, mm/mm, s.
@@ -18,14 +18,14 @@ pub struct Output {
 
 impl Output {
     /// The output coefficients·x.
-    pub fn linear(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
+    pub fn from_coefficients(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
         let value = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
         Self { symbol: symbol.to_owned(), unit, value, slope: Some(coefficients) }
     }
 
     /// The output that is the unknown `index` of `x`.
-    pub fn unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
-        Self::linear(symbol, unit, unit_slope(index, x.len()), x)
+    pub fn from_unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
+        Self::from_coefficients(symbol, unit, unit_slope(index, x.len()), x)
     }
 }
 
@@ -97,7 +97,7 @@ impl Outputs {
     /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
     /// [`trial_slopes`](Self::trial_slopes). A linear parameter is computed as slope·x; if its value differs
     /// from that, its trials are shifted by a constant.
-    pub fn of_trials(&self, values: Mat<f64>) -> Mat<f64> {
+    pub fn evaluate_trials(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };
         let linear = &values * self.slopes(values.ncols()).transpose();
         let others = (nonlinear.values)(values.as_ref());
@@ -134,7 +134,7 @@ pub fn central_differences(
 /// The unit in which an error parameter is reported.
 pub fn reported_unit(error: &ErrorParameter) -> Unit {
     match (error.shape(), error.component().is_linear()) {
-        (Shape::Gain, _) => Unit::UmPerM,
+        (ErrorShape::Gain, _) => Unit::UmPerM,
         (_, true) => Unit::Um,
         (_, false) => Unit::Urad,
     }

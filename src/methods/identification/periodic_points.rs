@@ -1,17 +1,17 @@
 //! Values of a function over one revolution, interpolated from the points of an estimate.
 
-use machine::record::estimate::Function;
+use machine::record::estimate::EstimatedFunction;
 
-const TURN_DEG: f64 = 360.0;
+const REVOLUTION_DEG: f64 = 360.0;
 /// Angle below which two points count as one, degrees.
-const SAME_ANGLE_DEG: f64 = 1e-6;
+const ANGLE_TOLERANCE_DEG: f64 = 1e-6;
 /// Maximum angle between neighbouring points, degrees.
-const MAX_GAP_DEG: f64 = 90.0;
+const MAX_POINT_GAP_DEG: f64 = 90.0;
 
 /// One point: angle, degrees in 0 … 360; value and standard uncertainty in internal units.
 #[derive(Debug, Clone, Copy)]
 pub struct PeriodicPoint {
-    pub deg: f64,
+    pub angle_deg: f64,
     pub value: f64,
     pub u: f64,
 }
@@ -25,50 +25,55 @@ impl PeriodicPoints {
     ///
     /// # Errors
     /// The points are unusable. The text is the end of a sentence about the function.
-    pub fn new(function: &Function) -> Result<Self, String> {
-        let Function { x, y, u, unit, .. } = function;
+    pub fn new(function: &EstimatedFunction) -> Result<Self, String> {
+        let EstimatedFunction { x, y, u, unit, .. } = function;
         let are_numbers = [x, y, u].iter().all(|list| list.iter().all(|value| value.is_finite()));
         if x.len() != y.len() || x.len() != u.len() || !are_numbers {
-            return Err("lacks numbers among its x, y and u".to_owned());
+            return Err("has values of x, y or u that are missing or not numbers".to_owned());
         }
         let first = x.iter().copied().fold(f64::INFINITY, f64::min);
         let last = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if last - first > TURN_DEG + SAME_ANGLE_DEG {
+        if last - first > REVOLUTION_DEG + ANGLE_TOLERANCE_DEG {
             return Err(format!("covers more than one revolution ({first}° to {last}°)"));
         }
         let internal = 1.0 / unit.from_internal(1.0);
         let point = |i: usize| {
-            let deg = x[i].rem_euclid(TURN_DEG);
-            let deg = if TURN_DEG - deg < SAME_ANGLE_DEG { 0.0 } else { deg };
-            PeriodicPoint { deg, value: y[i] * internal, u: u[i] * internal }
+            let deg = x[i].rem_euclid(REVOLUTION_DEG);
+            let deg = if REVOLUTION_DEG - deg < ANGLE_TOLERANCE_DEG { 0.0 } else { deg };
+            PeriodicPoint { angle_deg: deg, value: y[i] * internal, u: u[i] * internal }
         };
-        let points = Self(merged((0..x.len()).map(point).collect()));
-        let gap = points.pairs().map(|(one, next)| gap_deg(one, next)).fold(0.0, f64::max);
-        if points.0.len() < 2 || gap > MAX_GAP_DEG {
-            return Err(format!("leaves more than {MAX_GAP_DEG}° without a point"));
+        let points = Self(merge_equal_angles((0..x.len()).map(point).collect()));
+        let gap =
+            points.neighbour_pairs().map(|(one, next)| gap_deg(one, next)).fold(0.0, f64::max);
+        if points.0.len() < 2 || gap > MAX_POINT_GAP_DEG {
+            return Err(format!("has a gap of more than {MAX_POINT_GAP_DEG}° between two points"));
         }
-        Ok(points.of_mean_zero())
+        Ok(points.subtract_mean())
     }
 
     /// Periodic linear interpolation between neighbouring points.
-    pub fn at(&self, deg: f64) -> PeriodicPoint {
-        let deg = deg.rem_euclid(TURN_DEG);
-        let (count, after) = (self.0.len(), self.0.partition_point(|point| point.deg <= deg));
+    pub fn interpolate(&self, deg: f64) -> PeriodicPoint {
+        let deg = deg.rem_euclid(REVOLUTION_DEG);
+        let (count, after) = (self.0.len(), self.0.partition_point(|point| point.angle_deg <= deg));
         let (one, next) = (self.0[(after + count - 1) % count], self.0[after % count]);
-        let share = (deg - one.deg).rem_euclid(TURN_DEG) / gap_deg(one, next);
+        let share = (deg - one.angle_deg).rem_euclid(REVOLUTION_DEG) / gap_deg(one, next);
         let between = |from: f64, to: f64| from + share * (to - from);
-        PeriodicPoint { deg, value: between(one.value, next.value), u: between(one.u, next.u) }
+        PeriodicPoint {
+            angle_deg: deg,
+            value: between(one.value, next.value),
+            u: between(one.u, next.u),
+        }
     }
 
     /// Pairs of neighbours, including the last point with the first.
-    fn pairs(&self) -> impl Iterator<Item = (PeriodicPoint, PeriodicPoint)> + '_ {
+    fn neighbour_pairs(&self) -> impl Iterator<Item = (PeriodicPoint, PeriodicPoint)> + '_ {
         let next = self.0.iter().cycle().skip(1);
         self.0.iter().zip(next).map(|(one, next)| (*one, *next))
     }
 
-    fn of_mean_zero(mut self) -> Self {
+    fn subtract_mean(mut self) -> Self {
         let part = |(one, next)| gap_deg(one, next) * (one.value + next.value) / 2.0;
-        let mean = self.pairs().map(part).sum::<f64>() / TURN_DEG;
+        let mean = self.neighbour_pairs().map(part).sum::<f64>() / REVOLUTION_DEG;
         self.0.iter_mut().for_each(|point| point.value -= mean);
         self
     }
@@ -76,14 +81,16 @@ impl PeriodicPoints {
 
 /// Angle from a point to its neighbour, degrees; 0 if both are the same point.
 fn gap_deg(one: PeriodicPoint, next: PeriodicPoint) -> f64 {
-    (next.deg - one.deg).rem_euclid(TURN_DEG)
+    (next.angle_deg - one.angle_deg).rem_euclid(REVOLUTION_DEG)
 }
 
-fn merged(mut points: Vec<PeriodicPoint>) -> Vec<PeriodicPoint> {
-    points.sort_by(|one, other| one.deg.total_cmp(&other.deg));
-    let same = |one: &PeriodicPoint, next: &PeriodicPoint| next.deg - one.deg < SAME_ANGLE_DEG;
+fn merge_equal_angles(mut points: Vec<PeriodicPoint>) -> Vec<PeriodicPoint> {
+    points.sort_by(|one, other| one.angle_deg.total_cmp(&other.angle_deg));
+    let same = |one: &PeriodicPoint, next: &PeriodicPoint| {
+        next.angle_deg - one.angle_deg < ANGLE_TOLERANCE_DEG
+    };
     let mean = |group: &[PeriodicPoint]| PeriodicPoint {
-        deg: group[0].deg,
+        angle_deg: group[0].angle_deg,
         value: group.iter().map(|point| point.value).sum::<f64>() / group.len() as f64,
         u: group.iter().map(|point| point.u).fold(0.0, f64::max),
     };
@@ -95,8 +102,8 @@ mod tests {
     use super::*;
     use machine::record::estimate::{FigureKind, Unit};
 
-    fn function(x: &[f64], y: &[f64]) -> Function {
-        Function {
+    fn function(x: &[f64], y: &[f64]) -> EstimatedFunction {
+        EstimatedFunction {
             symbol: "EXC".to_owned(),
             argument: "C".to_owned(),
             argument_unit: "deg".to_owned(),
@@ -117,7 +124,7 @@ mod tests {
         for points in [closed, open].map(|function| PeriodicPoints::new(&function).unwrap()) {
             for (deg, um) in [(0.0, -1.0), (45.0, -0.5), (315.0, -0.5), (-45.0, -0.5), (540.0, 1.0)]
             {
-                let value = points.at(deg).value;
+                let value = points.interpolate(deg).value;
                 assert!((value - um * 1e-3).abs() < 1e-15, "{deg}: {value}");
             }
         }
@@ -127,16 +134,17 @@ mod tests {
     fn points_at_one_angle_are_one_point() {
         let twice = function(&[0.0, 0.0, 90.0, 180.0, 270.0], &[2.0, 4.0, 3.0, 3.0, 3.0]);
         let points = PeriodicPoints::new(&twice).unwrap();
-        assert!(points.at(0.0).value.abs() < 1e-15);
-        assert!((points.at(90.0).u - 0.19e-3).abs() < 1e-15);
+        assert!(points.interpolate(0.0).value.abs() < 1e-15);
+        assert!((points.interpolate(90.0).u - 0.19e-3).abs() < 1e-15);
     }
 
     #[test]
     fn what_is_no_function_over_one_revolution_is_refused() {
-        let why = |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
-        assert!(why(&[0.0, 90.0, 180.0, 270.0, 450.0]).contains("more than one revolution"));
-        assert!(why(&[0.0, 90.0, 180.0]).contains("more than 90°"));
-        assert!(why(&[0.0]).contains("more than 90°") && why(&[]).contains("more than 90°"));
-        assert!(why(&[0.0, 90.0, f64::NAN]).contains("lacks numbers"));
+        let reason =
+            |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
+        assert!(reason(&[0.0, 90.0, 180.0, 270.0, 450.0]).contains("more than one revolution"));
+        assert!(reason(&[0.0, 90.0, 180.0]).contains("more than 90°"));
+        assert!(reason(&[0.0]).contains("more than 90°") && reason(&[]).contains("more than 90°"));
+        assert!(reason(&[0.0, 90.0, f64::NAN]).contains("missing or not numbers"));
     }
 }

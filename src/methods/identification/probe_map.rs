@@ -3,43 +3,43 @@
 
 use std::borrow::Cow;
 
-use estimation::linear::lower_root;
+use estimation::linear::cholesky_lower;
 use nalgebra::Vector3;
 
 use super::azimuth::{LOBING_ORDERS, azimuth_factor, azimuth_patterns, size_by_order};
 use super::source::prior_covariance;
-use crate::{IdentifyError, Refused};
+use crate::{IdentifyError, MethodRefusal};
 use machine::Axis;
-use machine::kinematics::Chain;
+use machine::kinematics::KinematicChain;
 use machine::record::estimate::{Estimate, Verdict};
 use machine::record::machine::Probe;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
 /// Name of the method that finds the map.
-pub const METHOD: &str = "probe-qualification";
+pub const PROBE_QUALIFICATION_NAME: &str = "probe-qualification";
 /// Highest order that is searched for in an estimate.
 const MAX_ORDER: u32 = 180;
 
 /// Symbols of the cosine and the sine part of an order.
-pub fn symbols(order: u32) -> [String; 2] {
+pub fn map_symbols(order: u32) -> [String; 2] {
     ["c", "s"].map(|part| format!("E_probe_{part}{order}"))
 }
 
 /// One cosine or sine part of the map.
 #[derive(Debug, Clone)]
-struct Part {
+struct MapCoefficient {
     symbol: String,
     order: u32,
     quarter_turns: f64,
     value_mm: f64,
     u_mm: f64,
     /// Whether the part is subtracted; otherwise it counts as an uncertainty.
-    is_known: bool,
+    is_subtracted: bool,
 }
 
-impl Part {
-    fn factor(&self, normal: &Vector3<f64>) -> f64 {
+impl MapCoefficient {
+    fn direction_factor(&self, normal: &Vector3<f64>) -> f64 {
         azimuth_factor(self.order, self.quarter_turns, normal)
     }
 }
@@ -47,12 +47,12 @@ impl Part {
 #[derive(Debug)]
 pub struct ProbeMap<'a> {
     prior: &'a Estimate,
-    parts: Vec<Part>,
+    coefficients: Vec<MapCoefficient>,
 }
 
 /// Priors of a plan that are not probe maps.
-pub fn others(priors: &[Estimate]) -> impl Iterator<Item = &Estimate> {
-    priors.iter().filter(|prior| prior.method != METHOD)
+pub fn priors_without_probe_maps(priors: &[Estimate]) -> impl Iterator<Item = &Estimate> {
+    priors.iter().filter(|prior| prior.method != PROBE_QUALIFICATION_NAME)
 }
 
 impl<'a> ProbeMap<'a> {
@@ -60,65 +60,71 @@ impl<'a> ProbeMap<'a> {
     ///
     /// # Errors
     /// The plan has more than one map; the fit of the map contradicts its model; the map has no covariance.
-    pub fn of(plan: &'a Plan) -> Result<Option<Self>, Refused> {
-        let mut maps = plan.priors.iter().filter(|prior| prior.method == METHOD);
+    pub fn from_plan(plan: &'a Plan) -> Result<Option<Self>, MethodRefusal> {
+        let mut maps = plan.priors.iter().filter(|prior| prior.method == PROBE_QUALIFICATION_NAME);
         let (prior, again) = (maps.next(), maps.next());
-        Refused::unless(
+        MethodRefusal::require(
             again.is_none(),
             "two qualifications of the probe are given",
-            "give one --with",
+            "give only one estimate with --with",
         )?;
         let Some(prior) = prior else { return Ok(None) };
-        Refused::unless(
+        MethodRefusal::require(
             prior.verdict != Verdict::UndecidedModel,
             "the readings of the probe qualification contradict its model",
-            "read its warnings and qualify the probe again",
+            "read the warnings of the qualification and qualify the probe again",
         )?;
-        let mut parts = parts(prior);
+        let mut parts = read_map_coefficients(prior);
         // A part that is known less well than [probe] declares would increase the uncertainty.
-        parts.retain(|part| declared_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
-        let map = Self { prior, parts };
-        let known: Vec<&str> = map.known().map(|part| part.symbol.as_str()).collect();
-        Refused::unless(
-            map.known().next().is_some() && prior_covariance(prior, &known).is_some(),
-            "the qualification of the probe has no order of the map that is known better than [probe] declares",
-            "state form_um of [method.probe-qualification] from the ball's certificate, or turn the spindle, and \
-             qualify the probe again; or leave the qualification out (--with)",
+        parts.retain(|part| {
+            declared_order_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm)
+        });
+        let map = Self { prior, coefficients: parts };
+        let known: Vec<&str> =
+            map.subtracted_coefficients().map(|part| part.symbol.as_str()).collect();
+        MethodRefusal::require(
+            map.subtracted_coefficients().next().is_some()
+                && prior_covariance(prior, &known).is_some(),
+            "every order of the qualified probe map has a larger u than [probe] declares",
+            "set form_um in [method.probe-qualification] from the ball's certificate, or turn the spindle, \
+            and qualify the probe again; or remove the qualification (--with)",
         )?;
         Ok(Some(map))
     }
 
-    fn known(&self) -> impl Iterator<Item = &Part> {
-        self.parts.iter().filter(|part| part.is_known)
+    fn subtracted_coefficients(&self) -> impl Iterator<Item = &MapCoefficient> {
+        self.coefficients.iter().filter(|part| part.is_subtracted)
     }
 
     /// Whether the map subtracts this order. Order 1 includes the stylus offset.
-    pub fn knows(&self, order: u32) -> bool {
-        self.known().any(|part| part.order == order)
+    pub fn subtracts_order(&self, order: u32) -> bool {
+        self.subtracted_coefficients().any(|part| part.order == order)
     }
 
     /// Outward error of the reading of a touch along the outward unit `normal` (spindle frame), mm.
-    pub fn at(&self, normal: &Vector3<f64>) -> f64 {
-        self.known().map(|part| part.value_mm * part.factor(normal)).sum()
+    pub fn pre_travel_mm(&self, normal: &Vector3<f64>) -> f64 {
+        self.subtracted_coefficients()
+            .map(|part| part.value_mm * part.direction_factor(normal))
+            .sum()
     }
 
     /// Remaining uncertainty of the pre-travel at contacts along `normals` (spindle frame), mm per draw: the
     /// covariance of the parts that are subtracted; the parts that are known but not subtracted; and of
     /// `declared_mm` those `orders` that the map does not contain.
-    pub fn patterns(
+    pub fn uncertainty_patterns(
         &self,
         declared_mm: f64,
         orders: &[u32],
         normals: &[Vector3<f64>],
     ) -> Vec<Vec<f64>> {
-        let column = |part: &Part, size: f64| -> Vec<f64> {
-            normals.iter().map(|normal| size * part.factor(normal)).collect()
+        let column = |part: &MapCoefficient, size: f64| -> Vec<f64> {
+            normals.iter().map(|normal| size * part.direction_factor(normal)).collect()
         };
-        let known: Vec<&Part> = self.known().collect();
+        let known: Vec<&MapCoefficient> = self.subtracted_coefficients().collect();
         let symbols: Vec<&str> = known.iter().map(|part| part.symbol.as_str()).collect();
         let mut patterns = Vec::new();
         if let Some(covariance) = prior_covariance(self.prior, &symbols) {
-            let root = lower_root(&covariance);
+            let root = cholesky_lower(&covariance);
             for draw in 0..known.len() {
                 let mut sum = vec![0.0; normals.len()];
                 for (part, size) in known.iter().zip(root.col_as_slice(draw)) {
@@ -127,34 +133,34 @@ impl<'a> ProbeMap<'a> {
                 patterns.push(sum);
             }
         }
-        let carried = self.parts.iter().filter(|part| !part.is_known);
+        let carried = self.coefficients.iter().filter(|part| !part.is_subtracted);
         patterns.extend(carried.map(|part| column(part, part.value_mm.hypot(part.u_mm))));
-        let has = |order: u32| self.parts.iter().any(|part| part.order == order);
+        let has = |order: u32| self.coefficients.iter().any(|part| part.order == order);
         patterns.extend(azimuth_patterns(declared_mm, orders, normals, |order| !has(order)));
         patterns
     }
 
     /// A sentence for the estimate of a run that uses the map.
-    pub fn in_words(&self) -> String {
-        let orders = |is_known: bool| {
-            let own = self.parts.iter().filter(|part| part.is_known == is_known);
+    pub fn describe(&self) -> String {
+        let orders = |is_subtracted: bool| {
+            let own = self.coefficients.iter().filter(|part| part.is_subtracted == is_subtracted);
             let mut orders: Vec<u32> = own.map(|part| part.order).collect();
             orders.dedup();
             orders.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
         };
         let carried = match orders(false) {
             none if none.is_empty() => String::new(),
-            carried => format!("; order {carried} is carried as an uncertainty"),
+            carried => format!("; order {carried} is included as an uncertainty"),
         };
         format!(
-            "pre-travel of the probe is taken off as qualified: orders {}{carried}",
+            "the qualified pre-travel of the probe is subtracted: orders {}{carried}",
             orders(true)
         )
     }
 }
 
 /// Standard deviation that `[probe]` declares for an order, mm. `None`: nothing is declared for this order.
-fn declared_mm(probe: &Probe, order: u32) -> Option<f64> {
+fn declared_order_mm(probe: &Probe, order: u32) -> Option<f64> {
     if order == 1 {
         return Some(probe.stylus_offset_um * 1e-3);
     }
@@ -162,20 +168,20 @@ fn declared_mm(probe: &Probe, order: u32) -> Option<f64> {
     sizes.into_iter().find(|(of, _)| *of == order).map(|(_, mm)| mm)
 }
 
-fn parts(prior: &Estimate) -> Vec<Part> {
+fn read_map_coefficients(prior: &Estimate) -> Vec<MapCoefficient> {
     let mut parts = Vec::new();
     for order in 1..=MAX_ORDER {
-        for (symbol, quarter_turns) in symbols(order).into_iter().zip([0.0, 0.25]) {
+        for (symbol, quarter_turns) in map_symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };
             let unit = parameter.unit.from_internal(1.0);
-            parts.push(Part {
+            parts.push(MapCoefficient {
                 symbol,
                 order,
                 quarter_turns,
                 value_mm: parameter.value / unit,
                 u_mm: parameter.u / unit,
-                is_known: parameter.identifiable,
+                is_subtracted: parameter.identifiable,
             });
         }
     }
@@ -183,33 +189,37 @@ fn parts(prior: &Estimate) -> Vec<Part> {
 }
 
 /// Whether the step is a touch of the probe.
-pub fn is_touch(step: &Step) -> bool {
+pub fn is_probe_touch(step: &Step) -> bool {
     matches!(step.kind, StepKind::Touch | StepKind::Reference) && step.scan.is_none()
 }
 
 /// The readings, with the pre-travel of the plan's map subtracted from touches.
 ///
 /// # Errors
-/// The errors of [`ProbeMap::of`]; the machine has no kinematics; a positionable spindle was not oriented.
-pub fn without_pre_travel<'r>(
+/// The errors of [`ProbeMap::from_plan`]; the machine has no kinematics; a positionable spindle was not oriented.
+pub fn subtract_pre_travel<'r>(
     plan: &Plan,
     readings: &'r [Reading],
 ) -> Result<Cow<'r, [Reading]>, IdentifyError> {
-    let Some(map) = ProbeMap::of(plan)? else { return Ok(Cow::Borrowed(readings)) };
-    let chain = Chain::new(&plan.machine).map_err(Refused::from)?;
+    let Some(map) = ProbeMap::from_plan(plan)? else { return Ok(Cow::Borrowed(readings)) };
+    let chain = KinematicChain::new(&plan.machine).map_err(MethodRefusal::from)?;
     let mut readings = readings.to_vec();
     for reading in &mut readings {
-        let step =
-            plan.steps.iter().find(|step| step.id == reading.step).filter(|step| is_touch(step));
+        let step = plan
+            .steps
+            .iter()
+            .find(|step| step.id == reading.step)
+            .filter(|step| is_probe_touch(step));
         let Some(step) = step else { continue };
-        check_oriented(plan, step)?;
+        check_spindle_oriented(plan, step)?;
         let at = step.from.updated_by(&reading.position);
         let normal = Vector3::from(step.normal);
         let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
         // Linear axes that a rotary axis carries move in other directions than those of the machine frame.
-        let axes_from_table = chain.linear_inverse(&at, &[]).map_err(Refused::from)?;
+        let axes_from_table =
+            chain.inverse_linear_jacobian(&at, &[]).map_err(MethodRefusal::from)?;
         let table = chain.machine_from_table(&at, &[]).rotation;
-        let off = axes_from_table * (table.inverse() * normal) * map.at(&in_spindle);
+        let off = axes_from_table * (table.inverse() * normal) * map.pre_travel_mm(&in_spindle);
         for (axis, off) in Axis::LINEAR.into_iter().zip(off.iter()) {
             if let Some(value) = reading.position.get(axis) {
                 reading.position.set(axis, value - off);
@@ -219,11 +229,11 @@ pub fn without_pre_travel<'r>(
     Ok(Cow::Owned(readings))
 }
 
-fn check_oriented(plan: &Plan, step: &Step) -> Result<(), Refused> {
+fn check_spindle_oriented(plan: &Plan, step: &Step) -> Result<(), MethodRefusal> {
     let turns = plan.machine.axes.contains_key(&Axis::S);
-    Refused::unless(
+    MethodRefusal::require(
         !turns || step.from.get(Axis::S).is_some(),
-        "the map of the probe holds for an oriented spindle, and this run does not orient it",
-        "identify with the plan that was measured with the qualification, or leave it out (--with)",
+        "the probe map is valid only for an oriented spindle, and this run does not orient the spindle",
+        "give the plan that was measured with the qualification, or remove the qualification (--with)",
     )
 }

@@ -2,24 +2,24 @@
 
 use estimation::coverage::{coverage_factor, effective_dof};
 use estimation::misfit::Misfit;
-use estimation::monte_carlo::Shape;
+use estimation::monte_carlo::DrawDistribution;
 use faer::Mat;
 use machine::record::estimate::{BudgetLine, Distribution, EvaluationType};
 
 use super::model::{Response, Solution};
-use super::source::{InResiduals, UncertaintySource};
+use super::source::{ResidualTreatment, UncertaintySource};
 
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
     pub misfit: Misfit,
     /// Variance of each weighted residual from the declared sources.
     pub residual_variances: Vec<f64>,
-    effects: Vec<UnknownsEffect>,
+    effects: Vec<EffectOnUnknowns>,
     unknowns: usize,
 }
 
 /// The effect of one source on the unknowns.
-struct UnknownsEffect {
+struct EffectOnUnknowns {
     name: String,
     evaluation: EvaluationType,
     distribution: Distribution,
@@ -47,26 +47,26 @@ impl Uncertainty {
     }
 }
 
-impl UnknownsEffect {
+impl EffectOnUnknowns {
     /// Computes the effect of `source`. Appends the residuals of each draw to `left` if χ² is expected to
     /// contain them.
     fn new(solution: &Solution<'_>, source: &UncertaintySource, left: &mut Vec<Vec<f64>>) -> Self {
         let model = solution.model;
-        let mut draws = Mat::zeros(model.unknowns(), source.draws());
-        for draw in 0..source.draws() {
+        let mut draws = Mat::zeros(model.unknowns(), source.draw_count());
+        for draw in 0..source.draw_count() {
             let change = source.observation_change(draw, model.observations());
-            let Response { mut unknowns, residuals } = model.respond(&change);
+            let Response { mut unknowns, residuals } = model.linear_response(&change);
             let direct = source.direct_changes.get(draw).into_iter().flatten();
             unknowns.iter_mut().zip(direct).for_each(|(x, change)| *x += change);
             draws.col_as_slice_mut(draw).copy_from_slice(&unknowns);
-            if source.in_residuals >= InResiduals::Expected {
+            if source.in_residuals >= ResidualTreatment::Expected {
                 left.push(residuals);
             }
         }
-        let is_judged = source.in_residuals == InResiduals::Judged;
+        let is_judged = source.in_residuals == ResidualTreatment::Judged;
         let distribution = match source.shape {
-            Shape::Normal => Distribution::Normal,
-            Shape::Rectangular => Distribution::Rectangular,
+            DrawDistribution::Normal => Distribution::Normal,
+            DrawDistribution::Rectangular => Distribution::Rectangular,
         };
         let (name, evaluation, dof) = (source.name.clone(), source.evaluation, source.dof);
         Self { name, evaluation, distribution, is_judged, dof, draws }
@@ -86,13 +86,14 @@ impl Propagation {
     /// Propagates each draw by the response of the model, compares the residuals with the declared sources
     /// and scales the judged sources by [`Misfit::factor`].
     pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
-        let Solution { model, residuals, is_declared, figures, .. } = *solution;
+        let Solution { model, residuals, has_declared_sizes, figures, .. } = *solution;
         let mut left = Vec::new();
-        let effects = sources.iter().map(|source| UnknownsEffect::new(solution, source, &mut left));
-        let mut effects: Vec<UnknownsEffect> = effects.collect();
-        let misfit = Misfit::judge(residuals, &left, figures.dof, is_declared);
+        let effects =
+            sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
+        let mut effects: Vec<EffectOnUnknowns> = effects.collect();
+        let misfit = Misfit::from_residuals(residuals, &left, figures.dof, has_declared_sizes);
         for effect in effects.iter_mut().filter(|effect| effect.is_judged) {
-            effect.draws *= faer::Scale(misfit.factor);
+            effect.draws *= faer::Scale(misfit.uncertainty_factor);
         }
         let variance = |row: usize| left.iter().map(|draw| draw[row].powi(2)).sum();
         let residual_variances = (0..residuals.len()).map(variance).collect();
@@ -104,7 +105,7 @@ impl Propagation {
     /// component of its own (Welch–Satterthwaite, JCGM 100, G.4).
     pub fn uncertainty(&self, slope: &[f64]) -> Uncertainty {
         let variances: Vec<f64> = self.effects.iter().map(|e| e.variance(slope)).collect();
-        let is_scaled = self.misfit.factor != 1.0;
+        let is_scaled = self.misfit.uncertainty_factor != 1.0;
         let mut judged = 0.0;
         let mut components = Vec::new();
         for (effect, variance) in self.effects.iter().zip(&variances) {
@@ -116,7 +117,7 @@ impl Propagation {
         // The degrees of freedom of the misfit may be NaN if it scales nothing.
         components.extend(is_scaled.then_some((judged, self.misfit.dof)));
         let lines = self.effects.iter().zip(&variances);
-        let line = |(effect, variance): (&UnknownsEffect, &f64)| {
+        let line = |(effect, variance): (&EffectOnUnknowns, &f64)| {
             let dof = if is_scaled && effect.is_judged { self.misfit.dof } else { effect.dof };
             BudgetLine {
                 source: effect.name.clone(),

@@ -1,8 +1,8 @@
 //! Sources of uncertainty: the change of the observations by each independent draw.
 
-use estimation::linear::lower_root;
+use estimation::linear::cholesky_lower;
 use estimation::misfit::Misfit;
-pub use estimation::monte_carlo::Shape;
+pub use estimation::monte_carlo::DrawDistribution;
 use faer::Mat;
 pub use machine::record::estimate::EvaluationType;
 use machine::record::estimate::{Estimate, Parameter};
@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector};
 /// the residuals can show its size (scatter of a touch). It is `Expected` if its size is certified, or if it
 /// moves all observations alike. It may be `Absent` if the unknowns absorb it completely.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum InResiduals {
+pub enum ResidualTreatment {
     /// χ² is evaluated without the source.
     Absent,
     /// The source enters the expectation of χ²; its size remains as given.
@@ -23,20 +23,20 @@ pub enum InResiduals {
 
 /// Neighbouring observations that one draw changes together.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ObservationRun {
+pub struct ObservationSpan {
     /// Index of the first changed observation.
-    pub first: usize,
+    pub first_index: usize,
     /// Changes of the observations, mm, one entry per observation.
-    pub values: Vec<f64>,
+    pub changes_mm: Vec<f64>,
 }
 
 /// Changes of the observations by independent draws of unit variance, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
     /// One draw per observation: the standard uncertainty of each.
-    Each(Vec<f64>),
+    Independent(Vec<f64>),
     /// One draw per run.
-    Runs(Vec<ObservationRun>),
+    Spans(Vec<ObservationSpan>),
     /// One draw per column. A column has one entry per observation, starting with the first; missing entries
     /// are zero.
     Joint(Vec<Vec<f64>>),
@@ -49,10 +49,10 @@ pub struct UncertaintySource {
     pub name: String,
     pub evaluation: EvaluationType,
     /// Distribution of each draw.
-    pub shape: Shape,
+    pub shape: DrawDistribution,
     /// Degrees of freedom of the source's size; infinite for a declared size.
     pub dof: f64,
-    pub in_residuals: InResiduals,
+    pub in_residuals: ResidualTreatment,
     /// Whether the source enters the weights of the observations.
     pub is_in_weights: bool,
     pub effect: Effect,
@@ -68,9 +68,9 @@ impl UncertaintySource {
         Self {
             name: name.into(),
             evaluation: EvaluationType::B,
-            shape: Shape::Normal,
+            shape: DrawDistribution::Normal,
             dof: f64::INFINITY,
-            in_residuals: InResiduals::Judged,
+            in_residuals: ResidualTreatment::Judged,
             is_in_weights: true,
             effect,
             direct_changes: Vec::new(),
@@ -81,48 +81,49 @@ impl UncertaintySource {
     /// derivative of each observation by the parameter `symbols[j]`, mm per mm, rad, mm/mm or s. The source
     /// is expected in the residuals and does not enter the weights. `None`: the estimate lacks a parameter or
     /// the covariance.
-    pub fn of_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
+    pub fn from_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
         let parameters: Vec<&Parameter> =
-            symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
-        let root = lower_root(&prior_covariance(prior, symbols)?);
-        let draws = (0..symbols.len()).map(|draw| combined(columns, root.col_as_slice(draw)));
+            symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
+        let root = cholesky_lower(&prior_covariance(prior, symbols)?);
+        let draws =
+            (0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw)));
         let effect = Effect::Joint(draws.collect());
         Some(Self {
             dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
-            in_residuals: InResiduals::Expected,
+            in_residuals: ResidualTreatment::Expected,
             is_in_weights: false,
             ..Self::new(format!("estimate of {}", prior.method), effect)
         })
     }
 
     /// Number of independent draws.
-    pub fn draws(&self) -> usize {
+    pub fn draw_count(&self) -> usize {
         match &self.effect {
-            Effect::Each(sizes) => sizes.len(),
-            Effect::Runs(runs) => runs.len(),
+            Effect::Independent(sizes) => sizes.len(),
+            Effect::Spans(runs) => runs.len(),
             Effect::Joint(columns) => columns.len(),
         }
     }
 
     /// Whether no draw changes anything.
     pub fn is_zero(&self) -> bool {
-        let mut changes = (0..self.draws()).flat_map(|draw| self.run(draw).1);
+        let mut changes = (0..self.draw_count()).flat_map(|draw| self.draw_span(draw).1);
         changes.all(|change| *change == 0.0)
             && self.direct_changes.iter().flatten().all(|change| *change == 0.0)
     }
 
     /// The neighbouring observations that a draw changes: index of the first, and the changes, mm.
-    pub fn run(&self, draw: usize) -> (usize, &[f64]) {
+    pub fn draw_span(&self, draw: usize) -> (usize, &[f64]) {
         match &self.effect {
-            Effect::Each(sizes) => (draw, &sizes[draw..=draw]),
-            Effect::Runs(runs) => (runs[draw].first, &runs[draw].values),
+            Effect::Independent(sizes) => (draw, &sizes[draw..=draw]),
+            Effect::Spans(runs) => (runs[draw].first_index, &runs[draw].changes_mm),
             Effect::Joint(columns) => (0, &columns[draw]),
         }
     }
 
     /// A draw as a change of all `observations`, mm.
     pub fn observation_change(&self, draw: usize, observations: usize) -> Vec<f64> {
-        let (first, values) = self.run(draw);
+        let (first, values) = self.draw_span(draw);
         let mut change = vec![0.0; observations];
         let changed = change.iter_mut().skip(first);
         changed.zip(values).for_each(|(change, value)| *change = *value);
@@ -130,24 +131,24 @@ impl UncertaintySource {
     }
 
     /// Whether the effects of the source fit the given numbers of observations and unknowns.
-    pub fn fits(&self, observations: usize, unknowns: usize) -> bool {
+    pub fn has_matching_size(&self, observations: usize, unknowns: usize) -> bool {
         let has_place = |draw| {
-            let (first, values) = self.run(draw);
+            let (first, values) = self.draw_span(draw);
             first + values.len() <= observations
         };
         let rows = &self.direct_changes;
-        (0..self.draws()).all(has_place)
-            && (rows.is_empty() || rows.len() == self.draws())
+        (0..self.draw_count()).all(has_place)
+            && (rows.is_empty() || rows.len() == self.draw_count())
             && rows.iter().all(|row| row.len() == unknowns)
     }
 
     /// Factor on the declared size of the source, from the residuals.
-    pub fn factor(&self, misfit: &Misfit) -> f64 {
-        if self.in_residuals == InResiduals::Judged { misfit.factor } else { 1.0 }
+    pub fn scale_factor(&self, misfit: &Misfit) -> f64 {
+        if self.in_residuals == ResidualTreatment::Judged { misfit.uncertainty_factor } else { 1.0 }
     }
 }
 
-fn parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
+fn find_parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
     prior.parameters.iter().find(|parameter| parameter.symbol == symbol)
 }
 
@@ -155,7 +156,7 @@ fn parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
 /// parameter or the covariance.
 pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> {
     let parameters: Vec<&Parameter> =
-        symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
+        symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
     let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
     let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
     let edge: Vec<f64> = parameters.iter().map(|p| p.unit.from_internal(1.0)).collect();
@@ -170,7 +171,7 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
 }
 
 /// Sum of the columns, each multiplied by its coefficient.
-fn combined(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
+fn linear_combination(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
     let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
     for (column, coefficient) in columns.iter().zip(coefficients) {
         sum.iter_mut().zip(column).for_each(|(sum, value)| *sum += coefficient * value);
@@ -187,8 +188,8 @@ pub fn block_covariances<const N: usize>(
 ) -> Vec<SMatrix<f64, N, N>> {
     let mut sums = vec![SMatrix::zeros(); blocks];
     for source in sources.iter().filter(|source| source.is_in_weights) {
-        for draw in 0..source.draws() {
-            let (mut first, mut rest) = source.run(draw);
+        for draw in 0..source.draw_count() {
+            let (mut first, mut rest) = source.draw_span(draw);
             while !rest.is_empty() && first / N < blocks {
                 let offset = first % N;
                 let (own, after) = rest.split_at(rest.len().min(N - offset));

@@ -1,7 +1,9 @@
 //! Monte Carlo propagation through the whole identification (JCGM 101), many trials at once.
 
 use estimation::misfit::Misfit;
-use estimation::monte_carlo::{Random, Shape, Summary, Trials, propagate};
+use estimation::monte_carlo::{
+    DrawDistribution, DrawStream, TrialCount, TrialStatistics, propagate_distributions,
+};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -14,23 +16,31 @@ use crate::IdentifyError;
 #[derive(Debug, Clone, Copy)]
 pub struct TrialPlan {
     pub seed: u64,
-    pub trials: Trials,
+    pub trials: TrialCount,
+}
+
+impl TrialPlan {
+    /// `setting`: number of trials in the settings of the method; 0: until `stable_digits` digits are stable, at most
+    /// `max_trials`.
+    pub fn new(seed: u64, setting: usize, stable_digits: u32, max_trials: usize) -> Self {
+        Self { seed, trials: TrialCount::from_setting(setting, stable_digits, max_trials) }
+    }
 }
 
 /// A source prepared for drawing.
-struct DrawnSource<'a> {
+struct SampledSource<'a> {
     source: &'a UncertaintySource,
     /// Factor from the misfit.
     scale: f64,
     /// Index of the source's first draw among the draws of all sources.
-    first: usize,
+    first_draw: usize,
     /// Draws × observations, for joint draws.
-    joint: Mat<f64>,
+    joint_draws: Mat<f64>,
     /// Draws × values; no rows if no draw changes an unknown directly.
-    direct: Mat<f64>,
+    direct_draws: Mat<f64>,
 }
 
-impl<'a> DrawnSource<'a> {
+impl<'a> SampledSource<'a> {
     /// `slopes`: values × unknowns.
     fn new(
         source: &'a UncertaintySource,
@@ -39,14 +49,20 @@ impl<'a> DrawnSource<'a> {
         first: usize,
     ) -> Self {
         let joint = match &source.effect {
-            Effect::Joint(columns) => by_rows(columns),
+            Effect::Joint(columns) => matrix_from_rows(columns),
             _ => Mat::new(),
         };
         let direct = match source.direct_changes.as_slice() {
             [] => Mat::new(),
-            changes => by_rows(changes) * slopes.transpose(),
+            changes => matrix_from_rows(changes) * slopes.transpose(),
         };
-        Self { source, scale: source.factor(misfit), first, joint, direct }
+        Self {
+            source,
+            scale: source.scale_factor(misfit),
+            first_draw: first,
+            joint_draws: joint,
+            direct_draws: direct,
+        }
     }
 
     /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of
@@ -54,14 +70,14 @@ impl<'a> DrawnSource<'a> {
     fn add_to_observations(&self, units: &[f64], changes: &mut Mat<f64>) {
         let trials = changes.nrows();
         if let Effect::Joint(_) = &self.source.effect {
-            let own = self.own_units(units, trials);
-            let changed = changes.subcols_mut(0, self.joint.ncols());
-            matmul(changed, Accum::Add, own, self.joint.as_ref(), self.scale, Par::Seq);
+            let own = self.source_units(units, trials);
+            let changed = changes.subcols_mut(0, self.joint_draws.ncols());
+            matmul(changed, Accum::Add, own, self.joint_draws.as_ref(), self.scale, Par::Seq);
             return;
         }
-        for draw in 0..self.source.draws() {
-            let (first, values) = self.source.run(draw);
-            let units = &units[(self.first + draw) * trials..][..trials];
+        for draw in 0..self.source.draw_count() {
+            let (first, values) = self.source.draw_span(draw);
+            let units = &units[(self.first_draw + draw) * trials..][..trials];
             for (i, value) in values.iter().enumerate() {
                 let size = self.scale * value;
                 let column = changes.col_as_slice_mut(first + i).iter_mut();
@@ -71,23 +87,23 @@ impl<'a> DrawnSource<'a> {
     }
 
     /// Adds the direct effect of this source on the unknowns to the `values` (trials × values).
-    fn add_direct(&self, units: &[f64], values: &mut Mat<f64>) {
-        if self.direct.nrows() > 0 {
-            let own = self.own_units(units, values.nrows());
-            matmul(values, Accum::Add, own, self.direct.as_ref(), self.scale, Par::Seq);
+    fn add_direct_changes(&self, units: &[f64], values: &mut Mat<f64>) {
+        if self.direct_draws.nrows() > 0 {
+            let own = self.source_units(units, values.nrows());
+            matmul(values, Accum::Add, own, self.direct_draws.as_ref(), self.scale, Par::Seq);
         }
     }
 
     /// The unit draws of this source, trials × draws.
-    fn own_units<'u>(&self, units: &'u [f64], trials: usize) -> MatRef<'u, f64> {
-        let draws = self.source.draws();
-        let own = &units[self.first * trials..][..draws * trials];
+    fn source_units<'u>(&self, units: &'u [f64], trials: usize) -> MatRef<'u, f64> {
+        let draws = self.source.draw_count();
+        let own = &units[self.first_draw * trials..][..draws * trials];
         MatRef::from_column_major_slice(own, trials, draws)
     }
 }
 
 /// A matrix with as many columns as the longest row; missing entries are zero.
-fn by_rows(rows: &[Vec<f64>]) -> Mat<f64> {
+fn matrix_from_rows(rows: &[Vec<f64>]) -> Mat<f64> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     Mat::from_fn(rows.len(), columns, |i, j| rows[i].get(j).copied().unwrap_or(0.0))
 }
@@ -103,22 +119,23 @@ pub fn propagate_by_trials(
     misfit: &Misfit,
     outputs: &Outputs,
     plan: TrialPlan,
-) -> Result<Summary, IdentifyError> {
-    let shapes: Vec<Shape> = sources.iter().flat_map(|s| vec![s.shape; s.draws()]).collect();
+) -> Result<TrialStatistics, IdentifyError> {
+    let shapes: Vec<DrawDistribution> =
+        sources.iter().flat_map(|s| vec![s.shape; s.draw_count()]).collect();
     let slopes = outputs.trial_slopes(model.unknowns());
-    let mut drawn: Vec<DrawnSource<'_>> = Vec::new();
+    let mut drawn: Vec<SampledSource<'_>> = Vec::new();
     for source in sources {
-        let first = drawn.last().map_or(0, |before| before.first + before.source.draws());
-        drawn.push(DrawnSource::new(source, misfit, &slopes, first));
+        let first = drawn.last().map_or(0, |before| before.first_draw + before.source.draw_count());
+        drawn.push(SampledSource::new(source, misfit, &slopes, first));
     }
-    let compute = |random: &mut Random, trials: usize| {
-        let units = random.units(trials, &shapes);
+    let compute = |random: &mut DrawStream, trials: usize| {
+        let units = random.unit_draws(trials, &shapes);
         let mut changes = Mat::zeros(trials, model.observations());
         drawn.iter().for_each(|source| source.add_to_observations(&units, &mut changes));
-        let mut values = model.functions_near(changes.as_ref(), slopes.as_ref());
-        drawn.iter().for_each(|source| source.add_direct(&units, &mut values));
-        outputs.of_trials(values)
+        let mut values = model.functions_with_changes(changes.as_ref(), slopes.as_ref());
+        drawn.iter().for_each(|source| source.add_direct_changes(&units, &mut values));
+        outputs.evaluate_trials(values)
     };
-    propagate(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
-        .map_err(|why| IdentifyError::Numerical(why.to_string()))
+    propagate_distributions(plan.trials, plan.seed, outputs.all_parameters().count(), compute)
+        .map_err(|reason| IdentifyError::IdentificationFailed(reason.to_string()))
 }

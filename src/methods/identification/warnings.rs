@@ -3,60 +3,62 @@
 use estimation::misfit::Misfit;
 
 use super::Identification;
-use super::likely::LikelySource;
+use super::likely_sources::LikelySource;
 
 /// Method-specific parts of the sentence about a misfit.
 pub struct MisfitAdvice {
     /// Quantities that may scatter more than declared.
     pub causes: &'static str,
     /// The settings that declare the scatter of the measurements.
-    pub declared_by: &'static str,
+    pub declaring_settings: &'static str,
 }
 
 impl Identification {
     /// Warning if the residuals are larger or smaller than the declared sources explain.
     pub fn misfit_warning(&self, advice: &MisfitAdvice) -> Option<String> {
-        let Misfit { above, below, factor, .. } = self.propagation.misfit;
-        let (expectation, MisfitAdvice { causes, declared_by }) = (self.expectation(), advice);
-        let likely = self.likely_in_words();
+        let Misfit {
+            is_above_bound: above, is_below_bound: below, uncertainty_factor: factor, ..
+        } = self.propagation.misfit;
+        let (expectation, MisfitAdvice { causes, declaring_settings }) =
+            (self.describe_expectation(), advice);
+        let likely = self.describe_likely_sources();
         let more = || {
             format!(
-                "the model does not explain the measurements: they scatter {factor:.1} times more than \
-                 declared ({expectation}); look for {causes}{likely}. The uncertainties are enlarged by that \
-                 factor, which need not cover what the model does not hold"
+                "the model does not explain the measurements: the scatter is {factor:.1} times the declared \
+                scatter ({expectation}); check for {causes}{likely}. The uncertainties are multiplied by \
+                this factor; errors outside the model may still exceed them"
             )
         };
         let less = || {
             format!(
-                "the measurements scatter less than declared ({expectation}): {declared_by} may be stated \
-                 too large, and the uncertainties with it"
+                "the measurements scatter less than declared ({expectation}): {declaring_settings} may be \
+                too large, and U as well"
             )
         };
         above.then(more).or_else(|| below.then(less))
     }
 
     /// The sources that would explain the residuals if they were larger, the most likely first.
-    fn likely_in_words(&self) -> String {
+    fn describe_likely_sources(&self) -> String {
         let word = |source: &LikelySource| {
             format!("{}, {:.1} times as large as declared", source.name, source.factor)
         };
-        match self.likely.iter().map(word).collect::<Vec<_>>() {
+        match self.likely_sources.iter().map(word).collect::<Vec<_>>() {
             none if none.is_empty() => String::new(),
             words => {
-                format!(". It would be explained, most likely first, by: {}", words.join("; "))
+                format!(". Possible causes, most likely first: {}", words.join("; "))
             }
         }
     }
 
     /// χ² and its expectation for the declared sources, in words.
-    fn expectation(&self) -> String {
+    fn describe_expectation(&self) -> String {
         let Misfit { chi2, expected, .. } = self.propagation.misfit;
         let dof = self.figures.dof;
         let mut text = format!("χ² {chi2:.1} where {expected:.0} is expected");
         if (expected - dof as f64).abs() >= 0.5 {
             text += &format!(
-                ", not the {dof} degrees of freedom: sources that move many measurements together \
-                 leave other residuals than those that move each alone"
+                ", not the {dof} degrees of freedom, because some sources change many measurements together"
             );
         }
         text
@@ -64,7 +66,7 @@ impl Identification {
 
     /// Warning if first-order propagation and trials contradict each other.
     pub fn trials_warning(&self) -> Option<String> {
-        let symbols = self.contradicted();
+        let symbols = self.contradicted_symbols();
         (!symbols.is_empty()).then(|| {
             format!(
                 "first-order and Monte Carlo uncertainty disagree (JCGM 101, 8): {}; the estimate has both",

@@ -9,155 +9,167 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::bench::LaserSetup;
-use super::centres::{Centres, Row, frame};
-use super::spots::{Scanned, Spot};
-use super::track::TimedSample;
+use super::centres::{CentreEquations, DwellPointRow, beam_frame};
+use super::position_history::TimedSample;
+use super::scan_data::{ScanData, SpotMean};
+use super::setup::LaserSetup;
 use machine::Axis;
 use machine::frame::unit_vector;
 
 /// Minimum number of samples of a motion along one line.
-const LEAST_SAMPLES: usize = 10;
+const MIN_SAMPLES_PER_MOTION: usize = 10;
 /// Minimum cosine of the angle between a motion and its line.
-const ALONG: f64 = 0.95;
+const MIN_MOTION_COSINE: f64 = 0.95;
 /// Minimum width of a cell, mm.
-const LEAST_MM: f64 = 0.01;
+const MIN_CELL_WIDTH_MM: f64 = 0.01;
 
 /// One spot for each cell of this scan in the order of time, and the scatter within cells: Σ(sample less mean)² in
 /// mm² with its degrees of freedom. The spots of `scan` are not used.
-pub fn cells(
-    bench: &LaserSetup<'_>,
-    scan: &Scanned,
-    seen: &[TimedSample],
-) -> (Vec<Spot>, (f64, usize)) {
-    let travel = bench.travel(&scan.rotary);
-    let mut within = (0.0, 0);
-    let Some(sphere) = Sphere::of(bench, (travel, scan.spindle), seen) else {
-        return (Vec::new(), within);
+pub fn average_cells(
+    setup: &LaserSetup<'_>,
+    scan: &ScanData,
+    samples: &[TimedSample],
+) -> (Vec<SpotMean>, (f64, usize)) {
+    let machine_from_xyz = setup.machine_from_xyz(&scan.rotary);
+    let mut scatter = (0.0, 0);
+    let Some(sphere) =
+        ScanSphere::fit(setup, (machine_from_xyz, scan.machine_from_spindle), samples)
+    else {
+        return (Vec::new(), scatter);
     };
     let spot = |all: Vec<&TimedSample>| {
-        let off = |one: &&TimedSample| Some(one.value - sphere.reading(travel * one.xyz)?);
-        let offs: Vec<f64> = all.iter().map(off).collect::<Option<_>>()?;
-        let (count, mean_off) = (offs.len() as f64, offs.iter().sum::<f64>() / offs.len() as f64);
+        let deviation = |sample: &&TimedSample| {
+            Some(sample.reading_mm - sphere.predicted_reading_mm(machine_from_xyz * sample.xyz)?)
+        };
+        let deviations: Vec<f64> = all.iter().map(deviation).collect::<Option<_>>()?;
+        let (count, mean_deviation) =
+            (deviations.len() as f64, deviations.iter().sum::<f64>() / deviations.len() as f64);
         let mean = |pick: fn(&TimedSample) -> Vector3<f64>| {
             all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count
         };
-        let xyz = mean(|seen| seen.xyz);
-        let value = sphere.reading(travel * xyz)? + mean_off;
-        within.0 += offs.iter().map(|off| (off - mean_off).powi(2)).sum::<f64>();
-        within.1 += offs.len() - 1;
-        Some(Spot {
+        let xyz = mean(|sample| sample.xyz);
+        let reading_mm = sphere.predicted_reading_mm(machine_from_xyz * xyz)? + mean_deviation;
+        scatter.0 +=
+            deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
+        scatter.1 += deviations.len() - 1;
+        Some(SpotMean {
             xyz,
-            at: travel * xyz,
-            value,
-            samples: offs.len(),
-            t_s: all.iter().map(|seen| seen.t_s).sum::<f64>() / count,
-            velocity: mean(|seen| seen.velocity),
-            last_motion_sign: mean(|seen| seen.last_motion_sign),
+            displacement_mm: machine_from_xyz * xyz,
+            reading_mm,
+            sample_count: deviations.len(),
+            t_s: all.iter().map(|sample| sample.t_s).sum::<f64>() / count,
+            velocity: mean(|sample| sample.velocity),
+            last_motion_sign: mean(|sample| sample.last_motion_sign),
         })
     };
-    let spots = group_by_cell(bench, seen).into_iter().filter_map(spot).collect();
-    (spots, within)
+    let spots = group_by_cell(setup, samples).into_iter().filter_map(spot).collect();
+    (spots, scatter)
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
 pub fn group_by_cell<'a>(
-    bench: &LaserSetup<'_>,
-    seen: &'a [TimedSample],
+    setup: &LaserSetup<'_>,
+    samples: &'a [TimedSample],
 ) -> Vec<Vec<&'a TimedSample>> {
-    let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
+    let width =
+        (longest_side_mm(samples) / setup.settings.points.max(1) as f64).max(MIN_CELL_WIDTH_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&TimedSample>>::new(), BTreeMap::new());
-    for one in seen {
-        let place: [i64; 3] = one.xyz.map(|mm| (mm / width).floor() as i64).into();
-        let number = *numbers.entry(place).or_insert(cells.len());
+    for sample in samples {
+        let cell_index: [i64; 3] = sample.xyz.map(|mm| (mm / width).floor() as i64).into();
+        let number = *numbers.entry(cell_index).or_insert(cells.len());
         match cells.get_mut(number) {
-            Some(cell) => cell.push(one),
-            None => cells.push(vec![one]),
+            Some(cell) => cell.push(sample),
+            None => cells.push(vec![sample]),
         }
     }
     cells
 }
 
 /// Longest side of the range of the scan, mm.
-fn extent(seen: &[TimedSample]) -> f64 {
-    let xyz = || seen.iter().map(|seen| seen.xyz);
+fn longest_side_mm(samples: &[TimedSample]) -> f64 {
+    let xyz = || samples.iter().map(|sample| sample.xyz);
     let most = xyz().fold(Vector3::repeat(f64::NEG_INFINITY), |most, xyz| most.sup(&xyz));
     let least = xyz().fold(Vector3::repeat(f64::INFINITY), |least, xyz| least.inf(&xyz));
     (most - least).max()
 }
 
 /// Sphere fitted to one scan alone, with the nominal beam.
-pub struct Sphere {
+pub struct ScanSphere {
     centre: Vector3<f64>,
     radius: f64,
     /// Direction of the beam, machine frame.
     beam: Vector3<f64>,
 }
 
-impl Sphere {
-    /// Fits the sphere. `travel`: from X, Y, Z to the machine frame. `spindle`: from the spindle frame to the
-    /// machine frame. `None`: the samples do not determine the sphere.
-    pub fn of(
-        bench: &LaserSetup<'_>,
-        (travel, spindle): (Matrix3<f64>, Rotation3<f64>),
-        seen: &[TimedSample],
+impl ScanSphere {
+    /// Fits the sphere. `machine_from_xyz`: from X, Y, Z to the machine frame. `machine_from_spindle`: from the
+    /// spindle frame to the machine frame. `None`: the samples do not determine the sphere.
+    pub fn fit(
+        setup: &LaserSetup<'_>,
+        (machine_from_xyz, machine_from_spindle): (Matrix3<f64>, Rotation3<f64>),
+        samples: &[TimedSample],
     ) -> Option<Self> {
-        let row = |one: &TimedSample| Row {
+        let row = |sample: &TimedSample| DwellPointRow {
             group: 0,
-            at: travel * one.xyz,
-            spindle,
-            value: one.value,
-            sigma: LEAST_MM,
+            displacement_mm: machine_from_xyz * sample.xyz,
+            machine_from_spindle,
+            reading_mm: sample.reading_mm,
+            u_mm: MIN_CELL_WIDTH_MM,
         };
-        let centres = Centres {
-            frame: frame(bench.beam()),
-            radius: bench.radius(),
-            rows: seen.iter().map(row).collect(),
-            groups: 1,
-            free: false,
-            round: false,
-            held: [0.0; 3],
+        let centres = CentreEquations {
+            beam_frame: beam_frame(setup.beam_direction()),
+            radius_mm: setup.measuring_radius_mm(),
+            rows: samples.iter().map(row).collect(),
+            group_count: 1,
+            is_beam_free: false,
+            is_radius_free: false,
+            fixed_beam: [0.0; 3],
         };
-        let centre = centres.centre(&centres.solve().ok()?.x, 0);
-        Some(Self { centre, radius: bench.radius(), beam: spindle * bench.beam() })
+        let centre = centres.group_centre(&centres.solve().ok()?.x, 0);
+        Some(Self {
+            centre,
+            radius: setup.measuring_radius_mm(),
+            beam: machine_from_spindle * setup.beam_direction(),
+        })
     }
 
     /// Reading of the sensor with the spindle at `at`. `None`: the beam misses the sphere.
-    pub fn reading(&self, at: Vector3<f64>) -> Option<f64> {
-        let from = at - self.centre;
-        let half = from.dot(&self.beam);
-        let root = half * half - from.norm_squared() + self.radius * self.radius;
+    pub fn predicted_reading_mm(&self, at: Vector3<f64>) -> Option<f64> {
+        let from_centre = at - self.centre;
+        let half = from_centre.dot(&self.beam);
+        let root = half * half - from_centre.norm_squared() + self.radius * self.radius;
         (root > 0.0).then(|| -half - root.sqrt())
     }
 
-    /// Derivative of [`reading`](Self::reading) with respect to `at`.
-    pub fn slope(&self, at: Vector3<f64>) -> Option<Vector3<f64>> {
-        let normal = at + self.beam * self.reading(at)? - self.centre;
+    /// Derivative of [`predicted_reading_mm`](Self::predicted_reading_mm) with respect to `at`.
+    pub fn reading_gradient(&self, at: Vector3<f64>) -> Option<Vector3<f64>> {
+        let normal = at + self.beam * self.predicted_reading_mm(at)? - self.centre;
         Some(-normal / normal.dot(&self.beam))
     }
 }
 
 /// Descriptions of the motions along `path` (X, Y, Z) that have too few samples.
-pub fn thin_ways(path: &[Vector3<f64>], seen: &[TimedSample]) -> Vec<String> {
-    let mut thin: Vec<String> = Vec::new();
+pub fn describe_sparse_motions(path: &[Vector3<f64>], samples: &[TimedSample]) -> Vec<String> {
+    let mut sparse: Vec<String> = Vec::new();
     for pair in path.windows(2) {
-        let Some(way) = unit_vector(pair[1] - pair[0]) else { continue };
-        let along =
-            |one: &&TimedSample| unit_vector(one.velocity).unwrap_or_default().dot(&way) > ALONG;
-        let count = seen.iter().filter(along).count();
-        let words = format!("{count} samples of its way along {}", name(way));
-        if count < LEAST_SAMPLES && !thin.contains(&words) {
-            thin.push(words);
+        let Some(direction) = unit_vector(pair[1] - pair[0]) else { continue };
+        let along = |sample: &&TimedSample| {
+            unit_vector(sample.velocity).unwrap_or_default().dot(&direction) > MIN_MOTION_COSINE
+        };
+        let count = samples.iter().filter(along).count();
+        let description = format!("only {count} samples along {}", axis_with_sign(direction));
+        if count < MIN_SAMPLES_PER_MOTION && !sparse.contains(&description) {
+            sparse.push(description);
         }
     }
-    thin
+    sparse
 }
 
 /// Name of the axis with the largest motion, with its sign.
-fn name(way: Vector3<f64>) -> String {
-    let most = Axis::LINEAR.into_iter().zip(way.iter().copied());
-    let most = most.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
-    most.map_or_else(String::new, |(axis, part)| {
+fn axis_with_sign(direction: Vector3<f64>) -> String {
+    let components = Axis::LINEAR.into_iter().zip(direction.iter().copied());
+    let longest = components.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    longest.map_or_else(String::new, |(axis, part)| {
         format!("{}{axis}", if part < 0.0 { '-' } else { '+' })
     })
 }

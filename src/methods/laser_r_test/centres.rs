@@ -8,180 +8,199 @@
 use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::spots::Scanned;
+use super::scan_data::ScanData;
 use crate::identification::ObservationEquation;
-use estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use estimation::schur::Rows;
+use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
+use estimation::schur::BlockRows;
 
 /// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain less 1.
-pub const BEAM: usize = 3;
+pub const BEAM_UNKNOWN_COUNT: usize = 3;
 /// Index of the gain among the unknowns of the beam.
-pub const GAIN: usize = 2;
+pub const GAIN_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
-pub struct Row {
+pub struct DwellPointRow {
     /// Index of the centre.
     pub group: usize,
     /// Displacement of the spindle relative to the table, machine frame, mm.
-    pub at: Vector3<f64>,
+    pub displacement_mm: Vector3<f64>,
     /// Rotation from the spindle frame to the machine frame.
-    pub spindle: Rotation3<f64>,
-    pub value: f64,
+    pub machine_from_spindle: Rotation3<f64>,
+    pub reading_mm: f64,
     /// Standard uncertainty of the distance from the centre, mm.
-    pub sigma: f64,
+    pub u_mm: f64,
 }
 
 /// The fit of all scans.
 #[derive(Debug, Clone)]
-pub struct Centres {
+pub struct CentreEquations {
     /// Nominal direction of the beam and two perpendicular directions. Columns (across, across, along), spindle
     /// frame.
-    pub frame: Matrix3<f64>,
-    pub radius: f64,
+    pub beam_frame: Matrix3<f64>,
+    pub radius_mm: f64,
     /// Dwell points, group after group.
-    pub rows: Vec<Row>,
-    pub groups: usize,
-    /// Whether the beam is unknown. If not, it is given by `held`.
-    pub free: bool,
+    pub rows: Vec<DwellPointRow>,
+    pub group_count: usize,
+    /// Whether the beam is unknown. If not, it is given by `fixed_beam`.
+    pub is_beam_free: bool,
     /// Whether the radius of each scan is unknown. This is the case for a touched sphere, as the radius includes
     /// the probe's pre-travel.
-    pub round: bool,
-    pub held: [f64; BEAM],
+    pub is_radius_free: bool,
+    pub fixed_beam: [f64; BEAM_UNKNOWN_COUNT],
 }
 
 /// Columns: two directions perpendicular to the beam (nearly X and Y), and the beam.
-pub fn frame(beam: Vector3<f64>) -> Matrix3<f64> {
+pub fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
     let across = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
-    let other = across.cross(&beam);
-    // For a beam that points down, `other` is +Y.
-    Matrix3::from_columns(&[across, other, beam])
+    let second = across.cross(&beam);
+    // For a beam that points down, `second` is +Y.
+    Matrix3::from_columns(&[across, second, beam])
 }
 
-impl Centres {
+impl CentreEquations {
     /// Number of unknowns of the beam in this fit.
-    pub fn common(&self) -> usize {
-        if self.free { BEAM } else { 0 }
+    pub fn beam_unknown_count(&self) -> usize {
+        if self.is_beam_free { BEAM_UNKNOWN_COUNT } else { 0 }
     }
 
-    fn own(&self) -> usize {
-        if self.round { 4 } else { 3 }
+    fn unknowns_per_centre(&self) -> usize {
+        if self.is_radius_free { 4 } else { 3 }
     }
 
     /// Index of the first unknown of a centre.
-    pub fn first(&self, group: usize) -> usize {
-        self.common() + self.own() * group
+    pub fn first_unknown(&self, group: usize) -> usize {
+        self.beam_unknown_count() + self.unknowns_per_centre() * group
     }
 
-    fn radius_of(&self, x: &[f64], group: usize) -> f64 {
-        if self.round { x[self.first(group) + 3] } else { self.radius }
+    fn group_radius_mm(&self, x: &[f64], group: usize) -> f64 {
+        if self.is_radius_free { x[self.first_unknown(group) + 3] } else { self.radius_mm }
     }
 
     /// Vector of the beam in the spindle frame. Its norm is the gain.
-    pub fn beam(&self, x: &[f64]) -> Vector3<f64> {
-        let beam = if self.free { &x[..BEAM] } else { &self.held };
-        self.frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
+    pub fn beam_vector(&self, x: &[f64]) -> Vector3<f64> {
+        let beam = if self.is_beam_free { &x[..BEAM_UNKNOWN_COUNT] } else { &self.fixed_beam };
+        self.beam_frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
     }
 
-    /// Centre of a group, machine frame, relative to the same origin as [`Row::at`].
-    pub fn centre(&self, x: &[f64], group: usize) -> Vector3<f64> {
-        let first = self.first(group);
+    /// Centre of a group, machine frame, relative to the same origin as [`DwellPointRow::displacement_mm`].
+    pub fn group_centre(&self, x: &[f64], group: usize) -> Vector3<f64> {
+        let first = self.first_unknown(group);
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
     /// Vector from the centre to the light spot.
-    pub fn arm(&self, x: &[f64], row: &Row) -> Vector3<f64> {
-        row.at + row.spindle * (self.beam(x) * row.value) - self.centre(x, row.group)
+    pub fn centre_to_spot(&self, x: &[f64], row: &DwellPointRow) -> Vector3<f64> {
+        row.displacement_mm + row.machine_from_spindle * (self.beam_vector(x) * row.reading_mm)
+            - self.group_centre(x, row.group)
     }
 
     /// Distances of the dwell points from their spheres, positive outside, unweighted, mm.
-    pub fn off(&self, x: &[f64]) -> Vec<f64> {
-        let off = |row: &Row| self.arm(x, row).norm() - self.radius_of(x, row.group);
-        self.rows.iter().map(off).collect()
+    pub fn surface_deviations_mm(&self, x: &[f64]) -> Vec<f64> {
+        let deviation = |row: &DwellPointRow| {
+            self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group)
+        };
+        self.rows.iter().map(deviation).collect()
     }
 
-    fn blocks(&self, x: &[f64]) -> Vec<Rows> {
-        let (common, own) = (self.common(), self.own());
-        let of_group = |group: usize| {
-            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.group == group).collect();
-            let mut block = Rows::zeros(rows.len(), own, common);
+    fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
+        let (common, own) = (self.beam_unknown_count(), self.unknowns_per_centre());
+        let group_rows = |group: usize| {
+            let rows: Vec<&DwellPointRow> =
+                self.rows.iter().filter(|row| row.group == group).collect();
+            let mut block = BlockRows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
-                let arm = self.arm(x, row);
+                let arm = self.centre_to_spot(x, row);
                 let normal = unit_vector(arm).unwrap_or_default();
-                block.set_value(i, (self.radius_of(x, group) - arm.norm()) / row.sigma);
-                (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.sigma));
-                (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.sigma));
-                let across = (row.spindle * self.frame).transpose() * normal * row.value;
-                (0..common).for_each(|k| block.set_common(i, k, across[k] / row.sigma));
+                block.set_value(i, (self.group_radius_mm(x, group) - arm.norm()) / row.u_mm);
+                (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.u_mm));
+                (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.u_mm));
+                let across = (row.machine_from_spindle * self.beam_frame).transpose()
+                    * normal
+                    * row.reading_mm;
+                (0..common).for_each(|k| block.set_common(i, k, across[k] / row.u_mm));
             }
             block
         };
-        (0..self.groups).map(of_group).collect()
+        (0..self.group_count).map(group_rows).collect()
     }
 
     /// # Errors
     /// The samples do not determine all centres or the beam.
-    pub fn solve(&self) -> Result<Minimum, NonlinearError> {
-        minimise(self.start(), |x| self.blocks(x), |x| self.weighted_change(&self.off(x)))
+    pub fn solve(&self) -> Result<NonlinearSolution, NonlinearError> {
+        minimise_squares(
+            self.initial_values(),
+            |x| self.row_blocks(x),
+            |x| self.weighted_change(&self.surface_deviations_mm(x)),
+        )
     }
 
     /// Initial values: each centre is one radius behind the mean light spot.
-    fn start(&self) -> Vec<f64> {
-        let mut x = vec![0.0; self.common()];
-        for group in 0..self.groups {
+    fn initial_values(&self) -> Vec<f64> {
+        let mut x = vec![0.0; self.beam_unknown_count()];
+        for group in 0..self.group_count {
             let rows = self.rows.iter().filter(|row| row.group == group);
-            let beam = self.frame.column(2);
+            let beam = self.beam_frame.column(2);
             let (mut sum, mut count, mut along) = (Vector3::zeros(), 0.0, Vector3::zeros());
             for row in rows {
-                sum += row.at + row.spindle * beam * row.value;
-                along = row.spindle * beam;
+                sum += row.displacement_mm + row.machine_from_spindle * beam * row.reading_mm;
+                along = row.machine_from_spindle * beam;
                 count += 1.0;
             }
             // The touches surround the centre, so their mean is the initial value.
-            let behind = if self.round { Vector3::zeros() } else { along * self.radius };
-            x.extend(&(sum / count + behind));
-            x.extend(self.round.then_some(self.radius));
+            let centre_offset =
+                if self.is_radius_free { Vector3::zeros() } else { along * self.radius_mm };
+            x.extend(&(sum / count + centre_offset));
+            x.extend(self.is_radius_free.then_some(self.radius_mm));
         }
         x
     }
 }
 
 /// Observations: the distance of each dwell point from its centre.
-impl ObservationEquation for Centres {
+impl ObservationEquation for CentreEquations {
     fn observations(&self) -> usize {
         self.rows.len()
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let off: Vec<f64> =
-            self.off(x).iter().zip(change).map(|(off, change)| off + change).collect();
-        self.weighted_change(&off)
+        let deviations: Vec<f64> = self
+            .surface_deviations_mm(x)
+            .iter()
+            .zip(change)
+            .map(|(deviation, change)| deviation + change)
+            .collect();
+        self.weighted_change(&deviations)
     }
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
-        change.iter().zip(&self.rows).map(|(change, row)| -change / row.sigma).collect()
+        change.iter().zip(&self.rows).map(|(change, row)| -change / row.u_mm).collect()
     }
 }
 
 /// Deviation of the sensor's gain (reading per distance) from 1. The unknown of the fit is the inverse: distance
 /// per reading.
-pub fn sensor_gain(unknown: f64) -> f64 {
+pub fn gain_deviation(unknown: f64) -> f64 {
     1.0 / (1.0 + unknown) - 1.0
 }
 
 /// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
-pub fn fixes_centre(scan: &Scanned, beam: Vector3<f64>, radius: f64) -> bool {
-    let points = scan.spots.iter().map(|spot| spot.at + scan.spindle * beam * spot.value);
+pub fn determines_centre(scan: &ScanData, beam: Vector3<f64>, radius: f64) -> bool {
+    let points = scan
+        .spots
+        .iter()
+        .map(|spot| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm);
     let points: Vec<Vector3<f64>> = points.collect();
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
-    let centre = mean + scan.spindle * beam * radius;
+    let centre = mean + scan.machine_from_spindle * beam * radius;
     let mut sum = Matrix3::zeros();
     for point in &points {
         let n = unit_vector(*point - centre).unwrap_or_default();
         sum += n * n.transpose();
     }
-    points.len() >= 4 && sum.determinant() > FLAT * (points.len() as f64 / 3.0).powi(3)
+    points.len() >= 4
+        && sum.determinant() > MIN_NORMAL_DETERMINANT * (points.len() as f64 / 3.0).powi(3)
 }
 
 /// Determinant of Σn·nᵀ relative to the largest possible one, below which a scan is flat.
-const FLAT: f64 = 1e-5;
+const MIN_NORMAL_DETERMINANT: f64 = 1e-5;

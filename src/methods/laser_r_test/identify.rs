@@ -2,26 +2,25 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::bench::LaserSetup;
-use super::group::{Group, Grouped, grouped};
-use super::label::Pass;
-use super::latency::Latency;
-use super::model::{Model, Observation, Problem, placed};
-use super::observe::{Observed, observe};
+use super::latency::LatencyEstimate;
+use super::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
+use super::observe::{ObservedScans, observe_scans};
 use super::outputs;
 use super::parameters;
-use super::parts::Parts;
-use super::sources::sources;
-use super::two_fits::{CentresThenMachine, centre_covariances, gain};
+use super::pose_groups::{GroupedScans, PoseGroup, group_scans};
+use super::result::IdentificationResult;
+use super::scan_purpose::ScanPurpose;
+use super::setup::LaserSetup;
+use super::sources::uncertainty_sources;
+use super::two_fits::{CentresThenMachine, centre_covariances, gain_matrix};
 use crate::identification::{
-    self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_u_mm,
+    self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm,
 };
-use crate::{IdentifyError, Refused};
-use estimation::linear::{LinearError, Survey};
-use estimation::monte_carlo::Trials;
-use estimation::nonlinear::{Minimum, NonlinearError};
+use crate::{IdentifyError, MethodRefusal};
+use estimation::linear::{LinearError, RankAnalysis};
+use estimation::nonlinear::{NonlinearError, NonlinearSolution};
 use estimation::null_names::name_null_space;
-use estimation::whitening::whitening;
+use estimation::whitening::whitening_matrix;
 use machine::frame::unit_vector;
 use machine::record::estimate::Estimate;
 use machine::record::reading::Reading;
@@ -32,162 +31,204 @@ const MAX_TRIALS: usize = 40_000;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 
-pub fn identify(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-    Ok(outputs::estimate(&parts(bench, readings)?))
+pub fn identify(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+    Ok(outputs::build_estimate(&identify_scans(setup, readings)?))
 }
 
 /// # Errors
 /// The readings belong to another plan, are too few, or do not determine the unknowns.
-pub fn parts<'a>(
-    bench: &'a LaserSetup<'a>,
+pub fn identify_scans<'a>(
+    setup: &'a LaserSetup<'a>,
     readings: &[Reading],
-) -> Result<Parts<'a>, IdentifyError> {
-    let (observed, grouped, fitted) = spheres(bench, readings)?;
-    let settings = bench.settings;
-    let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
-    let names = parameters::names(&chosen.parameters, &bench.ball.id);
-    let centres = LeastSquares { equation: &grouped.centres, minimum: &fitted };
-    let gain = gain(&centres);
-    let latency_index = names.len() + grouped.centres.common();
-    let sources = sources(bench, &observed, &grouped, &fitted.x, latency_index);
+) -> Result<IdentificationResult<'a>, IdentifyError> {
+    let (observed, grouped, centre_fit) = fit_centres(setup, readings)?;
+    let settings = setup.settings;
+    let selection =
+        parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
+    let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
+    let centres = LeastSquares { equation: &grouped.centres, minimum: &centre_fit };
+    let gain = gain_matrix(&centres);
+    let latency_index = names.len() + grouped.centres.beam_unknown_count();
+    let sources = uncertainty_sources(setup, &observed, &grouped, &centre_fit.x, latency_index);
     let covariances = centre_covariances(&grouped.centres, &gain, &sources);
-    let sights = sights(&grouped, &fitted.x, covariances);
-    let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters.clone() };
-    let problem = Problem { model, sights, hold: None };
-    let (survey, minimum) = solve(bench, &problem, &names)?;
-    let latency = observed.latency.as_ref().map_or_else(Vec::new, Latency::values);
-    let x = [&minimum.x, &fitted.x[..grouped.centres.common()], &latency].concat();
+    let centre_observations = centre_observations(&grouped, &centre_fit.x, covariances);
+    let model =
+        SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
+    let problem = MachineProblem { model, centre_observations, zero_point_prior: None };
+    let (survey, minimum) = solve_machine(setup, &problem, &names)?;
+    let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::values);
+    let x = [&minimum.x, &centre_fit.x[..grouped.centres.beam_unknown_count()], &latency].concat();
     let machine = LeastSquares { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
-    let misses = outputs::misses(&problem, groups, &minimum.x);
-    let compared = measurements(&problem, groups, &misses);
+    let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
+    let measurements = pose_measurements(&problem, groups, &residuals);
     let solution = Solution {
-        model: &CentresThenMachine { centres, gain: &gain, machine, groups, latency },
+        model: &CentresThenMachine {
+            centres,
+            centre_gain: &gain,
+            machine,
+            groups,
+            latency_unknown_count: latency,
+        },
         residuals: &minimum.residuals,
-        is_declared: bench.sensor.noise_um.is_some(),
-        figures: FitFigures::of_places(&survey, &minimum, &misses),
-        measurements: &compared,
+        has_declared_sizes: setup.sensor.noise_um.is_some(),
+        figures: FitFigures::from_points(&survey, &minimum, &residuals),
+        measurements: &measurements,
     };
-    let outputs = outputs::outputs(&problem, &names, observed.latency.as_ref(), &x);
-    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
-    let plan = TrialPlan { seed: MONTE_CARLO_SEED, trials };
+    let outputs = outputs::build_outputs(&problem, &names, observed.latency.as_ref(), &x);
+    let plan =
+        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identification::identify(&solution, &sources, outputs, Some(plan))?;
-    Ok(Parts { bench, observed, grouped, fitted, chosen, problem, minimum, names, identified })
+    Ok(IdentificationResult {
+        setup,
+        observed,
+        grouped,
+        centre_fit,
+        selection,
+        problem,
+        machine_fit: minimum,
+        unknown_names: names,
+        identification: identified,
+    })
 }
 
 /// Fits the sphere's centres and the beam from the samples within the incidence limit.
-fn spheres(
-    bench: &LaserSetup<'_>,
+fn fit_centres(
+    setup: &LaserSetup<'_>,
     readings: &[Reading],
-) -> Result<(Observed, Grouped, Minimum), IdentifyError> {
-    let mut observed = observe(bench, readings)?;
-    let mut grouped = grouped(bench, &mut observed)?;
-    check_heights(bench, &observed, &grouped)?;
-    let mut fitted = fit(&grouped)?;
-    if !bench.touches() && leave_out_oblique(bench, &mut observed, &grouped, &fitted) {
-        grouped = super::group::grouped(bench, &mut observed)?;
-        check_heights(bench, &observed, &grouped)?;
-        fitted = fit(&grouped)?;
+) -> Result<(ObservedScans, GroupedScans, NonlinearSolution), IdentifyError> {
+    let mut observed = observe_scans(setup, readings)?;
+    let mut grouped = group_scans(setup, &mut observed)?;
+    check_height_count(setup, &observed, &grouped)?;
+    let mut centre_fit = solve_centres(&grouped)?;
+    if !setup.uses_touch_probe()
+        && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit)
+    {
+        grouped = super::pose_groups::group_scans(setup, &mut observed)?;
+        check_height_count(setup, &observed, &grouped)?;
+        centre_fit = solve_centres(&grouped)?;
     }
-    Ok((observed, grouped, fitted))
+    Ok((observed, grouped, centre_fit))
 }
 
-fn fit(grouped: &Grouped) -> Result<Minimum, IdentifyError> {
-    let failed = |why: NonlinearError| IdentifyError::Numerical(format!("the spheres: {why}"));
+fn solve_centres(grouped: &GroupedScans) -> Result<NonlinearSolution, IdentifyError> {
+    let failed = |why: NonlinearError| {
+        IdentifyError::IdentificationFailed(format!(
+            "fit of the spheres: \
+                                                                         {why}"
+        ))
+    };
     grouped.centres.solve().map_err(failed)
 }
 
-fn check_heights(
-    bench: &LaserSetup<'_>,
-    observed: &Observed,
-    grouped: &Grouped,
-) -> Result<(), Refused> {
-    let (free, count) = (grouped.centres.free, grouped.heights);
-    let of_height: Vec<&str> = observed
-        .left_out
+fn check_height_count(
+    setup: &LaserSetup<'_>,
+    observed: &ObservedScans,
+    grouped: &GroupedScans,
+) -> Result<(), MethodRefusal> {
+    let (free, count) = (grouped.centres.is_beam_free, grouped.height_count);
+    let skipped_heights: Vec<&str> = observed
+        .skipped_scans
         .iter()
-        .filter(|line| Pass::of(line) == Some(Pass::Height))
+        .filter(|line| ScanPurpose::from_label(line) == Some(ScanPurpose::Height))
         .map(String::as_str)
         .collect();
-    if free || bench.touches() {
+    if free || setup.uses_touch_probe() {
         return Ok(());
     }
-    let missing = match of_height.as_slice() {
+    let missing = match skipped_heights.as_slice() {
         [] => String::new(),
         lines => format!(" ({})", lines.join("; ")),
     };
-    Err(Refused {
-        why: format!(
-            "the beam's direction needs scans at three heights, there are {count}{missing}; one height \
-             leaves it unknown by hundreds of urad"
+    Err(MethodRefusal {
+        reason: format!(
+            "the beam direction needs scans at three heights, the readings have {count}{missing}; \
+             from one height its uncertainty is hundreds of urad"
         ),
-        instead: "measure the stage `beam direction` with three heights_mm well apart, at each along two \
-                  lines that cross at the pole"
+        remedy: "measure the stage `beam direction` at three heights_mm that are well apart, each \
+                  along two lines that cross at the pole"
             .to_owned(),
     })
 }
 
 /// Removes and counts samples beyond the incidence limit. Returns whether there were any.
-fn leave_out_oblique(
-    bench: &LaserSetup<'_>,
-    observed: &mut Observed,
-    grouped: &Grouped,
-    fitted: &Minimum,
+fn remove_oblique_samples(
+    setup: &LaserSetup<'_>,
+    observed: &mut ObservedScans,
+    grouped: &GroupedScans,
+    centre_fit: &NonlinearSolution,
 ) -> bool {
     let centres = &grouped.centres;
-    let beam = unit_vector(centres.beam(&fitted.x)).unwrap_or_default();
-    let mut beyond: Vec<(usize, usize)> = Vec::new();
-    for (row, from) in centres.rows.iter().zip(&grouped.from) {
-        let towards = -(row.spindle * beam);
-        if centres.arm(&fitted.x, row).angle(&towards) > bench.limit() {
-            beyond.push(*from);
+    let beam = unit_vector(centres.beam_vector(&centre_fit.x)).unwrap_or_default();
+    let mut oblique: Vec<(usize, usize)> = Vec::new();
+    for (row, origin) in centres.rows.iter().zip(&grouped.row_origins) {
+        let towards = -(row.machine_from_spindle * beam);
+        if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad()
+        {
+            oblique.push(*origin);
         }
     }
     // Remove from the end, so that the remaining indices stay valid.
-    beyond.sort_unstable_by(|a, b| b.cmp(a));
-    for (scan, place) in &beyond {
-        let spot = observed.scans[*scan].spots.remove(*place);
-        *observed.excluded.entry("beyond the incidence limit").or_default() += spot.samples;
+    oblique.sort_unstable_by(|a, b| b.cmp(a));
+    for (scan, point) in &oblique {
+        let spot = observed.scans[*scan].spots.remove(*point);
+        *observed.excluded_samples.entry("beyond the incidence limit").or_default() +=
+            spot.sample_count;
     }
-    !beyond.is_empty()
+    !oblique.is_empty()
 }
 
 /// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.
-fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<Observation> {
+fn centre_observations(
+    grouped: &GroupedScans,
+    x: &[f64],
+    covariances: Vec<Matrix3<f64>>,
+) -> Vec<CentreObservation> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
-    let sights = groups.map(|((i, group), covariance)| Observation {
-        at: placed(&group.rotary, group.axes(grouped.centres.centre(x, i))),
-        weight: whitening(covariance) * group.table,
+    let centre_observations = groups.map(|((i, group), covariance)| CentreObservation {
+        axis_positions: with_linear_axes(
+            &group.rotary,
+            group.xyz_at(grouped.centres.group_centre(x, i)),
+        ),
+        weight: whitening_matrix(covariance) * group.machine_from_table,
     });
-    sights.collect()
+    centre_observations.collect()
 }
 
 /// One measurement for the sphere at each pose.
-fn measurements(problem: &Problem, groups: &[Group], misses: &[Vector3<f64>]) -> Vec<Measurement> {
-    let all = problem.sights.iter().zip(groups).zip(misses).enumerate();
-    let measurement =
-        |(i, ((sight, group), miss)): (usize, ((&Observation, &Group), &Vector3<f64>))| {
-            Measurement {
-                label: group.label.clone(),
-                in_words: format!("the sphere at {}", group.label),
-                rows: 3 * i..3 * i + 3,
-                residual_mm: miss.norm(),
-                u_mm: mean_u_mm(&sight.weight),
-            }
-        };
+fn pose_measurements(
+    problem: &MachineProblem,
+    groups: &[PoseGroup],
+    residuals: &[Vector3<f64>],
+) -> Vec<Measurement> {
+    let all = problem.centre_observations.iter().zip(groups).zip(residuals).enumerate();
+    let measurement = |(i, ((observation, group), residual)): (
+        usize,
+        ((&CentreObservation, &PoseGroup), &Vector3<f64>),
+    )| {
+        Measurement {
+            label: group.label.clone(),
+            description: format!("the sphere at {}", group.label),
+            rows: 3 * i..3 * i + 3,
+            residual_mm: residual.norm(),
+            u_mm: mean_coordinate_u_mm(&observation.weight),
+        }
+    };
     all.map(measurement).collect()
 }
 
-fn solve(
-    bench: &LaserSetup<'_>,
-    problem: &Problem,
+fn solve_machine(
+    setup: &LaserSetup<'_>,
+    problem: &MachineProblem,
     names: &[String],
-) -> Result<(Survey, Minimum), IdentifyError> {
+) -> Result<(RankAnalysis, NonlinearSolution), IdentifyError> {
     let mut start = vec![0.0; problem.model.parameters.len()];
-    start.extend(&bench.zero());
-    start.extend(&bench.centre());
+    start.extend(&setup.zero_point());
+    start.extend(&setup.ball_centre());
     let unsolved = |why: NonlinearError| {
-        IdentifyError::unsolved(why, |lost| name_null_space(lost.null_space.as_ref(), names))
+        IdentifyError::from_solver_error(why, |lost| {
+            name_null_space(lost.null_space.as_ref(), names)
+        })
     };
     let survey = problem.survey(&start).map_err(unsolved)?;
     if survey.nullity > 0 {

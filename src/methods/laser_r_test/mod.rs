@@ -1,55 +1,58 @@
 //! Location errors of rotary axes from one precision sphere: the laser R-test of paper 2 with a displacement sensor
 //! in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
 
-mod bench;
 mod cells;
 mod centres;
-mod cross;
-mod group;
+mod geometry;
 mod identify;
-mod known;
-mod label;
 mod latency;
 mod model;
+mod notes;
 mod observe;
 mod outputs;
 mod paper;
 mod parameters;
-mod parts;
+mod pose_groups;
+mod position_history;
+mod result;
+mod scan_data;
+mod scan_purpose;
+mod scan_step;
 mod settings;
+mod setup;
 mod sources;
-mod spots;
 mod stages;
 #[cfg(test)]
 mod tests;
 mod touches;
-mod track;
 mod two_fits;
-mod words;
 
 pub use settings::Settings;
 
-use self::bench::LaserSetup;
 use self::settings::MeasuringDevice;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use self::setup::LaserSetup;
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-pub const NAME: &str = "laser-r-test";
+pub const METHOD_NAME: &str = "laser-r-test";
 pub struct LaserRTest {
     settings: Settings,
 }
 
-impl Registered for LaserRTest {
+impl RegisteredMethod for LaserRTest {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: NAME,
-        needs: "one precision sphere; a laser displacement sensor in the spindle, or the \
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: METHOD_NAME,
+        required_setup: "one precision sphere; a laser displacement sensor in the spindle, or the \
                 touch probe",
-        finds: "location errors of both rotary axes, on request harmonics of the tilting \
-                one; the sensor's beam and zero point",
+        results: "location errors of both rotary axes, optionally harmonics of the tilting axis; \
+                beam and zero point of the sensor",
         machine_file: "laser.toml",
     };
 
@@ -63,33 +66,41 @@ impl Method for LaserRTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let bench = LaserSetup::new(plan, &self.settings)?;
-        let tasks = stages::tasks(&bench)?;
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let setup = LaserSetup::new(plan, &self.settings)?;
+        let stage_plans = stages::plan_stages(&setup)?;
         let id = done.last().map_or(0, |stage| stage.id + 1);
-        let passed = done.iter().filter(|stage| stage.repeat == 0).count();
-        let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
-        let place = match source {
-            Source::Nominal => known::nominal(&bench),
-            Source::Measured(readings) => known::known(&bench, readings)?,
+        let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
+        let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::Done) };
+        let geometry = match source {
+            PositionSource::Nominal => geometry::nominal_geometry(&setup),
+            PositionSource::Measured(readings) => geometry::measured_geometry(&setup, readings)?,
         };
-        let (stage, new_steps) = stages::stage(&bench, task, &place, id)?;
-        Ok(Next::Stage { stage, new_steps })
+        let (stage, new_steps) = stages::build_stage(&setup, stage_plan, &geometry, id)?;
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
-    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
+    fn required_sensors<'a>(
+        &self,
+        sensors: &'a [Sensor],
+    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         match self.settings.by {
-            MeasuringDevice::Laser => Ok(vec![bench::sensor(sensors, &self.settings)?]),
+            MeasuringDevice::Laser => Ok(vec![setup::select_sensor(sensors, &self.settings)?]),
             MeasuringDevice::Probe => Ok(Vec::new()),
         }
     }
 
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         self.settings.by == MeasuringDevice::Probe
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let bench = LaserSetup::new(plan, &self.settings)?;
-        identify::identify(&bench, readings)
+        let setup = LaserSetup::new(plan, &self.settings)?;
+        identify::identify(&setup, readings)
     }
 }

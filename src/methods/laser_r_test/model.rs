@@ -7,28 +7,28 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use estimation::linear::Survey;
-use estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use estimation::schur::{Rows, factor};
-use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use estimation::linear::RankAnalysis;
+use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
+use estimation::schur::{BlockRows, factorise};
+use machine::kinematics::{ErrorParameter, ErrorTerm, KinematicChain};
 use machine::{Position, frame::Point};
 
 use crate::identification::ObservationEquation;
 
 /// Number of unknowns in addition to the machine's errors: the zero point (spindle frame), then the sphere's centre
 /// (table frame), both mm.
-pub const PLACES: usize = 6;
+pub const POSITION_UNKNOWN_COUNT: usize = 6;
 
 /// The machine with its unknown errors.
 #[derive(Debug, Clone)]
-pub struct Model {
-    pub chain: Chain,
+pub struct SphereModel {
+    pub chain: KinematicChain,
     pub parameters: Vec<ErrorParameter>,
 }
 
-impl Model {
-    pub fn unknowns(&self) -> usize {
-        self.parameters.len() + PLACES
+impl SphereModel {
+    pub fn unknown_count(&self) -> usize {
+        self.parameters.len() + POSITION_UNKNOWN_COUNT
     }
 
     fn terms(&self, x: &[f64]) -> Vec<ErrorTerm> {
@@ -36,26 +36,26 @@ impl Model {
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
 
-    pub fn zero(&self, x: &[f64]) -> Vector3<f64> {
+    pub fn zero_point(&self, x: &[f64]) -> Vector3<f64> {
         let first = self.parameters.len();
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    pub fn ball(&self, x: &[f64]) -> Vector3<f64> {
+    pub fn ball_centre(&self, x: &[f64]) -> Vector3<f64> {
         let first = self.parameters.len() + 3;
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
     /// Zero point at the axis positions `at`, less the sphere's centre: table frame, mm.
     pub fn misclosure(&self, at: &Position, x: &[f64]) -> Vector3<f64> {
-        let tip = Point::from_vec(self.zero(x));
-        self.chain.tip_in_table(at, tip, &self.terms(x)).mm - self.ball(x)
+        let tip = Point::from_vec(self.zero_point(x));
+        self.chain.tip_in_table(at, tip, &self.terms(x)).mm - self.ball_centre(x)
     }
 
     /// Derivatives of the misclosure, in the order of the unknowns.
-    pub fn columns(&self, at: &Position, x: &[f64]) -> Vec<Vector3<f64>> {
+    pub fn misclosure_derivatives(&self, at: &Position, x: &[f64]) -> Vec<Vector3<f64>> {
         let terms = self.terms(x);
-        let tip = Point::from_vec(self.zero(x));
+        let tip = Point::from_vec(self.zero_point(x));
         let mut columns = self.chain.jacobian(at, tip, &terms, &self.parameters);
         let table = self.chain.machine_from_table(at, &terms).rotation;
         let turn = table.inverse() * self.chain.machine_from_spindle(at, &terms).rotation;
@@ -68,69 +68,73 @@ impl Model {
 
 /// Axis positions with the zero point at the sphere's centre, and their weight.
 #[derive(Debug, Clone)]
-pub struct Observation {
+pub struct CentreObservation {
     /// Positions of all axes.
-    pub at: Position,
+    pub axis_positions: Position,
     /// Matrix from the table frame to weighted rows.
     pub weight: Matrix3<f64>,
 }
 
 /// The sphere's centres as one least-squares problem.
 #[derive(Debug, Clone)]
-pub struct Problem {
-    pub model: Model,
-    pub sights: Vec<Observation>,
+pub struct MachineProblem {
+    pub model: SphereModel,
+    pub centre_observations: Vec<CentreObservation>,
     /// Zero point known beforehand, and its standard uncertainty in mm. It is used before all poses are measured.
-    pub hold: Option<(Vector3<f64>, f64)>,
+    pub zero_point_prior: Option<(Vector3<f64>, f64)>,
 }
 
-impl Problem {
+impl MachineProblem {
     fn unchanged_residuals(&self, x: &[f64]) -> Vec<f64> {
         self.residuals(x, &vec![0.0; self.observations()])
     }
 
-    fn rows(&self, x: &[f64]) -> Vec<Rows> {
+    fn rows(&self, x: &[f64]) -> Vec<BlockRows> {
         let residuals = self.unchanged_residuals(x);
-        let mut rows = Rows::zeros(residuals.len(), 0, self.model.unknowns());
+        let mut rows = BlockRows::zeros(residuals.len(), 0, self.model.unknown_count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
-        for (i, sight) in self.sights.iter().enumerate() {
-            for (j, column) in self.model.columns(&sight.at, x).into_iter().enumerate() {
-                let weighted = sight.weight * column;
+        for (i, observation) in self.centre_observations.iter().enumerate() {
+            for (j, column) in self
+                .model
+                .misclosure_derivatives(&observation.axis_positions, x)
+                .into_iter()
+                .enumerate()
+            {
+                let weighted = observation.weight * column;
                 (0..3).for_each(|k| rows.set_common(3 * i + k, j, weighted[k]));
             }
         }
-        if let Some((_, sigma)) = self.hold {
-            let (first, zero) = (3 * self.sights.len(), self.model.parameters.len());
+        if let Some((_, sigma)) = self.zero_point_prior {
+            let (first, zero) = (3 * self.centre_observations.len(), self.model.parameters.len());
             (0..3).for_each(|k| rows.set_common(first + k, zero + k, 1.0 / sigma));
         }
         vec![rows]
     }
 
     /// Analyses which unknowns the observations determine near `x`.
-    pub fn survey(&self, x: &[f64]) -> Result<Survey, NonlinearError> {
-        Ok(factor(self.rows(x)).0.survey()?)
+    pub fn survey(&self, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
+        Ok(factorise(self.rows(x)).0.analyse_rank()?)
     }
 
-    pub fn solve(&self, start: Vec<f64>) -> Result<Minimum, NonlinearError> {
-        minimise(start, |x| self.rows(x), |x| self.unchanged_residuals(x))
+    pub fn solve(&self, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {
+        minimise_squares(start, |x| self.rows(x), |x| self.unchanged_residuals(x))
     }
 }
 
 /// Observations: the sphere's centre at each pose, three coordinates in the table frame.
-impl ObservationEquation for Problem {
+impl ObservationEquation for MachineProblem {
     fn observations(&self) -> usize {
-        3 * self.sights.len()
+        3 * self.centre_observations.len()
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let misclosures = self
-            .sights
-            .iter()
-            .flat_map(|sight| -> [f64; 3] { self.model.misclosure(&sight.at, x).into() });
+        let misclosures = self.centre_observations.iter().flat_map(|observation| -> [f64; 3] {
+            self.model.misclosure(&observation.axis_positions, x).into()
+        });
         let misclosures: Vec<f64> = misclosures.zip(change).map(|(m, change)| m + change).collect();
         let mut rows = self.weighted_change(&misclosures);
-        if let Some((zero, sigma)) = self.hold {
-            let held = (zero - self.model.zero(x)) / sigma;
+        if let Some((zero, sigma)) = self.zero_point_prior {
+            let held = (zero - self.model.zero_point(x)) / sigma;
             rows[self.observations()..].copy_from_slice(held.as_slice());
         }
         rows
@@ -138,16 +142,14 @@ impl ObservationEquation for Problem {
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
         let changes = change.chunks_exact(3).map(Vector3::from_column_slice);
-        let rows = self
-            .sights
-            .iter()
-            .zip(changes)
-            .flat_map(|(sight, change)| -> [f64; 3] { (sight.weight * -change).into() });
-        rows.chain(self.hold.iter().flat_map(|_| [0.0; 3])).collect()
+        let rows = self.centre_observations.iter().zip(changes).flat_map(
+            |(observation, change)| -> [f64; 3] { (observation.weight * -change).into() },
+        );
+        rows.chain(self.zero_point_prior.iter().flat_map(|_| [0.0; 3])).collect()
     }
 }
 
 /// Position `rotary` with X, Y, Z added.
-pub fn placed(rotary: &Position, xyz: Vector3<f64>) -> Position {
+pub fn with_linear_axes(rotary: &Position, xyz: Vector3<f64>) -> Position {
     rotary.updated_by(&Position::from_xyz(xyz))
 }

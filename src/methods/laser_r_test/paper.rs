@@ -5,83 +5,100 @@
 use faer::Mat;
 use nalgebra::{Rotation3, Vector3};
 
-use super::bench::LaserSetup;
-use super::centres::Centres;
-use super::group::Grouped;
+use super::centres::CentreEquations;
+use super::pose_groups::GroupedScans;
+use super::setup::LaserSetup;
 use estimation::circle::fit_circle;
-use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
+use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::frame::unit_vector;
-use machine::record::machine::Sense;
+use machine::record::machine::AxisSense;
 use machine::{Axis, Position};
 
 /// Rotary angles below this count as zero, rad.
-const ZERO: f64 = 1e-9;
+const ZERO_ANGLE_TOLERANCE_RAD: f64 = 1e-9;
 /// Largest distance between two stated axes that count as intersecting.
-const MEETS_MM: f64 = 1e-6;
+const AXIS_INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 
 /// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: the machine is not that of the paper (a B table that
 /// carries C), or its circles were not measured.
-pub fn identify(bench: &LaserSetup<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64; 5]> {
-    let machine = &bench.plan.machine;
-    let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == Sense::Iso);
-    let table = super::parameters::of_table(&bench.chain);
-    if bench.touches() || table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
+pub fn identify_like_paper(
+    setup: &LaserSetup<'_>,
+    grouped: &GroupedScans,
+    x: &[f64],
+) -> Option<[f64; 5]> {
+    let machine = &setup.plan.machine;
+    let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == AxisSense::Iso);
+    let table = super::parameters::table_rotary_axes(&setup.chain);
+    if setup.uses_touch_probe() || table != [Axis::B, Axis::C] || !iso(Axis::B) || !iso(Axis::C) {
         return None;
     }
-    let centres = unit_beam(&grouped.centres, x);
+    let centres = with_unit_beam(&grouped.centres, x);
     let fitted = centres.solve().ok()?;
-    let places: Vec<(&Position, Vector3<f64>)> = grouped
+    let centres_by_pose: Vec<(&Position, Vector3<f64>)> = grouped
         .groups
         .iter()
         .enumerate()
-        .map(|(i, group)| (&group.rotary, centres.centre(&fitted.x, i)))
+        .map(|(i, group)| (&group.rotary, centres.group_centre(&fitted.x, i)))
         .collect();
-    let origin = intersection(bench)?;
-    let zero = zero_position(&places, origin)?;
-    let seen: Vec<(f64, f64, Vector3<f64>)> = places
+    let origin = axis_intersection(setup)?;
+    let zero = zero_position(&centres_by_pose, origin)?;
+    let measured: Vec<(f64, f64, Vector3<f64>)> = centres_by_pose
         .iter()
-        .map(|(at, centre)| (at.at(Axis::B), at.at(Axis::C), *centre - zero - origin))
+        .map(|(at, centre)| {
+            (at.get_or_zero(Axis::B), at.get_or_zero(Axis::C), *centre - zero - origin)
+        })
         .collect();
-    location_errors(&seen)
+    location_errors(&measured)
 }
 
 /// Copy of `centres` with the beam of the fit held at norm 1.
-fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
-    let lean = centres.frame.transpose() * unit_vector(centres.beam(x)).unwrap_or_default();
-    Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
+fn with_unit_beam(centres: &CentreEquations, x: &[f64]) -> CentreEquations {
+    let beam =
+        centres.beam_frame.transpose() * unit_vector(centres.beam_vector(x)).unwrap_or_default();
+    CentreEquations {
+        is_beam_free: false,
+        fixed_beam: [beam.x, beam.y, beam.z - 1.0],
+        ..centres.clone()
+    }
 }
 
 /// Origin of the paper's equations: the stated intersection of B and C. `None`: they do not intersect.
-fn intersection(bench: &LaserSetup<'_>) -> Option<Vector3<f64>> {
-    let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
+fn axis_intersection(setup: &LaserSetup<'_>) -> Option<Vector3<f64>> {
+    let point = |axis: Axis| setup.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
     let ([bx, _, z], [x, y, _]) = (point(Axis::B)?, point(Axis::C)?);
-    ((bx - x).abs() < MEETS_MM).then(|| Vector3::new(x, y, z))
+    ((bx - x).abs() < AXIS_INTERSECTION_TOLERANCE_MM).then(|| Vector3::new(x, y, z))
 }
 
 /// Zero position by Eq. (7): x and y from the circle of C at B = 0, z from the circle of B at C = 0.
 fn zero_position(
-    places: &[(&Position, Vector3<f64>)],
+    centres_by_pose: &[(&Position, Vector3<f64>)],
     origin: Vector3<f64>,
 ) -> Option<Vector3<f64>> {
-    let circle = |other: Axis, i: usize, j: usize| {
-        let here = places.iter().filter(|(at, _)| at.at(other).abs() < ZERO);
-        let points: Vec<[f64; 2]> = here.map(|(_, centre)| [centre[i], centre[j]]).collect();
+    let circle = |fixed: Axis, i: usize, j: usize| {
+        let circle_points = centres_by_pose
+            .iter()
+            .filter(|(at, _)| at.get_or_zero(fixed).abs() < ZERO_ANGLE_TOLERANCE_RAD);
+        let points: Vec<[f64; 2]> =
+            circle_points.map(|(_, centre)| [centre[i], centre[j]]).collect();
         fit_circle(&points).ok().map(|circle| circle.centre)
     };
-    let (of_c, of_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
-    Some(Vector3::new(of_c[0], of_c[1], of_b[1]) - origin)
+    let (circle_c, circle_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
+    Some(Vector3::new(circle_c[0], circle_c[1], circle_b[1]) - origin)
 }
 
 /// Location errors by Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
-pub fn location_errors(seen: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
-    let (_, _, first) = *seen.iter().find(|(b, c, _)| b.abs() < ZERO && c.abs() < ZERO)?;
-    let others: Vec<_> = seen.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO).collect();
+pub fn location_errors(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
+    let (_, _, first) = *measured.iter().find(|(b, c, _)| {
+        b.abs() < ZERO_ANGLE_TOLERANCE_RAD && c.abs() < ZERO_ANGLE_TOLERANCE_RAD
+    })?;
+    let others: Vec<_> =
+        measured.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO_ANGLE_TOLERANCE_RAD).collect();
     let mut a = Mat::zeros(3 * others.len(), 5);
     let mut y = Vec::with_capacity(3 * others.len());
-    for (i, (b, c, measured)) in others.into_iter().enumerate() {
-        let nominal = nominal(*b, *c) * first;
-        y.extend(&(measured - nominal));
-        for (j, column) in columns(*b, *c, first).into_iter().enumerate() {
+    for (i, (b, c, position)) in others.into_iter().enumerate() {
+        let nominal = nominal_rotation(*b, *c) * first;
+        y.extend(&(position - nominal));
+        for (j, column) in location_error_derivatives(*b, *c, first).into_iter().enumerate() {
             (0..3).for_each(|k| a[(3 * i + k, j)] = column[k]);
         }
     }
@@ -93,24 +110,24 @@ pub fn location_errors(seen: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
         constraints: None,
         rank_threshold: RANK_THRESHOLD,
     };
-    solve(&problem).ok()?.x.try_into().ok()
+    solve_least_squares(&problem).ok()?.x.try_into().ok()
 }
 
 /// Nominal rotation D_b(−B)·D_c(−C).
-pub fn nominal(b: f64, c: f64) -> Rotation3<f64> {
+pub fn nominal_rotation(b: f64, c: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), -b)
         * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
 /// ∂d/∂W at one pose: ∂q̂/∂W less the contribution of the measurement at B = C = 0.
-pub fn columns(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
-    let turn = nominal(b, c);
-    let (here, first) = (of_sphere(b, turn * w, w), of_sphere(0.0, w, w));
-    std::array::from_fn(|j| here[j] - turn * first[j])
+pub fn location_error_derivatives(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
+    let rotation = nominal_rotation(b, c);
+    let (here, first) = (sphere_derivatives(b, rotation * w, w), sphere_derivatives(0.0, w, w));
+    std::array::from_fn(|j| here[j] - rotation * first[j])
 }
 
 /// ∂q̂/∂W, with q the nominal position of the sphere at the pose and w its position at B = C = 0.
-fn of_sphere(b: f64, q: Vector3<f64>, w: Vector3<f64>) -> [Vector3<f64>; 5] {
+fn sphere_derivatives(b: f64, q: Vector3<f64>, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let (s, c) = b.sin_cos();
     [
         Vector3::new(0.0, w.z - q.z, q.y - w.y),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 
 /// Device that measures the sphere.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,126 +98,133 @@ impl Default for Settings {
 }
 
 /// Minimum ratio of the two feeds for the latency.
-const FEEDS: f64 = 1.5;
+const MIN_FEED_RATIO: f64 = 1.5;
 /// Readings at the pole that differ by less than this count as one height, mm.
-pub const ONE_HEIGHT_MM: f64 = 0.5;
+pub const HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
 /// Upper bounds that detect a wrong digit or unit in the machine file.
-const MOST_SAMPLES: u32 = 10_000;
-const LONGEST_DWELL_S: f64 = 60.0;
+const MAX_SAMPLES: u32 = 10_000;
+const MAX_DWELL_S: f64 = 60.0;
 /// Highest harmonic order. No set of poses determines higher ones.
-const MOST_ORDER: u32 = 36;
+const MAX_HARMONIC_ORDER: u32 = 36;
 
 impl Settings {
     /// Rejects settings that would fail during the run.
-    pub fn check(&self) -> Result<(), Refused> {
+    pub fn check(&self) -> Result<(), MethodRefusal> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
-        Refused::unless(
+        MethodRefusal::require(
             (3..=1000).contains(&self.points),
-            format!("{} points on a line do not show where a sphere is highest", self.points),
+            format!("points = {} is outside 3 to 1000", self.points),
             "choose points = 13",
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             positive(self.margin_mm) && positive(self.feed_mm_min) && self.samples > 0,
             "margin_mm, feed_mm_min and samples must be greater than 0",
-            "leave them out, or choose about 0.8, 600 and 20",
+            "omit them, or choose about 0.8, 600 and 20",
         )?;
         self.check_continuous()?;
-        Refused::unless(
-            self.samples <= MOST_SAMPLES,
-            format!("{} samples at each dwell point are more than {MOST_SAMPLES}", self.samples),
-            "choose about 20: the machine drifts while it stands there for longer",
+        MethodRefusal::require(
+            self.samples <= MAX_SAMPLES,
+            format!("samples = {} is more than {MAX_SAMPLES} per dwell point", self.samples),
+            "choose about 20: during a longer dwell the machine drifts",
         )?;
-        Refused::unless(
-            (0.0..=LONGEST_DWELL_S).contains(&self.dwell_s)
+        MethodRefusal::require(
+            (0.0..=MAX_DWELL_S).contains(&self.dwell_s)
                 && self.radius_u_um >= 0.0
                 && self.form_u_um >= 0.0,
             format!(
-                "dwell_s lies between 0 and {LONGEST_DWELL_S}; radius_u_um and form_u_um must not be negative"
+                "dwell_s must be 0 to {MAX_DWELL_S}; radius_u_um and form_u_um must be 0 or more"
             ),
-            "leave them out, or choose about 0.1 and 0.5",
+            "omit them, or choose about 0.1 and 0.5",
         )?;
-        self.check_orders()?;
-        Refused::unless(
+        self.check_harmonics()?;
+        MethodRefusal::require(
             positive(self.form_limit_um),
             "form_limit_um must be greater than 0",
-            "leave it out, or choose about 10",
+            "omit it, or choose about 10",
         )?;
         self.check_heights()?;
-        Refused::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_trials(self.monte_carlo_trials)
     }
 
-    fn check_heights(&self) -> Result<(), Refused> {
-        let count = heights(&self.heights_mm);
+    fn check_heights(&self) -> Result<(), MethodRefusal> {
+        let count = count_heights(&self.heights_mm);
         if self.heights_mm.is_empty() || count >= 3 {
             return Ok(());
         }
-        Err(Refused {
-            why: format!(
-                "heights_mm names {count} heights; one height or two leave the beam's direction nearly \
-                 unknown"
+        Err(MethodRefusal {
+            reason: format!(
+                "heights_mm has {count} different heights; the beam direction needs three"
             ),
-            instead: "name three heights or more, well apart within the sensor's range, or leave heights_mm out"
+            remedy: "state three or more heights, well apart within the sensor's range, or omit \
+                      heights_mm"
                 .to_owned(),
         })
     }
 
-    fn check_continuous(&self) -> Result<(), Refused> {
-        let refused =
-            |why: String, instead: &str| Err(Refused { why, instead: instead.to_owned() });
+    fn check_continuous(&self) -> Result<(), MethodRefusal> {
+        let refused = |why: String, instead: &str| {
+            Err(MethodRefusal { reason: why, remedy: instead.to_owned() })
+        };
         let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
         match self.sampling {
             SamplingMode::Dwell => Ok(()),
             SamplingMode::Continuous if self.by == MeasuringDevice::Probe => refused(
-                "sampling = \"continuous\", and a touch probe takes no samples".to_owned(),
-                "leave sampling out, or measure by = \"laser\"",
+                "sampling = \"continuous\" is not possible with a touch probe".to_owned(),
+                "omit sampling, or set by = \"laser\"",
             ),
             SamplingMode::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => {
                 refused(
-                    format!("rate_hz is {}: that takes no samples", self.rate_hz),
-                    "leave it out, or choose what the sensor gives, about 1000",
+                    format!("rate_hz = {} is not a positive number", self.rate_hz),
+                    "omit it, or choose the sample rate of the sensor, about 1000",
                 )
             }
-            SamplingMode::Continuous if !(fast.is_finite() && fast >= FEEDS * feed) => refused(
-                format!(
-                    "fast_feed_mm_min is {fast}, feed_mm_min {feed}: at feeds so near each other the \
-                     sensor's latency is not told from what the axes lose where they turn round"
-                ),
-                "choose fast_feed_mm_min about three times feed_mm_min",
-            ),
+            SamplingMode::Continuous if !(fast.is_finite() && fast >= MIN_FEED_RATIO * feed) => {
+                refused(
+                    format!(
+                        "fast_feed_mm_min is {fast}, feed_mm_min is {feed}: feeds with a ratio below \
+                     {MIN_FEED_RATIO} do not separate the latency of the sensor from the lost \
+                     motion of the axes at reversals"
+                    ),
+                    "choose fast_feed_mm_min about three times feed_mm_min",
+                )
+            }
             SamplingMode::Continuous => Ok(()),
         }
     }
 }
 
 impl Settings {
-    fn check_orders(&self) -> Result<(), Refused> {
+    fn check_harmonics(&self) -> Result<(), MethodRefusal> {
         let orders = || self.harmonics.iter().enumerate();
-        let twice =
+        let is_repeated =
             |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);
-        let beyond = |order: &&u32| !(1..=MOST_ORDER).contains(*order);
-        let (why, instead) = match (self.harmonics.iter().find(beyond), orders().find(twice)) {
-            (Some(order), _) => (
-                format!("harmonics names order {order}; it lies between 1 and {MOST_ORDER}"),
-                "name orders that the positions of tilt_deg can tell apart, e.g. harmonics = [2]",
-            ),
-            (None, Some((_, order))) => {
-                (format!("harmonics names order {order} twice"), "name each order once")
-            }
-            (None, None) => return Ok(()),
-        };
-        Err(Refused { why, instead: instead.to_owned() })
+        let is_outside = |order: &&u32| !(1..=MAX_HARMONIC_ORDER).contains(*order);
+        let (why, instead) =
+            match (self.harmonics.iter().find(is_outside), orders().find(is_repeated)) {
+                (Some(order), _) => (
+                    format!(
+                        "harmonics contains order {order}; allowed are 1 to {MAX_HARMONIC_ORDER}"
+                    ),
+                    "choose orders that the positions of tilt_deg separate, e.g. harmonics = [2]",
+                ),
+                (None, Some((_, order))) => {
+                    (format!("harmonics contains order {order} twice"), "list each order once")
+                }
+                (None, None) => return Ok(()),
+            };
+        Err(MethodRefusal { reason: why, remedy: instead.to_owned() })
     }
 }
 
 /// Number of different heights among these readings at the pole.
-pub fn heights(poles_mm: &[f64]) -> usize {
+pub fn count_heights(poles_mm: &[f64]) -> usize {
     let mut sorted = poles_mm.to_vec();
     sorted.sort_by(f64::total_cmp);
     let mut count = 0;
     let mut last = f64::NEG_INFINITY;
     for pole in sorted.into_iter().filter(|pole| pole.is_finite()) {
-        if pole - last > ONE_HEIGHT_MM {
+        if pole - last > HEIGHT_TOLERANCE_MM {
             count += 1;
             last = pole;
         }

@@ -4,12 +4,12 @@
 use faer::{Mat, MatRef};
 use nalgebra::Matrix3;
 
-use super::centres::Centres;
-use super::group::Group;
-use super::model::Problem;
+use super::centres::CentreEquations;
+use super::model::MachineProblem;
+use super::pose_groups::PoseGroup;
 use crate::identification::{
     Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances,
-    multiply, solve_each_trial,
+    multiply_vector, solve_each_trial,
 };
 
 /// Smallest standard uncertainty of a centre, mm.
@@ -18,28 +18,29 @@ const MIN_CENTRE_U_MM: f64 = 1e-6;
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
 /// beam; the latency, which only the sources change.
 pub struct CentresThenMachine<'a> {
-    pub centres: LeastSquares<'a, Centres>,
+    pub centres: LeastSquares<'a, CentreEquations>,
     /// Gain of the first fit: unknowns of `centres` × dwell points.
-    pub gain: &'a Mat<f64>,
-    pub machine: LeastSquares<'a, Problem>,
-    pub groups: &'a [Group],
+    pub centre_gain: &'a Mat<f64>,
+    pub machine: LeastSquares<'a, MachineProblem>,
+    pub groups: &'a [PoseGroup],
     /// Number of unknowns of the latency.
-    pub latency: usize,
+    pub latency_unknown_count: usize,
 }
 
 impl CentresThenMachine<'_> {
     /// Changes of the centres in the table frame, three coordinates per group, for a change of the unknowns of the
     /// first fit.
-    fn on_table(&self, change: &[f64]) -> Vec<f64> {
+    fn centres_in_table(&self, change: &[f64]) -> Vec<f64> {
         let groups = self.groups.iter().enumerate();
-        let moved = groups.flat_map(|(i, group)| -> [f64; 3] {
-            (group.table.inverse() * self.centres.equation.centre(change, i)).into()
+        let coordinates = groups.flat_map(|(i, group)| -> [f64; 3] {
+            (group.machine_from_table.inverse() * self.centres.equation.group_centre(change, i))
+                .into()
         });
-        moved.collect()
+        coordinates.collect()
     }
 
-    fn joined(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
-        machine.extend(&centres[..self.centres.equation.common()]);
+    fn join_unknowns(&self, mut machine: Vec<f64>, centres: &[f64]) -> Vec<f64> {
+        machine.extend(&centres[..self.centres.equation.beam_unknown_count()]);
         machine.resize(self.unknowns(), 0.0);
         machine
     }
@@ -51,36 +52,39 @@ impl ObservationModel for CentresThenMachine<'_> {
     }
 
     fn unknowns(&self) -> usize {
-        self.machine.unknowns() + self.centres.equation.common() + self.latency
+        self.machine.unknowns()
+            + self.centres.equation.beam_unknown_count()
+            + self.latency_unknown_count
     }
 
-    fn respond(&self, change: &[f64]) -> Response {
-        let centres = multiply(self.gain, change);
-        let Response { unknowns, residuals } = self.machine.respond(&self.on_table(&centres));
-        Response { unknowns: self.joined(unknowns, &centres), residuals }
+    fn linear_response(&self, change: &[f64]) -> Response {
+        let centres = multiply_vector(self.centre_gain, change);
+        let Response { unknowns, residuals } =
+            self.machine.linear_response(&self.centres_in_table(&centres));
+        Response { unknowns: self.join_unknowns(unknowns, &centres), residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
         self.machine.leverage()
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| {
-            let x = self.centres.near(change);
+            let x = self.centres.solve_for_change(change);
             let solved = self.centres.minimum.x.iter();
             let moved: Vec<f64> = x.iter().zip(solved).map(|(x, solved)| x - solved).collect();
-            self.joined(self.machine.near(&self.on_table(&moved)), &x)
+            self.join_unknowns(self.machine.solve_for_change(&self.centres_in_table(&moved)), &x)
         })
     }
 }
 
 /// Derivative of the unknowns by each observation, per mm: unknowns × observations.
-pub fn gain(fit: &impl ObservationModel) -> Mat<f64> {
+pub fn gain_matrix(fit: &impl ObservationModel) -> Mat<f64> {
     let mut gain = Mat::zeros(fit.unknowns(), fit.observations());
     let mut change = vec![0.0; fit.observations()];
     for j in 0..fit.observations() {
         change[j] = 1.0;
-        gain.col_as_slice_mut(j).copy_from_slice(&fit.respond(&change).unknowns);
+        gain.col_as_slice_mut(j).copy_from_slice(&fit.linear_response(&change).unknowns);
         change[j] = 0.0;
     }
     gain
@@ -88,19 +92,22 @@ pub fn gain(fit: &impl ObservationModel) -> Mat<f64> {
 
 /// Covariance of each centre in the machine frame, from the sources that enter the weights.
 pub fn centre_covariances(
-    centres: &Centres,
+    centres: &CentreEquations,
     gain: &Mat<f64>,
     sources: &[UncertaintySource],
 ) -> Vec<Matrix3<f64>> {
-    let moved = |change: Vec<f64>| {
-        let x = multiply(gain, &change);
-        (0..centres.groups).flat_map(|i| <[f64; 3]>::from(centres.centre(&x, i))).collect()
+    let centre_changes = |change: Vec<f64>| {
+        let x = multiply_vector(gain, &change);
+        (0..centres.group_count)
+            .flat_map(|i| <[f64; 3]>::from(centres.group_centre(&x, i)))
+            .collect()
     };
     let changes = sources.iter().filter(|source| source.is_in_weights).flat_map(|source| {
-        (0..source.draws()).map(|draw| source.observation_change(draw, gain.ncols()))
+        (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols()))
     });
-    let moved = UncertaintySource::new("centres", Effect::Joint(changes.map(moved).collect()));
-    let mut covariances = block_covariances(&[moved], centres.groups);
+    let source =
+        UncertaintySource::new("centres", Effect::Joint(changes.map(centre_changes).collect()));
+    let mut covariances = block_covariances(&[source], centres.group_count);
     let least = Matrix3::from_diagonal_element(MIN_CENTRE_U_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);
     covariances

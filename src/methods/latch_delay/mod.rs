@@ -9,45 +9,48 @@ mod fit;
 mod observe;
 mod outputs;
 mod plan;
-mod scan;
+mod scan_test;
 mod settings;
-mod words;
+mod texts;
 
-pub use scan::{Latch, Time};
+pub use scan_test::{LatchDiagnosis, ScanTime};
 pub use settings::Settings;
 
-use self::feeds::Feeds;
-use self::fit::Fitted;
-use self::observe::Observed;
-use self::plan::Place;
-use self::scan::Scan;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
-use machine::artefact::uncertainty_mm;
+use self::feeds::TouchFeeds;
+use self::fit::FittedDelay;
+use self::observe::ObservedTouches;
+use self::plan::TouchPath;
+use self::scan_test::ScanTest;
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
+use machine::artefact::position_uncertainty_mm;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
-pub const NAME: &str = "latch-delay";
+pub const METHOD_NAME: &str = "latch-delay";
 
 pub struct LatchDelay {
     settings: Settings,
 }
 
 impl LatchDelay {
-    fn feeds(&self, plan: &Plan) -> Result<Feeds, Refused> {
-        let uncertainty = uncertainty_mm(&plan.artefact);
-        let length = |room_mm| plan::length_mm(uncertainty, room_mm);
-        Feeds::choose((&plan.machine, &plan.probe), &self.settings, length)
+    fn choose_feeds(&self, plan: &Plan) -> Result<TouchFeeds, MethodRefusal> {
+        let uncertainty = position_uncertainty_mm(&plan.artefact);
+        let length = |margin_mm| plan::touch_length_mm(uncertainty, margin_mm);
+        TouchFeeds::choose((&plan.machine, &plan.probe), &self.settings, length)
     }
 }
 
-impl Registered for LatchDelay {
+impl RegisteredMethod for LatchDelay {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: NAME,
-        needs: "a round part or balls",
-        finds: "how late a contact is latched, whether a PLC's scan lies between, how \
-                touches scatter: one place, touched at two feeds",
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: METHOD_NAME,
+        required_setup: "a round part or balls",
+        results: "latch delay of a contact, program scan of a PLC between contact and latch, scatter \
+                of touches: one position, touched at two feeds",
         machine_file: "simulated.toml",
     };
 
@@ -61,70 +64,82 @@ impl Method for LatchDelay {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
-        let feeds = self.feeds(plan)?;
-        let place = Place::choose(plan, &self.settings, &feeds)?;
+        let feeds = self.choose_feeds(plan)?;
+        let touch_path = TouchPath::choose(plan, &self.settings, &feeds)?;
         let (id, name, new_steps) = match done.len() {
-            0 => (0, "search".to_owned(), vec![place.search(plan.probe.search_feed_mm_min)]),
+            0 => (
+                0,
+                "search".to_owned(),
+                vec![touch_path.search_step(plan.probe.search_feed_mm_min)],
+            ),
             1 => {
-                if let Source::Measured(readings) = source {
-                    observe::check_found(plan, &feeds, readings)?;
+                if let PositionSource::Measured(readings) = source {
+                    observe::check_search_result(plan, &feeds, readings)?;
                 }
                 let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
-                (1, name, place.alternating(&feeds, self.settings.touches))
+                (1, name, touch_path.alternating_steps(&feeds, self.settings.touches))
             }
-            _ => return Ok(Next::Done),
+            _ => return Ok(NextStage::Done),
         };
         let steps = new_steps.iter().map(|step| step.id).collect();
-        Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
+        Ok(NextStage::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let (observed, fitted, scan) = look(plan, readings)?;
-        Ok(estimate::estimate(plan, &observed, &fitted, &scan))
+        let (observed, fitted, scan) = evaluate_run(plan, readings)?;
+        Ok(estimate::build_estimate(plan, &observed, &fitted, &scan))
     }
 }
 
-fn look(plan: &Plan, readings: &[Reading]) -> Result<(Observed, Fitted, Scan), IdentifyError> {
-    let observed = observe::observe(plan, readings)?;
-    let fitted = fit::fit(&observed)?;
-    let scan = scan::judge(&observed, &fitted);
+fn evaluate_run(
+    plan: &Plan,
+    readings: &[Reading],
+) -> Result<(ObservedTouches, FittedDelay, ScanTest), IdentifyError> {
+    let observed = observe::observe_touches(plan, readings)?;
+    let fitted = fit::fit_delay(&observed)?;
+    let scan = scan_test::test_for_scan(&observed, &fitted);
     Ok((observed, fitted, scan))
 }
 
 /// Results of a run for the check of the machine.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
-    pub latch: Latch,
-    pub latch_in_words: String,
+pub struct LatchDelayResult {
+    pub latch: LatchDiagnosis,
+    pub latch_text: String,
     /// Latch delay, s, positive if late.
     pub delay_s: f64,
     /// Description of a delay that exceeds its uncertainty.
-    pub delay_in_words: Option<String>,
+    pub delay_text: Option<String>,
     /// Description of slow touches that scatter more than declared.
-    pub scatter_in_words: Option<String>,
+    pub scatter_text: Option<String>,
     /// Standard deviation of a slow touch, mm.
     pub scatter_mm: f64,
     /// Largest scatter of so few touches that does not contradict the declared one, mm.
     pub scatter_bound_mm: Option<f64>,
 }
 
-impl Found {
+impl LatchDelayResult {
     /// # Errors
     /// The errors of [`Method::identify`].
-    pub fn of(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
-        let (observed, fitted, scan) = look(plan, readings)?;
-        let declared_mm = estimate::declared_mm(plan, &observed);
+    pub fn from_readings(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
+        let (observed, fitted, scan) = evaluate_run(plan, readings)?;
+        let declared_mm = estimate::declared_scatter_mm(plan, &observed);
         Ok(Self {
             latch: scan.latch,
-            latch_in_words: words::of_latch(&observed, &fitted, &scan),
+            latch_text: texts::describe_latch(&observed, &fitted, &scan),
             delay_s: fitted.delay_s,
-            delay_in_words: words::of_delay(&observed, &fitted),
-            scatter_in_words: words::of_scatter(&observed, &fitted, &scan, declared_mm),
-            scatter_mm: fitted.scatter[0].s_mm,
+            delay_text: texts::describe_delay(&observed, &fitted),
+            scatter_text: texts::describe_scatter(&observed, &fitted, &scan, declared_mm),
+            scatter_mm: fitted.scatter[0].std_dev_mm,
             scatter_bound_mm: declared_mm
-                .and_then(|mm| words::scatter_bound_mm(&observed, &fitted, &scan, mm)),
+                .and_then(|mm| texts::scatter_bound_mm(&observed, &fitted, &scan, mm)),
         })
     }
 }

@@ -6,63 +6,74 @@
 
 use nalgebra::Vector3;
 
-use super::feeds::Feeds;
+use super::feeds::TouchFeeds;
 use super::settings::Settings;
-use crate::Refused;
-use machine::artefact::uncertainty_mm;
+use crate::MethodRefusal;
+use machine::artefact::position_uncertainty_mm;
 use machine::frame::unit_vector;
-use machine::kinematics::Chain;
+use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Balls, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
-use planning::{Access, Approach, BallTask};
+use planning::{BallApproach, BallTask, TouchAccess};
 
 /// Label of the first touch, which is not used for identification.
-pub const SEARCH: &str = "search";
+pub const SEARCH_LABEL: &str = "search";
 /// Clearance before the first possible contact, and distance beyond the last one, mm.
 const STANDOFF_MM: f64 = 0.5;
-const BEYOND_MM: f64 = 0.3;
+const OVERRUN_MM: f64 = 0.3;
 /// Minimum cosine of the tilt of the part's axis: one degree.
-const UPRIGHT: f64 = 0.99985;
+const MIN_UPRIGHT_COSINE: f64 = 0.99985;
 /// Number of touches of one ball that are considered.
 const TOUCHES_PER_BALL: usize = 5;
 
 /// The touch of a plan, without number and feed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Place {
+pub struct TouchPath {
     pub from: Position,
     pub to: Position,
     pub normal: [f64; 3],
 }
 
 /// Length of a touch, mm, for a part whose position is uncertain by `uncertainty_mm` and a feed that needs
-/// `room_mm`.
-pub fn length_mm(uncertainty_mm: f64, room_mm: f64) -> f64 {
-    2.0 * (uncertainty_mm + room_mm) + STANDOFF_MM + BEYOND_MM
+/// `margin_mm`.
+pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
+    2.0 * (uncertainty_mm + margin_mm) + STANDOFF_MM + OVERRUN_MM
 }
 
-impl Place {
+impl TouchPath {
     /// # Errors
     /// The axes reach no position, or none is free of collision.
-    pub fn choose(plan: &Plan, settings: &Settings, feeds: &Feeds) -> Result<Self, Refused> {
-        let within_mm = uncertainty_mm(&plan.artefact) + feeds.room_mm;
+    pub fn choose(
+        plan: &Plan,
+        settings: &Settings,
+        feeds: &TouchFeeds,
+    ) -> Result<Self, MethodRefusal> {
+        let within_mm = position_uncertainty_mm(&plan.artefact) + feeds.margin_mm;
         match &plan.artefact {
-            Artefact::Cylinder(part) => on_flank(plan, settings, part, within_mm),
-            Artefact::Balls(balls) => on_ball(plan, settings, balls, within_mm),
-            Artefact::DatumCylinder(_) => Err(Refused {
-                why: "this method touches the artefact; a datum cylinder is not touched".to_owned(),
-                instead: "describe the part with kind = \"cylinder\"".to_owned(),
-            }),
-            Artefact::None => Err(Refused {
-                why: "this method touches the artefact; [artefact] states that there is none"
+            Artefact::Cylinder(part) => flank_touch(plan, settings, part, within_mm),
+            Artefact::Balls(balls) => ball_touch(plan, settings, balls, within_mm),
+            Artefact::DatumCylinder(_) => Err(MethodRefusal {
+                reason: "this method touches the artefact; a datum cylinder is not touched"
                     .to_owned(),
-                instead: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\""
+                remedy: "describe the part with kind = \"cylinder\"".to_owned(),
+            }),
+            Artefact::None => Err(MethodRefusal {
+                reason: "this method touches the artefact; [artefact] states that there is none"
+                    .to_owned(),
+                remedy: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\""
                     .to_owned(),
             }),
         }
     }
 
-    fn step(&self, (id, stage): (u32, u32), kind: StepKind, label: String, feed: f64) -> Step {
+    fn touch_step(
+        &self,
+        (id, stage): (u32, u32),
+        kind: StepKind,
+        label: String,
+        feed: f64,
+    ) -> Step {
         Step {
             id,
             stage,
@@ -81,13 +92,13 @@ impl Place {
     }
 
     /// The search touch.
-    pub fn search(&self, feed_mm_min: f64) -> Step {
-        self.step((0, 0), StepKind::Touch, SEARCH.to_owned(), feed_mm_min)
+    pub fn search_step(&self, feed_mm_min: f64) -> Step {
+        self.touch_step((0, 0), StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
     }
 
     /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
     /// slow ones are references: after an interruption they show whether the part has moved.
-    pub fn alternating(&self, feeds: &Feeds, touches: u32) -> Vec<Step> {
+    pub fn alternating_steps(&self, feeds: &TouchFeeds, touches: u32) -> Vec<Step> {
         let slow = (StepKind::Reference, feeds.measuring_mm_min);
         let fast = (StepKind::Touch, feeds.fast_mm_min);
         let pairs = (0..touches).flat_map(|pair| {
@@ -97,62 +108,64 @@ impl Place {
         let numbered = (1..).zip(pairs);
         numbered
             .map(|(id, (number, kind, feed))| {
-                self.step((id, 1), kind, format!("F{feed}/{number:02}"), feed)
+                self.touch_step((id, 1), kind, format!("F{feed}/{number:02}"), feed)
             })
             .collect()
     }
 }
 
-fn towards(degrees: f64) -> Vector3<f64> {
+fn horizontal_direction(degrees: f64) -> Vector3<f64> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     Vector3::new(cos, sin, 0.0)
 }
 
 /// Touch of a cylinder at half the height of its flank.
-fn on_flank(
+fn flank_touch(
     plan: &Plan,
     settings: &Settings,
     part: &Cylinder,
     within_mm: f64,
-) -> Result<Place, Refused> {
+) -> Result<TouchPath, MethodRefusal> {
     let axis = Vector3::from(part.axis);
-    if axis.z <= UPRIGHT * axis.norm() {
-        return Err(Refused {
-            why: "the part does not stand upright: [artefact] axis is not [0, 0, 1]".to_owned(),
-            instead: "this method touches the flank of an upright round part".to_owned(),
+    if axis.z <= MIN_UPRIGHT_COSINE * axis.norm() {
+        return Err(MethodRefusal {
+            reason: "the part is not upright: axis in [artefact] is not [0, 0, 1]".to_owned(),
+            remedy: "mount the part upright: this method touches the flank of an upright round \
+                      part"
+                .to_owned(),
         });
     }
     let directions = match settings.direction_deg {
         Some(degrees) => vec![degrees],
         None => vec![0.0, 90.0, 180.0, 270.0],
     };
-    let mut beyond = None;
+    let mut unreachable = None;
     for degrees in directions {
-        let place = flank_at(plan, part, towards(degrees), within_mm)?;
-        match out_of_travel(plan, &place) {
-            None => return Ok(place),
-            Some(axis) => beyond = beyond.or(Some(axis)),
+        let path = flank_touch_from(plan, part, horizontal_direction(degrees), within_mm)?;
+        match axis_out_of_travel(plan, &path) {
+            None => return Ok(path),
+            Some(axis) => unreachable = unreachable.or(Some(axis)),
         }
     }
-    Err(Refused {
-        why: match beyond {
+    Err(MethodRefusal {
+        reason: match unreachable {
             Some(axis) => format!("{axis} does not reach the flank of the part"),
-            None => "no direction is left to touch the part from".to_owned(),
+            None => "no direction to touch the part is left".to_owned(),
         },
-        instead: "bring the part nearer to the middle, name another direction_deg, or correct [artefact] \
-                  centre_mm and tool_mm"
+        remedy: "mount the part nearer to the middle of the travel, choose another direction_deg, \
+                  or correct centre_mm in [artefact] and tool_mm"
             .to_owned(),
     })
 }
 
-fn flank_at(
+fn flank_touch_from(
     plan: &Plan,
     part: &Cylinder,
     towards: Vector3<f64>,
     within_mm: f64,
-) -> Result<Place, Refused> {
-    let chain = Chain::new(&plan.machine)?;
-    let rotary = plan.machine.rotary_at_zero();
+) -> Result<TouchPath, MethodRefusal> {
+    let chain = KinematicChain::new(&plan.machine)?;
+    let rotary = plan.machine.rotary_zero_position();
     let table = chain.machine_from_table(&rotary, &[]).rotation;
     let axis = unit_vector(Vector3::from(part.axis)).unwrap_or_default();
     let towards = table.inverse() * towards;
@@ -160,58 +173,62 @@ fn flank_at(
     let outward = unit_vector(level).unwrap_or_default();
     let middle = Vector3::from(part.centre_mm) + axis * part.height_mm / 2.0;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-    let at = |out: f64| {
-        let reach = part.radius_mm + plan.probe.ball_radius_mm + out;
+    let position = |clearance_mm: f64| {
+        let reach = part.radius_mm + plan.probe.ball_radius_mm + clearance_mm;
         let linear =
-            chain.linear_axes_for(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
-        linear.map(|linear| rotary.updated_by(&linear.only(Axis::is_linear)).as_written())
+            chain.solve_linear_axes(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
+        linear.map(|linear| {
+            rotary.updated_by(&linear.filter_axes(Axis::is_linear)).rounded_to_file_resolution()
+        })
     };
-    Ok(Place {
-        from: at(within_mm + STANDOFF_MM)?,
-        to: at(-within_mm - BEYOND_MM)?,
+    Ok(TouchPath {
+        from: position(within_mm + STANDOFF_MM)?,
+        to: position(-within_mm - OVERRUN_MM)?,
         normal: (table * outward).into(),
     })
 }
 
-fn out_of_travel(plan: &Plan, place: &Place) -> Option<Axis> {
-    let ends = place.from.iter().chain(place.to.iter());
-    let outside = |(axis, value): &(Axis, f64)| {
+fn axis_out_of_travel(plan: &Plan, path: &TouchPath) -> Option<Axis> {
+    let ends = path.from.iter().chain(path.to.iter());
+    let is_outside = |(axis, value): &(Axis, f64)| {
         let spec = plan.machine.axes.get(axis);
-        !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&axis.to_edge(*value)))
+        !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&axis.to_mm_or_deg(*value)))
     };
-    ends.filter(|(axis, _)| axis.is_linear()).find(outside).map(|(axis, _)| axis)
+    ends.filter(|(axis, _)| axis.is_linear()).find(is_outside).map(|(axis, _)| axis)
 }
 
 /// Touch of the first ball that can be measured, from a free direction.
-fn on_ball(
+fn ball_touch(
     plan: &Plan,
     settings: &Settings,
     balls: &Balls,
     within_mm: f64,
-) -> Result<Place, Refused> {
-    let access = Access::new(plan, &plan.artefact)?;
-    let wanted = settings.direction_deg.map_or(Vector3::z(), towards);
-    let (rotary, mut why_not) = (plan.machine.rotary_at_zero(), None);
+) -> Result<TouchPath, MethodRefusal> {
+    let access = TouchAccess::new(plan, &plan.artefact)?;
+    let preferred = settings.direction_deg.map_or(Vector3::z(), horizontal_direction);
+    let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);
     for ball in &balls.balls {
-        let approach = Approach::Find { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
+        let approach = BallApproach::Search { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
         let task = BallTask { ball, rotary: &rotary, approach, touches: TOUCHES_PER_BALL };
         let steps = access.steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
         match steps {
             Ok(steps) => {
-                let along = |step: &Step| Vector3::from(step.normal).dot(&wanted);
+                let along = |step: &Step| Vector3::from(step.normal).dot(&preferred);
                 let best = steps.into_iter().max_by(|a, b| along(a).total_cmp(&along(b)));
                 if let Some(Step { from, to, normal, .. }) = best {
-                    return Ok(Place { from, to, normal });
+                    return Ok(TouchPath { from, to, normal });
                 }
             }
-            Err(why) => why_not = why_not.or(Some(format!("ball {}: {why}", ball.id))),
+            Err(why) => first_reason = first_reason.or(Some(format!("ball {}: {why}", ball.id))),
         }
     }
-    Err(Refused {
-        why: format!(
+    Err(MethodRefusal {
+        reason: format!(
             "no ball can be touched with all rotary axes at zero; {}",
-            why_not.unwrap_or_else(|| "there is none".to_owned())
+            first_reason.unwrap_or_else(|| "the artefact has no balls".to_owned())
         ),
-        instead: "set the balls up where one of them is free, or correct [artefact]".to_owned(),
+        remedy: "mount the balls so that one of them is accessible, or correct \
+                  [artefact]"
+            .to_owned(),
     })
 }

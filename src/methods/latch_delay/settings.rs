@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -26,26 +26,28 @@ impl Default for Settings {
 }
 
 /// Minimum number of touches at each feed for an estimate of their scatter.
-pub const LEAST_TOUCHES: u32 = 5;
-const MOST_TOUCHES: u32 = 200;
+pub const MIN_TOUCHES_PER_FEED: u32 = 5;
+const MAX_TOUCHES_PER_FEED: u32 = 200;
 
 impl Settings {
     /// Rejects settings that would fail during the run.
-    pub fn check(&self) -> Result<(), Refused> {
-        let refused = |why, instead: &str| Err(Refused { why, instead: instead.to_owned() });
-        if !(LEAST_TOUCHES..=MOST_TOUCHES).contains(&self.touches) {
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        let refused =
+            |why, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
+        if !(MIN_TOUCHES_PER_FEED..=MAX_TOUCHES_PER_FEED).contains(&self.touches) {
             return refused(
                 format!(
-                    "{} touches at each feed; {LEAST_TOUCHES} to {MOST_TOUCHES} tell how they scatter",
+                    "touches = {} at each feed is outside {MIN_TOUCHES_PER_FEED} to \
+                     {MAX_TOUCHES_PER_FEED}",
                     self.touches
                 ),
-                "leave touches out (12)",
+                "omit touches (default 12)",
             );
         }
         if self.direction_deg.is_some_and(|degrees| !(-360.0..=360.0).contains(&degrees)) {
             return refused(
-                "direction_deg is no angle within a turn".to_owned(),
-                "leave it out, or choose e.g. 90",
+                "direction_deg is outside -360 to 360".to_owned(),
+                "omit it, or choose e.g. 90",
             );
         }
         Ok(())

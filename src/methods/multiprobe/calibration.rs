@@ -9,14 +9,14 @@ use machine::record::estimate::{Parameter, Unit};
 use super::model::{ProbeLayout, Surface};
 use super::settings::Settings;
 use crate::IdentifyError;
-use crate::identification::reported_parameter;
+use crate::identification::parameter_without_budget;
 
 /// A deviation is reported if its standard uncertainty is below this fraction of the declared one.
-const MIN_IMPROVEMENT: f64 = 0.9;
+const MAX_REPORTED_U_RATIO: f64 = 0.9;
 
 /// # Errors
 /// The rows do not separate eccentricity and motion.
-pub fn calibrate(
+pub fn calibrate_layout(
     layout: &ProbeLayout,
     settings: &Settings,
     data: &HarmonicData,
@@ -30,13 +30,13 @@ pub fn calibrate(
         u_gain: settings.u_gain,
         u_angle_rad: settings.u_sensor_angle_rad(),
     });
-    let found = calibrate_sensors(data, &sensors.collect::<Vec<_>>(), layout.turn);
-    found.map_err(|error| IdentifyError::Numerical(error.to_string()))
+    let calibration = calibrate_sensors(data, &sensors.collect::<Vec<_>>(), layout.turn_sign);
+    calibration.map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))
 }
 
 pub fn correct_rows(calibration: &SensorCalibration, rows: &mut [RowRevolutions]) {
     for row in rows {
-        let gain = 1.0 + calibration.deviations[row.row.channel];
+        let gain = 1.0 + calibration.deviations[row.key.channel];
         row.revolutions.iter_mut().flatten().for_each(|value| *value /= gain);
     }
 }
@@ -47,21 +47,22 @@ pub fn correct_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout)
 }
 
 /// Deviations of the sensors that the measurement determines better than the declaration.
-pub fn parameters(
+pub fn calibration_parameters(
     calibration: &SensorCalibration,
     layout: &ProbeLayout,
     settings: &Settings,
 ) -> Vec<Parameter> {
     let count = layout.channels.len();
-    let of = |i: usize| {
+    let parameter = |i: usize| {
         let name = &layout.channels[i % count].name;
         let (symbol, unit, declared) = match i < count {
             true => (format!("gain_{name}"), Unit::UmPerM, settings.u_gain),
             false => (format!("angle_{name}"), Unit::Urad, settings.u_sensor_angle_rad()),
         };
         let u = calibration.covariance[(i, i)].sqrt();
-        let is_better = u < MIN_IMPROVEMENT * declared;
-        is_better.then(|| reported_parameter(&symbol, unit, calibration.deviations[i], u, None))
+        let is_better = u < MAX_REPORTED_U_RATIO * declared;
+        is_better
+            .then(|| parameter_without_budget(&symbol, unit, calibration.deviations[i], u, None))
     };
-    (0..2 * count).filter_map(of).collect()
+    (0..2 * count).filter_map(parameter).collect()
 }

@@ -2,55 +2,57 @@
 
 use std::f64::consts::PI;
 
-use super::label::Label;
+use super::label::StepLabel;
 use super::model::{Channel, Surface};
-use super::setup::Setup;
+use super::setup::MultiprobeSetup;
 use faer::c64;
 use machine::record::reading::Reading;
 use machine::record::watch::{SectionSensor, WatchedSensor};
 
 /// Number of stops in the revolution.
-pub const CENTRING_POINTS: usize = 12;
+pub const CENTRING_STOP_COUNT: usize = 12;
 
 /// Result of the last round of centring.
-pub struct Centring {
+pub struct CentringResult {
     /// Positions of the sections relative to the table's axis along X and Y, with the table at its angle after the
     /// round, mm.
-    offsets_mm: Vec<[f64; 2]>,
+    section_offsets_mm: Vec<[f64; 2]>,
     /// Last distance of each sensor, with the table at its angle after the round, mm.
-    last_mm: Vec<Option<f64>>,
+    last_readings_mm: Vec<Option<f64>>,
 }
 
-impl Centring {
+impl CentringResult {
     /// Evaluates the last round. `None`: no round was measured.
-    pub fn of(setup: &Setup<'_>, readings: &[Reading]) -> Option<Self> {
-        let is_centring = |label: &str| matches!(label.parse::<Label>(), Ok(Label::Centring(_)));
+    pub fn from_readings(setup: &MultiprobeSetup<'_>, readings: &[Reading]) -> Option<Self> {
+        let is_centring =
+            |label: &str| matches!(label.parse::<StepLabel>(), Ok(StepLabel::Centring(_)));
         let step = setup.plan.steps.iter().rev().find(|step| is_centring(&step.label))?;
         let round: Vec<&Reading> = readings.iter().filter(|r| r.step == step.id).collect();
-        let stands = step.to.at(setup.axis);
+        let table_angle = step.to.get_or_zero(setup.axis);
         let last = |channel: &Channel| {
             round.iter().rfind(|reading| reading.sensor == channel.name)?.value_mm
         };
-        let offset = |section: usize| offset_mm(setup, section, &round, stands);
+        let offset = |section: usize| section_offset_mm(setup, section, &round, table_angle);
         Some(Self {
-            offsets_mm: (0..setup.layout.section_z_mm.len()).map(offset).collect(),
-            last_mm: setup.layout.channels.iter().map(last).collect(),
+            section_offsets_mm: (0..setup.layout.section_z_mm.len()).map(offset).collect(),
+            last_readings_mm: setup.layout.channels.iter().map(last).collect(),
         })
     }
 
-    pub fn is_within(&self, setup: &Setup<'_>) -> bool {
+    pub fn is_within_limit(&self, setup: &MultiprobeSetup<'_>) -> bool {
         let limit_mm = setup.settings.eccentricity_limit_um * 1e-3;
-        self.offsets_mm.iter().all(|[x, y]| x.hypot(*y) <= limit_mm)
+        self.section_offsets_mm.iter().all(|[x, y]| x.hypot(*y) <= limit_mm)
     }
 
     /// Sensors to display. Centring increases a radial value by the component of the eccentricity towards the
     /// sensor.
-    pub fn watch(&self, setup: &Setup<'_>) -> Vec<WatchedSensor> {
-        let channels = setup.layout.channels.iter().zip(&self.last_mm);
+    pub fn watched_sensors(&self, setup: &MultiprobeSetup<'_>) -> Vec<WatchedSensor> {
+        let channels = setup.layout.channels.iter().zip(&self.last_readings_mm);
         let watched = channels.map(|(channel, last_mm)| {
             let watched = WatchedSensor::new(&channel.name);
             let Surface::Section(section) = channel.surface else { return watched };
-            let ([x, y], (sin, cos)) = (self.offsets_mm[section], channel.angle_rad.sin_cos());
+            let ([x, y], (sin, cos)) =
+                (self.section_offsets_mm[section], channel.angle_rad.sin_cos());
             let (z_mm, angle) = (setup.layout.section_z_mm[section], channel.angle_rad);
             let (number, angle_deg) = (section + 1, angle.to_degrees());
             let section = Some(SectionSensor { number, z_mm, angle_deg });
@@ -61,32 +63,39 @@ impl Centring {
     }
 
     /// Text of the prompt.
-    pub fn text(&self, setup: &Setup<'_>) -> String {
+    pub fn prompt_text(&self, setup: &MultiprobeSetup<'_>) -> String {
         let section = |(number, [x, y]): (usize, &[f64; 2])| {
             format!("section {number} by X {:+.1} µm, Y {:+.1} µm", -x * 1e3, -y * 1e3)
         };
-        let moves: Vec<String> = (1..).zip(&self.offsets_mm).map(section).collect();
+        let moves: Vec<String> = (1..).zip(&self.section_offsets_mm).map(section).collect();
         format!(
-            "Centre the artefact, as the table stands now: move {}. Limit {} µm. The table will turn once",
+            "Centre the artefact with the table at its present angle: move {}. Limit {} µm. The \
+             table will turn once",
             moves.join(", "),
             setup.settings.eccentricity_limit_um
         )
     }
 }
 
-/// Centre of a section relative to the axis with the table at the angle `stands`, rad: the first harmonic of its
+/// Centre of a section relative to the axis with the table at the angle `table_angle`, rad: the first harmonic of its
 /// sensors over the table's angle, which has the phase of γ − σq.
-fn offset_mm(setup: &Setup<'_>, section: usize, round: &[&Reading], stands: f64) -> [f64; 2] {
+fn section_offset_mm(
+    setup: &MultiprobeSetup<'_>,
+    section: usize,
+    round: &[&Reading],
+    table_angle: f64,
+) -> [f64; 2] {
     let of_sensor = |channel: &Channel| {
         let own = round.iter().filter(|reading| reading.sensor == channel.name);
-        let points = own.filter_map(|r| Some((r.position.at(setup.axis) - stands, -r.value_mm?)));
+        let points = own
+            .filter_map(|r| Some((r.position.get_or_zero(setup.axis) - table_angle, -r.value_mm?)));
         // The last stop has the same angle as the first one.
-        let is_new = |(turned, _): &(f64, f64)| turned.abs() > PI / CENTRING_POINTS as f64;
+        let is_new = |(turned, _): &(f64, f64)| turned.abs() > PI / CENTRING_STOP_COUNT as f64;
         let points: Vec<(f64, f64)> = points.filter(is_new).collect();
         let count = points.len().max(1) as f64;
         let mean = points.iter().map(|(_, deviation)| deviation).sum::<f64>() / count;
         let harmonic = points.iter().map(|(turned, m)| {
-            c64::cis(channel.angle_rad - setup.layout.turn * turned) * (m - mean)
+            c64::cis(channel.angle_rad - setup.layout.turn_sign * turned) * (m - mean)
         });
         harmonic.sum::<c64>() * (2.0 / count)
     };

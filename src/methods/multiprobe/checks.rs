@@ -4,28 +4,31 @@ use estimation::revolutions::AngleRange;
 use std::ops::RangeInclusive;
 
 use super::layout::{
-    MIN_SENSOR_ANGLE_DEG, Separation, noise_gain, noise_gains, sensor_angle_deg, third_angles,
-    unit_noise_fit,
+    MIN_SENSOR_ANGLE_DEG, Separation, noise_gains, rms_noise_gain, sensor_angle_deg,
+    third_sensor_angles, unit_noise_fit,
 };
-use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
+use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_rad};
 use super::outputs::ReportedMotions;
-use crate::Refused;
+use crate::MethodRefusal;
 
 /// Minimum angle between a suggested sensor and the others, for the space of its housing.
-const HOUSING_ANGLE_DEG: f64 = 30.0;
+const MIN_HOUSING_ANGLE_DEG: f64 = 30.0;
 /// Step of the search for a better angle.
-const SOUGHT_STEP_DEG: f64 = 10.0;
+const SEARCH_STEP_DEG: f64 = 10.0;
 
 /// Refuses surfaces that the observation equation does not describe.
 ///
 /// # Errors
 /// A section has no height; a face has no two sections, or its sensors have different radii.
-pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
-    let refuse = |why: &str, instead: &str| Err(Refused::new(why, instead));
+pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
+    let refuse = |why: &str, instead: &str| Err(MethodRefusal::new(why, instead));
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &Channel| !matches!(c.surface, Surface::Section(i) if i >= sections);
     if !(1..=2).contains(&sections) || !layout.channels.iter().all(is_placed) {
-        return refuse("sensors measure at sections without height", "declare one or two sections");
+        return refuse(
+            "a sensor measures at a section without a declared height",
+            "declare one or two sections",
+        );
     }
     let radius = |c: &Channel| match c.surface {
         Surface::Face { radius_mm } => Some(radius_mm),
@@ -35,12 +38,12 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
     if !radii.is_empty() && sections < 2 {
         return refuse(
             "an axial sensor without two sections: axial motion and tilt are inseparable",
-            "add radial sensors at a second section, or leave the axial sensor out",
+            "add radial sensors at a second section, or remove the axial sensor",
         );
     }
     if radii.windows(2).any(|pair| pair[0] != pair[1]) {
         return refuse(
-            "axial sensors on different radii do not see the same form of the face",
+            "axial sensors on different radii do not measure the same form of the face",
             "move all axial sensors to one radius",
         );
     }
@@ -51,53 +54,56 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
 ///
 /// # Errors
 /// Names the two sensors, and the best angle for the second one outside the `exclusions`.
-pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), Refused> {
+pub fn check_sensor_angles(
+    layout: &ProbeLayout,
+    exclusions: &[AngleRange],
+) -> Result<(), MethodRefusal> {
     for (i, first) in layout.channels.iter().enumerate() {
         for second in &layout.channels[i + 1..] {
             let is_radial = matches!(first.surface, Surface::Section(_));
             let [a, b] = [first, second].map(|channel| channel.angle_rad.to_degrees());
             let is_near = sensor_angle_deg(a, b) < MIN_SENSOR_ANGLE_DEG;
             if is_radial && first.surface == second.surface && is_near {
-                return Err(coinciding(layout, [first, second], exclusions));
+                return Err(refuse_coinciding_sensors(layout, [first, second], exclusions));
             }
         }
     }
     Ok(())
 }
 
-fn coinciding(
+fn refuse_coinciding_sensors(
     layout: &ProbeLayout,
     [first, second]: [&Channel; 2],
     exclusions: &[AngleRange],
-) -> Refused {
-    let [a, b] = [first, second].map(angle_deg);
+) -> MethodRefusal {
+    let [a, b] = [first, second].map(channel_angle_deg);
     let others =
         layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
-    let others: Vec<f64> = others.map(angle_deg).collect();
+    let others: Vec<f64> = others.map(channel_angle_deg).collect();
     let better = match others.as_slice() {
-        [one, two, ..] => best_third([*one, *two], exclusions).map(|(deg, _)| deg),
+        [first, second, ..] => best_third_angle([*first, *second], exclusions).map(|(deg, _)| deg),
         _ => Some((a + 90.0).rem_euclid(360.0)),
     };
-    let place =
-        better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the least noise gain"));
+    let suggestion =
+        better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the lowest noise gain"));
     let why = format!(
         "the sensors {} ({a:.1}°) and {} ({b:.1}°) coincide or are opposed: they do not separate the motion from the \
          artefact",
         first.name, second.name
     );
-    Refused::new(why, format!("move {}{place}", second.name))
+    MethodRefusal::new(why, format!("move {}{suggestion}", second.name))
 }
 
-fn angle_deg(channel: &Channel) -> f64 {
+fn channel_angle_deg(channel: &Channel) -> f64 {
     channel.angle_rad.to_degrees().rem_euclid(360.0)
 }
 
 /// Angle of a third sensor with the smallest noise gain, degrees, and this gain. The angle leaves space for the
 /// housings.
-fn best_third(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
-    let housings = pair_deg.map(|deg| AngleRange::about(deg, HOUSING_ANGLE_DEG));
+fn best_third_angle(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
+    let housings = pair_deg.map(|deg| AngleRange::centred_at(deg, MIN_HOUSING_ANGLE_DEG));
     let exclusions = [exclusions, &housings].concat();
-    third_angles(pair_deg, SOUGHT_STEP_DEG, &exclusions).into_iter().next()
+    third_sensor_angles(pair_deg, SEARCH_STEP_DEG, &exclusions).into_iter().next()
 }
 
 /// Refuses a layout that does not determine one of the `orders` of an error motion. The co-rotating first harmonic
@@ -109,78 +115,82 @@ pub fn check_orders(
     layout: &ProbeLayout,
     motions: &[Component],
     orders: RangeInclusive<usize>,
-) -> Result<(), Refused> {
-    let lost = lost_orders(layout, motions, &orders)?;
-    let Some((component, order)) = lost.first() else { return Ok(()) };
+) -> Result<(), MethodRefusal> {
+    let undetermined = undetermined_orders(layout, motions, &orders)?;
+    let Some((component, order)) = undetermined.first() else { return Ok(()) };
     let indexes = layout.index_angles_rad.len();
     let is_better = |count: &usize| {
-        let changed = ProbeLayout { index_angles_rad: equal_steps_rad(*count), ..layout.clone() };
-        lost_orders(&changed, motions, &orders).is_ok_and(|lost| lost.is_empty())
+        let changed =
+            ProbeLayout { index_angles_rad: equal_index_angles_rad(*count), ..layout.clone() };
+        undetermined_orders(&changed, motions, &orders).is_ok_and(|lost| lost.is_empty())
     };
     let candidates = indexes + 1..=(2 * orders.end() + 1).max(indexes + 1);
     let instead = candidates.into_iter().find(is_better).map_or_else(
-        || "add a sensor, or ask for fewer harmonics".to_owned(),
+        || "add a sensor, or reduce harmonics".to_owned(),
         |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
     );
     let (sensors, lost, symbol) =
-        (layout.channels.len(), lost.len(), component.symbol(layout.axis));
+        (layout.channels.len(), undetermined.len(), component.symbol(layout.axis));
     let why = format!(
-        "{sensors} sensors with {indexes} indexes suppress {lost} harmonics of the error motions, first {symbol} \
-         harmonic {order}"
+        "{sensors} sensors with {indexes} indexes do not determine {lost} harmonics of the error \
+         motions; the first is {symbol} harmonic {order}"
     );
-    Err(Refused::new(why, instead))
+    Err(MethodRefusal::new(why, instead))
 }
 
 /// Text for the operator before motion: what the layout does not measure, and what it measures least accurately.
 ///
 /// # Errors
 /// An angle is not finite.
-pub fn weak_points(
+pub fn describe_weak_points(
     layout: &ProbeLayout,
     harmonics: usize,
     exclusions: &[AngleRange],
-) -> Result<String, Refused> {
+) -> Result<String, MethodRefusal> {
     let axial: Vec<Component> =
         layout.components().into_iter().filter(|c| *c == Component::Z).collect();
-    let lost = lost_orders(layout, &axial, &(1..=harmonics))?;
+    let lost = undetermined_orders(layout, &axial, &(1..=harmonics))?;
     let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
     let [ex, ez] = [Component::X, Component::Z].map(|component| component.symbol(layout.axis));
     let lost = (!lost.is_empty())
         .then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
     let gains = noise_gains(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
     let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {
-        format!(" Least certain in {ex}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's.")
+        format!(
+            " Largest uncertainty in {ex}: harmonic {order}, {gain:.1} times the uncertainty \
+                 of one sensor."
+        )
     });
-    let third = third_sensor(&layout.first_section(), exclusions)?;
+    let third = describe_third_sensor(&layout.first_section(), exclusions)?;
     Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
 /// Noise gain of three sensors of one section in one mounting, and the best angle of the third.
-fn third_sensor(
+fn describe_third_sensor(
     section: &ProbeLayout,
     exclusions: &[AngleRange],
-) -> Result<Option<String>, Refused> {
-    let [one, two, third] = section.channels.as_slice() else { return Ok(None) };
-    let own = noise_gain(section, Separation::Multiprobe)?;
-    let best = best_third([one, two].map(angle_deg), exclusions).filter(|(_, gain)| *gain < own);
-    let better =
-        best.map(|(deg, gain)| format!("; it is {gain:.2} with {} at {deg:.0}°", third.name));
+) -> Result<Option<String>, MethodRefusal> {
+    let [first, second, third] = section.channels.as_slice() else { return Ok(None) };
+    let own = rms_noise_gain(section, Separation::Multiprobe)?;
+    let best = best_third_angle([first, second].map(channel_angle_deg), exclusions)
+        .filter(|(_, gain)| *gain < own);
+    let better = best.map(|(deg, gain)| format!("; {gain:.2} with {} at {deg:.0}°", third.name));
     Ok(Some(format!(
         " Noise gain of {}, {} and {} over harmonics 2 to 20 in one mounting: {own:.2}{}.",
-        one.name,
-        two.name,
+        first.name,
+        second.name,
         third.name,
         better.unwrap_or_default()
     )))
 }
 
-fn lost_orders(
+fn undetermined_orders(
     layout: &ProbeLayout,
     motions: &[Component],
     orders: &RangeInclusive<usize>,
-) -> Result<Vec<(Component, usize)>, Refused> {
+) -> Result<Vec<(Component, usize)>, MethodRefusal> {
     let fit = unit_noise_fit(layout, layout.all_rows(), *orders.end())?;
     let reported = ReportedMotions::new(layout, &fit);
     let pairs = motions.iter().flat_map(|c| orders.clone().map(move |order| (*c, order)));
-    Ok(pairs.filter(|(component, order)| !reported.has(*component, *order)).collect())
+    Ok(pairs.filter(|(component, order)| !reported.is_identifiable(*component, *order)).collect())
 }

@@ -4,16 +4,16 @@
 use std::f64::consts::TAU;
 
 use estimation::coverage::chi_square_bounds;
-use estimation::revolutions::{HarmonicData, Row, RowRevolutions, clock_error};
+use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions, clock_error};
 
 use super::fit::SeparationFit;
 use super::model::ProbeLayout;
 use crate::IdentifyError;
 
 /// A correction is accepted if it reduces χ² to less than this fraction of the uncorrected value.
-const MAX_CORRECTED_SHARE: f64 = 0.1;
+const MAX_CORRECTED_CHI2_RATIO: f64 = 0.1;
 /// Probability that χ² of a correct layout is below the bound.
-const CREDIBLE: f64 = 0.998;
+const CHI2_PROBABILITY: f64 = 0.998;
 /// Minimum change of χ² by a wrong index for the index to be verifiable.
 const MIN_CONFIRMING_CHI2: f64 = 25.0;
 /// The index offset is searched in steps of a quarter of the period of the highest harmonic, then near the best of
@@ -25,17 +25,20 @@ pub enum Diagnosis {
     SwappedChannels(String, String),
     #[error(
         "the artefact was mounted {offset_deg:.1}° from its planned angle at mounting {}{}; correct \
-         turn_deg or measure {} again", .first + 1, if *.is_from_here_on { " and all later ones" } else { "" },
-        if *.is_from_here_on { "them" } else { "it" }
+         turn_deg, or measure {} again",
+        .first_index + 1,
+        if *.affects_later_mountings { " and all later mountings" } else { "" },
+        if *.affects_later_mountings { "these mountings" } else { "this mounting" }
     )]
-    WrongIndex { first: usize, is_from_here_on: bool, offset_deg: f64 },
+    WrongIndex { first_index: usize, affects_later_mountings: bool, offset_deg: f64 },
     #[error(
-        "the artefact was turned the other way at each mounting, clockwise seen from its tip: correct turn_deg, \
-         or measure again"
+        "the artefact was turned in the opposite direction at each mounting (clockwise seen from \
+         its tip): correct turn_deg, or measure again"
     )]
     MirroredIndexes,
-    #[error("the clock of channel {channel} runs {:.2} % fast: have its clock set right, and measure again", .relative * 100.0)]
-    ClockError { channel: String, relative: f64 },
+    #[error("the clock of channel {channel} is {:.2} % fast: correct this clock, and measure \
+             again", .relative_error * 100.0)]
+    ClockError { channel: String, relative_error: f64 },
 }
 
 /// Result of the check of the layout against the data.
@@ -43,19 +46,20 @@ pub enum Diagnosis {
 pub enum LayoutCheck {
     Confirmed,
     /// The artefact is too round: a wrong index would not be detected.
-    NotConfirmed,
-    Wrong(Diagnosis),
+    NotVerifiable,
+    Faulty(Diagnosis),
     /// The mountings differ by more than declared, and no wrong index explains the difference.
     Contradictory,
 }
 
 /// Whether χ² is plausible. `expected`: ratio of χ² to its degrees of freedom if all sources are as declared, 1 for
 /// noise alone.
-fn is_credible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicData) -> bool {
+fn is_chi2_plausible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicData) -> bool {
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let expected = expected.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
-    chi_square_bounds(dof as f64, CREDIBLE).is_none_or(|(_, upper)| chi2 <= upper * expected)
+    chi_square_bounds(dof as f64, CHI2_PROBABILITY)
+        .is_none_or(|(_, upper)| chi2 <= upper * expected)
 }
 
 /// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
@@ -73,40 +77,45 @@ pub fn check_layout(
     let fit = SeparationFit::new(layout, data)?;
     let as_planned = fit.chi2();
     let indexes = layout.index_angles_rad.len();
-    if is_credible(as_planned, expected, data) {
+    if is_chi2_plausible(as_planned, expected, data) {
         let least = MIN_CONFIRMING_CHI2 * expected.max(1.0);
-        let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > least);
-        let is_confirmed = indexes < 2 || is_seen;
-        return Ok(if is_confirmed { LayoutCheck::Confirmed } else { LayoutCheck::NotConfirmed });
+        let is_verifiable =
+            (0..indexes).all(|n| chi2_of_index_shift(layout, data, &fit, n) > least);
+        let is_confirmed = indexes < 2 || is_verifiable;
+        return Ok(if is_confirmed { LayoutCheck::Confirmed } else { LayoutCheck::NotVerifiable });
     }
     let mut explained = Vec::new();
-    for (changed, wrong) in changed_layouts(layout) {
-        explained.push((SeparationFit::new(&changed, data)?.chi2().0, wrong));
+    for (changed, diagnosis) in faulty_layouts(layout) {
+        explained.push((SeparationFit::new(&changed, data)?.chi2().0, diagnosis));
     }
-    for (first, is_from_here_on) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
-        let is_moved = |row: &Row| row.index == first || is_from_here_on && row.index > first;
-        if let Some((sum, offset_rad)) = best_offset(layout, data, is_moved)? {
+    for (first, affects_later_mountings) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
+        let is_moved =
+            |row: &RowKey| row.index == first || affects_later_mountings && row.index > first;
+        if let Some((sum, offset_rad)) = best_index_offset(layout, data, is_moved)? {
             let offset_deg = offset_rad.to_degrees();
-            explained.push((sum, Diagnosis::WrongIndex { first, is_from_here_on, offset_deg }));
+            explained.push((
+                sum,
+                Diagnosis::WrongIndex { first_index: first, affects_later_mountings, offset_deg },
+            ));
         }
     }
     let best = explained.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(match best.filter(|(sum, _)| *sum < as_planned.0 * MAX_CORRECTED_SHARE) {
-        Some((_, wrong)) => LayoutCheck::Wrong(wrong),
+    Ok(match best.filter(|(sum, _)| *sum < as_planned.0 * MAX_CORRECTED_CHI2_RATIO) {
+        Some((_, diagnosis)) => LayoutCheck::Faulty(diagnosis),
         None if indexes < 2 => LayoutCheck::Confirmed,
         None => LayoutCheck::Contradictory,
     })
 }
 
 /// Layouts with two channels exchanged, and the layout with all mountings in the opposite direction.
-fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
+fn faulty_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
     let channels = layout.channels.len();
     let pairs = (1..channels).flat_map(|second| (0..second).map(move |first| (first, second)));
     let swapped = pairs.map(|(first, second)| {
         let mut changed = layout.clone();
         changed.channels.swap(first, second);
-        let [one, other] = [first, second].map(|i| layout.channels[i].name.clone());
-        (changed, Diagnosis::SwappedChannels(one, other))
+        let [name, other_name] = [first, second].map(|i| layout.channels[i].name.clone());
+        (changed, Diagnosis::SwappedChannels(name, other_name))
     });
     let mut mirrored = layout.clone();
     mirrored.index_angles_rad.iter_mut().for_each(|angle| *angle = -*angle);
@@ -114,21 +123,26 @@ fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
 }
 
 /// Increase of χ² by a shift of one index by one step.
-fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
+fn chi2_of_index_shift(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+    fit: &SeparationFit,
+    index: usize,
+) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
-    fit.difference_chi2(&shifted, data, &fit.predicted(layout, &data.rows))
+    fit.difference_chi2(&shifted, data, &fit.predicted_observations(layout, &data.rows))
 }
 
 /// Offset of the moved rows that agrees best with the motions and the form from the other rows, with χ² of all
 /// rows. `None`: there are fewer than two other indexes.
-fn best_offset(
+fn best_index_offset(
     layout: &ProbeLayout,
     data: &HarmonicData,
-    is_moved: impl Fn(&Row) -> bool,
+    is_moved: impl Fn(&RowKey) -> bool,
 ) -> Result<Option<(f64, f64)>, IdentifyError> {
-    let kept = data.selected(|row| !is_moved(row));
-    let moved = data.selected(&is_moved);
+    let kept = data.filter_rows(|row| !is_moved(row));
+    let moved = data.filter_rows(&is_moved);
     let is_single = kept.rows.iter().all(|row| row.index == kept.rows[0].index);
     if kept.rows.is_empty() || moved.rows.is_empty() || is_single {
         return Ok(None);
@@ -138,7 +152,7 @@ fn best_offset(
     let observed: Vec<f64> = (1..=data.orders()).flat_map(|k| moved.observations(k)).collect();
     let coarse = 4 * data.orders() as i32;
     let coarse_deg = 360.0 / f64::from(coarse);
-    let of = |deg: f64| {
+    let candidate = |deg: f64| {
         let offset = deg.to_radians();
         let mut turned = layout.clone();
         turned.index_angles_rad.iter_mut().for_each(|angle| *angle += offset);
@@ -146,19 +160,19 @@ fn best_offset(
     };
     let least = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);
     let offsets = (-coarse / 2..coarse / 2).map(|i| f64::from(i) * coarse_deg);
-    let Some((_, near)) = offsets.map(of).min_by(least) else { return Ok(None) };
+    let Some((_, best_coarse)) = offsets.map(candidate).min_by(least) else { return Ok(None) };
     let fine = (coarse_deg / OFFSET_STEP_DEG).ceil() as i32;
-    let offsets = (-fine..=fine).map(|i| near.to_degrees() + f64::from(i) * OFFSET_STEP_DEG);
-    Ok(offsets.map(of).min_by(least))
+    let offsets = (-fine..=fine).map(|i| best_coarse.to_degrees() + f64::from(i) * OFFSET_STEP_DEG);
+    Ok(offsets.map(candidate).min_by(least))
 }
 
 /// Channels whose pattern shifts from revolution to revolution. The revolutions of a row are consecutive and in the
 /// same direction.
-pub fn clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
+pub fn find_clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
     let channels = layout.channels.iter().enumerate();
     let diagnosis = |(i, channel): (usize, &super::model::Channel)| {
-        let relative = clock_error(measured.iter().filter(|row| row.row.channel == i))?;
-        Some(Diagnosis::ClockError { channel: channel.name.clone(), relative })
+        let relative_error = clock_error(measured.iter().filter(|row| row.key.channel == i))?;
+        Some(Diagnosis::ClockError { channel: channel.name.clone(), relative_error })
     };
     channels.filter_map(diagnosis).collect()
 }

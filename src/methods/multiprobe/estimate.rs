@@ -1,23 +1,22 @@
 //! Identification: from plan and readings to the estimate.
 
 use super::calibration;
-use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, clock_errors};
+use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, find_clock_errors};
 use super::layout::{Separation, noise_gains};
 use super::model::Channel;
-use super::observe::{Observed, observed};
+use super::observe::{ObservedRevolutions, observe_revolutions};
 use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
 use super::settings::{Settings, TurnSampling};
-use super::setup::Setup;
+use super::setup::MultiprobeSetup;
 use super::sources::SourceSizes;
-use super::{Separated, identify};
-use crate::identification::declared::{drift_mm_per_s, linearity_of_revolutions};
-use crate::identification::{MisfitAdvice, TrialPlan, numbered_values, order_values};
-use crate::{IdentifyError, Refused};
-use estimation::monte_carlo::Trials;
+use super::{SeparatedMotions, identify_motions};
+use crate::identification::declared::{drift_mm_per_s, linearity_effects_on_harmonics};
+use crate::identification::{MisfitAdvice, TrialPlan, function_over_numbers, function_over_orders};
+use crate::{IdentifyError, MethodRefusal};
 use estimation::revolutions::{HarmonicData, ResampleFilter, RevolutionsError, RowRevolutions};
 
-use machine::record::estimate::{Estimate, Function, Unit};
+use machine::record::estimate::{Estimate, EstimatedFunction, Unit};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
@@ -28,42 +27,45 @@ const STABLE_DIGITS: u32 = 1;
 const MAX_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
-    causes: "wrong angles, gains or heights of the sensors, a wrong index, a loose sensor, harmonics above the \
-             highest",
-    declared_by: "u_gain, u_sensor_angle_deg or u_index_angle_deg",
+    causes: "wrong angles, gains or heights of the sensors, a wrong index, a loose sensor, \
+             harmonics above the highest fitted one",
+    declaring_settings: "u_gain, u_sensor_angle_deg or u_index_angle_deg",
 };
 
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
 /// separate clock; all indexes from one on are wrong.
-pub fn estimate(
+pub fn build_estimate(
     plan: &Plan,
     settings: &Settings,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
-    let mut setup = Setup::new(plan, settings)?;
-    let mut observed = observed(&setup, readings)?;
+    let mut setup = MultiprobeSetup::new(plan, settings)?;
+    let mut observed = observe_revolutions(&setup, readings)?;
     if settings.sampling == TurnSampling::Continuous
-        && let Some(fault) = clock_errors(&setup.layout, &observed.forward).into_iter().next()
+        && let Some(fault) =
+            find_clock_errors(&setup.layout, &observed.forward_rows).into_iter().next()
     {
-        return Err(refused(&fault));
+        return Err(refuse_fault(&fault));
     }
     // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
-    let net = if settings.both_directions { 0.0 } else { observed.revolution_s };
-    let drift_mm_per_revolution = drift_mm_per_s(plan) * net;
+    let drift_duration_s =
+        if settings.both_directions { 0.0 } else { observed.revolution_duration_s };
+    let drift_mm_per_revolution = drift_mm_per_s(plan) * drift_duration_s;
     let linearity = Vec::new();
-    let mut sizes = SourceSizes { settings, sensors: None, drift_mm_per_revolution, linearity };
-    let index_warning = check_rows(&setup, &sizes, &mut observed)?;
+    let mut sizes =
+        SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity };
+    let index_warning = check_mountings(&setup, &sizes, &mut observed)?;
     let data = harmonic_data(settings, &observed.rows)?;
-    let calibration = calibration::calibrate(&setup.layout, settings, &data)?;
+    let calibration = calibration::calibrate_layout(&setup.layout, settings, &data)?;
     calibration::correct_rows(&calibration, &mut observed.rows);
-    calibration::correct_rows(&calibration, &mut observed.forward);
+    calibration::correct_rows(&calibration, &mut observed.forward_rows);
     calibration::correct_angles(&calibration, &mut setup.layout);
-    sizes.sensors = Some(calibration.covariance.clone());
-    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
-    let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
-    let (_, separated) = separate(&setup, &observed.rows, &sizes, Some(trials))?;
-    let mut estimate = separated.identification.estimate(super::NAME);
+    sizes.sensor_covariance = Some(calibration.covariance.clone());
+    let trials =
+        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let (_, separated) = separate_motions(&setup, &observed.rows, &sizes, Some(trials))?;
+    let mut estimate = separated.identification.estimate(super::METHOD_NAME);
     // The ranges come first, as tolerances are stated for them.
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
@@ -74,27 +76,41 @@ pub fn estimate(
             .map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())),
     );
     if settings.sampling == TurnSampling::Continuous {
-        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
+        estimate.parameters.extend(revolution_values(
+            &setup.layout,
+            &motions,
+            &observed.forward_rows,
+        ));
     }
-    estimate.parameters.extend(calibration::parameters(&calibration, &setup.layout, settings));
+    estimate.parameters.extend(calibration::calibration_parameters(
+        &calibration,
+        &setup.layout,
+        settings,
+    ));
     estimate.functions.extend(gain_functions(&setup));
-    estimate.functions.push(separated.fit.residuals());
-    estimate.functions.extend(stability(&setup, &observed.rows));
+    estimate.functions.push(separated.fit.residual_rms_by_order());
+    estimate.functions.extend(stability_functions(&setup, &observed.rows));
     let mut gauge = vec![motions.gauge.clone()];
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
     let mut not_identifiable = motions.not_identifiable();
-    let positions = settings.positions;
-    not_identifiable.extend((!is_resampled).then(|| {
-        let half = positions / 2;
-        format!("harmonics above {half}: an order k is not told from {positions} - k (the stops of a revolution)")
-    }));
+    not_identifiable
+        .extend((!is_resampled).then(|| describe_aliased_harmonics(settings.positions)));
     Ok(Estimate {
-        warnings: warnings(&observed, index_warning, &separated),
+        warnings: estimate_warnings(&observed, index_warning, &separated),
         gauge,
         not_identifiable,
-        ..estimate.displaced_at(setup.reference_mm)
+        ..estimate.with_displacement_point(setup.reference_mm)
     })
+}
+
+/// The harmonics that the stops of a revolution do not separate.
+fn describe_aliased_harmonics(positions: usize) -> String {
+    let half = positions / 2;
+    format!(
+        "harmonics above {half}: an order k is inseparable from {positions} - k ({positions} stops per \
+         revolution)"
+    )
 }
 
 fn harmonic_data(
@@ -102,27 +118,31 @@ fn harmonic_data(
     rows: &[RowRevolutions],
 ) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
-    let steady = |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
-    HarmonicData::from_revolutions(&rows.iter().map(steady).collect::<Vec<_>>(), settings.harmonics)
+    let without_drift =
+        |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
+    HarmonicData::from_revolutions(
+        &rows.iter().map(without_drift).collect::<Vec<_>>(),
+        settings.harmonics,
+    )
 }
 
 /// Separates motion and artefact. `sizes`: without the linearity of the sensors, which depends on the rows.
-fn separate(
-    setup: &Setup<'_>,
+fn separate_motions(
+    setup: &MultiprobeSetup<'_>,
     rows: &[RowRevolutions],
     sizes: &SourceSizes<'_>,
     trials: Option<TrialPlan>,
-) -> Result<(HarmonicData, Separated), IdentifyError> {
+) -> Result<(HarmonicData, SeparatedMotions), IdentifyError> {
     let data = harmonic_data(setup.settings, rows)?;
-    let linearity = linearity_of_revolutions(&setup.plan.sensors, rows, &data);
+    let linearity = linearity_effects_on_harmonics(&setup.plan.sensors, rows, &data);
     let sizes = SourceSizes { linearity, ..sizes.clone() };
-    let separated = identify(&setup.layout, &data, &sizes, trials)?;
+    let separated = identify_motions(&setup.layout, &data, &sizes, trials)?;
     Ok((data, separated))
 }
 
 /// Noise gains of the sensors of the first section, for each separation: standard uncertainty of a coefficient of
 /// EXC if those of one sensor have 1 µm. Undetermined orders are omitted.
-fn gain_functions(setup: &Setup<'_>) -> Vec<Function> {
+fn gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
     let layout = setup.layout.first_section();
     let separations = [
         ("gain_multiprobe", Separation::Multiprobe),
@@ -133,73 +153,85 @@ fn gain_functions(setup: &Setup<'_>) -> Vec<Function> {
         let gains = noise_gains(&layout, separation, 2..=setup.settings.harmonics).ok()?;
         let kept = gains.into_iter().filter(|(_, gain)| gain.is_finite());
         let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (order as f64, gain)).collect();
-        (!points.is_empty()).then(|| order_values(symbol, Unit::Um, points.into_iter()))
+        (!points.is_empty()).then(|| function_over_orders(symbol, Unit::Um, points.into_iter()))
     };
     separations.into_iter().filter_map(function).collect()
 }
 
 /// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
-fn stability(setup: &Setup<'_>, rows: &[RowRevolutions]) -> Vec<Function> {
+fn stability_functions(
+    setup: &MultiprobeSetup<'_>,
+    rows: &[RowRevolutions],
+) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &RowRevolutions| {
         let each: Vec<f64> = row.revolutions.iter().map(|revolution| mean(revolution)).collect();
         each.iter().map(|own| own - mean(&each)).collect::<Vec<f64>>()
     };
-    let of = |(number, channel): (usize, &Channel)| {
-        let own = rows.iter().filter(|row| row.row.channel == number);
-        numbered_values(&format!("stability_{}", channel.name), "revolution", own.flat_map(of_row))
+    let function = |(number, channel): (usize, &Channel)| {
+        let own = rows.iter().filter(|row| row.key.channel == number);
+        function_over_numbers(
+            &format!("stability_{}", channel.name),
+            "revolution",
+            own.flat_map(of_row),
+        )
     };
-    setup.layout.channels.iter().enumerate().map(of).collect()
+    setup.layout.channels.iter().enumerate().map(function).collect()
 }
 
-fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated) -> Vec<String> {
+fn estimate_warnings(
+    observed: &ObservedRevolutions,
+    index_warning: Option<String>,
+    separated: &SeparatedMotions,
+) -> Vec<String> {
     let identification = &separated.identification;
-    let mut lines = observed.left_out.clone();
-    let missing = observed.missing_stops;
+    let mut lines = observed.skipped_data.clone();
+    let missing = observed.missing_stop_count;
     lines.extend((missing > 0).then(|| {
         format!(
-            "{missing} stops of a sensor have no distance: single ones are taken from the harmonics of their \
-             revolution, revolutions with longer gaps are left out"
+            "{missing} stops of a sensor have no distance: single stops are interpolated from the \
+             harmonics of their revolution, revolutions with longer gaps are not used"
         )
     }));
-    lines.extend(of_index);
+    lines.extend(index_warning);
     lines.extend(identification.misfit_warning(&MISFIT_ADVICE));
     lines.extend(identification.trials_warning());
     lines
 }
 
 /// Corrects a single wrong index in the rows. Returns a warning on the indexes from the form of the artefact.
-fn check_rows(
-    setup: &Setup<'_>,
+fn check_mountings(
+    setup: &MultiprobeSetup<'_>,
     sizes: &SourceSizes<'_>,
-    observed: &mut Observed,
+    observed: &mut ObservedRevolutions,
 ) -> Result<Option<String>, IdentifyError> {
-    let (data, first) = separate(setup, &observed.rows, sizes, None)?;
+    let (data, first) = separate_motions(setup, &observed.rows, sizes, None)?;
     let dof = first.identification.figures.dof.max(1) as f64;
     let expected = first.identification.propagation.misfit.expected / dof;
     Ok(match check_layout(&setup.layout, &data, expected)? {
         LayoutCheck::Confirmed => None,
-        LayoutCheck::NotConfirmed => Some(
-            "the mountings are not confirmed: the artefact is too round for a wrong index to show"
+        LayoutCheck::NotVerifiable => Some(
+            "the index angles are not verifiable: the artefact is too round to detect a wrong index"
                 .to_owned(),
         ),
         LayoutCheck::Contradictory => Some(
-            "the mountings contradict each other by more than is declared, and no single wrong index explains it: the \
-             form of the artefact (RONt) may be wrong"
+            "the mountings contradict each other by more than the declared uncertainties, and no \
+             single wrong index explains the difference: the form of the artefact (RONt) may be \
+             wrong"
                 .to_owned(),
         ),
-        LayoutCheck::Wrong(
-            fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. },
+        LayoutCheck::Faulty(
+            fault @ Diagnosis::WrongIndex { first_index, affects_later_mountings: false, .. },
         ) => {
-            observed.rows.retain(|row| row.row.index != first);
-            observed.forward.retain(|row| row.row.index != first);
-            Some(format!("left out: {fault}"))
+            observed.rows.retain(|row| row.key.index != first_index);
+            observed.forward_rows.retain(|row| row.key.index != first_index);
+            Some(format!("not used: {fault}"))
         }
-        LayoutCheck::Wrong(fault) => return Err(refused(&fault)),
+        LayoutCheck::Faulty(fault) => return Err(refuse_fault(&fault)),
     })
 }
 
-fn refused(fault: &Diagnosis) -> IdentifyError {
-    let instead = "correct the plan as named (trued identify --plan), or measure again";
-    Refused::new(fault.to_string(), instead).into()
+fn refuse_fault(fault: &Diagnosis) -> IdentifyError {
+    let instead = "correct the plan as stated (trued identify --plan), or measure again";
+    MethodRefusal::new(fault.to_string(), instead).into()
 }

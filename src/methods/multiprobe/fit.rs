@@ -2,11 +2,11 @@
 
 use std::ops::Deref;
 
-use estimation::revolutions::{HarmonicData, Row};
+use estimation::revolutions::{HarmonicData, RowKey};
 
 use super::model::ProbeLayout;
 use crate::IdentifyError;
-use crate::identification::{BlockEquations, BlockFit, BlockwiseFit, multiply};
+use crate::identification::{BlockEquations, BlockFit, BlockwiseFit, multiply_vector};
 
 /// Fit of all harmonics from 1 on, one block each. The observations of a channel form a group: the parts over the
 /// indexes that a motion or a form can absorb.
@@ -26,7 +26,7 @@ impl SeparationFit {
     pub fn new(layout: &ProbeLayout, data: &HarmonicData) -> Result<Self, IdentifyError> {
         let channels: Vec<usize> = data.rows.iter().map(|row| row.channel).collect();
         let equations = |order: usize| BlockEquations {
-            design: layout.design(&data.rows, order),
+            design: layout.design_matrix(&data.rows, order),
             names: layout.unknown_names(order),
             observed_mm: data.observations(order),
             sigma_mm: data.sigma_mm(order),
@@ -43,11 +43,11 @@ impl SeparationFit {
     }
 
     /// Observations that the solution predicts with another layout: the effect of a layout error.
-    pub fn predicted(&self, layout: &ProbeLayout, rows: &[Row]) -> Vec<f64> {
-        let of = |(order, fit): (usize, &BlockFit)| {
-            multiply(&layout.design(rows, order), &fit.solution.x)
+    pub fn predicted_observations(&self, layout: &ProbeLayout, rows: &[RowKey]) -> Vec<f64> {
+        let block_observations = |(order, fit): (usize, &BlockFit)| {
+            multiply_vector(&layout.design_matrix(rows, order), &fit.solution.x)
         };
-        (1..).zip(&self.blocks).flat_map(of).collect()
+        (1..).zip(&self.blocks).flat_map(block_observations).collect()
     }
 
     /// Σ(difference/σ)² between the observations that the solution predicts with another layout and `others`,
@@ -59,8 +59,8 @@ impl SeparationFit {
         others: &[f64],
     ) -> f64 {
         let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
-        let predicted = self.predicted(layout, &data.rows);
+        let predicted = self.predicted_observations(layout, &data.rows);
         let all = predicted.iter().zip(others).zip(sigma).skip(2 * data.rows.len());
-        all.map(|((one, other), sigma)| ((other - one) / sigma).powi(2)).sum()
+        all.map(|((predicted, other), sigma)| ((other - predicted) / sigma).powi(2)).sum()
     }
 }

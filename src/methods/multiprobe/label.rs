@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 /// Purpose of a step. Mountings and rounds of centring are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Label {
+pub enum StepLabel {
     Mount(usize),
     Centring(usize),
     Reference(usize),
@@ -13,7 +13,7 @@ pub enum Label {
     Backward(usize),
 }
 
-impl fmt::Display for Label {
+impl fmt::Display for StepLabel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Mount(number) => write!(f, "mount/{number}"),
@@ -25,7 +25,7 @@ impl fmt::Display for Label {
     }
 }
 
-impl FromStr for Label {
+impl FromStr for StepLabel {
     type Err = ();
 
     fn from_str(label: &str) -> Result<Self, ()> {

@@ -3,16 +3,16 @@
 
 use std::ops::RangeInclusive;
 
-use estimation::revolutions::{AngleRange, HarmonicData, Row};
+use estimation::revolutions::{AngleRange, HarmonicData, RowKey};
 use faer::c64;
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
-use crate::Refused;
+use crate::MethodRefusal;
 
 /// Harmonics by which layouts are ranked.
-pub const RANKED_ORDERS: RangeInclusive<usize> = 2..=20;
+pub const RANKED_HARMONICS: RangeInclusive<usize> = 2..=20;
 /// Minimum angle between two sensors, and between a sensor and the opposite side of another. Below it they do not
 /// separate X from Y.
 pub const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
@@ -36,8 +36,8 @@ pub fn noise_gains(
     layout: &ProbeLayout,
     separation: Separation,
     orders: RangeInclusive<usize>,
-) -> Result<Vec<(usize, f64)>, Refused> {
-    let is_used = |row: &Row| match separation {
+) -> Result<Vec<(usize, f64)>, MethodRefusal> {
+    let is_used = |row: &RowKey| match separation {
         Separation::Multiprobe => row.index == 0,
         Separation::Multistep => row.channel < 2,
         Separation::Combined => true,
@@ -45,34 +45,35 @@ pub fn noise_gains(
     let rows = layout.all_rows().into_iter().filter(is_used).collect();
     let fit = unit_noise_fit(layout, rows, *orders.end())?;
     let motions = ReportedMotions::new(layout, &fit);
-    let gain = |order: usize| match motions.has(Component::X, order) {
+    let gain = |order: usize| match motions.is_identifiable(Component::X, order) {
         true => (order, fit.blocks[order - 1].solution.covariance[(0, 0)].sqrt()),
         false => (order, f64::INFINITY),
     };
     Ok(orders.map(gain).collect())
 }
 
-/// Root mean square of the noise gains over [`RANKED_ORDERS`].
-pub fn noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f64, Refused> {
-    let gains = noise_gains(layout, separation, RANKED_ORDERS)?;
+/// Root mean square of the noise gains over [`RANKED_HARMONICS`].
+pub fn rms_noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f64, MethodRefusal> {
+    let gains = noise_gains(layout, separation, RANKED_HARMONICS)?;
     Ok(crate::identification::rms(&gains.iter().map(|(_, gain)| *gain).collect::<Vec<_>>()))
 }
 
 /// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm.
 pub fn unit_noise_fit(
     layout: &ProbeLayout,
-    rows: Vec<Row>,
+    rows: Vec<RowKey>,
     orders: usize,
-) -> Result<SeparationFit, Refused> {
+) -> Result<SeparationFit, MethodRefusal> {
     let means = vec![vec![c64::ZERO; rows.len()]; orders];
-    let data = HarmonicData::declared(rows, means, 1.0, 2);
-    let refused = |why: String| Refused::new(why, "correct angles and heights of the sensors");
+    let data = HarmonicData::from_declared_uncertainty(rows, means, 1.0, 2);
+    let refused =
+        |why: String| MethodRefusal::new(why, "correct angles and heights of the sensors");
     SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
 /// Angles of the third sensor in steps of `step_deg` outside the `exclusions`, with the noise gain of the
-/// multiprobe separation, in ascending order of it. Angles that do not determine all [`RANKED_ORDERS`] are omitted.
-pub fn third_angles(
+/// multiprobe separation, in ascending order of it. Angles that do not determine all [`RANKED_HARMONICS`] are omitted.
+pub fn third_sensor_angles(
     pair_deg: [f64; 2],
     step_deg: f64,
     exclusions: &[AngleRange],
@@ -84,17 +85,17 @@ pub fn third_angles(
     };
     let gain = |deg: f64| {
         let layout = ProbeLayout::radial(&[pair_deg[0], pair_deg[1], deg], 1);
-        Some((deg, noise_gain(&layout, Separation::Multiprobe).ok()?))
+        Some((deg, rms_noise_gain(&layout, Separation::Multiprobe).ok()?))
     };
     let free = (0..count).map(|i| i as f64 * step_deg).filter(is_free);
-    let found = free.filter_map(gain).filter(|(_, gain)| gain.is_finite());
-    let mut found: Vec<(f64, f64)> = found.collect();
-    found.sort_by(|a, b| a.1.total_cmp(&b.1));
-    found
+    let candidates = free.filter_map(gain).filter(|(_, gain)| gain.is_finite());
+    let mut candidates: Vec<(f64, f64)> = candidates.collect();
+    candidates.sort_by(|a, b| a.1.total_cmp(&b.1));
+    candidates
 }
 
 /// Angle between the directions of two sensors, 0 to 90°.
 pub fn sensor_angle_deg(a_deg: f64, b_deg: f64) -> f64 {
-    let between = (a_deg - b_deg).rem_euclid(180.0);
-    between.min(180.0 - between)
+    let angle_deg = (a_deg - b_deg).rem_euclid(180.0);
+    angle_deg.min(180.0 - angle_deg)
 }

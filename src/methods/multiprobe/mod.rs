@@ -2,7 +2,7 @@
 //! the table, with the cylinder indexed relative to the table. Samples of several revolutions give five of the six
 //! error motions. The angular positioning error is not measurable with a round artefact.
 //!
-//! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter. [`identify`]
+//! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter. [`identify_motions`]
 //! separates motion and artefact harmonic by harmonic. [`layout`] predicts before the measurement what a layout
 //! separates.
 
@@ -31,28 +31,31 @@ pub use settings::Settings;
 use self::fit::SeparationFit;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
-use self::setup::Setup;
-use self::sources::{SourceSizes, sources};
+use self::setup::MultiprobeSetup;
+use self::sources::{SourceSizes, uncertainty_sources};
 use crate::identification::{Identification, Outputs, TrialPlan};
-use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-pub const NAME: &str = "multiprobe";
+pub const METHOD_NAME: &str = "multiprobe";
 
 pub struct Multiprobe {
     settings: Settings,
 }
 
-impl Registered for Multiprobe {
+impl RegisteredMethod for Multiprobe {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: NAME,
-        needs: "a datum cylinder on an indexing stage on the rotary table, three or more displacement sensors",
-        finds: "five error motions of the rotary table over its angle (all but EC), form of the cylinder, \
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: METHOD_NAME,
+        required_setup: "a datum cylinder on an indexing stage on the rotary table, three or more displacement sensors",
+        results: "five error motions of the rotary table over its angle (all but EC), form of the cylinder, \
                 eccentricity",
         machine_file: "multiprobe.toml",
     };
@@ -67,26 +70,34 @@ impl Method for Multiprobe {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
-        let setup = Setup::new(plan, &self.settings)?;
+        let setup = MultiprobeSetup::new(plan, &self.settings)?;
         if done.is_empty() {
-            setup.check()?;
+            setup.check_separability()?;
         }
-        stages::next(&setup, done, source)
+        stages::next_stage(&setup, done, source)
     }
 
-    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
-        crate::named_sensors(NAME, &self.settings.sensors, sensors)
+    fn required_sensors<'a>(
+        &self,
+        sensors: &'a [Sensor],
+    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+        crate::named_sensors(METHOD_NAME, &self.settings.sensors, sensors)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        estimate::estimate(plan, &self.settings, readings)
+        estimate::build_estimate(plan, &self.settings, readings)
     }
 }
 
 /// The identified error motions.
-struct Separated {
+struct SeparatedMotions {
     pub identification: Identification,
     pub fit: SeparationFit,
 }
@@ -95,19 +106,19 @@ struct Separated {
 ///
 /// # Errors
 /// A value is not finite, or there are fewer than two trials.
-fn identify(
+fn identify_motions(
     layout: &ProbeLayout,
     data: &HarmonicData,
     sizes: &SourceSizes<'_>,
     trials: Option<TrialPlan>,
-) -> Result<Separated, IdentifyError> {
+) -> Result<SeparatedMotions, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit);
     // The uncertainties of the values by ISO 230-7 and of the roundness come from the trials.
-    let nonlinear = motions.ranges(sizes.settings.sampling);
+    let nonlinear = motions.motion_ranges(sizes.settings.sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
-    let sources = sources(layout, data, &fit, sizes);
+    let sources = uncertainty_sources(layout, data, &fit, sizes);
     let identification =
         crate::identification::identify(&fit.solution(), &sources, outputs, trials)?;
-    Ok(Separated { identification, fit })
+    Ok(SeparatedMotions { identification, fit })
 }

@@ -6,7 +6,7 @@
 //! +Z for an axial sensor above the face. γ is counter-clockwise seen from +Z.
 //!
 //! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq.
-//! The table turns counter-clockwise by σq ([`ProbeLayout::turn`]), the artefact on the table by the index angle φn
+//! The table turns counter-clockwise by σq ([`ProbeLayout::turn_sign`]), the artefact on the table by the index angle φn
 //! (also counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the
 //! harmonic of w(−σq):
 //! - radial, section at height z: M = (X + (z−z0)B) cos γ + (Y − (z−z0)A) sin γ + R e^(−iσk(γ−φn));
@@ -15,7 +15,7 @@
 //! X and Y are given at the reference height z0. With X1, X2 of two sections at the distance d this gives B =
 //! (X2−X1)/d, A = −(Y2−Y1)/d.
 
-use estimation::revolutions::Row;
+use estimation::revolutions::RowKey;
 use faer::{Mat, c64};
 use machine::Axis;
 
@@ -78,7 +78,7 @@ pub struct ProbeLayout {
     /// The table's axis, and σ: +1 if a positive command turns the table counter-clockwise seen from +Z, −1 for C
     /// of ISO 841, where the tool turns counter-clockwise relative to the workpiece.
     pub axis: Axis,
-    pub turn: f64,
+    pub turn_sign: f64,
 }
 
 impl ProbeLayout {
@@ -106,9 +106,9 @@ impl ProbeLayout {
             channels: angles_deg.iter().map(channel).collect(),
             section_z_mm: vec![0.0],
             reference_z_mm: 0.0,
-            index_angles_rad: equal_steps_rad(indexes),
+            index_angles_rad: equal_index_angles_rad(indexes),
             axis: Axis::C,
-            turn: 1.0,
+            turn_sign: 1.0,
         }
     }
 
@@ -120,20 +120,20 @@ impl ProbeLayout {
     }
 
     /// Rows of every channel at every index.
-    pub fn all_rows(&self) -> Vec<Row> {
+    pub fn all_rows(&self) -> Vec<RowKey> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
         indexes
-            .flat_map(|index| channels.clone().map(move |channel| Row { index, channel }))
+            .flat_map(|index| channels.clone().map(move |channel| RowKey { index, channel }))
             .collect()
     }
 
     /// Derivative of M by the harmonic `order` of the component.
-    fn coefficient(&self, row: Row, order: usize, component: Component) -> c64 {
+    fn motion_coefficient(&self, row: RowKey, order: usize, component: Component) -> c64 {
         let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
         let (sin, cos) = angle_rad.sin_cos();
         let artefact_angle = angle_rad - self.index_angles_rad[row.index];
-        let form = c64::cis(-self.turn * order as f64 * artefact_angle);
+        let form = c64::cis(-self.turn_sign * order as f64 * artefact_angle);
         let real = |value: f64| c64::new(value, 0.0);
         let lever = |section: usize| self.section_z_mm[section] - self.reference_z_mm;
         match (*surface, component) {
@@ -152,13 +152,13 @@ impl ProbeLayout {
 
     /// Design matrix of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts. Columns:
     /// cosine and sine part of each component.
-    pub fn design(&self, rows: &[Row], order: usize) -> Mat<f64> {
+    pub fn design_matrix(&self, rows: &[RowKey], order: usize) -> Mat<f64> {
         let components = self.components();
         let mut design = Mat::zeros(2 * rows.len(), 2 * components.len());
         for (i, row) in rows.iter().enumerate() {
             for (j, component) in components.iter().enumerate() {
                 // g·(c − i·s) = (re·c + im·s) − i·(re·s − im·c)
-                let g = self.coefficient(*row, order, *component);
+                let g = self.motion_coefficient(*row, order, *component);
                 design[(i, 2 * j)] = g.re;
                 design[(i, 2 * j + 1)] = g.im;
                 design[(rows.len() + i, 2 * j)] = -g.im;
@@ -168,7 +168,7 @@ impl ProbeLayout {
         design
     }
 
-    /// Names of the columns of [`design`](Self::design).
+    /// Names of the columns of [`design_matrix`](Self::design_matrix).
     pub fn unknown_names(&self, order: usize) -> Vec<String> {
         let name =
             |component: Component, part| format!("{}_{part}{order}", component.symbol(self.axis));
@@ -186,7 +186,7 @@ pub fn co_rotating_directions(
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);
     let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };
-    let sign = layout.turn;
+    let sign = layout.turn_sign;
     // (cosine part, sine part) of the first and of the second component.
     let direction = |parts: [[f64; 2]; 2]| {
         let mut direction = vec![0.0; 2 * components.len()];
@@ -198,7 +198,7 @@ pub fn co_rotating_directions(
 }
 
 /// Angles of `count` equal steps of one revolution, from 0 on.
-pub fn equal_steps_rad(count: usize) -> Vec<f64> {
+pub fn equal_index_angles_rad(count: usize) -> Vec<f64> {
     let count = count.max(1);
     (0..count).map(|n| (n as f64 * 360.0 / count as f64).to_radians()).collect()
 }

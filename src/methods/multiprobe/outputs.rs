@@ -7,21 +7,21 @@ use super::model::{Component, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
 use crate::identification::{
     Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
-    turning_axis_ranges,
+    synchronous_ranges,
 };
 
 /// Number of points of a curve over one revolution.
-const CURVE_POINTS: usize = 120;
+const CURVE_POINT_COUNT: usize = 120;
 
 /// Derivatives of the cosine and the sine part of one harmonic by the unknowns of that harmonic.
-type Parts = [Vec<f64>; 2];
+type HarmonicDerivatives = [Vec<f64>; 2];
 
 /// Derivatives of all reported quantities by the unknowns.
 pub struct ReportedMotions<'a> {
     layout: &'a ProbeLayout,
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
-    parts: Vec<(Component, Vec<Option<Parts>>)>,
+    derivatives: Vec<(Component, Vec<Option<HarmonicDerivatives>>)>,
     /// Reason why the first harmonic has no co-rotating part.
     pub gauge: String,
 }
@@ -36,59 +36,67 @@ impl<'a> ReportedMotions<'a> {
             "the co-rotating first harmonic of ({x}, {y}) and ({a}, {b}) is zero: inseparable from the eccentricity \
              and tilt of the artefact and of the indexing stage"
         );
-        let of = |(column, component)| {
+        let derivatives = |(column, component)| {
             let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
                 harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
             });
             (component, parts.collect())
         };
         let components = layout.components().into_iter().enumerate();
-        Self { layout, fit, parts: components.map(of).collect(), gauge }
+        Self { layout, fit, derivatives: components.map(derivatives).collect(), gauge }
     }
 
     /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
     pub fn not_identifiable(&self) -> Vec<String> {
-        let of = |(component, parts): &(Component, Vec<Option<Parts>>)| {
-            let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
-            let name = |(_, order): (_, usize)| {
-                format!("{} harmonic {order}", component.symbol(self.layout.axis))
+        let lost_harmonics =
+            |(component, parts): &(Component, Vec<Option<HarmonicDerivatives>>)| {
+                let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
+                let name = |(_, order): (_, usize)| {
+                    format!("{} harmonic {order}", component.symbol(self.layout.axis))
+                };
+                lost.map(name).collect::<Vec<String>>()
             };
-            lost.map(name).collect::<Vec<String>>()
-        };
-        let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.lost.clone());
-        self.parts.iter().flat_map(of).chain(combinations).collect()
+        let combinations =
+            self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined.clone());
+        self.derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
     }
 
     /// Whether the harmonic `order`, counted from 1, is identifiable.
-    pub fn has(&self, component: Component, order: usize) -> bool {
-        let own = self.parts.iter().find(|(own, _)| *own == component);
+    pub fn is_identifiable(&self, component: Component, order: usize) -> bool {
+        let own = self.derivatives.iter().find(|(own, _)| *own == component);
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
 
     /// The identifiable harmonics of one component. The first harmonic of a form is omitted, as it is eccentricity.
-    fn function(&self, (component, parts): &(Component, Vec<Option<Parts>>)) -> HarmonicFunction {
-        let harmonic = |(block, parts): (usize, &Option<Parts>)| {
-            let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.widened(block, slope));
+    fn harmonic_function(
+        &self,
+        (component, parts): &(Component, Vec<Option<HarmonicDerivatives>>),
+    ) -> HarmonicFunction {
+        let harmonic = |(block, parts): (usize, &Option<HarmonicDerivatives>)| {
+            let parts = parts
+                .as_ref()?
+                .each_ref()
+                .map(|slope| self.fit.extend_to_all_unknowns(block, slope));
             Some(Harmonic { order: (block + 1) as f64, parts })
         };
         let first = usize::from(component.is_form());
         HarmonicFunction {
             symbol: component.symbol(self.layout.axis),
-            unit: unit(*component),
+            unit: component_unit(*component),
             harmonics: parts.iter().enumerate().skip(first).filter_map(harmonic).collect(),
         }
     }
 
     /// The error motions, without the forms of the artefact.
     pub fn motions(&self) -> impl Iterator<Item = (Component, HarmonicFunction)> {
-        let motions = self.parts.iter().filter(|(component, _)| !component.is_form());
-        motions.map(|parts| (parts.0, self.function(parts)))
+        let motions = self.derivatives.iter().filter(|(component, _)| !component.is_form());
+        motions.map(|parts| (parts.0, self.harmonic_function(parts)))
     }
 
     /// Centre of a section relative to the table's axis at the first index and q = 0. It contains the co-rotating
     /// error motion.
-    fn eccentricity(&self, section: usize) -> Vec<Output> {
-        let (layout, sign) = (self.layout, self.layout.turn);
+    fn eccentricity_outputs(&self, section: usize) -> Vec<Output> {
+        let (layout, sign) = (self.layout, self.layout.turn_sign);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
         let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
         let index_angle = layout.index_angles_rad.first().copied().unwrap_or(0.0);
@@ -104,7 +112,12 @@ impl<'a> ReportedMotions<'a> {
         };
         let output = |axis: &str, slope: Vec<f64>| {
             let symbol = format!("ecc_{axis}{}", section + 1);
-            Output::linear(&symbol, Unit::Um, self.fit.widened(0, &slope), &self.fit.x)
+            Output::from_coefficients(
+                &symbol,
+                Unit::Um,
+                self.fit.extend_to_all_unknowns(0, &slope),
+                &self.fit.x,
+            )
         };
         vec![
             output("X", slope(0, lever, [cos, sign * sin])),
@@ -118,34 +131,34 @@ impl<'a> ReportedMotions<'a> {
         let motions: Vec<HarmonicFunction> = self.motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
         let mut parameters: Vec<Output> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
-        parameters.extend(sections.flat_map(|section| self.eccentricity(section)));
-        let curves = self.parts.iter().filter(|(component, _)| *component != Component::Face);
-        let curves = curves.map(|parts| self.function(parts));
+        parameters.extend(sections.flat_map(|section| self.eccentricity_outputs(section)));
+        let curves = self.derivatives.iter().filter(|(component, _)| *component != Component::Face);
+        let curves = curves.map(|parts| self.harmonic_function(parts));
         let curves = curves.filter(|function| !function.harmonics.is_empty());
         Outputs {
             parameters,
-            curves: curves.map(|function| function.curve("C", CURVE_POINTS, x)).collect(),
+            curves: curves.map(|function| function.curve("C", CURVE_POINT_COUNT, x)).collect(),
             nonlinear: None,
         }
     }
 
     /// Values of the motions by ISO 230-7, and roundness (peak to valley from the least-squares circle). ISO 230-7
     /// specifies a turning axis. For dwell points the same range is named `EXC_range`.
-    pub fn ranges(&self, sampling: TurnSampling) -> NonlinearOutputs {
-        let of = |parts: &(Component, Vec<Option<Parts>>)| {
-            let function = self.function(parts);
+    pub fn motion_ranges(&self, sampling: TurnSampling) -> NonlinearOutputs {
+        let ranges = |parts: &(Component, Vec<Option<HarmonicDerivatives>>)| {
+            let function = self.harmonic_function(parts);
             match (parts.0, sampling) {
                 (Component::Face, _) => Vec::new(),
                 (Component::Roundness(section), _) => {
                     Vec::from_iter(function.range(format!("RONt_{}", section + 1)))
                 }
                 (component, TurnSampling::Continuous) => {
-                    turning_axis_ranges(&function, component == Component::Z)
+                    synchronous_ranges(&function, component == Component::Z)
                 }
                 _ => Vec::from_iter(function.range(format!("{}_range", function.symbol))),
             }
         };
-        range_outputs(self.parts.iter().flat_map(of).collect(), self.solution())
+        range_outputs(self.derivatives.iter().flat_map(ranges).collect(), self.solution())
     }
 
     pub fn solution(&self) -> &[f64] {
@@ -153,7 +166,7 @@ impl<'a> ReportedMotions<'a> {
     }
 }
 
-pub fn unit(component: Component) -> Unit {
+pub fn component_unit(component: Component) -> Unit {
     match component {
         Component::A | Component::B => Unit::Urad,
         _ => Unit::Um,

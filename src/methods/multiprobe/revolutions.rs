@@ -1,7 +1,7 @@
 //! Total and asynchronous error motion values, from the single revolutions.
 
 use estimation::linear::{self, LinearProblem, RANK_THRESHOLD};
-use estimation::revolutions::{Row, RowRevolutions};
+use estimation::revolutions::{RowKey, RowRevolutions};
 use faer::Mat;
 use machine::record::estimate::Parameter;
 
@@ -18,10 +18,10 @@ pub fn revolution_values(
     measured: &[RowRevolutions],
 ) -> Vec<Parameter> {
     let samples = measured.first().map_or(0, |row| row.revolutions[0].len());
-    let of = |(component, motion): (Component, HarmonicFunction)| {
+    let parameters = |(component, motion): (Component, HarmonicFunction)| {
         let synchronous = motion.values(samples, motions.solution());
         let of_index = |index: usize| {
-            let own: Vec<_> = measured.iter().filter(|row| row.row.index == index).collect();
+            let own: Vec<_> = measured.iter().filter(|row| row.key.index == index).collect();
             let single = single_revolutions(layout, &own, component).filter(|all| all.len() > 1)?;
             Some(RevolutionRanges::new(&synchronous, &single))
         };
@@ -29,7 +29,7 @@ pub fn revolution_values(
         let values: Vec<RevolutionRanges> = indexes.filter_map(of_index).collect();
         revolution_parameters(&motion.symbol, motion.unit, &values)
     };
-    motions.motions().flat_map(of).collect()
+    motions.motions().flat_map(parameters).collect()
 }
 
 /// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
@@ -56,10 +56,10 @@ fn motion_gain(
     own: &[&RowRevolutions],
     component: Component,
 ) -> Option<Vec<f64>> {
-    let rows: Vec<Row> = own.iter().map(|row| row.row).collect();
+    let rows: Vec<RowKey> = own.iter().map(|row| row.key).collect();
     let components = layout.components();
     let columns: Vec<usize> = (0..components.len()).filter(|j| !components[*j].is_form()).collect();
-    let design = layout.design(&rows, 0);
+    let design = layout.design_matrix(&rows, 0);
     let a = Mat::from_fn(rows.len(), columns.len(), |i, j| design[(i, 2 * columns[j])]);
     let problem = LinearProblem {
         a: a.as_ref(),
@@ -68,7 +68,7 @@ fn motion_gain(
         constraints: None,
         rank_threshold: RANK_THRESHOLD,
     };
-    let solution = linear::solve(&problem).ok()?;
+    let solution = linear::solve_least_squares(&problem).ok()?;
     let position = columns.iter().position(|j| components[*j] == component)?;
     Some((0..rows.len()).map(|i| solution.gain[(position, i)]).collect())
 }

@@ -3,7 +3,7 @@
 use estimation::revolutions::{AngleRange, ResampleFilter};
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::Position;
 
 /// Sampling mode during a turn of the table.
@@ -92,26 +92,27 @@ const MAX_POSITIONS: usize = 3600;
 impl Settings {
     /// # Errors
     /// The numbers do not describe a possible measurement.
-    pub fn check(&self) -> Result<(), Refused> {
+    pub fn check(&self) -> Result<(), MethodRefusal> {
         let (positions, harmonics) = (self.positions, self.harmonics);
-        Refused::unless(
+        MethodRefusal::require(
             harmonics > 0 && self.highest_order() >= harmonics,
-            format!("{positions} positions a revolution do not show {harmonics} harmonics"),
+            format!("{positions} positions per revolution do not determine {harmonics} harmonics"),
             format!(
                 "choose positions = {}, or fewer harmonics",
                 (9 * harmonics.max(1)).div_ceil(2)
             ),
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             (1..=MAX_INDEXES).contains(&self.indexes)
                 && (1..=MAX_REVOLUTIONS).contains(&self.revolutions)
                 && positions <= MAX_POSITIONS,
-            "indexes and revolutions must be 1 or more, and no more than a run can have",
+            "indexes, revolutions or positions are outside their limits",
             format!(
-                "choose at most {MAX_INDEXES} indexes, {MAX_REVOLUTIONS} revolutions, {MAX_POSITIONS} positions"
+                "choose 1 to {MAX_INDEXES} indexes, 1 to {MAX_REVOLUTIONS} revolutions, at most \
+                 {MAX_POSITIONS} positions"
             ),
         )?;
-        Refused::check_numbers(
+        MethodRefusal::check_number_ranges(
             &[
                 ("feed_deg_min", self.feed_deg_min),
                 ("rate_hz", self.rate_hz),
@@ -127,16 +128,16 @@ impl Settings {
                 ("u_index_angle_deg", self.u_index_angle_deg),
             ],
         )?;
-        Refused::check_trials(self.monte_carlo_trials)?;
-        Refused::unless(
+        MethodRefusal::check_trials(self.monte_carlo_trials)?;
+        MethodRefusal::require(
             self.revolutions > 1 || self.both_directions,
-            "one revolution shows no scatter, and its uncertainty is not known",
+            "one revolution has no scatter, so the uncertainty cannot be estimated",
             "choose revolutions = 2, or both_directions = true",
         )?;
-        self.check_rate()
+        self.check_sample_spacing()
     }
 
-    pub fn exclusions(&self) -> Vec<AngleRange> {
+    pub fn excluded_ranges(&self) -> Vec<AngleRange> {
         let range =
             |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
         self.excluded_deg.iter().map(range).collect()
@@ -151,12 +152,15 @@ impl Settings {
     }
 
     /// Checks that the samples are not farther apart than the angles to which they are resampled.
-    fn check_rate(&self) -> Result<(), Refused> {
+    fn check_sample_spacing(&self) -> Result<(), MethodRefusal> {
         let spacing_deg = self.feed_deg_min / 60.0 / self.rate_hz;
         let step_deg = 360.0 / self.positions.max(1) as f64;
-        Refused::unless(
+        MethodRefusal::require(
             self.sampling == TurnSampling::Dwell || spacing_deg <= step_deg / 2.0,
-            format!("samples are {spacing_deg:.2}° apart, positions {step_deg:.2}°"),
+            format!(
+                "the samples are {spacing_deg:.2}° apart, more than half of the {step_deg:.2}° \
+                     between positions"
+            ),
             format!("choose feed_deg_min = {:.0} or less", step_deg * self.rate_hz * 30.0),
         )
     }

@@ -2,75 +2,79 @@
 //! them.
 
 use super::checks;
-use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
+use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_rad};
 use super::settings::Settings;
-use crate::Refused;
-use machine::artefact::{CylinderOnTable, ObservedSurface};
-use machine::kinematics::{Chain, TableAxis};
+use crate::MethodRefusal;
+use machine::artefact::{ObservedCylinder, ObservedSurface};
+use machine::kinematics::{KinematicChain, TableAxis};
 use machine::record::artefact::{Artefact, DatumCylinder};
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use machine::{Axis, Position};
 
-pub struct Setup<'a> {
+pub struct MultiprobeSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     /// The measured axis.
     pub axis: Axis,
     /// Positions of all axes except the measured one at the start of a turn.
-    pub at: Position,
+    pub start_position: Position,
     pub layout: ProbeLayout,
     /// Point at which X and Y are given, machine frame, mm.
     pub reference_mm: [f64; 3],
 }
 
-impl<'a> Setup<'a> {
+impl<'a> MultiprobeSetup<'a> {
     /// # Errors
     /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
-        let cylinder = datum_cylinder(plan)?;
-        let at = stands(plan, settings, &table)?;
-        let line = chain.axis_line(table.axis, &at).ok_or_else(Refused::no_table)?;
-        let on_table = CylinderOnTable { chain: &chain, at: &at, cylinder, axis: &line };
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(&plan.machine)?;
+        let table = TableAxis::find(&plan.machine, &chain)
+            .ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let cylinder = find_datum_cylinder(plan)?;
+        let at = position_at_zero(plan, settings, &table)?;
+        let line =
+            chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let on_table = ObservedCylinder { chain: &chain, position: &at, cylinder, axis: &line };
         let foot = on_table.foot();
         let observed = |sensor: &'a Sensor| {
-            let surface = on_table.observed(sensor).map_err(|error| {
-                Refused::new(format!("sensor {}: {error}", sensor.name), error.remedy())
+            let surface = on_table.observed_surface(sensor).map_err(|error| {
+                MethodRefusal::new(format!("sensor {}: {error}", sensor.name), error.remedy())
             })?;
             Ok((sensor, surface))
         };
-        let placed = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, Refused>>()?;
+        let surfaces =
+            plan.sensors.iter().map(observed).collect::<Result<Vec<_>, MethodRefusal>>()?;
         let mut sections: Vec<usize> =
-            placed.iter().filter_map(|(_, surface)| surface.section).collect();
+            surfaces.iter().filter_map(|(_, surface)| surface.section).collect();
         sections.sort_unstable();
         sections.dedup();
-        let channels = placed.iter().map(|(sensor, surface)| channel(sensor, surface, &sections));
+        let channels =
+            surfaces.iter().map(|(sensor, surface)| sensor_channel(sensor, surface, &sections));
         let layout = ProbeLayout {
             channels: channels.collect(),
             section_z_mm: sections.iter().map(|i| foot.z + cylinder.sections[*i].z_mm).collect(),
             reference_z_mm: match sections.as_slice() {
-                [only] => foot.z + cylinder.sections[*only].z_mm,
+                [section] => foot.z + cylinder.sections[*section].z_mm,
                 _ => line.point.z,
             },
-            index_angles_rad: equal_steps_rad(settings.indexes),
+            index_angles_rad: equal_index_angles_rad(settings.indexes),
             axis: table.axis,
-            turn: table.turn,
+            turn_sign: table.turn_sign,
         };
-        let at: Position = at.only(|axis| axis != table.axis);
+        let start_position = at.filter_axes(|axis| axis != table.axis);
         let reference_mm = [line.point.x, line.point.y, layout.reference_z_mm];
-        Ok(Self { plan, settings, axis: table.axis, at, layout, reference_mm })
+        Ok(Self { plan, settings, axis: table.axis, start_position, layout, reference_mm })
     }
 
     /// Checks before motion what the sensors and indexes do not separate.
     ///
     /// # Errors
     /// The first undetermined quantity, with a better layout.
-    pub fn check(&self) -> Result<(), Refused> {
+    pub fn check_separability(&self) -> Result<(), MethodRefusal> {
         let layout = &self.layout;
         checks::check_surfaces(layout)?;
-        checks::check_sensor_angles(layout, &self.settings.exclusions())?;
+        checks::check_sensor_angles(layout, &self.settings.excluded_ranges())?;
         let is_radial =
             |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
         let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();
@@ -78,7 +82,7 @@ impl<'a> Setup<'a> {
     }
 }
 
-fn channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> Channel {
+fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> Channel {
     let number = |section: usize| sections.iter().position(|own| *own == section);
     Channel {
         name: sensor.name.clone(),
@@ -90,7 +94,7 @@ fn channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]) -> Ch
     }
 }
 
-fn datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, Refused> {
+fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
     match &plan.artefact {
         Artefact::DatumCylinder(cylinder)
             if cylinder.axis[2] > 0.0
@@ -98,34 +102,38 @@ fn datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, Refused> {
         {
             Ok(cylinder)
         }
-        Artefact::DatumCylinder(_) => Err(Refused::new(
+        Artefact::DatumCylinder(_) => Err(MethodRefusal::new(
             "the axis of the datum cylinder is not along Z",
-            "state axis = [0.0, 0.0, 1.0] of the [artefact]",
+            "state axis = [0.0, 0.0, 1.0] in [artefact]",
         )),
-        _ => Err(Refused::new(
+        _ => Err(MethodRefusal::new(
             "this method measures a datum cylinder; [artefact] states another kind",
-            "describe it with kind = \"datum_cylinder\"",
+            "describe the artefact with kind = \"datum_cylinder\"",
         )),
     }
 }
 
 /// Positions of the axes with the measured one at zero.
-fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Position, Refused> {
+fn position_at_zero(
+    plan: &Plan,
+    settings: &Settings,
+    table: &TableAxis,
+) -> Result<Position, MethodRefusal> {
     let axis = table.axis;
-    Refused::unless(
+    MethodRefusal::require(
         settings.at.get(axis).is_none(),
-        format!("`at` names {axis}, the axis that is measured"),
-        format!("take {axis} out of `at`"),
+        format!("`at` contains {axis}, the measured axis"),
+        format!("remove {axis} from `at`"),
     )?;
     let linear = plan.machine.axes.keys().filter(|axis| axis.is_linear());
     let missing = linear.into_iter().find(|axis| settings.at.get(**axis).is_none());
     if let Some(axis) = missing {
         let instead = format!(
-            "move the machine to where the sensors look at the sections, and state {axis} of the display in \
-             [method.{}] at",
-            super::NAME
+            "move the machine until the sensors point at the sections, and state the displayed \
+             {axis} in [method.{}] at",
+            super::METHOD_NAME
         );
-        return Err(Refused::new(format!("`at` does not name {axis}"), instead));
+        return Err(MethodRefusal::new(format!("`at` does not contain {axis}"), instead));
     }
-    Ok(table.zero.only(|axis| axis != Axis::S).updated_by(&settings.at))
+    Ok(table.zero_position.filter_axes(|axis| axis != Axis::S).updated_by(&settings.at))
 }

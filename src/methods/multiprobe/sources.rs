@@ -3,8 +3,8 @@
 
 use std::f64::consts::PI;
 
-use estimation::linear::lower_root;
-use estimation::revolutions::{HarmonicData, Row};
+use estimation::linear::cholesky_lower;
+use estimation::revolutions::{HarmonicData, RowKey};
 use faer::Mat;
 
 use super::fit::SeparationFit;
@@ -13,7 +13,7 @@ use super::settings::Settings;
 use crate::identification::{EvaluationType, UncertaintySource};
 
 /// Step of the numerical derivative by an angle.
-const SMALL_ANGLE_RAD: f64 = 1e-3;
+const ANGLE_STEP_RAD: f64 = 1e-3;
 
 /// Standard uncertainties. Zero: exactly known.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,7 +21,7 @@ pub struct SourceSizes<'a> {
     /// Settings with the uncertainties of the declared layout.
     pub settings: &'a Settings,
     /// Covariance of the gains, then of the angles, after the calibration.
-    pub sensors: Option<Mat<f64>>,
+    pub sensor_covariance: Option<Mat<f64>>,
     /// Drift of the artefact relative to the sensors along X, Y and Z during one revolution, reduced by the
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
@@ -30,21 +30,21 @@ pub struct SourceSizes<'a> {
 }
 
 /// Changes an uncertain quantity of the layout, by mm or rad.
-type Change = Box<dyn Fn(&mut ProbeLayout, f64)>;
+type LayoutChange = Box<dyn Fn(&mut ProbeLayout, f64)>;
 
-fn channel_angle(channel: usize) -> Change {
+fn change_channel_angle(channel: usize) -> LayoutChange {
     Box::new(move |layout, by| layout.channels[channel].angle_rad += by)
 }
 
-fn index_angle(index: usize) -> Change {
+fn change_index_angle(index: usize) -> LayoutChange {
     Box::new(move |layout, by| layout.index_angles_rad[index] += by)
 }
 
-fn section_distance() -> Change {
+fn change_section_distance() -> LayoutChange {
     Box::new(|layout, by| layout.section_z_mm.iter_mut().skip(1).for_each(|z_mm| *z_mm += by))
 }
 
-fn face_radius() -> Change {
+fn change_face_radius() -> LayoutChange {
     Box::new(|layout, by| {
         for channel in &mut layout.channels {
             if let Surface::Face { radius_mm } = &mut channel.surface {
@@ -55,23 +55,23 @@ fn face_radius() -> Change {
 }
 
 /// Effect of the standard uncertainty `u` on all observations, mm.
-fn effect(
-    change: &Change,
+fn layout_error_effect(
+    change: &LayoutChange,
     u: f64,
     layout: &ProbeLayout,
-    rows: &[Row],
+    rows: &[RowKey],
     fit: &SeparationFit,
 ) -> Vec<f64> {
     let predicted = |by: f64| {
         let mut changed = layout.clone();
         change(&mut changed, by);
-        fit.predicted(&changed, rows)
+        fit.predicted_observations(&changed, rows)
     };
     predicted(u).iter().zip(predicted(-u)).map(|(up, down)| (up - down) / 2.0).collect()
 }
 
 /// All sources in the order of the budget, without those that have no effect.
-pub fn sources(
+pub fn uncertainty_sources(
     layout: &ProbeLayout,
     data: &HarmonicData,
     fit: &SeparationFit,
@@ -80,38 +80,43 @@ pub fn sources(
     let declared = sizes.settings;
     // The first mounting defines the angle of the artefact.
     let indexes = 1..layout.index_angles_rad.len();
-    let errors: [(&str, f64, Vec<Change>); 3] = [
+    let errors: [(&str, f64, Vec<LayoutChange>); 3] = [
         (
             "index angle",
             declared.u_index_angle_deg.to_radians(),
-            indexes.map(index_angle).collect(),
+            indexes.map(change_index_angle).collect(),
         ),
-        ("section distance", declared.u_section_distance_mm, vec![section_distance()]),
-        ("face radius", declared.u_face_radius_mm, vec![face_radius()]),
+        ("section distance", declared.u_section_distance_mm, vec![change_section_distance()]),
+        ("face radius", declared.u_face_radius_mm, vec![change_face_radius()]),
     ];
-    let of_sensors = sensor_errors(layout, data, fit, sizes);
-    let mut all =
-        vec![noise(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
+    let of_sensors = sensor_error_effects(layout, data, fit, sizes);
+    let mut all = vec![
+        noise_source(data, fit),
+        fit.declared_source("gain and angle of the sensors", of_sensors),
+    ];
     for (name, u, errors) in errors {
-        let columns = errors.iter().map(|change| effect(change, u, layout, &data.rows, fit));
+        let columns =
+            errors.iter().map(|change| layout_error_effect(change, u, layout, &data.rows, fit));
         all.push(fit.declared_source(name, columns.collect()));
     }
     all.push(fit.declared_source("linearity of the sensors", sizes.linearity.clone()));
-    all.push(fit.declared_source("drift", drift(layout, data, sizes.drift_mm_per_revolution)));
+    all.push(
+        fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)),
+    );
     all.retain(|source| !source.is_zero());
     all
 }
 
 /// Noise source: scatter of the mean over the revolutions, independent between harmonics.
-fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
-    let effect = fit.independent_blocks(|block| data.covariance(block + 1));
+fn noise_source(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
+    let effect = fit.block_covariance_effect(|block| data.covariance(block + 1));
     let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let evaluation = EvaluationType::A;
     UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", effect) }
 }
 
 /// Effects of independent draws of the gains and angles of all channels, mm.
-fn sensor_errors(
+fn sensor_error_effects(
     layout: &ProbeLayout,
     data: &HarmonicData,
     fit: &SeparationFit,
@@ -121,15 +126,21 @@ fn sensor_errors(
     let channels = 0..count;
     let gains = channels.clone().map(|channel| gain_effect(data, channel));
     let angle = |channel| {
-        let moved = effect(&channel_angle(channel), SMALL_ANGLE_RAD, layout, &data.rows, fit);
-        moved.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
+        let changes = layout_error_effect(
+            &change_channel_angle(channel),
+            ANGLE_STEP_RAD,
+            layout,
+            &data.rows,
+            fit,
+        );
+        changes.into_iter().map(|effect| effect / ANGLE_STEP_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
     let (u_gain, u_angle) = (sizes.settings.u_gain, sizes.settings.u_sensor_angle_rad());
     let declared = |i: usize| if i < count { u_gain } else { u_angle };
     let independent =
         || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });
-    let root = sizes.sensors.as_ref().map_or_else(independent, lower_root);
+    let root = sizes.sensor_covariance.as_ref().map_or_else(independent, cholesky_lower);
     let draw = |column: usize| {
         let mut sum = vec![0.0; effects[0].len()];
         for (effect, size) in effects.iter().zip(root.col_as_slice(column)) {
@@ -149,16 +160,16 @@ fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
 
 /// Displacement proportional to the angle, along X, Y and Z. Over one revolution it is v·(q/2π − ½) = −Σ v/(πk)·sin
 /// kq.
-fn drift(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64>> {
+fn drift_effects(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64>> {
     let components = layout.components();
     let column = |j: usize| {
-        let of = |order: usize| {
+        let block_effect = |order: usize| {
             let sine = -size_mm / (PI * order as f64);
-            let design = layout.design(&data.rows, order);
+            let design = layout.design_matrix(&data.rows, order);
             design.col_as_slice(2 * j + 1).iter().map(|d| d * sine).collect::<Vec<f64>>()
         };
-        (1..=data.orders()).flat_map(of).collect()
+        (1..=data.orders()).flat_map(block_effect).collect()
     };
-    let moved = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
-    (0..components.len()).filter(|j| moved(&components[*j])).map(column).collect()
+    let is_shifted = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
+    (0..components.len()).filter(|j| is_shifted(&components[*j])).map(column).collect()
 }

@@ -1,13 +1,13 @@
 //! Sequence of stages: centring of the artefact, then one stage per mounting with the prompt, a reference, and
 //! turns forward and backward.
 
-use super::centring::{CENTRING_POINTS, Centring};
-use super::checks::weak_points;
-use super::label::Label;
+use super::centring::{CENTRING_STOP_COUNT, CentringResult};
+use super::checks::describe_weak_points;
+use super::label::StepLabel;
 use super::settings::{Settings, TurnSampling};
-use super::setup::Setup;
-use crate::turns::Turns;
-use crate::{Next, Refused, Source};
+use super::setup::MultiprobeSetup;
+use crate::revolution_steps::RevolutionSteps;
+use crate::{MethodRefusal, NextStage, PositionSource};
 use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
@@ -20,116 +20,146 @@ const MAX_CENTRING_ROUNDS: usize = 20;
 ///
 /// # Errors
 /// A turn exceeds the axis limits, or the artefact is still not centred.
-pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-    let labels: Vec<Label> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
-    let count = |is: fn(&Label) -> bool| labels.iter().filter(|label| is(label)).count();
-    let rounds = count(|label| matches!(label, Label::Centring(_)));
-    let mounted = count(|label| matches!(label, Label::Mount(_)));
+pub fn next_stage(
+    setup: &MultiprobeSetup<'_>,
+    done: &[Stage],
+    source: PositionSource<'_>,
+) -> Result<NextStage, MethodRefusal> {
+    let labels: Vec<StepLabel> =
+        setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
+    let count = |is: fn(&StepLabel) -> bool| labels.iter().filter(|label| is(label)).count();
+    let rounds = count(|label| matches!(label, StepLabel::Centring(_)));
+    let mounted = count(|label| matches!(label, StepLabel::Mount(_)));
     let measured = match source {
-        Source::Nominal => None,
-        Source::Measured(readings) => Centring::of(setup, readings),
+        PositionSource::Nominal => None,
+        PositionSource::Measured(readings) => CentringResult::from_readings(setup, readings),
     };
-    let off = measured.filter(|centring| !centring.is_within(setup));
-    let turn = turn_deg(setup)?;
-    let (name, steps) = match (rounds, mounted, &off) {
+    let off_centre = measured.filter(|centring| !centring.is_within_limit(setup));
+    let turn = turn_angles_deg(setup)?;
+    let (name, steps) = match (rounds, mounted, &off_centre) {
         (0, _, _) => {
-            let steps = vec![first_prompt(setup)?, centring_turn(setup, &turn, 1)];
+            let steps = vec![first_mount_prompt(setup)?, centring_turn(setup, &turn, 1)];
             ("centring".to_owned(), steps)
         }
-        (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
-            let prompt = Step::prompt(format!("centre/{}", rounds + 1), off.text(setup));
-            let prompt = Step { watch: off.watch(setup), ..prompt };
+        (rounds, 0, Some(off_centre)) if rounds < MAX_CENTRING_ROUNDS => {
+            let prompt =
+                Step::prompt(format!("centre/{}", rounds + 1), off_centre.prompt_text(setup));
+            let prompt = Step { watch: off_centre.watched_sensors(setup), ..prompt };
             let steps = vec![prompt, centring_turn(setup, &turn, rounds + 1)];
             ("centring, once more".to_owned(), steps)
         }
         (_, 0, Some(_)) => {
-            return Err(Refused::new(
+            return Err(MethodRefusal::new(
                 format!("the artefact is not centred after {rounds} rounds"),
                 "use a finer centring stage, or raise eccentricity_limit_um",
             ));
         }
         (_, mounted, _) if mounted < setup.settings.indexes => {
             let count = setup.settings.indexes;
-            (format!("mounting {} of {count}", mounted + 1), mounting(setup, &turn, mounted + 1)?)
+            (
+                format!("mounting {} of {count}", mounted + 1),
+                mounting_steps(setup, &turn, mounted + 1)?,
+            )
         }
-        _ => return Ok(Next::Done),
+        _ => return Ok(NextStage::Done),
     };
-    Ok(Next::new_steps(setup.plan, done, name, steps))
+    Ok(NextStage::from_new_steps(setup.plan, done, name, steps))
 }
 
-fn first_prompt(setup: &Setup<'_>) -> Result<Step, Refused> {
+fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal> {
     let names: Vec<&str> = setup.plan.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let text = format!(
-        "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
-         middle of their ranges. All axes will go to where `at` states them (rotary axes to 0° where it does not), then \
-         the table turns once.{}",
+        "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the \
+         sensors ({}) to the middle of their ranges. All axes will move to the positions of `at` \
+         (rotary axes without a position to 0°), then the table will turn once.{}",
         names.join(", "),
-        weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.exclusions())?
+        describe_weak_points(
+            &setup.layout,
+            setup.settings.harmonics,
+            &setup.settings.excluded_ranges()
+        )?
     );
     let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
 }
 
 /// One revolution with few stops.
-fn centring_turn(setup: &Setup<'_>, turn_deg: &[f64], round: usize) -> Step {
-    let step_deg = 360.0 / CENTRING_POINTS as f64;
-    let angles = (0..=CENTRING_POINTS).map(|k| turn_deg[0] + k as f64 * step_deg);
-    scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup))
+fn centring_turn(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], round: usize) -> Step {
+    let step_deg = 360.0 / CENTRING_STOP_COUNT as f64;
+    let angles = (0..=CENTRING_STOP_COUNT).map(|k| turn_deg[0] + k as f64 * step_deg);
+    turn_scan(
+        setup,
+        StepLabel::Centring(round),
+        StepKind::Scan,
+        angles.collect(),
+        dwell_sampling(setup),
+    )
 }
 
 /// Steps of one mounting, counted from 1.
-fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<Step>, Refused> {
+fn mounting_steps(
+    setup: &MultiprobeSetup<'_>,
+    turn_deg: &[f64],
+    number: usize,
+) -> Result<Vec<Step>, MethodRefusal> {
     let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
-            "The artefact is centred. Keep clear: at each mounting the table turns {}°{}",
+            "The artefact is centred. Keep clear: at each mounting the table will turn {}°{}",
             360 * setup.settings.revolutions,
             if setup.settings.both_directions { " and back" } else { "" }
         ),
         _ => format!(
-            "Turn the artefact on its indexing stage to {index_deg:.3}° against its first mounting, counter-clockwise \
-             seen from its tip, and clamp it. Do not touch sensors and table"
+            "Turn the artefact on its indexing stage to {index_deg:.3}° relative to its first \
+             mounting, counter-clockwise seen from its tip, and clamp it. Do not touch the sensors \
+             or the table"
         ),
     };
     // The angles of all other mountings count from the first mounting.
     let mount = (number > 1).then_some(ArtefactMount { turn_deg: index_deg });
-    let prompt = Step { mount, ..Step::prompt(Label::Mount(number).to_string(), text) };
+    let prompt = Step { mount, ..Step::prompt(StepLabel::Mount(number).to_string(), text) };
     let forward = turn_deg.to_vec();
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
     let start = turn_deg[0];
     let sampling = match setup.settings.sampling {
-        TurnSampling::Dwell => rests(setup),
+        TurnSampling::Dwell => dwell_sampling(setup),
         TurnSampling::Continuous => Sampling::Continuous {
             rate_hz: setup.settings.rate_hz,
             per_revolution: Some(setup.settings.positions),
         },
     };
-    let turns = |label, angles| scan(setup, label, StepKind::Scan, angles, sampling);
+    let turns = |label, angles| turn_scan(setup, label, StepKind::Scan, angles, sampling);
     // After an interruption the reference of the same mounting is repeated. It has two stops, so that the scan is a
     // turn.
     let reference = vec![start, start + 90.0];
-    let reference =
-        scan(setup, Label::Reference(number), StepKind::Reference, reference, rests(setup));
-    let mut steps = vec![prompt, reference, turns(Label::Forward(number), forward)];
+    let reference = turn_scan(
+        setup,
+        StepLabel::Reference(number),
+        StepKind::Reference,
+        reference,
+        dwell_sampling(setup),
+    );
+    let mut steps = vec![prompt, reference, turns(StepLabel::Forward(number), forward)];
     if setup.settings.both_directions {
-        steps.push(turns(Label::Backward(number), backward));
+        steps.push(turns(StepLabel::Backward(number), backward));
     }
     Ok(steps)
 }
 
-fn rests(setup: &Setup<'_>) -> Sampling {
+fn dwell_sampling(setup: &MultiprobeSetup<'_>) -> Sampling {
     Sampling::Dwell { dwell_s: setup.settings.dwell_s, samples: setup.settings.samples }
 }
 
-fn scan(
-    setup: &Setup<'_>,
-    label: Label,
+fn turn_scan(
+    setup: &MultiprobeSetup<'_>,
+    label: StepLabel,
     kind: StepKind,
     angles_deg: Vec<f64>,
     sampling: Sampling,
 ) -> Step {
-    let at = |deg: &f64| setup.at.clone().with(setup.axis, setup.axis.from_edge(*deg));
-    let path: Vec<Position> = angles_deg.iter().map(at).collect();
+    let position =
+        |deg: &f64| setup.start_position.clone().with(setup.axis, setup.axis.to_mm_or_rad(*deg));
+    let path: Vec<Position> = angles_deg.iter().map(position).collect();
     Step {
         kind,
         feed_mm_min: setup.settings.feed_deg_min,
@@ -147,7 +177,7 @@ fn scan(
 ///
 /// # Errors
 /// The axis limits do not allow the number of revolutions.
-fn turn_deg(setup: &Setup<'_>) -> Result<Vec<f64>, Refused> {
+fn turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let Settings { positions, revolutions, sampling, .. } = *setup.settings;
     // The filter needs samples before the first revolution and after the last one. The first and the last step are
     // incomplete, as the axis starts and stops there.
@@ -155,7 +185,8 @@ fn turn_deg(setup: &Setup<'_>) -> Result<Vec<f64>, Refused> {
         TurnSampling::Dwell => 0,
         TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,
     };
-    let steps = Turns { positions, revolutions, lead }.within(setup.plan, setup.axis)?;
+    let steps = RevolutionSteps { positions, revolutions, lead_steps: lead }
+        .range_within_limits(setup.plan, setup.axis)?;
     let numbers: Vec<i64> = match sampling {
         TurnSampling::Dwell => steps.collect(),
         TurnSampling::Continuous => vec![*steps.start(), *steps.end()],

@@ -6,7 +6,7 @@ mod tests;
 mod volume;
 mod workpiece;
 
-pub use slices::Slice;
+pub use slices::ErrorSlice;
 pub use volume::VolumeError;
 pub use workpiece::{WorkpieceFrame, WorkpiecePoint};
 
@@ -16,38 +16,38 @@ use faer::Mat;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use crate::Refused;
+use crate::MethodRefusal;
 use crate::identification::KnownErrors;
-use machine::frame::{Point, Spindle};
-use machine::kinematics::{Chain, KinematicsError};
+use machine::frame::{Point, SpindleFrame};
+use machine::kinematics::{KinematicChain, KinematicsError};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
 /// Distance along the tool from the tip to the second point from which the error of the direction is
 /// computed, mm.
-const ALONG_MM: f64 = 256.0;
+const DIRECTION_BASE_MM: f64 = 256.0;
 
-const EXTRAPOLATE: &str = "leave the pose out, or ask for extrapolation (--extrapolate)";
+const EXTRAPOLATION_REMEDY: &str = "omit the pose, or allow extrapolation (--extrapolate)";
 
 /// Errors at one pose, in the table frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseError {
     /// True minus nominal position of the tip, minus the same at the work zero, mm.
-    pub tip_mm: Vector3<f64>,
-    pub u_tip_mm: Vector3<f64>,
+    pub tip_error_mm: Vector3<f64>,
+    pub u_tip_error_mm: Vector3<f64>,
     /// True minus nominal direction of the tool, from its tip to the spindle, rad. The work zero has no
     /// effect on it.
-    pub direction: Vector3<f64>,
-    pub u_direction: Vector3<f64>,
+    pub direction_error_rad: Vector3<f64>,
+    pub u_direction_error_rad: Vector3<f64>,
 }
 
 /// Error of the tip relative to the work zero in the table frame, mm, and its derivatives by the errors of
 /// the axes.
 #[derive(Debug, Clone)]
 pub struct TipError {
-    mm: Vector3<f64>,
-    columns: Vec<Vector3<f64>>,
+    error_mm: Vector3<f64>,
+    derivatives: Vec<Vector3<f64>>,
 }
 
 /// Pose of the work zero, where the tip has no error by definition.
@@ -55,24 +55,24 @@ pub struct TipError {
 pub enum WorkZero {
     /// Set once, with the tip on the origin of the table and all rotary axes at 0. From there tool centre
     /// point control follows the workpiece.
-    OnTable,
+    TableOrigin,
     /// Set once, at this pose.
-    At(Position),
+    Pose(Position),
     /// Without tool centre point control: set again at each position of the rotary axes, with the tip on the
     /// origin of the table.
-    EachTime,
+    EachRotaryPosition,
 }
 
 pub struct Predictor<'a> {
-    chain: Chain,
-    known: KnownErrors<'a>,
-    tip: Point<Spindle>,
+    chain: KinematicChain,
+    known_errors: KnownErrors<'a>,
+    tip: Point<SpindleFrame>,
     /// Ranges of the axes over which the estimate was measured, mm and degrees; empty: unknown.
-    measured: &'a BTreeMap<Axis, [f64; 2]>,
+    measured_ranges: &'a BTreeMap<Axis, [f64; 2]>,
     /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
-    zero_at: Option<Position>,
+    work_zero: Option<Position>,
     /// Displacement at the work zero.
-    zero: Option<Displacement>,
+    zero_displacement: Option<Displacement>,
 }
 
 /// Displacement of a point in the table frame, and its derivatives by the errors.
@@ -81,22 +81,28 @@ type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
 impl<'a> Predictor<'a> {
     /// # Errors
     /// The machine has no kinematics; the estimate has no errors of its axes.
-    pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, Refused> {
-        let chain = Chain::new(machine)?;
-        let known = KnownErrors::of(estimate, &chain)?;
+    pub fn new(
+        machine: &Machine,
+        estimate: &'a Estimate,
+        zero: WorkZero,
+    ) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(machine)?;
+        let known_errors = KnownErrors::from_estimate(estimate, &chain)?;
         let tip = Point::from_vec(Vector3::from(machine.tool_mm));
-        let on_table = on_table(&chain, tip, &Position::new())?;
-        let zero_at = match zero {
-            WorkZero::OnTable => Some(on_table),
-            WorkZero::At(zero) => Some(zero),
-            WorkZero::EachTime => None,
+        let table_origin = linear_axes_at_table_origin(&chain, tip, &Position::new())?;
+        let work_zero = match zero {
+            WorkZero::TableOrigin => Some(table_origin),
+            WorkZero::Pose(zero) => Some(zero),
+            WorkZero::EachRotaryPosition => None,
         };
-        let measured = &estimate.measured;
-        Ok(Self { chain, known, tip, measured, zero_at, zero: None }.zeroed())
+        let measured_ranges = &estimate.measured;
+        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, zero_displacement: None }
+            .with_work_zero())
     }
 
-    fn zeroed(mut self) -> Self {
-        self.zero = self.zero_at.as_ref().map(|zero| self.of_point(zero, self.tip));
+    fn with_work_zero(mut self) -> Self {
+        self.zero_displacement =
+            self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
         self
     }
 
@@ -105,49 +111,49 @@ impl<'a> Predictor<'a> {
     ///
     /// # Errors
     /// A symbol is not an error of the estimate.
-    pub fn corrected(mut self, symbols: &[&str]) -> Result<Self, Refused> {
+    pub fn with_corrected_errors(mut self, symbols: &[&str]) -> Result<Self, MethodRefusal> {
         for symbol in symbols {
-            let place = self.known.symbols.iter().position(|known| known == symbol);
-            let place = place.ok_or_else(|| {
-                Refused::new(
-                    format!("{symbol} is no error of an axis in the estimate"),
-                    format!("name some of {}", self.known.symbols.join(", ")),
+            let index = self.known_errors.symbols.iter().position(|known| known == symbol);
+            let index = index.ok_or_else(|| {
+                MethodRefusal::new(
+                    format!("{symbol} is not an axis error of the estimate"),
+                    format!("choose from {}", self.known_errors.symbols.join(", ")),
                 )
             })?;
-            self.known.errors[place].value = 0.0;
+            self.known_errors.errors[index].value = 0.0;
         }
-        Ok(self.zeroed())
+        Ok(self.with_work_zero())
     }
 
     /// Errors that the prediction includes, and what it does not include, in words.
-    pub fn model_in_words(&self) -> String {
+    pub fn describe_model(&self) -> String {
         format!(
             "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty",
-            self.known.symbols.join(", "),
-            self.known.estimate.method
+            self.known_errors.symbols.join(", "),
+            self.known_errors.estimate.method
         )
     }
 
     /// Symbols of the axis errors in the estimate.
     pub fn symbols(&self) -> &[&'a str] {
-        &self.known.symbols
+        &self.known_errors.symbols
     }
 
     /// Displacement at the work zero.
-    fn zero(&self, at: &Position) -> Displacement {
-        self.zero.clone().unwrap_or_else(|| {
+    fn displacement_at_zero(&self, at: &Position) -> Displacement {
+        self.zero_displacement.clone().unwrap_or_else(|| {
             // X, Y, Z that are linearly independent with all axes at 0 are so everywhere.
-            let zero = on_table(&self.chain, self.tip, at).unwrap_or_default();
-            self.of_point(&at.updated_by(&zero), self.tip)
+            let zero = linear_axes_at_table_origin(&self.chain, self.tip, at).unwrap_or_default();
+            self.point_displacement(&at.updated_by(&zero), self.tip)
         })
     }
 
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
-    fn of_point(&self, at: &Position, point: Point<Spindle>) -> Displacement {
-        let Self { chain, known, .. } = self;
-        let off =
-            chain.tip_in_table(at, point, &known.errors).mm - chain.tip_in_table(at, point, &[]).mm;
-        (off, chain.jacobian(at, point, &known.errors, &known.parameters()))
+    fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> Displacement {
+        let Self { chain, known_errors, .. } = self;
+        let displacement = chain.tip_in_table(at, point, &known_errors.errors).mm
+            - chain.tip_in_table(at, point, &[]).mm;
+        (displacement, chain.jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 
     /// Checks that a pose lies within the ranges over which the estimate was measured. An axis that the pose
@@ -155,98 +161,100 @@ impl<'a> Predictor<'a> {
     ///
     /// # Errors
     /// An axis is outside its range; the estimate does not state the ranges.
-    pub fn check(&self, at: &Position) -> Result<(), Refused> {
-        self.check_ranges()?;
-        for (axis, value) in at.iter().filter(|(axis, _)| !self.measured.contains_key(axis)) {
-            Refused::unless(
+    pub fn check_measured_range(&self, at: &Position) -> Result<(), MethodRefusal> {
+        self.check_has_ranges()?;
+        for (axis, value) in at.iter().filter(|(axis, _)| !self.measured_ranges.contains_key(axis))
+        {
+            MethodRefusal::require(
                 value == 0.0,
                 format!(
                     "{axis} {:.3} was not measured: the estimate has no range of {axis}",
-                    axis.to_edge(value)
+                    axis.to_mm_or_deg(value)
                 ),
-                EXTRAPOLATE,
+                EXTRAPOLATION_REMEDY,
             )?;
         }
-        for (axis, [least, most]) in self.measured {
-            let value = axis.to_edge(at.get(*axis).unwrap_or_default());
-            Refused::unless(
+        for (axis, [least, most]) in self.measured_ranges {
+            let value = axis.to_mm_or_deg(at.get(*axis).unwrap_or_default());
+            MethodRefusal::require(
                 (*least..=*most).contains(&value),
                 format!(
-                    "{axis} {value:.3} is outside {least:.3} to {most:.3}, over which the estimate was measured"
+                    "{axis} {value:.3} is outside {least:.3} to {most:.3}, the measured range of \
+                     the estimate"
                 ),
-                EXTRAPOLATE,
+                EXTRAPOLATION_REMEDY,
             )?;
         }
         Ok(())
     }
 
-    fn check_ranges(&self) -> Result<(), Refused> {
-        Refused::unless(
-            !self.measured.is_empty(),
-            "the estimate does not say over which ranges of the axes it was measured",
-            "identify it again from its run with this version, or ask for extrapolation (--extrapolate)",
+    fn check_has_ranges(&self) -> Result<(), MethodRefusal> {
+        MethodRefusal::require(
+            !self.measured_ranges.is_empty(),
+            "the estimate does not contain the measured ranges of the axes",
+            "identify the run again with this version, or allow extrapolation (--extrapolate)",
         )
     }
 
-    pub fn at(&self, at: &Position) -> PoseError {
-        self.with_direction(at, &self.tip_at(at))
+    pub fn pose_error(&self, at: &Position) -> PoseError {
+        self.pose_error_from_tip(at, &self.tip_error(at))
     }
 
-    fn with_direction(&self, at: &Position, tip: &TipError) -> PoseError {
-        let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
-        let (above, columns) = self.of_point(at, above);
+    fn pose_error_from_tip(&self, at: &Position, tip: &TipError) -> PoseError {
+        let above = Point::from_vec(self.tip.mm + Vector3::z() * DIRECTION_BASE_MM);
+        let (above, columns) = self.point_displacement(at, above);
         // The work zero does not affect a direction.
-        let (zero, zero_columns) = self.zero(at);
-        let own = tip.columns.iter().zip(&zero_columns);
+        let (zero, zero_columns) = self.displacement_at_zero(at);
+        let own = tip.derivatives.iter().zip(&zero_columns);
         let turned: Vec<Vector3<f64>> = columns
             .iter()
             .zip(own)
-            .map(|(above, (tip, zero))| (above - tip - zero) / ALONG_MM)
+            .map(|(above, (tip, zero))| (above - tip - zero) / DIRECTION_BASE_MM)
             .collect();
         PoseError {
-            tip_mm: tip.mm,
-            u_tip_mm: uncertainty(&tip.columns, &self.known.covariance),
-            direction: (above - tip.mm - zero) / ALONG_MM,
-            u_direction: uncertainty(&turned, &self.known.covariance),
+            tip_error_mm: tip.error_mm,
+            u_tip_error_mm: standard_uncertainty(&tip.derivatives, &self.known_errors.covariance),
+            direction_error_rad: (above - tip.error_mm - zero) / DIRECTION_BASE_MM,
+            u_direction_error_rad: standard_uncertainty(&turned, &self.known_errors.covariance),
         }
     }
 
-    fn tip_at(&self, at: &Position) -> TipError {
-        let (tip, columns) = self.of_point(at, self.tip);
-        let (zero, zero_columns) = self.zero(at);
-        TipError { mm: tip - zero, columns: less(&columns, &zero_columns) }
+    fn tip_error(&self, at: &Position) -> TipError {
+        let (tip, columns) = self.point_displacement(at, self.tip);
+        let (zero, zero_columns) = self.displacement_at_zero(at);
+        TipError { error_mm: tip - zero, derivatives: subtract_columns(&columns, &zero_columns) }
     }
 
     /// The error of the tip at each pose, computed in parallel.
-    pub fn tips(&self, poses: &[Position]) -> Vec<TipError> {
-        poses.par_iter().map(|at| self.tip_at(at)).collect()
+    pub fn tip_errors(&self, poses: &[Position]) -> Vec<TipError> {
+        poses.par_iter().map(|at| self.tip_error(at)).collect()
     }
 
     /// The error of each pose, from the error of its tip.
-    pub fn with_directions(&self, poses: &[Position], tips: &[TipError]) -> Vec<PoseError> {
-        poses.par_iter().zip(tips).map(|(at, tip)| self.with_direction(at, tip)).collect()
+    pub fn pose_errors(&self, poses: &[Position], tips: &[TipError]) -> Vec<PoseError> {
+        poses.par_iter().zip(tips).map(|(at, tip)| self.pose_error_from_tip(at, tip)).collect()
     }
 }
 
 /// X, Y, Z that move the tip to the origin of the table.
-fn on_table(
-    chain: &Chain,
-    tip: Point<Spindle>,
+fn linear_axes_at_table_origin(
+    chain: &KinematicChain,
+    tip: Point<SpindleFrame>,
     others: &Position,
 ) -> Result<Position, KinematicsError> {
-    chain.linear_axes_for(Point::from_vec(Vector3::zeros()), tip, others, &[])
+    chain.solve_linear_axes(Point::from_vec(Vector3::zeros()), tip, others, &[])
 }
 
-fn less(columns: &[Vector3<f64>], zero: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+fn subtract_columns(columns: &[Vector3<f64>], zero: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     columns.iter().zip(zero).map(|(column, zero)| column - zero).collect()
 }
 
 /// Standard uncertainty of each coordinate: √(J·C·Jᵀ).
-fn uncertainty(columns: &[Vector3<f64>], covariance: &Mat<f64>) -> Vector3<f64> {
+fn standard_uncertainty(columns: &[Vector3<f64>], covariance: &Mat<f64>) -> Vector3<f64> {
     let mut variance = Vector3::zeros();
-    for (i, one) in columns.iter().enumerate() {
-        for (j, other) in columns.iter().enumerate() {
-            variance += one.component_mul(other) * covariance[(i, j)];
+    for (i, first) in columns.iter().enumerate() {
+        for (j, second) in columns.iter().enumerate() {
+            variance += first.component_mul(second) * covariance[(i, j)];
         }
     }
     variance.map(|variance: f64| variance.max(0.0).sqrt())

@@ -2,19 +2,19 @@
 //! that remains after it.
 
 use super::Predictor;
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::{Axis, Position};
 
 /// Number of positions of an axis over its range.
-const POSITIONS: usize = 7;
+const POSITIONS_PER_AXIS: usize = 7;
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Slice {
-    /// The two axes and their positions, mm and degrees: horizontal (`across`) and vertical (`up`).
-    pub across: (Axis, Vec<f64>),
-    pub up: (Axis, Vec<f64>),
+pub struct ErrorSlice {
+    /// The two axes and their positions, mm and degrees: `horizontal` and `vertical`.
+    pub horizontal: (Axis, Vec<f64>),
+    pub vertical: (Axis, Vec<f64>),
     /// Positions of the other axes.
-    pub others: Position,
+    pub other_positions: Position,
     /// Length of the error of the tip, row by row upwards, mm.
     pub error_mm: Vec<Vec<f64>>,
     /// Standard uncertainty of the tip error, √(u_x² + u_y² + u_z²), mm. It remains after a correction of all
@@ -29,24 +29,25 @@ impl Predictor<'_> {
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
-    pub fn slices(&self, at: &Position) -> Result<Vec<Slice>, Refused> {
-        self.check_ranges()?;
-        let ranged = |axis: &Axis| self.measured.get(axis).filter(|[least, most]| least < most);
+    pub fn slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
+        self.check_has_ranges()?;
+        let ranged =
+            |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
         let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);
-        let linear = self.measured.iter().filter(|(axis, _)| axis.is_linear());
+        let linear = self.measured_ranges.iter().filter(|(axis, _)| axis.is_linear());
         let linear: Position = linear.map(|(axis, range)| (*axis, middle(range))).collect();
-        let others = at.only(|axis| !axis.is_linear()).updated_by(&linear);
+        let others = at.filter_axes(|axis| !axis.is_linear()).updated_by(&linear);
         let mut slices = Vec::new();
         if let Some((x, y)) = ranged(&Axis::X).zip(ranged(&Axis::Y)) {
             let levels = match ranged(&Axis::Z) {
                 Some(z) => vec![z[0], middle(z), z[1]],
-                None => vec![others.at(Axis::Z)],
+                None => vec![others.get_or_zero(Axis::Z)],
             };
-            let zero = |(axis, [least, most]): (&Axis, &[f64; 2])| {
-                (*axis, axis.from_edge(0.0_f64.clamp(*least, *most)))
+            let nearest_to_zero = |(axis, [least, most]): (&Axis, &[f64; 2])| {
+                (*axis, axis.to_mm_or_rad(0.0_f64.clamp(*least, *most)))
             };
-            let rotary = self.measured.iter().filter(|(axis, _)| !axis.is_linear());
-            let at_zero: Position = rotary.map(zero).collect();
+            let rotary = self.measured_ranges.iter().filter(|(axis, _)| !axis.is_linear());
+            let at_zero: Position = rotary.map(nearest_to_zero).collect();
             slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.updated_by(&at_zero)));
             for z in levels {
                 slices.push(self.slice(
@@ -66,29 +67,34 @@ impl Predictor<'_> {
         Ok(slices)
     }
 
-    fn slice(&self, across: (Axis, &[f64; 2]), up: (Axis, &[f64; 2]), others: Position) -> Slice {
+    fn slice(
+        &self,
+        horizontal: (Axis, &[f64; 2]),
+        vertical: (Axis, &[f64; 2]),
+        others: Position,
+    ) -> ErrorSlice {
         let positions = |[least, most]: &[f64; 2]| -> Vec<f64> {
-            let step = (most - least) / (POSITIONS - 1) as f64;
-            (0..POSITIONS).map(|k| least + step * k as f64).collect()
+            let step = (most - least) / (POSITIONS_PER_AXIS - 1) as f64;
+            (0..POSITIONS_PER_AXIS).map(|k| least + step * k as f64).collect()
         };
-        let (columns, rows) = (positions(across.1), positions(up.1));
+        let (columns, rows) = (positions(horizontal.1), positions(vertical.1));
         let pose = |y: f64, x: f64| {
-            let at = others.clone().with(across.0, across.0.from_edge(x));
-            at.with(up.0, up.0.from_edge(y))
+            let at = others.clone().with(horizontal.0, horizontal.0.to_mm_or_rad(x));
+            at.with(vertical.0, vertical.0.to_mm_or_rad(y))
         };
         let poses: Vec<Position> =
             rows.iter().flat_map(|y| columns.iter().map(|x| pose(*y, *x))).collect();
-        let tips = self.tips(&poses);
-        let errors = self.with_directions(&poses, &tips);
-        let by_row = |of: fn(&super::PoseError) -> f64| -> Vec<Vec<f64>> {
-            errors.chunks(columns.len()).map(|row| row.iter().map(of).collect()).collect()
+        let tips = self.tip_errors(&poses);
+        let errors = self.pose_errors(&poses, &tips);
+        let by_row = |value: fn(&super::PoseError) -> f64| -> Vec<Vec<f64>> {
+            errors.chunks(columns.len()).map(|row| row.iter().map(value).collect()).collect()
         };
-        Slice {
-            error_mm: by_row(|error| error.tip_mm.norm()),
-            u_mm: by_row(|error| error.u_tip_mm.norm()),
-            across: (across.0, columns),
-            up: (up.0, rows),
-            others: others.only(|axis| axis != across.0 && axis != up.0),
+        ErrorSlice {
+            error_mm: by_row(|error| error.tip_error_mm.norm()),
+            u_mm: by_row(|error| error.u_tip_error_mm.norm()),
+            horizontal: (horizontal.0, columns),
+            vertical: (vertical.0, rows),
+            other_positions: others.filter_axes(|axis| axis != horizontal.0 && axis != vertical.0),
         }
     }
 }

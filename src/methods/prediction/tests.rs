@@ -52,16 +52,16 @@ fn errors_are_those_of_the_matrix_products() {
     };
     // The tip is on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     for (xyz, triple) in POSES {
-        let predicted = predictor.at(&position(xyz, triple));
+        let predicted = predictor.pose_error(&position(xyz, triple));
         let expected = off(xyz, triple) - off(zero.0, zero.1);
-        assert!((predicted.tip_mm - expected).norm() < 1e-9, "{predicted:?} {expected}");
-        assert!((predicted.direction - direction(xyz, triple)).norm() < 1e-9);
+        assert!((predicted.tip_error_mm - expected).norm() < 1e-9, "{predicted:?} {expected}");
+        assert!((predicted.direction_error_rad - direction(xyz, triple)).norm() < 1e-9);
     }
     let elsewhere = position(POSES[1].0, POSES[1].1);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::At(elsewhere.clone())).unwrap();
-    assert!(predictor.at(&elsewhere).tip_mm.norm() < 1e-12);
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::Pose(elsewhere.clone())).unwrap();
+    assert!(predictor.pose_error(&elsewhere).tip_error_mm.norm() < 1e-12);
 }
 
 /// Without tool centre point control the tip has no error at the origin of the table, at each position of the
@@ -72,7 +72,7 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
     let tool = Vector3::from(machine.tool_mm);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let nominal = Truth { errors: Default::default(), tool };
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::EachTime).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::EachRotaryPosition).unwrap();
     for (xyz, triple) in POSES {
         let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
         // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
@@ -82,7 +82,7 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
         let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
         let zero = -columns.try_inverse().unwrap() * at_zero;
         let expected = off(Vector3::from(xyz)) - off(zero);
-        let predicted = predictor.at(&position(xyz, triple)).tip_mm;
+        let predicted = predictor.pose_error(&position(xyz, triple)).tip_error_mm;
         assert!((predicted - expected).norm() < 1e-9, "{predicted} {expected}");
     }
 }
@@ -97,17 +97,17 @@ fn a_correction_leaves_the_uncertainty() {
     estimate.covariance.rows.iter_mut().flatten().for_each(|entry| *entry = 0.0);
     estimate.covariance.rows[offset][offset] = 4.0;
     let machine = machine();
-    let new = || Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
+    let new = || Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let symbols = new().symbols().to_vec();
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
-    let corrected = new().corrected(&symbols).unwrap();
-    assert!(corrected.at(&half_turn).tip_mm.norm() < 1e-12);
+    let corrected = new().with_corrected_errors(&symbols).unwrap();
+    assert!(corrected.pose_error(&half_turn).tip_error_mm.norm() < 1e-12);
     let [error, _] = corrected.volume_errors(
         std::slice::from_ref(&half_turn),
-        &corrected.tips(std::slice::from_ref(&half_turn)),
+        &corrected.tip_errors(std::slice::from_ref(&half_turn)),
     );
     assert!((error.largest_95_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
-    let rest = new().corrected(&["EX0C"]).unwrap().at(&half_turn).tip_mm;
+    let rest = new().with_corrected_errors(&["EX0C"]).unwrap().pose_error(&half_turn).tip_error_mm;
     let mut without = paper_errors();
     without.iter_mut().filter(|(symbol, _)| symbol == "EX0C").for_each(|(_, value)| *value = 0.0);
     let tool = Vector3::from(machine.tool_mm);
@@ -119,7 +119,7 @@ fn a_correction_leaves_the_uncertainty() {
     let expected = off(Vector3::new(30.0, 20.0, 400.0), [0.0, std::f64::consts::PI, 0.0])
         - off(Vector3::new(0.0, 0.0, -tool.z), [0.0; 3]);
     assert!((rest - expected).norm() < 1e-9, "{rest} {expected}");
-    assert!(new().corrected(&["EX9C"]).is_err_and(|why| why.instead.contains("EX0C")));
+    assert!(new().with_corrected_errors(&["EX9C"]).is_err_and(|why| why.remedy.contains("EX0C")));
 }
 
 /// The values of slices are the errors of single poses with the other axes as given.
@@ -131,22 +131,27 @@ fn slices_are_made_of_poses() {
         (Axis::Y, [-100.0, 100.0]),
         (Axis::Z, [300.0, 500.0]),
     ]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
     let slices = predictor.slices(&tilted).unwrap();
     assert_eq!(slices.len(), 5);
-    let at = predictor.at(&position([300.0, -100.0, 400.0], [0.0; 3]));
-    assert!((slices[0].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
-    let at = predictor.at(&position([300.0, -100.0, 500.0], [0.5, 1.0, 0.0]));
+    let at = predictor.pose_error(&position([300.0, -100.0, 400.0], [0.0; 3]));
+    assert!((slices[0].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
+    let at = predictor.pose_error(&position([300.0, -100.0, 500.0], [0.5, 1.0, 0.0]));
     let (error, u) = (slices[3].error_mm[0][6], slices[3].u_mm[0][6]);
-    assert_eq!((error, u), (at.tip_mm.norm(), at.u_tip_mm.norm()));
-    let at = predictor
-        .at(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
-    assert!((slices[4].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
-    assert_eq!((slices[4].across.0, slices[4].up.0), (Axis::C, Axis::B));
+    assert_eq!((error, u), (at.tip_error_mm.norm(), at.u_tip_error_mm.norm()));
+    let at = predictor.pose_error(&position(
+        [0.0, 0.0, 400.0],
+        [-90_f64.to_radians(), std::f64::consts::TAU, 0.0],
+    ));
+    assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
+    assert_eq!((slices[4].horizontal.0, slices[4].vertical.0), (Axis::C, Axis::B));
     estimate.measured.clear();
     assert!(
-        Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap().slices(&tilted).is_err()
+        Predictor::new(&machine, &estimate, WorkZero::TableOrigin)
+            .unwrap()
+            .slices(&tilted)
+            .is_err()
     );
 }
 
@@ -159,9 +164,9 @@ fn uncertainty_is_zeroed_too() {
         |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
-    let mut predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
+    let mut predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
     let u = |c: f64, predictor: &Predictor<'_>| {
-        predictor.at(&position([30.0, 20.0, 400.0], [0.0, c, 0.0])).u_tip_mm * 1e3
+        predictor.pose_error(&position([30.0, 20.0, 400.0], [0.0, c, 0.0])).u_tip_error_mm * 1e3
     };
     let near = |u: Vector3<f64>, expected: [f64; 3]| {
         assert!((u - Vector3::from(expected)).norm() < 0.01, "{u} {expected:?}");
@@ -172,37 +177,50 @@ fn uncertainty_is_zeroed_too() {
     // 3 µrad about X: the uncertainty of the direction is all along Y.
     estimate.covariance.rows[offset][offset] = 0.0;
     estimate.covariance.rows[angle][angle] = 9.0;
-    predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
-    let pose = predictor.at(&position([0.0, 0.0, 400.0], [0.0; 3]));
-    near(pose.u_direction * 1e6, [0.0, 3.0, 0.0]);
+    predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let pose = predictor.pose_error(&position([0.0, 0.0, 400.0], [0.0; 3]));
+    near(pose.u_direction_error_rad * 1e6, [0.0, 3.0, 0.0]);
 }
 
 #[test]
 fn what_was_not_measured_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
-    assert!(predictor.check(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
-    let why = predictor.check(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().why;
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    assert!(
+        predictor
+            .check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0))
+            .is_ok()
+    );
+    let why =
+        predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
     // An axis that the pose does not name is at 0.
-    let why = predictor.check(&Position::new().with(Axis::C, 1.0)).unwrap_err().why;
+    let why =
+        predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
-    let why = predictor.check(&Position::new().with(Axis::X, 1.0)).unwrap_err().why;
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    let why =
+        predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
-    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
-    assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
+    assert!(
+        predictor
+            .check_measured_range(&Position::new())
+            .unwrap_err()
+            .reason
+            .contains("does not contain")
+    );
     // An estimate of another machine.
     let mut other = machine.clone();
     other.topology = other.topology.replace('B', "A");
     let axis = other.axes.remove(&Axis::B).unwrap();
     other.axes.insert(Axis::A, axis);
-    let why = Predictor::new(&other, &estimate, WorkZero::OnTable).err().unwrap().why;
-    assert!(why.contains("is of another machine: this one has no EA0B, EC0B"), "{why}");
+    let why = Predictor::new(&other, &estimate, WorkZero::TableOrigin).err().unwrap().reason;
+    assert!(why.contains("is of another machine: this machine has no EA0B, EC0B"), "{why}");
     estimate.parameters.clear();
-    assert!(Predictor::new(&machine, &estimate, WorkZero::OnTable).is_err());
+    assert!(Predictor::new(&machine, &estimate, WorkZero::TableOrigin).is_err());
 }
 
 /// Reading of this machine with its stylus at `place` of the table.
@@ -234,14 +252,14 @@ fn touches_are_points_of_the_workpiece() {
     let (_, triple) = POSES[1];
     let reading = touch(&truth, place, triple);
     let point = |plan: &Plan, estimate: Option<&Estimate>| {
-        WorkpieceFrame::new(plan, estimate).unwrap().point(&reading).unwrap()
+        WorkpieceFrame::new(plan, estimate).unwrap().workpiece_point(&reading).unwrap()
     };
     let calibrated = point(&plan, Some(&estimate));
-    assert!((calibrated.at_mm - place).norm() < 1e-9, "{calibrated:?}");
+    assert!((calibrated.position_mm - place).norm() < 1e-9, "{calibrated:?}");
     // The uncertainty is that of the touch alone: 0.5 µm, as the machine file declares.
     assert!((calibrated.u_mm - Vector3::repeat(0.5e-3)).norm() < 1e-9);
     let nominal = point(&plan, None);
-    let off = (nominal.at_mm - place).norm();
+    let off = (nominal.position_mm - place).norm();
     assert!(off > 0.02 && off < 0.3 && nominal.u_mm == calibrated.u_mm, "{off}");
     let offset = estimate.covariance.symbols.iter().position(|own| own == "EX0C").unwrap();
     estimate.covariance.rows[offset][offset] = 4.0;
@@ -258,7 +276,9 @@ fn touches_are_points_of_the_workpiece() {
     plan.machine.axes.get_mut(&Axis::X).unwrap().resolution_um = 1.0;
     plan.machine.drift_um_per_h = 5.0;
     let later = Reading { t_s: 3600.0, ..reading.clone() };
-    let u = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().point(&later).unwrap().u_mm * 1e3;
+    let u =
+        WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm
+            * 1e3;
     assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
 }
 
@@ -288,13 +308,13 @@ fn points_are_seen_by_the_stylus_that_was_found() {
         estimate.covariance.rows.push(row);
     }
     let frame = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap();
-    assert_eq!(frame.stylus_in_words(), "stylus as the estimate has it");
-    let point = frame.point(&reading).unwrap();
-    assert!((point.at_mm - place).norm() < 1e-9, "{point:?}");
+    assert_eq!(frame.describe_stylus(), "stylus of the estimate");
+    let point = frame.workpiece_point(&reading).unwrap();
+    assert!((point.position_mm - place).norm() < 1e-9, "{point:?}");
     assert!((point.u_mm - Vector3::repeat(1e-3)).norm() < 1e-6, "{point:?}");
     // 10 µm in each coordinate, as stylus_offset_um declares.
     plan.probe.stylus_offset_um = 10.0;
-    let stated = WorkpieceFrame::new(&plan, None).unwrap().point(&reading).unwrap();
+    let stated = WorkpieceFrame::new(&plan, None).unwrap().workpiece_point(&reading).unwrap();
     assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
 
@@ -307,11 +327,11 @@ fn the_volume_has_a_largest_and_a_mean_error() {
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
     estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
-    let predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
-    let poses = predictor.volume().unwrap();
+    let predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
+    let poses = predictor.grid_poses().unwrap();
     assert_eq!(poses.len(), 12);
-    let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tips(&poses));
-    assert_eq!(poses[zeroed.worst].at(Axis::C).to_degrees().round(), 180.0);
+    let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
+    assert_eq!(poses[zeroed.worst_pose].get_or_zero(Axis::C).to_degrees().round(), 180.0);
     let near = |value: f64, expected: f64, within: f64| {
         assert!((value - expected).abs() < within, "{value} {expected}");
     };

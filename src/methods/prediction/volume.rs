@@ -1,24 +1,24 @@
 //! Error of the tip over the whole volume: largest and mean, with their uncertainty.
 
 use estimation::coverage::COVERAGE_PROBABILITY;
-use estimation::linear::lower_root;
-use estimation::monte_carlo::{Random, Shape};
+use estimation::linear::cholesky_lower;
+use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use estimation::rigid::RigidFit;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::{Predictor, TipError};
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::{Axis, Position};
 
 /// Number of positions of a linear axis over its range, and largest step of a rotary axis, degrees.
-const LINEAR_POSITIONS: usize = 5;
-const ROTARY_STEP_DEG: f64 = 30.0;
+const POSITIONS_PER_LINEAR_AXIS: usize = 5;
+const MAX_ROTARY_STEP_DEG: f64 = 30.0;
 /// Minimum and maximum number of draws of the errors. The number is chosen so that the computation takes
 /// about a second; u is then accurate to 2 to 7 %.
-const TRIALS: [usize; 2] = [100, 1000];
-const POSES_OF_ALL_TRIALS: usize = 4_000_000;
-const SEED: u64 = 0x766f_6c75;
+const TRIAL_LIMITS: [usize; 2] = [100, 1000];
+const MAX_TRIAL_POSES: usize = 4_000_000;
+const MONTE_CARLO_SEED: u64 = 0x766f_6c75;
 
 /// Errors over a set of poses, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +32,7 @@ pub struct VolumeError {
     pub largest_95_mm: f64,
     pub mean_95_mm: f64,
     /// Index of the pose with the largest error.
-    pub worst: usize,
+    pub worst_pose: usize,
 }
 
 impl Predictor<'_> {
@@ -40,17 +40,19 @@ impl Predictor<'_> {
     ///
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
-    pub fn volume(&self) -> Result<Vec<Position>, Refused> {
-        self.check_ranges()?;
+    pub fn grid_poses(&self) -> Result<Vec<Position>, MethodRefusal> {
+        self.check_has_ranges()?;
         let mut poses = vec![Position::new()];
-        for (axis, [least, most]) in self.measured.iter().filter(|(axis, _)| **axis != Axis::S) {
+        for (axis, [least, most]) in
+            self.measured_ranges.iter().filter(|(axis, _)| **axis != Axis::S)
+        {
             let count = match axis.is_linear() {
                 _ if least == most => 1,
-                true => LINEAR_POSITIONS,
-                false => ((most - least) / ROTARY_STEP_DEG).ceil() as usize + 1,
+                true => POSITIONS_PER_LINEAR_AXIS,
+                false => ((most - least) / MAX_ROTARY_STEP_DEG).ceil() as usize + 1,
             };
             let step = (most - least) / (count - 1).max(1) as f64;
-            let at = |k: usize| axis.from_edge(least + k as f64 * step);
+            let at = |k: usize| axis.to_mm_or_rad(least + k as f64 * step);
             let with = |pose: &Position| {
                 (0..count).map(|k| pose.clone().with(*axis, at(k))).collect::<Vec<_>>()
             };
@@ -62,31 +64,32 @@ impl Predictor<'_> {
     /// Errors relative to the work zero, and after a best fit of the workpiece; u comes from draws of the
     /// estimate's errors.
     pub fn volume_errors(&self, poses: &[Position], tips: &[TipError]) -> [VolumeError; 2] {
-        let zeroed: Vec<Vector3<f64>> = tips.iter().map(|tip| tip.mm).collect();
-        let fit = self.best_fit(poses, &zeroed);
-        let root = lower_root(&self.known.covariance);
+        let zeroed: Vec<Vector3<f64>> = tips.iter().map(|tip| tip.error_mm).collect();
+        let fit = self.fit_workpiece(poses, &zeroed);
+        let root = cholesky_lower(&self.known_errors.covariance);
         let count = root.ncols();
-        let trials = (POSES_OF_ALL_TRIALS / poses.len().max(1)).clamp(TRIALS[0], TRIALS[1]);
-        let units = Random::of(SEED, &[]).units(trials, &vec![Shape::Normal; count]);
-        let changed = |trial: usize| {
+        let trials = (MAX_TRIAL_POSES / poses.len().max(1)).clamp(TRIAL_LIMITS[0], TRIAL_LIMITS[1]);
+        let units = DrawStream::from_key(MONTE_CARLO_SEED, &[])
+            .unit_draws(trials, &vec![DrawDistribution::Normal; count]);
+        let trial_errors = |trial: usize| {
             let unit = |draw: usize| units[draw * trials + trial];
             let change =
                 |j: usize| (0..count).map(|draw| root[(j, draw)] * unit(draw)).sum::<f64>();
             let errors: Vec<f64> = (0..root.nrows()).map(change).collect();
             let moved = tips.iter().map(|tip| {
-                tip.columns.iter().zip(&errors).map(|(column, error)| column * *error).sum()
+                tip.derivatives.iter().zip(&errors).map(|(column, error)| column * *error).sum()
             });
             let mut moved: Vec<Vector3<f64>> = moved.collect();
-            let against_zero = sizes(&zeroed, &moved);
-            fit.without_rigid(&mut moved);
-            [against_zero, sizes(&fit.deviations, &moved)]
+            let relative_to_zero = largest_and_mean(&zeroed, &moved);
+            fit.subtract_rigid_motion(&mut moved);
+            [relative_to_zero, largest_and_mean(&fit.deviations, &moved)]
         };
-        let trials: Vec<[[f64; 2]; 2]> = (0..trials).into_par_iter().map(changed).collect();
+        let trials: Vec<[[f64; 2]; 2]> = (0..trials).into_par_iter().map(trial_errors).collect();
         [(0, &zeroed), (1, &fit.deviations)].map(|(k, deviations)| {
-            let still = vec![Vector3::zeros(); deviations.len()];
-            let [largest_mm, mean_mm] = sizes(deviations, &still);
-            let of_trials = |of: usize| trials.iter().map(move |trial| trial[k][of]);
-            let u = |of: usize| deviation(of_trials(of));
+            let unchanged = vec![Vector3::zeros(); deviations.len()];
+            let [largest_mm, mean_mm] = largest_and_mean(deviations, &unchanged);
+            let of_trials = |index: usize| trials.iter().map(move |trial| trial[k][index]);
+            let u = |index: usize| standard_deviation(of_trials(index));
             let worst = (0..deviations.len())
                 .max_by(|a, b| deviations[*a].norm().total_cmp(&deviations[*b].norm()));
             VolumeError {
@@ -94,40 +97,45 @@ impl Predictor<'_> {
                 u_largest_mm: u(0),
                 mean_mm,
                 u_mean_mm: u(1),
-                largest_95_mm: covering(of_trials(0)),
-                mean_95_mm: covering(of_trials(1)),
-                worst: worst.unwrap_or_default(),
+                largest_95_mm: upper_quantile(of_trials(0)),
+                mean_95_mm: upper_quantile(of_trials(1)),
+                worst_pose: worst.unwrap_or_default(),
             }
         })
     }
 
     /// Results of [`Predictor::volume_errors`] in words.
-    pub fn in_words(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
-        let names = ["against the work zero", "after a best fit of the workpiece"];
-        let line = |(what, error): (&str, VolumeError)| {
-            let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst, .. } = error;
+    pub fn describe_volume_errors(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
+        let names = ["relative to the work zero", "after a best fit of the workpiece"];
+        let line = |(reference, error): (&str, VolumeError)| {
+            let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst_pose, .. } =
+                error;
             format!(
-                "error of the tip {what}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
+                "error of the tip {reference}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
                 largest_mm * 1e3,
                 2e3 * u_largest_mm,
-                pose_in_words(&poses[worst]),
+                describe_pose(&poses[worst_pose]),
                 mean_mm * 1e3,
                 2e3 * u_mean_mm
             )
         };
         // Fewer than three points always fit.
-        let shown = if poses.len() < 3 { 1 } else { 2 };
-        names.into_iter().zip(errors).take(shown).map(line).collect()
+        let line_count = if poses.len() < 3 { 1 } else { 2 };
+        names.into_iter().zip(errors).take(line_count).map(line).collect()
     }
 
     /// Errors that may remain relative to the work zero after a correction of `symbols`, in words.
     ///
     /// # Errors
     /// A symbol is not an error of the estimate.
-    pub fn left_in_words(self, symbols: &[&str], poses: &[Position]) -> Result<String, Refused> {
+    pub fn describe_corrected_error(
+        self,
+        symbols: &[&str],
+        poses: &[Position],
+    ) -> Result<String, MethodRefusal> {
         let names = symbols.join(", ");
-        let corrected = self.corrected(symbols)?;
-        let [error, _] = corrected.volume_errors(poses, &corrected.tips(poses));
+        let corrected = self.with_corrected_errors(symbols)?;
+        let [error, _] = corrected.volume_errors(poses, &corrected.tip_errors(poses));
         Ok(format!(
             "after a correction of {names}: largest below {:.1} µm, mean below {:.1} µm (95.45 %)",
             error.largest_95_mm * 1e3,
@@ -136,34 +144,34 @@ impl Predictor<'_> {
     }
 
     /// Best fit of the workpiece by a rigid motion.
-    fn best_fit(&self, poses: &[Position], errors: &[Vector3<f64>]) -> RigidFit {
-        let place = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
-        let nominal: Vec<Vector3<f64>> = poses.iter().map(place).collect();
-        let off: Vec<Vector3<f64>> =
-            nominal.iter().zip(errors).map(|(place, error)| place + error).collect();
-        RigidFit::new(&nominal, &off)
+    fn fit_workpiece(&self, poses: &[Position], errors: &[Vector3<f64>]) -> RigidFit {
+        let position = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
+        let nominal: Vec<Vector3<f64>> = poses.iter().map(position).collect();
+        let measured: Vec<Vector3<f64>> =
+            nominal.iter().zip(errors).map(|(position, error)| position + error).collect();
+        RigidFit::new(&nominal, &measured)
     }
 }
 
 /// Largest and mean length of the changed deviations.
-fn sizes(deviations: &[Vector3<f64>], changes: &[Vector3<f64>]) -> [f64; 2] {
+fn largest_and_mean(deviations: &[Vector3<f64>], changes: &[Vector3<f64>]) -> [f64; 2] {
     let norms = || deviations.iter().zip(changes).map(|(d, by)| (d + by).norm());
     [norms().fold(0.0, f64::max), norms().sum::<f64>() / deviations.len().max(1) as f64]
 }
 
-fn pose_in_words(at: &Position) -> String {
-    let words = at.iter().map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)));
-    words.collect::<Vec<_>>().join(" ")
+fn describe_pose(at: &Position) -> String {
+    let axes = at.iter().map(|(axis, value)| format!("{axis}{:.3}", axis.to_mm_or_deg(value)));
+    axes.collect::<Vec<_>>().join(" ")
 }
 
-fn covering(values: impl Iterator<Item = f64>) -> f64 {
+fn upper_quantile(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
     sorted[(COVERAGE_PROBABILITY * (sorted.len() - 1) as f64).ceil() as usize]
 }
 
 /// Standard deviation of the values.
-fn deviation(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
+fn standard_deviation(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
     let count = values.len() as f64;
     let mean = values.clone().sum::<f64>() / count;
     (values.map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()

@@ -3,20 +3,23 @@
 //! dependence on the feed. Later runs with the same probe use the estimate as a prior
 //! (`identification/probe_map.rs`).
 
-mod bench;
 mod estimate;
 mod fit;
 mod layout;
 mod observe;
 mod outputs;
 mod settings;
+mod setup;
 mod sources;
 mod stages;
 
 pub use settings::Settings;
 
-use self::bench::QualificationSetup;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use self::setup::QualificationSetup;
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use crate::identification::probe_map;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -26,13 +29,13 @@ pub struct ProbeQualification {
     settings: Settings,
 }
 
-impl Registered for ProbeQualification {
+impl RegisteredMethod for ProbeQualification {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: probe_map::METHOD,
-        needs: "a precision sphere on the table; its form certificate, for a map that later runs take off",
-        finds: "repeatability of the touch probe, its pre-travel over the direction, what the feed changes; with a \
-                spindle that can be turned the stylus offset",
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: probe_map::PROBE_QUALIFICATION_NAME,
+        required_setup: "a precision sphere on the table; its form certificate, if later runs are to subtract the map",
+        results: "repeatability of the touch probe, its pre-travel over the direction, the effect of the feed; \
+            the stylus offset if the spindle can be oriented",
         machine_file: "probe-qualification.toml",
     };
 
@@ -46,14 +49,19 @@ impl Method for ProbeQualification {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        stages::next(&QualificationSetup::new(plan, &self.settings)?, done, source)
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        stages::next_stage(&QualificationSetup::new(plan, &self.settings)?, done, source)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let bench = QualificationSetup::new(plan, &self.settings)?;
-        let observed = observe::observe(&bench, readings)?;
-        let fitted = fit::fit(&bench, &observed)?;
-        Ok(estimate::estimate(&bench, &observed, &fitted))
+        let setup = QualificationSetup::new(plan, &self.settings)?;
+        let observed = observe::observe_touches(&setup, readings)?;
+        let fitted = fit::fit_touches(&setup, &observed)?;
+        Ok(estimate::build_estimate(&setup, &observed, &fitted))
     }
 }

@@ -3,50 +3,70 @@
 use machine::record::estimate::{FigureKind, Unit};
 use nalgebra::Vector3;
 
-use super::bench::QualificationSetup;
-use super::layout::{Layout, harmonic};
-use crate::identification::probe_map::symbols;
+use super::layout::{UnknownsLayout, harmonic_factors};
+use super::setup::QualificationSetup;
+use crate::identification::probe_map::map_symbols;
 use crate::identification::{Curve, Output, Outputs, unit_slope};
 
 /// Step of the curves, degrees.
-const PITCH_DEG: usize = 5;
+const CURVE_STEP_DEG: usize = 5;
 
-pub fn outputs(bench: &QualificationSetup<'_>, layout: &Layout, x: &[f64]) -> Outputs {
+pub fn build_outputs(
+    setup: &QualificationSetup<'_>,
+    layout: &UnknownsLayout,
+    x: &[f64],
+) -> Outputs {
     let mut parameters = Vec::new();
-    if let Some(first) = layout.map.iter().position(|order| *order == 1) {
+    if let Some(first) = layout.map_orders.iter().position(|order| *order == 1) {
         // A stylus that is offset towards the surface contacts it earlier.
-        for (symbol, at) in [("x_stylus", layout.map(first)), ("y_stylus", layout.map(first) + 1)] {
+        for (symbol, at) in
+            [("x_stylus", layout.map_index(first)), ("y_stylus", layout.map_index(first) + 1)]
+        {
             let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
-            parameters.push(Output::linear(symbol, Unit::Um, slope, x));
+            parameters.push(Output::from_coefficients(symbol, Unit::Um, slope, x));
         }
     }
-    for (index, order) in layout.map.iter().enumerate() {
+    for (index, order) in layout.map_orders.iter().enumerate() {
         // Without a certificate the form of the ball has no bound.
-        if *order > 1 && !layout.separates(*order) && bench.settings.form_um.is_none() {
+        if *order > 1 && !layout.separates_order(*order) && setup.settings.form_um.is_none() {
             continue;
         }
-        let unknowns = [layout.map(index), layout.map(index) + 1];
-        let parts = symbols(*order).into_iter().zip(unknowns);
-        parameters.extend(parts.map(|(symbol, at)| Output::unknown(&symbol, Unit::Um, at, x)));
+        let unknowns = [layout.map_index(index), layout.map_index(index) + 1];
+        let parts = map_symbols(*order).into_iter().zip(unknowns);
+        parameters.extend(parts.map(|(symbol, at)| Output::from_unknown(&symbol, Unit::Um, at, x)));
     }
-    parameters.push(Output::unknown("r_stylus", Unit::Um, layout.radius(), x));
-    let mut curves = vec![curve("E_probe", layout, x, layout.map(0), &layout.map)];
-    if !layout.fast.is_empty() {
-        parameters.push(Output::unknown("t_latch", Unit::Ms, layout.delay(), x));
-        curves.push(curve("E_probe_fast", layout, x, layout.fast(0), &layout.fast));
+    parameters.push(Output::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
+    let mut curves =
+        vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
+    if !layout.fast_orders.is_empty() {
+        parameters.push(Output::from_unknown("t_latch", Unit::Ms, layout.delay_index(), x));
+        curves.push(azimuth_curve(
+            "E_probe_fast",
+            layout,
+            x,
+            layout.fast_index(0),
+            &layout.fast_orders,
+        ));
     }
     Outputs { parameters, curves, nonlinear: None }
 }
 
 /// Curve over the azimuth, perpendicular to the spindle. `first`: index of the first unknown of the `orders`.
-fn curve(symbol: &str, layout: &Layout, x: &[f64], first: usize, orders: &[u32]) -> Curve {
-    let degrees: Vec<f64> = (0..360).step_by(PITCH_DEG).map(f64::from).collect();
+fn azimuth_curve(
+    symbol: &str,
+    layout: &UnknownsLayout,
+    x: &[f64],
+    first: usize,
+    orders: &[u32],
+) -> Curve {
+    let degrees: Vec<f64> = (0..360).step_by(CURVE_STEP_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let mut slope = vec![0.0; layout.unknowns()];
         for (index, order) in orders.iter().enumerate() {
             let at = first + 2 * index;
-            slope[at..at + 2].copy_from_slice(&harmonic(*order, &Vector3::new(cos, sin, 0.0)));
+            slope[at..at + 2]
+                .copy_from_slice(&harmonic_factors(*order, &Vector3::new(cos, sin, 0.0)));
         }
         slope
     };

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -47,37 +47,40 @@ impl Default for Settings {
     }
 }
 
-const MOST_AZIMUTHS: u32 = 360;
-const MOST_REPEATS: u32 = 100;
-const MOST_ORDERS: u32 = 100;
-/// Minimum distance before and beyond the expected contact: [`LEAST_MM`] in mm plus [`OFFSETS`] standard deviations
+const MAX_AZIMUTHS: u32 = 360;
+const MAX_REPEATS: u32 = 100;
+const MAX_ORDERS: u32 = 100;
+/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`OFFSET_SIGMAS`] standard deviations
 /// of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
-const LEAST_MM: f64 = 0.1;
-const OFFSETS: f64 = 6.0;
+const MIN_TRAVEL_MM: f64 = 0.1;
+const OFFSET_SIGMAS: f64 = 6.0;
 
 impl Settings {
     /// # Errors
     /// The settings would fail during the run.
-    pub fn check(&self) -> Result<(), Refused> {
-        Refused::check_numbers(
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        MethodRefusal::check_number_ranges(
             &[("standoff_mm", self.standoff_mm), ("search_mm", self.search_mm)],
             &[("form_um", self.form_um.unwrap_or(0.0))],
         )?;
-        Refused::unless(
-            (2..=MOST_REPEATS).contains(&self.repeats),
-            format!("{} touches of a direction do not show how they repeat", self.repeats),
-            "choose repeats = 3, at least 2 and at most 100",
+        MethodRefusal::require(
+            (2..=MAX_REPEATS).contains(&self.repeats),
+            format!(
+                "repeats = {}: the repeatability requires 2 to 100 touches in each direction",
+                self.repeats
+            ),
+            "choose repeats = 3",
         )?;
-        Refused::unless(
-            (3..=MOST_ORDERS).contains(&self.orders) && self.azimuths <= MOST_AZIMUTHS,
-            "orders must be 3 to 100, and azimuths no more than 360",
-            "leave orders (6) and azimuths (24) out",
+        MethodRefusal::require(
+            (3..=MAX_ORDERS).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,
+            "orders must be 3 to 100, and azimuths at most 360",
+            "remove orders (default 6) and azimuths (default 24)",
         )?;
         let is_angle = |degrees: &f64| (-360.0..=360.0).contains(degrees);
-        Refused::unless(
+        MethodRefusal::require(
             self.spindle_deg.iter().flatten().all(is_angle),
-            "spindle_deg has an angle beyond a turn",
-            "leave it out, or choose e.g. [0, 90, 180, 270]",
+            "spindle_deg contains an angle outside -360° to 360°",
+            "remove spindle_deg, or choose for example [0, 90, 180, 270]",
         )
     }
 
@@ -85,24 +88,24 @@ impl Settings {
     ///
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.
-    pub fn check_length(&self, offset_mm: f64) -> Result<(), Refused> {
-        let least = LEAST_MM + OFFSETS * offset_mm;
-        Refused::unless(
+    pub fn check_length(&self, offset_mm: f64) -> Result<(), MethodRefusal> {
+        let least = MIN_TRAVEL_MM + OFFSET_SIGMAS * offset_mm;
+        MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
             format!(
-                "standoff_mm and search_mm must be {least:.2} or more: the stylus may stand off"
+                "standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"
             ),
-            "leave them out, or choose 0.5 and 1.0",
+            "remove both settings, or choose 0.5 and 1.0",
         )
     }
 
     /// # Errors
     /// There are too few directions to separate the orders up to `last`.
-    pub fn check_azimuths(&self, last: u32) -> Result<(), Refused> {
+    pub fn check_azimuths(&self, last: u32) -> Result<(), MethodRefusal> {
         let least = last.saturating_mul(2).saturating_add(2);
-        Refused::unless(
+        MethodRefusal::require(
             self.azimuths >= least,
-            format!("{} azimuths do not tell the orders up to {last} apart", self.azimuths),
+            format!("{} azimuths do not separate the orders up to {last}", self.azimuths),
             format!("choose azimuths = {least} or more"),
         )
     }

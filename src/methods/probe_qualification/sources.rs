@@ -3,17 +3,19 @@
 use machine::Axis;
 use nalgebra::Vector3;
 
-use super::bench::QualificationSetup;
-use super::layout::{Layout, harmonic};
-use super::observe::{Observed, Touch};
+use super::layout::{UnknownsLayout, harmonic_factors};
+use super::observe::{MeasuredTouch, ObservedTouches};
+use super::setup::QualificationSetup;
 use crate::identification::declared::{
-    display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_mm,
+    display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_mm,
 };
-use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
+use crate::identification::{
+    DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource,
+};
 
 /// Repeatability of touches in one direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Scatter {
+pub struct PooledScatter {
     /// Standard deviation of one touch as displayed, mm.
     pub s_mm: f64,
     pub dof: usize,
@@ -21,10 +23,10 @@ pub struct Scatter {
     pub step_mm: f64,
 }
 
-impl Scatter {
+impl PooledScatter {
     /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
     pub fn u_mm(self) -> f64 {
-        self.s_mm.hypot(rounding_mm(self.step_mm, self.s_mm))
+        self.s_mm.hypot(rounding_u_mm(self.step_mm, self.s_mm))
     }
 
     /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm.
@@ -34,21 +36,21 @@ impl Scatter {
         let variance = self.s_mm.powi(2) - self.step_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
         let of_count = self.s_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
-        let u_variance = of_count.hypot(rounding_mm(self.step_mm, self.s_mm).powi(2));
+        let u_variance = of_count.hypot(rounding_u_mm(self.step_mm, self.s_mm).powi(2));
         // u(s²) = 2·s·u(s). At s = 0 the square root of u(s²) is the upper bound of u(s).
         [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
     }
 }
 
 /// All sources, with the scatter of the touches first.
-pub fn sources(
-    bench: &QualificationSetup<'_>,
-    layout: &Layout,
-    observed: &Observed,
-    scatter: Scatter,
+pub fn uncertainty_sources(
+    setup: &QualificationSetup<'_>,
+    layout: &UnknownsLayout,
+    observed: &ObservedTouches,
+    scatter: PooledScatter,
 ) -> Vec<UncertaintySource> {
     let touches = &observed.touches;
-    let repeatability = Effect::Each(vec![scatter.s_mm; touches.len()]);
+    let repeatability = Effect::Independent(vec![scatter.s_mm; touches.len()]);
     let mut list = vec![
         UncertaintySource {
             evaluation: EvaluationType::A,
@@ -56,56 +58,60 @@ pub fn sources(
             ..UncertaintySource::new("repeatability of a touch", repeatability)
         },
         UncertaintySource {
-            shape: Shape::Rectangular,
-            ..joint("resolution", resolution(bench, observed, scatter))
+            shape: DrawDistribution::Rectangular,
+            ..joint_source("resolution", resolution_columns(setup, observed, scatter))
         },
-        joint("form of the ball", form(bench, layout, touches)),
-        joint("squareness of X, Y and Z", squareness(bench, observed)),
-        joint("backlash", backlash(bench, touches)),
-        joint("error motions of S", spindle(bench, observed)),
-        joint("error motions of X, Y and Z", linear_axes(bench, touches)),
+        joint_source("form of the ball", form_columns(setup, layout, touches)),
+        joint_source("squareness of X, Y and Z", squareness_columns(setup, observed)),
+        joint_source("backlash", backlash_columns(setup, touches)),
+        joint_source("error motions of S", spindle_columns(setup, observed)),
+        joint_source("error motions of X, Y and Z", linear_axis_columns(setup, touches)),
     ];
     list.retain(|source| !source.is_zero());
     list
 }
 
-fn joint(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+fn joint_source(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     UncertaintySource {
-        in_residuals: InResiduals::Expected,
+        in_residuals: ResidualTreatment::Expected,
         is_in_weights: false,
         ..UncertaintySource::new(name, Effect::Joint(columns))
     }
 }
 
 /// Part of the rounding error that the scatter of the touches does not average out: one draw per direction.
-fn resolution(
-    bench: &QualificationSetup<'_>,
-    observed: &Observed,
-    scatter: Scatter,
+fn resolution_columns(
+    setup: &QualificationSetup<'_>,
+    observed: &ObservedTouches,
+    scatter: PooledScatter,
 ) -> Vec<Vec<f64>> {
-    let mut columns = vec![vec![0.0; observed.touches.len()]; observed.groups()];
+    let mut columns = vec![vec![0.0; observed.touches.len()]; observed.group_count()];
     for (i, touch) in observed.touches.iter().enumerate() {
-        let step_mm = display_step_mm(bench.plan, touch.normal);
-        columns[touch.group][i] = rounding_mm(step_mm, scatter.s_mm);
+        let step_mm = display_step_mm(setup.plan, touch.normal);
+        columns[touch.group][i] = rounding_u_mm(step_mm, scatter.s_mm);
     }
     columns
 }
 
 /// For a section with largest less smallest radius f, any order may have the amplitude f/2 at any phase: its cosine
 /// and sine parts have the standard deviation f/√8 each.
-fn form(bench: &QualificationSetup<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> {
-    let size_mm = bench.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
-    let orders = layout.map.iter().filter(|order| **order > 1);
+fn form_columns(
+    setup: &QualificationSetup<'_>,
+    layout: &UnknownsLayout,
+    touches: &[MeasuredTouch],
+) -> Vec<Vec<f64>> {
+    let size_mm = setup.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
+    let orders = layout.map_orders.iter().filter(|order| **order > 1);
     let column = |order: u32, part: usize| {
-        touches.iter().map(|touch| size_mm * harmonic(order, &touch.normal)[part]).collect()
+        touches.iter().map(|touch| size_mm * harmonic_factors(order, &touch.normal)[part]).collect()
     };
     orders.flat_map(|order| [column(*order, 0), column(*order, 1)]).collect()
 }
 
 /// Squareness: a ball of radius r is touched at r·n. Two axes whose angle differs by e from a right angle change
 /// the distance by r·e·n_i·n_j.
-fn squareness(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f64>> {
-    let size_mm = bench.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
+fn squareness_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
+    let size_mm = setup.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
     let touches = observed.touches.iter();
     let column = |(i, j): (usize, usize)| {
         touches.clone().map(|touch| size_mm * touch.normal[i] * touch.normal[j]).collect()
@@ -114,12 +120,13 @@ fn squareness(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f6
 }
 
 /// Error motion of the spindle: the ball is displaced in the spindle frame at each orientation.
-fn spindle(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f64>> {
+fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
     let size_mm =
-        bench.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
+        setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
-        let at =
-            |touch: &Touch| if touch.orientation == orientation { touch.normal[k] } else { 0.0 };
+        let at = |touch: &MeasuredTouch| {
+            if touch.orientation == orientation { touch.normal[k] } else { 0.0 }
+        };
         observed.touches.iter().map(|touch| size_mm * at(touch)).collect()
     };
     let orientations = 0..observed.orientations_deg.len();
@@ -127,17 +134,17 @@ fn spindle(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f64>>
 }
 
 /// Backlash: each axis lags behind in the direction of the touch.
-fn backlash(bench: &QualificationSetup<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
-    let half = half_backlash_mm(bench.plan);
+fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
+    let half = half_backlash_mm(setup.plan);
     let column = |k: usize| touches.iter().map(|touch| half[k] * touch.normal[k].abs()).collect();
     [0, 1, 2].map(column).into()
 }
 
-fn linear_axes(bench: &QualificationSetup<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
+fn linear_axis_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axes_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
         touches.iter().zip(pattern).map(|(touch, by)| touch.normal[k] * by).collect::<Vec<f64>>()
     };
-    let patterns = linear_motion_patterns(bench.plan, &points);
+    let patterns = linear_motion_patterns(setup.plan, &points);
     patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern))).collect()
 }

@@ -1,99 +1,100 @@
 //! Touches of each stage: first the search for the balls, then touches all around one ball, in each orientation of
 //! the spindle.
 
-use super::bench::{FIND, QualificationSetup};
 use super::settings::Settings;
-use crate::{Next, Refused, Source};
+use super::setup::{QualificationSetup, SEARCH_LABEL};
+use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
-use machine::record::plan::{REPEAT_AFTER_STOP, Stage, Step, StepKind};
-use planning::{Access, Approach, BallTask, Unreachable};
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Stage, Step, StepKind};
+use planning::{BallAccessError, BallApproach, BallTask, TouchAccess};
 
 /// Number of search touches per ball.
-const OF_A_SEARCH: usize = 5;
+const SEARCH_TOUCH_COUNT: usize = 5;
 /// Elevations of the circle, degrees. The lowest one at which all directions are accessible is used.
-const LEVELS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
+const CIRCLE_ELEVATIONS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
 /// Elevation of the second circle above the first one. Its touches check that the map decreases towards the pole.
-const ABOVE_DEG: f64 = 45.0;
+const SECOND_CIRCLE_OFFSET_DEG: f64 = 45.0;
 
-pub fn next(
-    bench: &QualificationSetup<'_>,
+pub fn next_stage(
+    setup: &QualificationSetup<'_>,
     done: &[Stage],
-    source: Source<'_>,
-) -> Result<Next, Refused> {
-    let ordinary = done.iter().filter(|stage| stage.repeat < REPEAT_AFTER_STOP).count();
-    let orientations = bench.orientations_deg();
+    source: PositionSource<'_>,
+) -> Result<NextStage, MethodRefusal> {
+    let ordinary = done.iter().filter(|stage| stage.repeat < FIRST_REPEAT_AFTER_STOP).count();
+    let orientations = setup.orientations_deg();
     match ordinary {
-        0 => Ok(Next::new_steps(bench.plan, done, FIND, search(bench)?)),
-        _ if ordinary > orientations.len() => Ok(Next::Done),
+        0 => Ok(NextStage::from_new_steps(setup.plan, done, SEARCH_LABEL, search_steps(setup)?)),
+        _ if ordinary > orientations.len() => Ok(NextStage::Done),
         number => {
             let index = number - 1;
-            let found = bench.found(source)?;
-            let steps = Orientation::new(bench, &found, index)?.all_round()?;
+            let found = setup.measured_balls(source)?;
+            let steps = OrientationPlan::new(setup, &found, index)?.measuring_steps()?;
             let name = match orientations.len() {
-                1 => "all round".to_owned(),
-                _ => format!("all round, spindle at {}°", orientations[index]),
+                1 => "touches around the ball".to_owned(),
+                _ => format!("touches around the ball, spindle at {}°", orientations[index]),
             };
-            let next = Next::new_steps(bench.plan, done, name, steps);
-            let Next::Stage { stage, new_steps } = next else { return Ok(next) };
+            let next = NextStage::from_new_steps(setup.plan, done, name, steps);
+            let NextStage::Stage { stage, new_steps } = next else { return Ok(next) };
             let stage = Stage { found: Some(Artefact::Balls(found)), ..stage };
-            Ok(Next::Stage { stage, new_steps })
+            Ok(NextStage::Stage { stage, new_steps })
         }
     }
 }
 
-fn search(bench: &QualificationSetup<'_>) -> Result<Vec<Step>, Refused> {
-    let access = Access::new(bench.plan, &bench.plan.artefact)?;
-    let rotary = bench.rotary_at(0);
-    let (uncertainty_mm, standoff_mm) = (bench.balls.uncertainty_mm, bench.settings.standoff_mm);
-    let approach = Approach::Find { uncertainty_mm, standoff_mm };
+fn search_steps(setup: &QualificationSetup<'_>) -> Result<Vec<Step>, MethodRefusal> {
+    let access = TouchAccess::new(setup.plan, &setup.plan.artefact)?;
+    let rotary = setup.rotary_positions(0);
+    let (uncertainty_mm, standoff_mm) = (setup.balls.uncertainty_mm, setup.settings.standoff_mm);
+    let approach = BallApproach::Search { uncertainty_mm, standoff_mm };
     let mut steps = Vec::new();
-    for ball in &bench.balls.balls {
-        let task = BallTask { ball, rotary: &rotary, approach, touches: OF_A_SEARCH };
-        let label = |touch: &str| format!("{FIND}/{}/{touch}", ball.id);
-        let new = access.steps(&task, &bench.plan.probe, StepKind::Touch, (0, 0), label);
-        steps.extend(new.map_err(|why| refused(ball, &why))?);
+    for ball in &setup.balls.balls {
+        let task = BallTask { ball, rotary: &rotary, approach, touches: SEARCH_TOUCH_COUNT };
+        let label = |touch: &str| format!("{SEARCH_LABEL}/{}/{touch}", ball.id);
+        let new = access.steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), label);
+        steps.extend(new.map_err(|reason| unreachable_refusal(ball, &reason))?);
     }
     Ok(steps)
 }
 
-fn refused(ball: &Ball, why: &Unreachable) -> Refused {
-    Refused::new(
-        format!("ball {}: {why}", ball.id),
-        "state the one ball alone in a machine file of its own, set it up where the probe reaches it all round \
-         from above, or lower uncertainty_mm of [artefact]",
+fn unreachable_refusal(ball: &Ball, reason: &BallAccessError) -> MethodRefusal {
+    MethodRefusal::new(
+        format!("ball {}: {reason}", ball.id),
+        "describe only this ball in a separate machine file, place the ball where the probe can touch it \
+        all around and from above, or lower uncertainty_mm of [artefact]",
     )
 }
 
 /// The touches with the spindle in one orientation.
-struct Orientation<'a> {
-    bench: &'a QualificationSetup<'a>,
+struct OrientationPlan<'a> {
+    setup: &'a QualificationSetup<'a>,
     found: &'a Balls,
-    access: Access,
+    access: TouchAccess,
     rotary: Position,
     index: usize,
 }
 
-impl<'a> Orientation<'a> {
+impl<'a> OrientationPlan<'a> {
     fn new(
-        bench: &'a QualificationSetup<'a>,
+        setup: &'a QualificationSetup<'a>,
         found: &'a Balls,
         index: usize,
-    ) -> Result<Self, Refused> {
-        let access = Access::new(bench.plan, &Artefact::Balls(found.clone()))?;
-        Ok(Self { bench, found, access, rotary: bench.rotary_at(index), index })
+    ) -> Result<Self, MethodRefusal> {
+        let access = TouchAccess::new(setup.plan, &Artefact::Balls(found.clone()))?;
+        Ok(Self { setup, found, access, rotary: setup.rotary_positions(index), index })
     }
 
     /// Rounds of slow touches. At the first orientation they alternate with rounds of fast ones.
-    fn all_round(&self) -> Result<Vec<Step>, Refused> {
-        let (ball, level) = self.free_ball()?;
+    fn measuring_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
+        let (ball, level) = self.accessible_ball()?;
         let mut steps = Vec::new();
-        for round in 1..=self.bench.settings.repeats {
-            steps.extend(self.slow(ball, level, round)?);
+        for round in 1..=self.setup.settings.repeats {
+            steps.extend(self.slow_round(ball, level, round)?);
             if self.index == 0 {
                 let label = |touch: &str| format!("fast/{}/S0/{touch}/{round}", ball.id);
-                let fast = self.along(ball, &self.circle(level), label)?.into_iter();
-                let feed_mm_min = self.bench.fast_mm_min();
+                let fast =
+                    self.steps_along(ball, &self.circle_directions(level), label)?.into_iter();
+                let feed_mm_min = self.setup.fast_feed_mm_min();
                 steps.extend(fast.map(|step| Step { feed_mm_min, ..step }));
             }
         }
@@ -101,44 +102,47 @@ impl<'a> Orientation<'a> {
     }
 
     /// The ball that is accessible all around, and the elevation of its circle.
-    fn free_ball(&self) -> Result<(&'a Ball, f64), Refused> {
-        let wanted = &self.bench.settings.ball;
-        let is_wanted = |ball: &&Ball| wanted.is_empty() || ball.id == *wanted;
-        let mut why_not = None;
-        for ball in self.found.balls.iter().filter(is_wanted) {
-            for level in LEVELS_DEG {
-                match self.slow(ball, level, 1) {
+    fn accessible_ball(&self) -> Result<(&'a Ball, f64), MethodRefusal> {
+        let ball_id = &self.setup.settings.ball;
+        let is_selected = |ball: &&Ball| ball_id.is_empty() || ball.id == *ball_id;
+        let mut first_refusal = None;
+        for ball in self.found.balls.iter().filter(is_selected) {
+            for level in CIRCLE_ELEVATIONS_DEG {
+                match self.slow_round(ball, level, 1) {
                     Ok(_) => return Ok((ball, level)),
-                    Err(why) => why_not = why_not.or(Some(why)),
+                    Err(reason) => first_refusal = first_refusal.or(Some(reason)),
                 }
             }
         }
-        let none = || format!("[artefact] has no ball `{wanted}`");
-        Err(why_not.unwrap_or_else(|| Refused::new(none(), "correct ball of the method")))
+        let none = || format!("[artefact] has no ball `{ball_id}`");
+        Err(first_refusal.unwrap_or_else(|| {
+            MethodRefusal::new(none(), "correct `ball` in [method.probe-qualification]")
+        }))
     }
 
     /// Azimuth and elevation of each touch of a circle, degrees.
-    fn circle(&self, level: f64) -> Vec<[f64; 2]> {
-        let count = self.bench.settings.azimuths;
+    fn circle_directions(&self, level: f64) -> Vec<[f64; 2]> {
+        let count = self.setup.settings.azimuths;
         let pitch = 360.0 / f64::from(count);
         (0..count).map(|k| [f64::from(k) * pitch, level]).collect()
     }
 
     /// One round: a circle, half as many touches above it at the first orientation, and the pole.
-    fn slow(&self, ball: &Ball, level: f64, round: u32) -> Result<Vec<Step>, Refused> {
-        let mut directions = self.circle(level);
+    fn slow_round(&self, ball: &Ball, level: f64, round: u32) -> Result<Vec<Step>, MethodRefusal> {
+        let mut directions = self.circle_directions(level);
         let count = directions.len();
         if self.index == 0 {
             // The azimuths are between those of the lower circle.
             let half = 180.0 / count as f64;
             let every_other = directions.iter().step_by(2);
-            let above = every_other.map(|[azimuth, level]| [azimuth + half, level + ABOVE_DEG]);
+            let above = every_other
+                .map(|[azimuth, level]| [azimuth + half, level + SECOND_CIRCLE_OFFSET_DEG]);
             directions.extend(above.collect::<Vec<_>>());
         }
         directions.push([0.0, 90.0]);
-        let degrees = self.bench.orientations_deg()[self.index];
+        let degrees = self.setup.orientations_deg()[self.index];
         let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{round}", ball.id);
-        let mut steps = self.along(ball, &directions, label)?;
+        let mut steps = self.steps_along(ball, &directions, label)?;
         let last = steps.len() - 1;
         for reference in [0, count / 4, count / 2, count * 3 / 4, last] {
             steps[reference].kind = StepKind::Reference;
@@ -146,17 +150,17 @@ impl<'a> Orientation<'a> {
         Ok(steps)
     }
 
-    fn along(
+    fn steps_along(
         &self,
         ball: &Ball,
         directions: &[[f64; 2]],
         label: impl Fn(&str) -> String,
-    ) -> Result<Vec<Step>, Refused> {
-        let Settings { standoff_mm, search_mm, .. } = *self.bench.settings;
-        let approach = Approach::Slow { standoff_mm, search_mm };
+    ) -> Result<Vec<Step>, MethodRefusal> {
+        let Settings { standoff_mm, search_mm, .. } = *self.setup.settings;
+        let approach = BallApproach::Measure { standoff_mm, search_mm };
         let task = BallTask { ball, rotary: &self.rotary, approach, touches: 0 };
-        let probe = &self.bench.plan.probe;
+        let probe = &self.setup.plan.probe;
         let steps = self.access.steps_along(&task, directions, probe, label);
-        steps.map_err(|why| refused(ball, &why))
+        steps.map_err(|reason| unreachable_refusal(ball, &reason))
     }
 }

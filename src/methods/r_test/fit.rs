@@ -1,43 +1,49 @@
 //! The least-squares solution of the equations.
 
-use estimation::linear::{LinearError, Survey};
-use estimation::nonlinear::{Minimum, NonlinearError, minimise};
+use estimation::linear::{LinearError, RankAnalysis};
+use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::null_names::name_null_space;
-use estimation::schur::factor;
+use estimation::schur::factorise;
 
-use super::model::Equation;
-use super::nest::Nest;
-use super::observe::Observed;
-use super::sources::sigma;
+use super::model::SensorEquations;
+use super::nest::SensorNest;
+use super::observe::ObservedMeans;
+use super::sources::standard_uncertainties;
 use crate::IdentifyError;
 use crate::identification::ObservationEquation;
 
 /// The equation, weighted by the sources that are independent between observations.
-pub fn weighted<'a>(nest: &'a Nest<'a>, observed: &'a Observed) -> Equation<'a> {
-    let equation = Equation::unweighted(nest, observed);
-    let sigma = sigma(&equation);
-    Equation { sigma, ..equation }
+pub fn weighted_equation<'a>(
+    nest: &'a SensorNest<'a>,
+    observed: &'a ObservedMeans,
+) -> SensorEquations<'a> {
+    let equation = SensorEquations::unweighted(nest, observed);
+    let sigma = standard_uncertainties(&equation);
+    SensorEquations { sigma_mm: sigma, ..equation }
 }
 
 /// # Errors
 /// The means do not separate the unknowns, or the iteration does not converge.
-pub fn solve(equation: &Equation<'_>) -> Result<Minimum, IdentifyError> {
+pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
     let sensors: Vec<&str> =
         equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let names = equation.unknowns.names(&sensors);
     let unsolved = |why: NonlinearError| {
-        let lost = |survey: &Survey| name_null_space(survey.null_space.as_ref(), &names);
-        IdentifyError::unsolved(why, lost)
+        let lost = |survey: &RankAnalysis| name_null_space(survey.null_space.as_ref(), &names);
+        IdentifyError::from_solver_error(why, lost)
     };
-    let survey = survey(equation, &equation.start()).map_err(unsolved)?;
+    let survey = survey_rank(equation, &equation.initial_values()).map_err(unsolved)?;
     if survey.nullity > 0 {
         return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
     }
     let unchanged = vec![0.0; equation.observations()];
     let residuals = |x: &[f64]| equation.residuals(x, &unchanged);
-    minimise(equation.start(), |x| equation.rows(x), residuals).map_err(unsolved)
+    minimise_squares(equation.initial_values(), |x| equation.rows(x), residuals).map_err(unsolved)
 }
 
-pub fn survey(equation: &Equation<'_>, x: &[f64]) -> Result<Survey, NonlinearError> {
-    Ok(factor(equation.rows(x)).0.survey()?)
+pub fn survey_rank(
+    equation: &SensorEquations<'_>,
+    x: &[f64],
+) -> Result<RankAnalysis, NonlinearError> {
+    Ok(factorise(equation.rows(x)).0.analyse_rank()?)
 }

@@ -1,19 +1,18 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::fit::{solve, survey, weighted};
-use super::model::Equation;
-use super::nest::Nest;
-use super::observe::{Observed, SensorMean, observed};
+use super::fit::{solve_equation, survey_rank, weighted_equation};
+use super::model::SensorEquations;
+use super::nest::SensorNest;
+use super::observe::{ObservedMeans, SensorMean, observe_means};
 use super::settings::Settings;
-use super::sources::sources;
-use super::{NAME, outputs};
+use super::sources::uncertainty_sources;
+use super::{METHOD_NAME, outputs};
 use crate::identification::{
     self, FitFigures, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan,
     rms,
 };
-use crate::{IdentifyError, Refused};
-use estimation::monte_carlo::Trials;
-use estimation::nonlinear::Minimum;
+use crate::{IdentifyError, MethodRefusal};
+use estimation::nonlinear::NonlinearSolution;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -26,7 +25,7 @@ const MAX_TRIALS: usize = 20_000;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "a loose sensor or sphere, backlash of the table, a sensor that is not linear",
-    declared_by: "noise_um or linearity_um of [[sensor]]",
+    declaring_settings: "noise_um or linearity_um of [[sensor]]",
 };
 
 /// # Errors
@@ -37,26 +36,25 @@ pub fn identify(
     settings: &Settings,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
-    let nest = Nest::new(plan, settings)?;
-    let observed = observed(&nest, readings)?;
-    let equation = weighted(&nest, &observed);
-    Refused::unless(
-        equation.unknowns.stops > 0,
-        "the table has not turned: there are readings of the calibration alone",
-        "measure the turns as well",
+    let nest = SensorNest::new(plan, settings)?;
+    let observed = observe_means(&nest, readings)?;
+    let equation = weighted_equation(&nest, &observed);
+    MethodRefusal::require(
+        equation.unknowns.stop_count > 0,
+        "the table has not turned: the readings contain only the calibration",
+        "measure the stage `turns` as well",
     )?;
-    let minimum = solve(&equation)?;
+    let minimum = solve_equation(&equation)?;
     equation.check_sensors(&minimum.x)?;
-    let survey = survey(&equation, &minimum.x)
-        .map_err(|error| IdentifyError::Numerical(error.to_string()))?;
+    let survey = survey_rank(&equation, &minimum.x)
+        .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let unknowns = minimum.x.len();
-    let weighted = minimum.residuals.iter().zip(&equation.sigma);
-    let compared = measurements(&equation, &minimum);
+    let weighted = minimum.residuals.iter().zip(&equation.sigma_mm);
     let solution = Solution {
         model: &model,
         residuals: &minimum.residuals,
-        is_declared: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
+        has_declared_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
         figures: FitFigures {
             rank: survey.rank,
             unknowns,
@@ -64,70 +62,81 @@ pub fn identify(
             dof: minimum.residuals.len().saturating_sub(unknowns),
             residual_rms_mm: rms(&weighted.map(|(r, sigma)| r * sigma).collect::<Vec<f64>>()),
         },
-        measurements: &compared,
+        measurements: &sensor_measurements(&equation, &minimum),
     };
-    let sources = sources(&equation, &minimum.x);
-    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
-    let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
-    let outputs = outputs::outputs(&equation, &minimum.x);
+    let sources = uncertainty_sources(&equation, &minimum.x);
+    let trials =
+        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let outputs = outputs::build_outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
     let axis = nest.axis;
     let at_mm = nest.sphere_position().into();
     Ok(Estimate {
         gauge: vec![format!(
-            "the nest at 0° of {axis} is the origin: the error motion at 0° counts as a displacement of the nest, \
-             which turns with the table; EZ{axis} is less its mean"
+            "the nest at {axis} 0° is the origin: the error motion at 0° counts as a displacement \
+             of the nest, which turns with the table; EZ{axis} is reported without its mean"
         )],
         not_identifiable: [
             format!(
-                "EA{axis}, EB{axis}, EC{axis}: three sensors about one point; EX{axis} and EY{axis} hold at the height of \
-             the sphere, Z = {:.1} mm",
+                "EA{axis}, EB{axis}, EC{axis}: three sensors at one point do not measure \
+                 rotations; EX{axis} and EY{axis} are valid at the height of the sphere, Z = {:.1} \
+                 mm",
                 nest.sphere_position().z
             ),
             format!(
-                "harmonics of EX{axis} and EY{axis} at multiples of {n} (the stops of a revolution): they stand in EX0{axis} \
-                 and EY0{axis}; an order k is not told from {n} - k",
+                "harmonics of EX{axis} and EY{axis} at multiples of {n} (the stops of a \
+                 revolution): they are part of EX0{axis} and EY0{axis}; an order k is inseparable \
+                 from {n} - k",
                 n = settings.positions
             ),
         ]
         .into_iter()
-        .chain(identified.checked.limits())
+        .chain(identified.outlier_check.describe_detection_limits())
         .collect(),
-        warnings: warnings(&equation, &observed, &identified),
-        ..identified.estimate(NAME).displaced_at(at_mm)
+        warnings: estimate_warnings(&equation, &observed, &identified),
+        ..identified.estimate(METHOD_NAME).with_displacement_point(at_mm)
     })
 }
 
 /// One measurement for the mean of each sensor at each point.
-fn measurements(equation: &Equation<'_>, minimum: &Minimum) -> Vec<Measurement> {
-    let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma).enumerate();
+fn sensor_measurements(
+    equation: &SensorEquations<'_>,
+    minimum: &NonlinearSolution,
+) -> Vec<Measurement> {
+    let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma_mm).enumerate();
     let measurement = |(i, ((mean, residual), sigma)): (usize, ((&SensorMean, &f64), &f64))| {
         let label = mean.label.clone();
         let in_words = format!("the mean {label}");
-        Measurement { label, in_words, rows: i..i + 1, residual_mm: residual * sigma, u_mm: *sigma }
+        Measurement {
+            label,
+            description: in_words,
+            rows: i..i + 1,
+            residual_mm: residual * sigma,
+            u_mm: *sigma,
+        }
     };
     rows.map(measurement).collect()
 }
 
-fn warnings(
-    equation: &Equation<'_>,
-    observed: &Observed,
+fn estimate_warnings(
+    equation: &SensorEquations<'_>,
+    observed: &ObservedMeans,
     identified: &Identification,
 ) -> Vec<String> {
     let mut lines = Vec::new();
-    let missing = observed.missing;
+    let missing = observed.missing_points;
     lines.extend(
         (missing > 0)
-            .then(|| format!("{missing} points of a sensor have no distance: they are left out")),
+            .then(|| format!("{missing} points of a sensor have no distance and are not used")),
     );
-    let interruptions = equation.unknowns.interruptions;
+    let interruptions = equation.unknowns.interruption_count;
     lines.extend((interruptions > 0).then(|| {
-        "the measurement was interrupted: a shift meanwhile is attributed to the linear axes; a nest that has moved on \
-         the table falsifies the result"
+        "the measurement was interrupted: a shift during the interruption is attributed to the \
+         linear axes; if the nest moved on the table, the result is wrong"
             .to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(identified.checked.warnings.iter().cloned());
+    lines.extend(identified.outlier_check.warnings.iter().cloned());
     lines.extend(identified.trials_warning());
     lines
 }

@@ -1,7 +1,7 @@
 //! Labels of the steps.
 
-pub const PROMPT: &str = "mount nest";
-pub const CALIBRATION: &str = "calibration";
-pub const REFERENCE: &str = "reference";
-pub const FORWARD: &str = "turn/forward";
-pub const BACKWARD: &str = "turn/backward";
+pub const MOUNT_PROMPT_LABEL: &str = "mount nest";
+pub const CALIBRATION_LABEL: &str = "calibration";
+pub const REFERENCE_LABEL: &str = "reference";
+pub const FORWARD_LABEL: &str = "turn/forward";
+pub const BACKWARD_LABEL: &str = "turn/backward";

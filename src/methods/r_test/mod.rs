@@ -18,25 +18,28 @@ mod stages;
 
 pub use settings::Settings;
 
-use self::nest::Nest;
-use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use self::nest::SensorNest;
+use crate::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-pub const NAME: &str = "r-test";
+pub const METHOD_NAME: &str = "r-test";
 
 pub struct RTest {
     settings: Settings,
 }
 
-impl Registered for RTest {
+impl RegisteredMethod for RTest {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: NAME,
-        needs: "a precision sphere in the spindle, three displacement sensors in the centre of the rotary table",
-        finds: "position of the rotary table's axis, its error motions in X, Y and Z over its angle",
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: METHOD_NAME,
+        required_setup: "a precision sphere in the spindle, three displacement sensors in the centre of the rotary table",
+        results: "position of the rotary table's axis, its error motions in X, Y and Z over its angle",
         machine_file: "r-test.toml",
     };
 
@@ -50,13 +53,21 @@ impl Method for RTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
-        stages::next(&Nest::new(plan, &self.settings)?, done, source)
+        stages::next_stage(&SensorNest::new(plan, &self.settings)?, done, source)
     }
 
-    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
-        crate::named_sensors(NAME, &self.settings.sensors, sensors)
+    fn required_sensors<'a>(
+        &self,
+        sensors: &'a [Sensor],
+    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+        crate::named_sensors(METHOD_NAME, &self.settings.sensors, sensors)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {

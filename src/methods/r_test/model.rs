@@ -6,37 +6,37 @@
 //! machine frame); for each stop except the first the displacement of the sphere relative to the nest (mm, table
 //! frame). At the first stop it is zero.
 
-use estimation::schur::Rows;
+use estimation::schur::BlockRows;
 use nalgebra::Vector3;
 
-use super::nest::Nest;
-use super::observe::{Displacement, Observed, SensorMean};
-use crate::Refused;
+use super::nest::SensorNest;
+use super::observe::{Displacement, ObservedMeans, SensorMean};
+use crate::MethodRefusal;
 use crate::identification::ObservationEquation;
 
 /// Number of unknowns of a sensor.
-const OF_SENSOR: usize = 4;
+const UNKNOWNS_PER_SENSOR: usize = 4;
 /// Minimum cosine between the measured and the declared direction of a sensor: 20°.
-const MIN_COSINE: f64 = 0.94;
+const MIN_DIRECTION_COSINE: f64 = 0.94;
 /// Maximum deviation of a sensor's gain from 1.
 const MAX_GAIN_ERROR: f64 = 0.2;
 
 /// Indices of the unknowns.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unknowns {
-    pub sensors: usize,
-    pub interruptions: usize,
+pub struct UnknownIndices {
+    pub sensor_count: usize,
+    pub interruption_count: usize,
     /// Number of stops of the revolution. 0: none has been measured.
-    pub stops: usize,
+    pub stop_count: usize,
 }
 
-impl Unknowns {
+impl UnknownIndices {
     pub fn count(&self) -> usize {
-        self.step(self.interruptions) + 3 * self.stops.saturating_sub(1)
+        self.interruption_step(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
     }
 
     pub fn offset(&self, sensor: usize) -> usize {
-        OF_SENSOR * sensor
+        UNKNOWNS_PER_SENSOR * sensor
     }
 
     pub fn gradient(&self, sensor: usize) -> usize {
@@ -44,7 +44,7 @@ impl Unknowns {
     }
 
     pub fn curvature(&self) -> usize {
-        OF_SENSOR * self.sensors
+        UNKNOWNS_PER_SENSOR * self.sensor_count
     }
 
     /// Index of X of the sphere. Y is the next unknown.
@@ -52,16 +52,16 @@ impl Unknowns {
         self.curvature() + 1
     }
 
-    pub fn step(&self, interruption: usize) -> usize {
+    pub fn interruption_step(&self, interruption: usize) -> usize {
         self.sphere() + 2 + 3 * interruption
     }
 
     /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
     pub fn displacement(&self, stop: usize) -> Option<usize> {
-        Some(self.step(self.interruptions) + 3 * stop.checked_sub(1)?)
+        Some(self.interruption_step(self.interruption_count) + 3 * stop.checked_sub(1)?)
     }
 
-    pub fn vector(x: &[f64], first: usize) -> Vector3<f64> {
+    pub fn vector_at(x: &[f64], first: usize) -> Vector3<f64> {
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
@@ -71,8 +71,8 @@ impl Unknowns {
             names.extend(["offset", "X", "Y", "Z"].map(|part| format!("{name} {part}")));
         }
         names.extend(["curvature", "sphere X", "sphere Y"].map(str::to_owned));
-        let vectors = (1..=self.interruptions).map(|number| format!("step {number}"));
-        let stops = (1..self.stops).map(|stop| format!("stop {stop}"));
+        let vectors = (1..=self.interruption_count).map(|number| format!("step {number}"));
+        let stops = (1..self.stop_count).map(|stop| format!("stop {stop}"));
         for name in vectors.chain(stops) {
             names.extend(["X", "Y", "Z"].map(|axis| format!("{name} {axis}")));
         }
@@ -80,57 +80,63 @@ impl Unknowns {
     }
 }
 
-pub struct Equation<'a> {
-    pub nest: &'a Nest<'a>,
+pub struct SensorEquations<'a> {
+    pub nest: &'a SensorNest<'a>,
     pub means: &'a [SensorMean],
-    pub unknowns: Unknowns,
+    pub unknowns: UnknownIndices,
     /// Standard uncertainty of each mean, then of the sphere's position in X and Y, mm.
-    pub sigma: Vec<f64>,
+    pub sigma_mm: Vec<f64>,
 }
 
-impl<'a> Equation<'a> {
+impl<'a> SensorEquations<'a> {
     /// The equation with unit weights.
-    pub fn unweighted(nest: &'a Nest<'a>, observed: &'a Observed) -> Self {
+    pub fn unweighted(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> Self {
         let means = observed.means.as_slice();
-        let is_stop = |mean: &SensorMean| matches!(mean.displacement, Displacement::AtStop(_));
+        let is_stop =
+            |mean: &SensorMean| matches!(mean.displacement, Displacement::UnknownAtStop(_));
         let stops = if means.iter().any(is_stop) { nest.settings.positions } else { 0 };
-        let interruptions = means.iter().map(|mean| mean.interruptions).max().unwrap_or(0);
-        let unknowns = Unknowns { sensors: nest.sensors.len(), interruptions, stops };
-        Self { nest, means, unknowns, sigma: vec![1.0; means.len() + 2] }
+        let interruptions = means.iter().map(|mean| mean.interruption_count).max().unwrap_or(0);
+        let unknowns = UnknownIndices {
+            sensor_count: nest.sensors.len(),
+            interruption_count: interruptions,
+            stop_count: stops,
+        };
+        Self { nest, means, unknowns, sigma_mm: vec![1.0; means.len() + 2] }
     }
 
     /// Initial values: the sensors as the plan declares them, with the sphere on the axis of each.
-    pub fn start(&self) -> Vec<f64> {
+    pub fn initial_values(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.unknowns.count()];
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
             x[self.unknowns.gradient(number)..][..3].copy_from_slice(&sensor.direction);
         }
         x[self.unknowns.curvature()] = 1.0 / self.nest.plan.probe.ball_radius_mm;
         let first = self.unknowns.sphere();
-        x[first..first + 2].copy_from_slice(self.nest.from_axis.xy().as_slice());
+        x[first..first + 2].copy_from_slice(self.nest.sphere_from_axis.xy().as_slice());
         x
     }
 
     pub fn gradient(&self, x: &[f64], sensor: usize) -> Vector3<f64> {
-        Unknowns::vector(x, self.unknowns.gradient(sensor))
+        UnknownIndices::vector_at(x, self.unknowns.gradient(sensor))
     }
 
     /// Displacement of the sphere at a mean, table frame.
     fn displacement(&self, mean: &SensorMean, x: &[f64]) -> Vector3<f64> {
         let own = match mean.displacement {
-            Displacement::Displayed(displacement) => displacement,
-            Displacement::AtStop(stop) => {
+            Displacement::Known(displacement) => displacement,
+            Displacement::UnknownAtStop(stop) => {
                 let first = self.unknowns.displacement(stop);
-                first.map_or(Vector3::zeros(), |first| Unknowns::vector(x, first))
+                first.map_or(Vector3::zeros(), |first| UnknownIndices::vector_at(x, first))
             }
         };
-        let steps = (0..mean.interruptions).map(|i| Unknowns::vector(x, self.unknowns.step(i)));
-        own + mean.table.inverse() * steps.sum::<Vector3<f64>>()
+        let steps = (0..mean.interruption_count)
+            .map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step(i)));
+        own + mean.machine_from_table.inverse() * steps.sum::<Vector3<f64>>()
     }
 
     /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g. The last term is the effect of the
     /// sphere's curvature across the sensor's direction.
-    fn reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
+    fn predicted_reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
         let w = self.displacement(mean, x);
         let gradient = self.gradient(x, mean.sensor);
         let across = w - gradient * (gradient.dot(&w) / gradient.norm_squared());
@@ -140,7 +146,7 @@ impl<'a> Equation<'a> {
     }
 
     /// Derivatives of a reading, by unknown.
-    pub fn slopes(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
+    pub fn reading_derivatives(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
         let unknowns = &self.unknowns;
         let w = self.displacement(mean, x);
         let gradient = self.gradient(x, mean.sensor);
@@ -156,60 +162,66 @@ impl<'a> Equation<'a> {
         let mut add =
             |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
         add(unknowns.gradient(mean.sensor), by_gradient);
-        if let Displacement::AtStop(stop) = mean.displacement
+        if let Displacement::UnknownAtStop(stop) = mean.displacement
             && let Some(first) = unknowns.displacement(stop)
         {
             add(first, by_displacement);
         }
-        (0..mean.interruptions).for_each(|i| add(unknowns.step(i), mean.table * by_displacement));
+        (0..mean.interruption_count).for_each(|i| {
+            add(unknowns.interruption_step(i), mean.machine_from_table * by_displacement)
+        });
         slopes
     }
 
     /// Displayed position of the sphere less the unknown one: X, Y.
     fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
         let first = self.unknowns.sphere();
-        [0, 1].map(|k| self.nest.from_axis[k] - x[first + k])
+        [0, 1].map(|k| self.nest.sphere_from_axis[k] - x[first + k])
     }
 
-    pub fn rows(&self, x: &[f64]) -> Vec<Rows> {
+    pub fn rows(&self, x: &[f64]) -> Vec<BlockRows> {
         let residuals = self.residuals(x, &vec![0.0; self.observations()]);
-        let mut rows = Rows::zeros(residuals.len(), 0, self.unknowns.count());
+        let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
-        for (row, (mean, sigma)) in self.means.iter().zip(&self.sigma).enumerate() {
-            for (unknown, slope) in self.slopes(mean, x) {
+        for (row, (mean, sigma)) in self.means.iter().zip(&self.sigma_mm).enumerate() {
+            for (unknown, slope) in self.reading_derivatives(mean, x) {
                 rows.set_common(row, unknown, slope / sigma);
             }
         }
         for k in 0..2 {
             let row = self.means.len() + k;
-            rows.set_common(row, self.unknowns.sphere() + k, 1.0 / self.sigma[row]);
+            rows.set_common(row, self.unknowns.sphere() + k, 1.0 / self.sigma_mm[row]);
         }
         vec![rows]
     }
 
     /// # Errors
     /// The gradient of a sensor differs from its declared direction: it has another direction or gain.
-    pub fn check_sensors(&self, x: &[f64]) -> Result<(), Refused> {
+    pub fn check_sensors(&self, x: &[f64]) -> Result<(), MethodRefusal> {
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
             let gradient = self.gradient(x, number);
-            let cosine = |of: &Vector3<f64>| gradient.normalize().dot(of);
-            if cosine(&Vector3::from(sensor.direction)) < MIN_COSINE {
-                let is_like = |other: &&&_| cosine(&direction(other)) >= MIN_COSINE;
+            let cosine = |direction: &Vector3<f64>| gradient.normalize().dot(direction);
+            if cosine(&Vector3::from(sensor.direction)) < MIN_DIRECTION_COSINE {
+                let is_like =
+                    |candidate: &&&_| cosine(&sensor_direction(candidate)) >= MIN_DIRECTION_COSINE;
                 let swapped = self.nest.sensors.iter().find(is_like);
-                return Err(refused_direction(
+                return Err(refuse_direction(
                     &sensor.name,
                     gradient,
                     swapped.map(|s| s.name.as_str()),
                 ));
             }
             if (gradient.norm() - 1.0).abs() > MAX_GAIN_ERROR {
-                return Err(Refused {
-                    why: format!(
-                        "sensor {} shows {:.2} mm where the sphere moves by 1 mm towards it or away",
+                return Err(MethodRefusal {
+                    reason: format!(
+                        "the reading of sensor {} changes by {:.2} mm if the sphere moves by 1 mm \
+                         along its direction",
                         sensor.name,
                         gradient.norm()
                     ),
-                    instead: "correct its scale in [[sensor]], and start anew".to_owned(),
+                    remedy: "correct the scale of the sensor in [[sensor]], and start a new \
+                              run"
+                    .to_owned(),
                 });
             }
         }
@@ -217,35 +229,42 @@ impl<'a> Equation<'a> {
     }
 }
 
-fn direction(sensor: &machine::record::sensor::Sensor) -> Vector3<f64> {
+fn sensor_direction(sensor: &machine::record::sensor::Sensor) -> Vector3<f64> {
     Vector3::from(sensor.direction)
 }
 
-fn refused_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -> Refused {
+fn refuse_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -> MethodRefusal {
     let [i, j, k]: [f64; 3] = gradient.into();
-    let shown = format!(
-        "sensor {name} shows displacements along [{i:.2}, {j:.2}, {k:.2}], not along its direction"
+    let reason = format!(
+        "sensor {name} measures displacements along [{i:.2}, {j:.2}, {k:.2}], not along its \
+         declared direction"
     );
     match swapped {
-        Some(other) => Refused {
-            why: format!("{shown}: this is the direction of {other}"),
-            instead: format!("exchange {name} and {other}: their cables, or their addresses in [[sensor]]"),
+        Some(other) => MethodRefusal {
+            reason: format!("{reason}, but along the direction of {other}"),
+            remedy: format!(
+                "exchange the cables of {name} and {other}, or their addresses in \
+                              [[sensor]]"
+            ),
         },
-        None => Refused {
-            why: shown,
-            instead: "correct its direction in [[sensor]], or look whether it sees the sphere; start anew".to_owned(),
+        None => MethodRefusal {
+            reason,
+            remedy: "correct the direction of the sensor in [[sensor]], or check that the sensor \
+                      measures the sphere; then start a new run"
+                .to_owned(),
         },
     }
 }
 
 /// Observations: the means, then the displayed position of the sphere in X and Y relative to the nominal axis.
-impl ObservationEquation for Equation<'_> {
+impl ObservationEquation for SensorEquations<'_> {
     fn observations(&self) -> usize {
         self.means.len() + 2
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let of_means = self.means.iter().map(|mean| mean.value_mm - self.reading(mean, x));
+        let of_means =
+            self.means.iter().map(|mean| mean.value_mm - self.predicted_reading(mean, x));
         let rows: Vec<f64> = of_means
             .chain(self.sphere_residuals(x))
             .zip(change)
@@ -255,6 +274,6 @@ impl ObservationEquation for Equation<'_> {
     }
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
-        change.iter().zip(&self.sigma).map(|(change, sigma)| change / sigma).collect()
+        change.iter().zip(&self.sigma_mm).map(|(change, sigma)| change / sigma).collect()
     }
 }

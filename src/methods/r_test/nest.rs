@@ -3,62 +3,69 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::settings::Settings;
-use crate::Refused;
-use machine::frame::{Point, Spindle, Table};
-use machine::kinematics::{Chain, TableAxis};
+use crate::MethodRefusal;
+use machine::frame::{Point, SpindleFrame, TableFrame};
+use machine::kinematics::{KinematicChain, TableAxis};
 use machine::record::plan::Plan;
-use machine::record::sensor::{Mount, Sensor};
+use machine::record::sensor::{Sensor, SensorMount};
 use machine::{Axis, Position};
 
 /// Largest distance between the centre of the nest and the axis, mm: the sphere does not follow a nest that moves
 /// around the axis.
-const MAX_OFF_AXIS_MM: f64 = 0.5;
+const MAX_NEST_AXIS_DISTANCE_MM: f64 = 0.5;
 /// Minimum determinant of the three sensor directions. It is 1 for orthogonal ones.
-const MIN_DETERMINANT: f64 = 0.1;
+const MIN_DIRECTION_DETERMINANT: f64 = 0.1;
 /// Largest distance between the line of a sensor and the common point, mm.
-const MAX_MISSED_MM: f64 = 0.5;
+const MAX_LINE_DISTANCE_MM: f64 = 0.5;
 
-pub struct Nest<'a> {
+pub struct SensorNest<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
-    pub chain: Chain,
+    pub chain: KinematicChain,
     /// The measured axis.
     pub axis: Axis,
     pub sensors: Vec<&'a Sensor>,
     /// Positions of all axes with the sphere in the nest and the measured axis at zero.
     pub origin: Position,
     /// Centre of the sphere at the origin, relative to the nominal axis, machine frame, mm.
-    pub from_axis: Vector3<f64>,
+    pub sphere_from_axis: Vector3<f64>,
 }
 
-impl<'a> Nest<'a> {
+impl<'a> SensorNest<'a> {
     /// # Errors
     /// There is no table axis along Z, there are fewer than three sensors on the table, or the sensors do not point
     /// at one point on the axis.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
-        let chain = Chain::new(&plan.machine)?;
-        let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(&plan.machine)?;
+        let table = TableAxis::find(&plan.machine, &chain)
+            .ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
-        let centre = centre(&sensors, plan.probe.ball_radius_mm)?;
-        let tip = Point::<Spindle>::from_vec(Vector3::from(plan.machine.tool_mm));
-        let xyz = chain.linear_axes_for(Point::<Table>::from_vec(centre), tip, &table.zero, &[])?;
-        let origin = table.zero.only(|axis| axis != Axis::S).updated_by(&xyz);
-        let line = chain.axis_line(table.axis, &origin).ok_or_else(Refused::no_table)?;
+        let centre = nest_centre(&sensors, plan.probe.ball_radius_mm)?;
+        let tip = Point::<SpindleFrame>::from_vec(Vector3::from(plan.machine.tool_mm));
+        let xyz = chain.solve_linear_axes(
+            Point::<TableFrame>::from_vec(centre),
+            tip,
+            &table.zero_position,
+            &[],
+        )?;
+        let origin = table.zero_position.filter_axes(|axis| axis != Axis::S).updated_by(&xyz);
+        let line =
+            chain.axis_line(table.axis, &origin).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sphere = chain.machine_from_spindle(&origin, &[]).transform_point(&tip.mm.into());
-        let from_axis = sphere.coords - line.point;
-        Refused::unless(
-            from_axis.xy().norm() <= MAX_OFF_AXIS_MM,
+        let sphere_from_axis = sphere.coords - line.point;
+        MethodRefusal::require(
+            sphere_from_axis.xy().norm() <= MAX_NEST_AXIS_DISTANCE_MM,
             format!(
                 "the centre of the sensor nest is {:.2} mm off the axis of {}",
-                from_axis.xy().norm(),
+                sphere_from_axis.xy().norm(),
                 table.axis
             ),
             "mount the nest in the centre of the table, and correct zero_mm of its sensors",
         )?;
-        Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, from_axis })
+        Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, sphere_from_axis })
     }
 
-    fn tip(&self) -> Point<Spindle> {
+    fn tip(&self) -> Point<SpindleFrame> {
         Point::from_vec(Vector3::from(self.plan.machine.tool_mm))
     }
 
@@ -70,7 +77,7 @@ impl<'a> Nest<'a> {
     }
 
     /// Rotation from the table frame to the machine frame with the measured axis at `angle`, rad.
-    pub fn table(&self, angle: f64) -> Rotation3<f64> {
+    pub fn machine_from_table(&self, angle: f64) -> Rotation3<f64> {
         let at = self.origin.clone().with(self.axis, angle);
         self.chain.machine_from_table(&at, &[]).rotation
     }
@@ -84,12 +91,12 @@ impl<'a> Nest<'a> {
     }
 
     /// Angle of a stop, rad.
-    pub fn angle(&self, stop: usize) -> f64 {
+    pub fn stop_angle(&self, stop: usize) -> f64 {
         stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
     }
 
     /// Index of the stop at `angle`, rad.
-    pub fn stop(&self, angle: f64) -> usize {
+    pub fn stop_index(&self, angle: f64) -> usize {
         let positions = self.settings.positions as f64;
         let number = (angle / std::f64::consts::TAU * positions).round();
         number.rem_euclid(positions) as usize
@@ -97,14 +104,18 @@ impl<'a> Nest<'a> {
 }
 
 /// Common point of all sensor directions, where the sphere is at the zero of each sensor: table frame, mm.
-fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> {
-    Refused::unless(
+fn nest_centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, MethodRefusal> {
+    MethodRefusal::require(
         sensors.len() >= 3,
-        format!("{} sensors do not show three displacements of the sphere", sensors.len()),
+        format!(
+            "{} sensors do not measure the displacement of the sphere in X, Y and \
+                 Z",
+            sensors.len()
+        ),
         "describe three [[sensor]] with mount = \"table\"",
     )?;
-    if let Some(sensor) = sensors.iter().find(|sensor| sensor.mount != Mount::Table) {
-        return Err(Refused::new(
+    if let Some(sensor) = sensors.iter().find(|sensor| sensor.mount != SensorMount::Table) {
+        return Err(MethodRefusal::new(
             format!("sensor {} does not turn with the table", sensor.name),
             "state mount = \"table\", or name the sensors of the nest in [method.r-test] sensors",
         ));
@@ -114,30 +125,30 @@ fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> 
     let scale = sensors.len() as f64 / 3.0;
     let inverse = normal
         .try_inverse()
-        .filter(|_| normal.determinant().sqrt() > MIN_DETERMINANT * scale.powf(1.5));
+        .filter(|_| normal.determinant().sqrt() > MIN_DIRECTION_DETERMINANT * scale.powf(1.5));
     let Some(inverse) = inverse else {
-        return Err(Refused::new(
+        return Err(MethodRefusal::new(
             "the directions of the sensors are coplanar",
-            "correct their directions: they must span space, best at right angles",
+            "correct the directions: they must not lie in one plane; right angles are best",
         ));
     };
-    let reach = |sensor: &&Sensor| {
+    let contact_point = |sensor: &&Sensor| {
         Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm
     };
     let along = |sensor: &&Sensor| {
         let direction = Vector3::from(sensor.direction);
-        direction * direction.dot(&reach(sensor))
+        direction * direction.dot(&contact_point(sensor))
     };
     let centre = inverse * sensors.iter().map(along).sum::<Vector3<f64>>();
-    let missed = |sensor: &&&Sensor| {
+    let is_missed = |sensor: &&&Sensor| {
         let direction = Vector3::from(sensor.direction);
-        (centre - Vector3::from(sensor.zero_mm)).cross(&direction).norm() > MAX_MISSED_MM
+        (centre - Vector3::from(sensor.zero_mm)).cross(&direction).norm() > MAX_LINE_DISTANCE_MM
     };
-    match sensors.iter().find(missed) {
+    match sensors.iter().find(is_missed) {
         None => Ok(centre),
-        Some(sensor) => Err(Refused::new(
+        Some(sensor) => Err(MethodRefusal::new(
             format!("the line of sensor {} misses the centre of the sphere", sensor.name),
-            "correct its zero_mm and direction: all lines must meet in one point",
+            "correct zero_mm and direction of the sensor: all lines must meet in one point",
         )),
     }
 }

@@ -4,20 +4,20 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::label::{BACKWARD, CALIBRATION, FORWARD};
-use super::nest::Nest;
-use crate::{IdentifyError, latest};
+use super::label::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL};
+use super::nest::SensorNest;
+use crate::{IdentifyError, latest_readings};
 use machine::Position;
 use machine::record::plan::Step;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 
 /// Displacement of the sphere relative to the nest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Displacement {
     /// Known from the displayed positions, table frame, mm.
-    Displayed(Vector3<f64>),
+    Known(Vector3<f64>),
     /// Unknown, at this stop of the revolution.
-    AtStop(usize),
+    UnknownAtStop(usize),
 }
 
 /// Mean of the samples of one sensor at one point of a path.
@@ -29,30 +29,34 @@ pub struct SensorMean {
     pub sensor: usize,
     pub displacement: Displacement,
     /// Rotation from the table frame to the machine frame.
-    pub table: Rotation3<f64>,
+    pub machine_from_table: Rotation3<f64>,
     pub value_mm: f64,
-    pub samples: usize,
+    pub sample_count: usize,
     pub t_s: f64,
     /// Number of interruptions before the mean.
-    pub interruptions: usize,
+    pub interruption_count: usize,
 }
 
 #[derive(Debug, Default)]
-pub struct Observed {
+pub struct ObservedMeans {
     pub means: Vec<SensorMean>,
     /// Number of points of a sensor without a distance.
-    pub missing: usize,
+    pub missing_points: usize,
 }
 
 /// # Errors
 /// A reading belongs to no step of the plan, or a scan has no reading.
-pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+pub fn observe_means(
+    nest: &SensorNest<'_>,
+    readings: &[Reading],
+) -> Result<ObservedMeans, IdentifyError> {
     IdentifyError::check_steps(nest.plan, readings)?;
-    let mut observed = Observed::default();
+    let mut observed = ObservedMeans::default();
     for step in &nest.plan.steps {
-        let is_used = [CALIBRATION, FORWARD, BACKWARD].contains(&step.label.as_str());
+        let is_used =
+            [CALIBRATION_LABEL, FORWARD_LABEL, BACKWARD_LABEL].contains(&step.label.as_str());
         if let (true, Some(scan)) = (is_used, &step.scan) {
-            let own = latest(step, readings)?;
+            let own = latest_readings(step, readings)?;
             for point in 0..scan.path.len() {
                 let at_point = readings_at(&own, &scan.path, point);
                 observed.add_point(nest, (step, point), &scan.path[point], &at_point);
@@ -66,7 +70,7 @@ pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, Ident
 /// Readings for which this point of the path is the nearest. All visits of a point count for the first one.
 fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
     let distance = |reading: &Reading, point: &Position| -> f64 {
-        point.iter().map(|(axis, at)| (reading.position.at(axis) - at).powi(2)).sum()
+        point.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
     };
     let nearest = |reading: &Reading| {
         (0..path.len())
@@ -75,36 +79,38 @@ fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) ->
     readings.iter().filter(|reading| nearest(reading) == Some(point)).copied().collect()
 }
 
-impl Observed {
+impl ObservedMeans {
     /// Numbers the interruptions. Only those with means on either side count: an interrupted scan is measured again
     /// as a whole.
     fn number_interruptions(&mut self) {
-        let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.interruptions).collect();
+        let counts: BTreeSet<usize> =
+            self.means.iter().map(|mean| mean.interruption_count).collect();
         for mean in &mut self.means {
-            mean.interruptions = counts.range(..mean.interruptions).count();
+            mean.interruption_count = counts.range(..mean.interruption_count).count();
         }
     }
 
     fn add_point(
         &mut self,
-        nest: &Nest<'_>,
+        nest: &SensorNest<'_>,
         (step, point): (&Step, usize),
         at: &Position,
         readings: &[&Reading],
     ) {
-        let angle = at.at(nest.axis);
+        let angle = at.get_or_zero(nest.axis);
         let displacement = match step.label.as_str() {
-            CALIBRATION => Displacement::Displayed(nest.displacement(at)),
-            _ => Displacement::AtStop(nest.stop(angle)),
+            CALIBRATION_LABEL => Displacement::Known(nest.displacement(at)),
+            _ => Displacement::UnknownAtStop(nest.stop_index(angle)),
         };
         for (sensor, declared) in nest.sensors.iter().enumerate() {
             let own = readings.iter().filter(|reading| reading.sensor == declared.name);
-            let good = own.filter(|reading| matches!(reading.flag, Flag::None | Flag::Gap));
+            let good =
+                own.filter(|reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap));
             let samples: Vec<(f64, f64)> =
                 good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
             let count = samples.len() as f64;
             if samples.is_empty() {
-                self.missing += usize::from(!readings.is_empty());
+                self.missing_points += usize::from(!readings.is_empty());
                 continue;
             }
             let t_s = samples.iter().map(|(_, t_s)| t_s).sum::<f64>() / count;
@@ -112,11 +118,11 @@ impl Observed {
                 label: format!("{}/{}/{}", step.label, point + 1, declared.name),
                 sensor,
                 displacement,
-                table: nest.table(angle),
+                machine_from_table: nest.machine_from_table(angle),
                 value_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
-                samples: samples.len(),
+                sample_count: samples.len(),
                 t_s,
-                interruptions: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
+                interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),
             });
         }
     }

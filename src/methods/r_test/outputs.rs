@@ -7,26 +7,27 @@
 
 use machine::record::estimate::{FigureKind, Unit};
 
-use super::model::Equation;
-use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
+use super::model::SensorEquations;
+use crate::identification::{Curve, Output, Outputs, RangeOutput, range_outputs};
 
 /// Derivatives by each unknown, for X, Y and Z.
-type Slopes = [Vec<f64>; 3];
+type Derivatives = [Vec<f64>; 3];
 
-pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
-    let stops = equation.unknowns.stops;
-    let totals: Vec<Slopes> = (0..stops).map(|stop| total(equation, stop)).collect();
-    let mean = mean(&totals);
-    let motions: Vec<Slopes> = totals
+pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
+    let stops = equation.unknowns.stop_count;
+    let totals: Vec<Derivatives> =
+        (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
+    let mean = mean_derivatives(&totals);
+    let motions: Vec<Derivatives> = totals
         .iter()
         .enumerate()
-        .map(|(stop, total)| motion(equation, stop, total, &mean))
+        .map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean))
         .collect();
     let axis = equation.nest.axis;
     let location = |k: usize, along: &str| {
-        Output::linear(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
+        Output::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
     };
-    let curve = |symbol: String, k: usize, all: &[Slopes], figure| {
+    let curve = |symbol: String, k: usize, all: &[Derivatives], figure| {
         let slopes: Vec<Vec<f64>> = all.iter().map(|slopes| slopes[k].clone()).collect();
         let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(s, x)| s * x).sum();
         Curve {
@@ -50,7 +51,7 @@ pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
             .clone()
             .map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FigureKind::Polar)),
     );
-    let ranges = names.map(|(k, along)| Range {
+    let ranges = names.map(|(k, along)| RangeOutput {
         symbol: format!("E{along}{axis}_range"),
         unit: Unit::Um,
         slopes: motions.iter().map(|slopes| slopes[k].clone()).collect(),
@@ -63,9 +64,9 @@ pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
 }
 
 /// Derivatives of E_total at a stop.
-fn total(equation: &Equation<'_>, stop: usize) -> Slopes {
-    let Equation { nest, unknowns, .. } = equation;
-    let turn = nest.table(nest.angle(stop));
+fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> Derivatives {
+    let SensorEquations { nest, unknowns, .. } = equation;
+    let turn = nest.machine_from_table(nest.stop_angle(stop));
     let turn = turn.matrix();
     let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
     for (k, slope) in slopes.iter_mut().enumerate() {
@@ -80,7 +81,7 @@ fn total(equation: &Equation<'_>, stop: usize) -> Slopes {
 }
 
 /// Mean over all stops: the axis position in X and Y.
-fn mean(totals: &[Slopes]) -> Slopes {
+fn mean_derivatives(totals: &[Derivatives]) -> Derivatives {
     [0, 1, 2].map(|k| {
         let mut mean = vec![0.0; totals.first().map_or(0, |slopes| slopes[k].len())];
         for slopes in totals {
@@ -91,8 +92,13 @@ fn mean(totals: &[Slopes]) -> Slopes {
 }
 
 /// The error motion: X and Y without the effect of the axis position, Z without its mean.
-fn motion(equation: &Equation<'_>, stop: usize, total: &Slopes, mean: &Slopes) -> Slopes {
-    let turn = equation.nest.table(equation.nest.angle(stop));
+fn error_motion_derivatives(
+    equation: &SensorEquations<'_>,
+    stop: usize,
+    total: &Derivatives,
+    mean: &Derivatives,
+) -> Derivatives {
+    let turn = equation.nest.machine_from_table(equation.nest.stop_angle(stop));
     let turn = turn.matrix();
     let mut motion = total.clone();
     for (k, slope) in motion.iter_mut().enumerate() {

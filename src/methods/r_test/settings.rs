@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -52,8 +52,8 @@ const MAX_FEED_DEG_MIN: f64 = 1440.0;
 impl Settings {
     /// # Errors
     /// The numbers do not describe a possible measurement.
-    pub fn check(&self) -> Result<(), Refused> {
-        Refused::check_numbers(
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        MethodRefusal::check_number_ranges(
             &[
                 ("calibration_mm", self.calibration_mm),
                 ("feed_mm_min", self.feed_mm_min),
@@ -62,15 +62,15 @@ impl Settings {
             ],
             &[("dwell_s", self.dwell_s), ("u_sphere_form_um", self.u_sphere_form_um)],
         )?;
-        Refused::check_trials(self.monte_carlo_trials)?;
-        Refused::unless(
+        MethodRefusal::check_trials(self.monte_carlo_trials)?;
+        MethodRefusal::require(
             self.feed_deg_min <= MAX_FEED_DEG_MIN,
-            format!("feed_deg_min = {} is too fast for sensors about a sphere", self.feed_deg_min),
+            format!("feed_deg_min = {} is too fast for sensors at a sphere", self.feed_deg_min),
             format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             (MIN_POSITIONS..=MAX_POSITIONS).contains(&self.positions),
-            format!("{} positions of a revolution are too few or too many", self.positions),
+            format!("positions = {} is outside {MIN_POSITIONS} to {MAX_POSITIONS}", self.positions),
             "choose positions = 24, at least 4 and at most 720",
         )
     }

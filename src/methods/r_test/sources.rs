@@ -1,70 +1,77 @@
-//! Sources of uncertainty, as changes of the observations of [`Equation`] (METHODS section 6).
+//! Sources of uncertainty, as changes of the observations of [`SensorEquations`] (METHODS section 6).
 
 use nalgebra::Vector3;
 
-use super::label::CALIBRATION;
-use super::model::Equation;
+use super::label::CALIBRATION_LABEL;
+use super::model::SensorEquations;
 use super::observe::{Displacement, SensorMean};
 use crate::identification::azimuth::{LOBING_ORDERS, azimuth_patterns};
 use crate::identification::declared::{
-    drift_mm_per_s, lags_mm, linear_motion_patterns, linearity_patterns, resolution_mm,
+    backlash_lags_mm, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
 };
 use crate::identification::{
-    Effect, EvaluationType, InResiduals, ObservationEquation, Shape, UncertaintySource,
-    block_covariances,
+    DrawDistribution, Effect, EvaluationType, ObservationEquation, ResidualTreatment,
+    UncertaintySource, block_covariances,
 };
 use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
-const UNDECLARED_NOISE_MM: f64 = 1e-4;
+const DEFAULT_NOISE_MM: f64 = 1e-4;
 /// Smallest standard uncertainty of an observation, which limits its weight, mm.
-const MIN_U_MM: f64 = 1e-6;
+const MIN_OBSERVATION_U_MM: f64 = 1e-6;
 
 /// All sources at the solution `x`.
-pub fn sources(equation: &Equation<'_>, x: &[f64]) -> Vec<UncertaintySource> {
-    let list = SourceList { equation, x };
+pub fn uncertainty_sources(equation: &SensorEquations<'_>, x: &[f64]) -> Vec<UncertaintySource> {
+    let list = SourceBuilder { equation, x };
     let mut all = vec![
-        list.noise(),
-        list.resolution(),
-        list.linearity(),
-        list.sphere_form(),
-        list.unjudged("stylus offset", list.stylus_offset()),
-        list.unjudged("backlash", list.backlash()),
-        list.unjudged("error motions of X, Y and Z", list.linear_axes()),
-        list.unjudged("thermal drift", list.drift()),
+        list.noise_source(),
+        list.resolution_source(),
+        list.linearity_source(),
+        list.sphere_form_source(),
+        list.common_source("stylus offset", list.stylus_offset_columns()),
+        list.common_source("backlash", list.backlash_columns()),
+        list.common_source("error motions of X, Y and Z", list.linear_axes_columns()),
+        list.common_source("thermal drift", list.drift_columns()),
     ];
     all.retain(|source| !source.is_zero());
     all
 }
 
 /// Standard uncertainty of each observation, from the sources that are independent between observations.
-pub fn sigma(equation: &Equation<'_>) -> Vec<f64> {
-    let x = equation.start();
-    let list = SourceList { equation, x: &x };
-    let independent =
-        [list.noise(), list.resolution(), list.unjudged("stylus offset", list.stylus_offset())];
+pub fn standard_uncertainties(equation: &SensorEquations<'_>) -> Vec<f64> {
+    let x = equation.initial_values();
+    let list = SourceBuilder { equation, x: &x };
+    let independent = [
+        list.noise_source(),
+        list.resolution_source(),
+        list.common_source("stylus offset", list.stylus_offset_columns()),
+    ];
     let independent = independent.map(|source| UncertaintySource { is_in_weights: true, ..source });
     let variances = block_covariances::<1>(&independent, equation.observations());
-    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_U_MM)).collect()
+    variances.iter().map(|variance| variance[(0, 0)].sqrt().max(MIN_OBSERVATION_U_MM)).collect()
 }
 
-struct SourceList<'a> {
-    equation: &'a Equation<'a>,
+struct SourceBuilder<'a> {
+    equation: &'a SensorEquations<'a>,
     x: &'a [f64],
 }
 
-impl SourceList<'_> {
+impl SourceBuilder<'_> {
     /// A source whose size the residuals do not change, and that does not enter the weights.
-    fn unjudged(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    fn common_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         UncertaintySource {
-            in_residuals: InResiduals::Expected,
+            in_residuals: ResidualTreatment::Expected,
             is_in_weights: false,
             ..UncertaintySource::new(name, Effect::Joint(columns))
         }
     }
 
     /// Change of the observations: of each mean, then of the sphere's position.
-    fn column(&self, of_mean: impl Fn(&SensorMean) -> f64, of_sphere: [f64; 2]) -> Vec<f64> {
+    fn observation_column(
+        &self,
+        of_mean: impl Fn(&SensorMean) -> f64,
+        of_sphere: [f64; 2],
+    ) -> Vec<f64> {
         self.equation.means.iter().map(of_mean).chain(of_sphere).collect()
     }
 
@@ -72,21 +79,25 @@ impl SourceList<'_> {
         self.equation.gradient(self.x, mean.sensor)
     }
 
-    fn noise(&self) -> UncertaintySource {
+    fn noise_source(&self) -> UncertaintySource {
         let sensors = &self.equation.nest.sensors;
         let of_sample = |mean: &SensorMean| {
-            sensors[mean.sensor].noise_um.map_or(UNDECLARED_NOISE_MM, |um| um * 1e-3)
+            sensors[mean.sensor].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3)
         };
-        let each = self.column(|mean| of_sample(mean) / (mean.samples as f64).sqrt(), [0.0; 2]);
-        let noise = UncertaintySource::new("noise of the sensor", Effect::Each(each));
+        let each = self.observation_column(
+            |mean| of_sample(mean) / (mean.sample_count as f64).sqrt(),
+            [0.0; 2],
+        );
+        let noise = UncertaintySource::new("noise of the sensor", Effect::Independent(each));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
 
     /// Resolution of the displayed positions: one draw for each point of the calibration and axis, and for the
     /// sphere's position.
-    fn resolution(&self) -> UncertaintySource {
-        let u = |axis: Axis| resolution_mm(self.equation.nest.plan, axis.direction());
-        let moved: Vec<Vector3<f64>> = self.equation.means.iter().filter_map(displayed).collect();
+    fn resolution_source(&self) -> UncertaintySource {
+        let u = |axis: Axis| resolution_u_mm(self.equation.nest.plan, axis.direction());
+        let moved: Vec<Vector3<f64>> =
+            self.equation.means.iter().filter_map(calibration_displacement).collect();
         let mut columns = Vec::new();
         let mut points: Vec<Vector3<f64>> = Vec::new();
         for point in moved {
@@ -95,21 +106,22 @@ impl SourceList<'_> {
             }
             points.push(point);
             for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-                let of_mean = |mean: &SensorMean| match displayed(mean) == Some(point) {
-                    true => self.gradient(mean)[k] * u(axis),
-                    false => 0.0,
-                };
-                columns.push(self.column(of_mean, [0.0; 2]));
+                let of_mean =
+                    |mean: &SensorMean| match calibration_displacement(mean) == Some(point) {
+                        true => self.gradient(mean)[k] * u(axis),
+                        false => 0.0,
+                    };
+                columns.push(self.observation_column(of_mean, [0.0; 2]));
             }
         }
-        columns.push(self.column(|_| 0.0, [u(Axis::X), 0.0]));
-        columns.push(self.column(|_| 0.0, [0.0, u(Axis::Y)]));
+        columns.push(self.observation_column(|_| 0.0, [u(Axis::X), 0.0]));
+        columns.push(self.observation_column(|_| 0.0, [0.0, u(Axis::Y)]));
         let source = UncertaintySource::new("resolution of the axes", Effect::Joint(columns));
-        UncertaintySource { shape: Shape::Rectangular, ..source }
+        UncertaintySource { shape: DrawDistribution::Rectangular, ..source }
     }
 
     /// Linearity error: a smooth random function of the reading of each sensor.
-    fn linearity(&self) -> UncertaintySource {
+    fn linearity_source(&self) -> UncertaintySource {
         let mut columns = Vec::new();
         for (number, sensor) in self.equation.nest.sensors.iter().enumerate() {
             let means = &self.equation.means;
@@ -129,14 +141,14 @@ impl SourceList<'_> {
                 );
             }
         }
-        self.unjudged("linearity of the sensor", columns)
+        self.common_source("linearity of the sensor", columns)
     }
 
     /// Form of the sphere. The sensors turn around the sphere, so its first harmonic is its position.
-    fn sphere_form(&self) -> UncertaintySource {
+    fn sphere_form_source(&self) -> UncertaintySource {
         let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
         let normals = self.equation.means.iter().map(|mean| {
-            let towards = mean.table * self.gradient(mean);
+            let towards = mean.machine_from_table * self.gradient(mean);
             // The form is declared for the circle around the spindle's axis that the sensors measure.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
@@ -145,78 +157,81 @@ impl SourceList<'_> {
         let columns = patterns
             .into_iter()
             .map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
-        self.unjudged("form of the sphere", columns.collect())
+        self.common_source("form of the sphere", columns.collect())
     }
 
     /// Offset of the sphere's centre from the spindle's axis.
-    fn stylus_offset(&self) -> Vec<Vec<f64>> {
+    fn stylus_offset_columns(&self) -> Vec<Vec<f64>> {
         let u = self.equation.nest.plan.probe.stylus_offset_um * 1e-3;
-        vec![self.column(|_| 0.0, [u, 0.0]), self.column(|_| 0.0, [0.0, u])]
+        vec![self.observation_column(|_| 0.0, [u, 0.0]), self.observation_column(|_| 0.0, [0.0, u])]
     }
 
     /// Backlash. During the calibration it follows the path; at the stops it remains as at the end of the
     /// calibration.
-    fn backlash(&self) -> Vec<Vec<f64>> {
+    fn backlash_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
-        let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION);
+        let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION_LABEL);
         let path =
             calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
         let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz).collect();
-        let lags = lags_mm(nest.plan, &xyz);
+        let lags = backlash_lags_mm(nest.plan, &xyz);
         let at_stops = lags.last().copied().unwrap_or_default();
         let displacements: Vec<Vector3<f64>> =
             path.iter().map(|at| nest.displacement(at)).collect();
         // The mean of a point includes all visits of it.
-        let of_point = |by: Vector3<f64>| -> Vector3<f64> {
-            let visits = displacements.iter().zip(&lags).filter(|(other, _)| **other == by);
-            let off: Vec<Vector3<f64>> = visits.map(|(_, lag)| lag - at_stops).collect();
-            off.iter().sum::<Vector3<f64>>() / off.len().max(1) as f64
+        let mean_lag_change = |by: Vector3<f64>| -> Vector3<f64> {
+            let visits = displacements.iter().zip(&lags).filter(|(position, _)| **position == by);
+            let lag_changes: Vec<Vector3<f64>> = visits.map(|(_, lag)| lag - at_stops).collect();
+            lag_changes.iter().sum::<Vector3<f64>>() / lag_changes.len().max(1) as f64
         };
         let column = |k: usize| {
             let of_mean = |mean: &SensorMean| match mean.displacement {
-                Displacement::Displayed(by) => {
-                    let along = Axis::LINEAR[k].direction() * of_point(by)[k];
-                    self.gradient(mean).dot(&(mean.table.inverse() * along))
+                Displacement::Known(by) => {
+                    let along = Axis::LINEAR[k].direction() * mean_lag_change(by)[k];
+                    self.gradient(mean).dot(&(mean.machine_from_table.inverse() * along))
                 }
-                Displacement::AtStop(_) => 0.0,
+                Displacement::UnknownAtStop(_) => 0.0,
             };
-            self.column(of_mean, [0, 1].map(|of| if of == k { -at_stops[k] } else { 0.0 }))
+            self.observation_column(
+                of_mean,
+                [0, 1].map(|axis| if axis == k { -at_stops[k] } else { 0.0 }),
+            )
         };
         [0, 1, 2].map(column).into()
     }
 
     /// Errors of the linear axes at the position of the sphere. They do not change over the short moves of the
     /// calibration.
-    fn linear_axes(&self) -> Vec<Vec<f64>> {
+    fn linear_axes_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
         let patterns = linear_motion_patterns(nest.plan, &[nest.origin.xyz()]);
         let at_sphere = patterns.into_iter().filter_map(|pattern| pattern.first().copied());
         at_sphere
             .flat_map(|by| [[by, 0.0], [0.0, by]])
-            .map(|of_sphere| self.column(|_| 0.0, of_sphere))
+            .map(|of_sphere| self.observation_column(|_| 0.0, of_sphere))
             .collect()
     }
 
     /// Drift of the table relative to the spindle at the declared rate, zero at the mean time.
-    fn drift(&self) -> Vec<Vec<f64>> {
+    fn drift_columns(&self) -> Vec<Vec<f64>> {
         let rate = drift_mm_per_s(self.equation.nest.plan);
         let means = self.equation.means;
         let mean_s = means.iter().map(|mean| mean.t_s).sum::<f64>() / means.len().max(1) as f64;
         let column = |axis: Axis| {
             let of_mean = |mean: &SensorMean| {
-                let along = mean.table.inverse() * axis.direction();
+                let along = mean.machine_from_table.inverse() * axis.direction();
                 self.gradient(mean).dot(&along) * rate * (mean.t_s - mean_s)
             };
-            self.column(of_mean, [0.0; 2])
+            self.observation_column(of_mean, [0.0; 2])
         };
         Axis::LINEAR.map(column).into()
     }
 }
 
 /// Displacement of the sphere by the calibration. `None` at the origin and at the stops.
-fn displayed(mean: &SensorMean) -> Option<Vector3<f64>> {
+fn calibration_displacement(mean: &SensorMean) -> Option<Vector3<f64>> {
     match mean.displacement {
-        Displacement::Displayed(by) if by != Vector3::zeros() => Some(by),
+        Displacement::Known(by) if by != Vector3::zeros() => Some(by),
         _ => None,
     }
 }

@@ -1,12 +1,14 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
 use super::fit;
-use super::label::{BACKWARD, CALIBRATION, FORWARD, PROMPT, REFERENCE};
-use super::nest::Nest;
-use super::observe::observed;
+use super::label::{
+    BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, MOUNT_PROMPT_LABEL, REFERENCE_LABEL,
+};
+use super::nest::SensorNest;
+use super::observe::observe_means;
 use super::settings::Settings;
-use crate::turns::Turns;
-use crate::{Next, Refused, Source};
+use crate::revolution_steps::RevolutionSteps;
+use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::watch::WatchedSensor;
@@ -16,73 +18,84 @@ use machine::{Axis, Position};
 ///
 /// # Errors
 /// A turn exceeds the axis limits, or a sensor has another direction or gain than declared.
-pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+pub fn next_stage(
+    nest: &SensorNest<'_>,
+    done: &[Stage],
+    source: PositionSource<'_>,
+) -> Result<NextStage, MethodRefusal> {
     let (name, steps) = match done.len() {
         0 => {
-            turn_deg(nest)?;
-            ("calibration of the sensors", vec![prompt(nest), calibration(nest)])
+            revolution_angles_deg(nest)?;
+            ("calibration of the sensors", vec![mount_prompt(nest), calibration_scan(nest)])
         }
         1 => {
-            if let Source::Measured(readings) = source {
+            if let PositionSource::Measured(readings) = source {
                 check_sensors(nest, readings)?;
             }
-            ("turns", turns(nest)?)
+            ("turns", turn_scans(nest)?)
         }
-        _ => return Ok(Next::Done),
+        _ => return Ok(NextStage::Done),
     };
-    Ok(Next::new_steps(nest.plan, done, name, steps))
+    Ok(NextStage::from_new_steps(nest.plan, done, name, steps))
 }
 
 /// Checks the sensors before the table turns.
-fn check_sensors(nest: &Nest<'_>, readings: &[Reading]) -> Result<(), Refused> {
+fn check_sensors(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<(), MethodRefusal> {
     let failed = |why: String| {
-        Refused::new(why, "check that each sensor measures the sphere, then start a new run")
+        MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run")
     };
-    let observed = observed(nest, readings).map_err(|error| failed(error.to_string()))?;
-    let equation = fit::weighted(nest, &observed);
-    let minimum = fit::solve(&equation).map_err(|error| failed(error.to_string()))?;
+    let observed = observe_means(nest, readings).map_err(|error| failed(error.to_string()))?;
+    let equation = fit::weighted_equation(nest, &observed);
+    let minimum = fit::solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
     equation.check_sensors(&minimum.x)
 }
 
-fn prompt(nest: &Nest<'_>) -> Step {
+fn mount_prompt(nest: &SensorNest<'_>) -> Step {
     let names: Vec<&str> = nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let text = format!(
-        "Clamp the sphere in the spindle and the sensor nest ({}) in the centre of the table, within 5 mm of where the \
-         machine file states it, so that no sensor leaves its range when the table turns. The sphere will move into the \
-         nest from above",
+        "Clamp the sphere in the spindle and the sensor nest ({}) in the centre of the table, \
+         within 5 mm of its position in the machine file, so that no sensor leaves its range when \
+         the table turns. The sphere will move into the nest from above",
         names.join(", ")
     );
     let watch = names.into_iter().map(WatchedSensor::new).collect();
-    Step { watch, ..Step::prompt(PROMPT.to_owned(), text) }
+    Step { watch, ..Step::prompt(MOUNT_PROMPT_LABEL.to_owned(), text) }
 }
 
 /// Calibration moves around the origin, in both directions along each axis.
-fn calibration(nest: &Nest<'_>) -> Step {
-    let by = nest.settings.calibration_mm;
+fn calibration_scan(nest: &SensorNest<'_>) -> Step {
+    let step_mm = nest.settings.calibration_mm;
     let mut path = vec![nest.origin.clone()];
     for axis in [Axis::X, Axis::Y, Axis::Z] {
-        for by in [by, -by] {
-            let at = nest.origin.at(axis) + by;
+        for by in [step_mm, -step_mm] {
+            let at = nest.origin.get_or_zero(axis) + by;
             path.push(nest.origin.clone().with(axis, at));
         }
         path.push(nest.origin.clone());
     }
-    scan(nest, CALIBRATION, StepKind::Scan, path, nest.settings.feed_mm_min)
+    dwell_scan(nest, CALIBRATION_LABEL, StepKind::Scan, path, nest.settings.feed_mm_min)
 }
 
-fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
-    let forward = turn_deg(nest)?;
+fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
+    let forward = revolution_angles_deg(nest)?;
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
     // The reference has two stops, so that the scan is a turn.
     let reference = forward[..2].to_vec();
     let turn = |label, kind, angles: Vec<f64>| {
-        let at = |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.from_edge(*deg));
-        scan(nest, label, kind, angles.iter().map(at).collect(), nest.settings.feed_deg_min)
+        let position =
+            |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.to_mm_or_rad(*deg));
+        dwell_scan(
+            nest,
+            label,
+            kind,
+            angles.iter().map(position).collect(),
+            nest.settings.feed_deg_min,
+        )
     };
     Ok(vec![
-        turn(REFERENCE, StepKind::Reference, reference),
-        turn(FORWARD, StepKind::Scan, forward),
-        turn(BACKWARD, StepKind::Scan, backward),
+        turn(REFERENCE_LABEL, StepKind::Reference, reference),
+        turn(FORWARD_LABEL, StepKind::Scan, forward),
+        turn(BACKWARD_LABEL, StepKind::Scan, backward),
     ])
 }
 
@@ -90,14 +103,15 @@ fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
 ///
 /// # Errors
 /// The axis limits do not allow a revolution.
-fn turn_deg(nest: &Nest<'_>) -> Result<Vec<f64>, Refused> {
+fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let positions = nest.settings.positions;
-    let steps = Turns { positions, revolutions: 1, lead: 0 }.within(nest.plan, nest.axis)?;
+    let steps = RevolutionSteps { positions, revolutions: 1, lead_steps: 0 }
+        .range_within_limits(nest.plan, nest.axis)?;
     Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 
-fn scan(
-    nest: &Nest<'_>,
+fn dwell_scan(
+    nest: &SensorNest<'_>,
     label: &str,
     kind: StepKind,
     path: Vec<Position>,

@@ -6,19 +6,19 @@ mod measurement;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::model::{Affine, Indexed, Model};
-use estimation::nonlinear::{Minimum, NonlinearError, minimise};
-use estimation::schur::Rows;
+use super::model::{AffinePoint, GeometryModel, IndexationModel};
+use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
+use estimation::schur::BlockRows;
 use machine::Position;
 use machine::frame::unit_vector;
 
-pub use measurement::Measurement;
+pub use measurement::GeometryEquations;
 
 /// One measurement of a ball: position and weight.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen {
+pub struct BallMeasurement {
     /// Index of the rotary position.
-    pub place: usize,
+    pub position_index: usize,
     pub ball: usize,
     /// Whitening matrix W with W·Σ·Wᵀ = I, where Σ is the covariance of the measured centre, machine frame,
     /// mm².
@@ -27,127 +27,147 @@ pub struct Seen {
 
 /// A certified length between two balls.
 #[derive(Debug, Clone, Copy)]
-pub struct Bar {
-    pub from: usize,
-    pub to: usize,
+pub struct LengthConstraint {
+    pub from_ball: usize,
+    pub to_ball: usize,
     pub u_mm: f64,
 }
 
 /// Observed values, mm: the ball centres as axis positions, and the certified lengths.
 #[derive(Debug, Clone)]
-pub struct Measured {
+pub struct ObservedValues {
     pub xyz: Vec<Vector3<f64>>,
     pub lengths: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
-pub struct Problem {
-    model: Model,
+pub struct GeometryProblem {
+    model: GeometryModel,
     stylus: Vector3<f64>,
-    places: Vec<Position>,
-    seen: Vec<Seen>,
-    bars: Vec<Bar>,
-    groups: Vec<Group>,
+    positions: Vec<Position>,
+    measurements: Vec<BallMeasurement>,
+    certified_lengths: Vec<LengthConstraint>,
+    groups: Vec<BallGroup>,
     /// Index of the first coordinate of each ball among the unknowns.
-    ball_at: Vec<usize>,
+    ball_unknowns: Vec<usize>,
     /// Matrix of each measurement from the table frame to weighted residuals.
     weights: Vec<Matrix3<f64>>,
     /// Index of the first row of each measurement, then of each length.
-    row_at: Vec<usize>,
+    first_rows: Vec<usize>,
 }
 
 /// Balls that share a block, with their measurements and lengths.
 #[derive(Debug, Clone, Default)]
-struct Group {
+struct BallGroup {
     balls: Vec<usize>,
-    seen: Vec<usize>,
-    bars: Vec<usize>,
+    measurements: Vec<usize>,
+    certified_lengths: Vec<usize>,
 }
 
-impl Problem {
+impl GeometryProblem {
     /// Each of the `balls` must have a measurement. `stylus` is the stated one; coordinates that are not free
     /// keep their value.
     pub fn new(
-        model: Model,
-        places: Vec<Position>,
-        seen: Vec<Seen>,
-        bars: Vec<Bar>,
+        model: GeometryModel,
+        positions: Vec<Position>,
+        measurements: Vec<BallMeasurement>,
+        certified_lengths: Vec<LengthConstraint>,
         balls: usize,
         stylus: Vector3<f64>,
     ) -> Self {
-        let groups = groups(&seen, &bars, balls);
-        let common = model.parameters().len() + model.stylus().len();
-        let (mut ball_at, mut next) = (vec![0; balls], common);
+        let groups = group_balls(&measurements, &certified_lengths, balls);
+        let common = model.parameters().len() + model.free_stylus_coordinates().len();
+        let (mut ball_unknowns, mut next) = (vec![0; balls], common);
         for ball in groups.iter().flat_map(|group| &group.balls) {
-            ball_at[*ball] = next;
+            ball_unknowns[*ball] = next;
             next += 3;
         }
-        let (mut row_at, mut row) = (vec![0; seen.len() + bars.len()], 0);
+        let (mut first_rows, mut row) = (vec![0; measurements.len() + certified_lengths.len()], 0);
         for group in &groups {
-            for sight in &group.seen {
-                row_at[*sight] = row;
+            for measurement in &group.measurements {
+                first_rows[*measurement] = row;
                 row += 3;
             }
-            for bar in &group.bars {
-                row_at[seen.len() + bar] = row;
+            for bar in &group.certified_lengths {
+                first_rows[measurements.len() + bar] = row;
                 row += 1;
             }
         }
         let zero = vec![0.0; model.parameters().len()];
-        let into_machine: Vec<Matrix3<f64>> = places
+        let machine_from_table: Vec<Matrix3<f64>> = positions
             .iter()
-            .map(|place| model.tips(place, &zero, Vector3::zeros()).inverse())
+            .map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse())
             .collect();
-        let weights = seen.iter().map(|s| s.whitening * into_machine[s.place]).collect();
-        Self { model, stylus, places, seen, bars, groups, ball_at, weights, row_at }
+        let weights = measurements
+            .iter()
+            .map(|s| s.whitening * machine_from_table[s.position_index])
+            .collect();
+        Self {
+            model,
+            stylus,
+            positions,
+            measurements,
+            certified_lengths,
+            groups,
+            ball_unknowns,
+            weights,
+            first_rows,
+        }
     }
 
-    pub fn model(&self) -> &Model {
+    pub fn model(&self) -> &GeometryModel {
         &self.model
     }
 
     /// The same measurements with other unknown machine errors.
     #[cfg(test)]
-    pub fn with_model(self, model: Model) -> Self {
-        Self::new(model, self.places, self.seen, self.bars, self.ball_at.len(), self.stylus)
+    pub fn with_model(self, model: GeometryModel) -> Self {
+        Self::new(
+            model,
+            self.positions,
+            self.measurements,
+            self.certified_lengths,
+            self.ball_unknowns.len(),
+            self.stylus,
+        )
     }
 
-    pub fn unknowns(&self) -> usize {
-        self.common() + 3 * self.ball_at.len()
+    pub fn unknown_count(&self) -> usize {
+        self.shared_unknown_count() + 3 * self.ball_unknowns.len()
     }
 
-    pub fn rows_count(&self) -> usize {
-        3 * self.seen.len() + self.bars.len()
+    pub fn row_count(&self) -> usize {
+        3 * self.measurements.len() + self.certified_lengths.len()
     }
 
     /// Index of the ball's first coordinate among the unknowns: machine, tool, balls.
-    pub fn ball_at(&self, ball: usize) -> usize {
-        self.ball_at[ball]
+    pub fn ball_unknown(&self, ball: usize) -> usize {
+        self.ball_unknowns[ball]
     }
 
     /// Index of the first of the three rows of a measurement.
-    pub fn row_of(&self, seen: usize) -> usize {
-        self.row_at[seen]
+    pub fn measurement_row(&self, measurement: usize) -> usize {
+        self.first_rows[measurement]
     }
 
-    pub fn row_of_bar(&self, bar: usize) -> usize {
-        self.row_at[self.seen.len() + bar]
+    pub fn length_row(&self, bar: usize) -> usize {
+        self.first_rows[self.measurements.len() + bar]
     }
 
     /// Matrix from the table frame to the weighted residuals of a measurement.
-    pub fn weight(&self, seen: usize) -> Matrix3<f64> {
-        self.weights[seen]
+    pub fn weight(&self, measurement: usize) -> Matrix3<f64> {
+        self.weights[measurement]
     }
 
-    fn common(&self) -> usize {
-        self.model.parameters().len() + self.model.stylus().len()
+    fn shared_unknown_count(&self) -> usize {
+        self.model.parameters().len() + self.model.free_stylus_coordinates().len()
     }
 
     /// Errors and stylus from the unknowns `x`.
-    fn machine<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
+    fn errors_and_stylus<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
         let (errors, rest) = x.split_at(self.model.parameters().len());
         let mut stylus = self.stylus;
-        for (k, value) in self.model.stylus().iter().zip(rest) {
+        for (k, value) in self.model.free_stylus_coordinates().iter().zip(rest) {
             stylus[*k] = *value;
         }
         (errors, stylus)
@@ -155,18 +175,21 @@ impl Problem {
 
     /// Start values: zero errors, the stated stylus, and the balls at their mean positions from the nominal
     /// machine.
-    pub fn start(&self, measured: &Measured) -> Vec<f64> {
-        let mut x = vec![0.0; self.unknowns()];
+    pub fn initial_values(&self, measured: &ObservedValues) -> Vec<f64> {
+        let mut x = vec![0.0; self.unknown_count()];
         let first = self.model.parameters().len();
-        for (i, k) in self.model.stylus().iter().enumerate() {
+        for (i, k) in self.model.free_stylus_coordinates().iter().enumerate() {
             x[first + i] = self.stylus[*k];
         }
-        let mut counts = vec![0.0; self.ball_at.len()];
-        for (seen, tip) in self.seen.iter().zip(self.tips(&x, measured)) {
-            counts[seen.ball] += 1.0;
-            let at = self.ball_at[seen.ball];
-            let mean = vector(&x, at) + (tip - vector(&x, at)) / counts[seen.ball];
-            put(&mut x, at, mean);
+        let mut counts = vec![0.0; self.ball_unknowns.len()];
+        for (measurement, tip) in
+            self.measurements.iter().zip(self.measured_positions(&x, measured))
+        {
+            counts[measurement.ball] += 1.0;
+            let first = self.ball_unknowns[measurement.ball];
+            let mean =
+                vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball];
+            set_vector(&mut x, first, mean);
         }
         x
     }
@@ -175,64 +198,87 @@ impl Problem {
     ///
     /// # Errors
     /// The measurements do not separate the unknowns; the iteration does not converge.
-    pub fn solve(&self, measured: &Measured, start: Vec<f64>) -> Result<Minimum, NonlinearError> {
-        minimise(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
+    pub fn solve(
+        &self,
+        measured: &ObservedValues,
+        start: Vec<f64>,
+    ) -> Result<NonlinearSolution, NonlinearError> {
+        minimise_squares(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
     }
 
     /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
-    pub fn tips(&self, x: &[f64], measured: &Measured) -> Vec<Vector3<f64>> {
-        let (errors, tool) = self.machine(x);
-        let at: Vec<_> =
-            self.places.iter().map(|place| self.model.tips(place, errors, tool)).collect();
-        self.seen.iter().zip(&measured.xyz).map(|(seen, xyz)| at[seen.place].at(*xyz)).collect()
+    pub fn measured_positions(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
+        let (errors, tool) = self.errors_and_stylus(x);
+        let tip_functions: Vec<_> = self
+            .positions
+            .iter()
+            .map(|position| self.model.tip_function(position, errors, tool))
+            .collect();
+        self.measurements
+            .iter()
+            .zip(&measured.xyz)
+            .map(|(measurement, xyz)| tip_functions[measurement.position_index].value_at(*xyz))
+            .collect()
     }
 
     /// For each rotary position, the matrix from a motion of X, Y, Z to the motion of the stylus relative to
     /// the workpiece with these errors, in the directions of the nominal axes.
-    pub fn ways(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
-        let (errors, tool) = self.machine(x);
+    pub fn motion_matrices(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
+        let (errors, tool) = self.errors_and_stylus(x);
         let zero = vec![0.0; errors.len()];
-        let ways = self.places.iter().map(|place| {
-            self.model.tips(place, &zero, tool).inverse()
-                * self.model.tips(place, errors, tool).linear()
+        let matrices = self.positions.iter().map(|position| {
+            self.model.tip_function(position, &zero, tool).inverse()
+                * self.model.tip_function(position, errors, tool).linear()
         });
-        ways.collect()
+        matrices.collect()
     }
 
     /// Weighted residuals, measured minus model, in the order of the rows.
-    pub fn residuals(&self, x: &[f64], measured: &Measured) -> Vec<f64> {
-        let mut residuals = vec![0.0; self.rows_count()];
-        for (i, tip) in self.tips(x, measured).into_iter().enumerate() {
-            let ball = vector(x, self.ball_at[self.seen[i].ball]);
-            put(&mut residuals, self.row_at[i], self.weights[i] * (ball - tip));
+    pub fn residuals(&self, x: &[f64], measured: &ObservedValues) -> Vec<f64> {
+        let mut residuals = vec![0.0; self.row_count()];
+        for (i, tip) in self.measured_positions(x, measured).into_iter().enumerate() {
+            let ball = vector_at(x, self.ball_unknowns[self.measurements[i].ball]);
+            set_vector(&mut residuals, self.first_rows[i], self.weights[i] * (ball - tip));
         }
-        for (i, bar) in self.bars.iter().enumerate() {
-            let apart = self.apart(x, bar).norm();
-            residuals[self.row_of_bar(i)] = (measured.lengths[i] - apart) / bar.u_mm;
+        for (i, bar) in self.certified_lengths.iter().enumerate() {
+            let vector = self.length_vector(x, bar).norm();
+            residuals[self.length_row(i)] = (measured.lengths[i] - vector) / bar.u_mm;
         }
         residuals
     }
 
-    fn apart(&self, x: &[f64], bar: &Bar) -> Vector3<f64> {
-        vector(x, self.ball_at[bar.to]) - vector(x, self.ball_at[bar.from])
+    fn length_vector(&self, x: &[f64], bar: &LengthConstraint) -> Vector3<f64> {
+        vector_at(x, self.ball_unknowns[bar.to_ball])
+            - vector_at(x, self.ball_unknowns[bar.from_ball])
     }
 
     /// The model linearised at `x`, group by group.
-    pub fn rows(&self, x: &[f64], measured: &Measured) -> Vec<Rows> {
-        let (errors, tool) = self.machine(x);
-        let at: Vec<Indexed> =
-            self.places.par_iter().map(|place| self.model.indexed(place, errors, tool)).collect();
-        let group_rows = |group: &Group| {
-            let count = 3 * group.seen.len() + group.bars.len();
-            let mut rows = Rows::zeros(count, 3 * group.balls.len(), self.common());
-            let first = self.ball_at[group.balls[0]];
-            for (n, i) in group.seen.iter().enumerate() {
-                let indexed = &at[self.seen[*i].place];
-                self.ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.xyz[*i]);
+    pub fn rows(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
+        let (errors, tool) = self.errors_and_stylus(x);
+        let models: Vec<IndexationModel> = self
+            .positions
+            .par_iter()
+            .map(|position| self.model.at_indexation(position, errors, tool))
+            .collect();
+        let group_rows = |group: &BallGroup| {
+            let count = 3 * group.measurements.len() + group.certified_lengths.len();
+            let mut rows =
+                BlockRows::zeros(count, 3 * group.balls.len(), self.shared_unknown_count());
+            let first = self.ball_unknowns[group.balls[0]];
+            for (n, i) in group.measurements.iter().enumerate() {
+                let indexed = &models[self.measurements[*i].position_index];
+                self.fill_ball_rows(&mut rows, 3 * n, first, *i, indexed, x, measured.xyz[*i]);
             }
-            for (n, i) in group.bars.iter().enumerate() {
-                let row = 3 * group.seen.len() + n;
-                self.bar_row(&mut rows, row, first, &self.bars[*i], x, measured.lengths[*i]);
+            for (n, i) in group.certified_lengths.iter().enumerate() {
+                let row = 3 * group.measurements.len() + n;
+                self.fill_length_row(
+                    &mut rows,
+                    row,
+                    first,
+                    &self.certified_lengths[*i],
+                    x,
+                    measured.lengths[*i],
+                );
             }
             rows
         };
@@ -242,87 +288,104 @@ impl Problem {
     /// Fills the three rows of the measurement `i`, starting at `row`; the unknowns of the block start at
     /// `first`.
     #[allow(clippy::too_many_arguments)]
-    fn ball_rows(
+    fn fill_ball_rows(
         &self,
-        rows: &mut Rows,
+        rows: &mut BlockRows,
         row: usize,
         first: usize,
         i: usize,
-        indexed: &Indexed,
+        indexed: &IndexationModel,
         x: &[f64],
         xyz: Vector3<f64>,
     ) {
-        let (weight, ball_at) = (self.weights[i], self.ball_at[self.seen[i].ball]);
-        let value = weight * (vector(x, ball_at) - indexed.tip(xyz));
+        let (weight, ball_unknown) =
+            (self.weights[i], self.ball_unknowns[self.measurements[i].ball]);
+        let value = weight * (vector_at(x, ball_unknown) - indexed.tip(xyz));
         (0..3).for_each(|k| rows.set_value(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
             let weighted = weight * column;
             (0..3).for_each(|k| rows.set_common(row + k, j, weighted[k]));
         };
         let errors = self.model.parameters().len();
-        (0..errors).for_each(|j| set(j, indexed.machine(j, xyz)));
-        for (j, coordinate) in self.model.stylus().iter().enumerate() {
-            set(errors + j, indexed.tool.column(*coordinate).into_owned());
+        (0..errors).for_each(|j| set(j, indexed.error_derivative(j, xyz)));
+        for (j, coordinate) in self.model.free_stylus_coordinates().iter().enumerate() {
+            set(errors + j, indexed.stylus_derivatives.column(*coordinate).into_owned());
         }
         for j in 0..3 {
             let column = -weight.column(j);
-            (0..3).for_each(|k| rows.set_own(row + k, ball_at - first + j, column[k]));
+            (0..3).for_each(|k| rows.set_own(row + k, ball_unknown - first + j, column[k]));
         }
     }
 
-    fn bar_row(
+    fn fill_length_row(
         &self,
-        rows: &mut Rows,
+        rows: &mut BlockRows,
         row: usize,
         first: usize,
-        bar: &Bar,
+        bar: &LengthConstraint,
         x: &[f64],
         length: f64,
     ) {
-        let apart = self.apart(x, bar);
-        let along = unit_vector(apart).unwrap_or_default() / bar.u_mm;
-        rows.set_value(row, (length - apart.norm()) / bar.u_mm);
+        let vector = self.length_vector(x, bar);
+        let along = unit_vector(vector).unwrap_or_default() / bar.u_mm;
+        rows.set_value(row, (length - vector.norm()) / bar.u_mm);
         for j in 0..3 {
-            rows.set_own(row, self.ball_at[bar.to] - first + j, along[j]);
-            rows.set_own(row, self.ball_at[bar.from] - first + j, -along[j]);
+            rows.set_own(row, self.ball_unknowns[bar.to_ball] - first + j, along[j]);
+            rows.set_own(row, self.ball_unknowns[bar.from_ball] - first + j, -along[j]);
         }
     }
 
     /// Measurements of an exact machine with these unknowns. Only rows linearised there show the true null
     /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
-    pub fn ideal(&self, x: &[f64]) -> Measured {
-        let (errors, tool) = self.machine(x);
-        let at: Vec<Affine> =
-            self.places.iter().map(|place| self.model.tips(place, errors, tool)).collect();
-        let xyz = self.seen.iter().map(|seen| {
-            let tip = &at[seen.place];
-            let ball = vector(x, self.ball_at[seen.ball]);
-            tip.inverse() * (ball - tip.at(Vector3::zeros()))
+    pub fn ideal_values(&self, x: &[f64]) -> ObservedValues {
+        let (errors, tool) = self.errors_and_stylus(x);
+        let tip_functions: Vec<AffinePoint> = self
+            .positions
+            .iter()
+            .map(|position| self.model.tip_function(position, errors, tool))
+            .collect();
+        let xyz = self.measurements.iter().map(|measurement| {
+            let tip = &tip_functions[measurement.position_index];
+            let ball = vector_at(x, self.ball_unknowns[measurement.ball]);
+            tip.inverse() * (ball - tip.value_at(Vector3::zeros()))
         });
-        let lengths = self.bars.iter().map(|bar| self.apart(x, bar).norm());
-        Measured { xyz: xyz.collect(), lengths: lengths.collect() }
+        let lengths = self.certified_lengths.iter().map(|bar| self.length_vector(x, bar).norm());
+        ObservedValues { xyz: xyz.collect(), lengths: lengths.collect() }
     }
 }
 
 /// Groups of balls joined by lengths, in the order of the first ball of each group.
-fn groups(seen: &[Seen], bars: &[Bar], balls: usize) -> Vec<Group> {
-    let mut of: Vec<usize> = (0..balls).collect();
-    for bar in bars {
-        let (kept, joined) = (of[bar.from].min(of[bar.to]), of[bar.from].max(of[bar.to]));
-        of.iter_mut().filter(|group| **group == joined).for_each(|group| *group = kept);
+fn group_balls(
+    measurements: &[BallMeasurement],
+    certified_lengths: &[LengthConstraint],
+    balls: usize,
+) -> Vec<BallGroup> {
+    let mut group_of: Vec<usize> = (0..balls).collect();
+    for bar in certified_lengths {
+        let (kept, merged) = (
+            group_of[bar.from_ball].min(group_of[bar.to_ball]),
+            group_of[bar.from_ball].max(group_of[bar.to_ball]),
+        );
+        group_of.iter_mut().filter(|group| **group == merged).for_each(|group| *group = kept);
     }
-    let mut groups = vec![Group::default(); balls];
-    (0..balls).for_each(|ball| groups[of[ball]].balls.push(ball));
-    seen.iter().enumerate().for_each(|(i, seen)| groups[of[seen.ball]].seen.push(i));
-    bars.iter().enumerate().for_each(|(i, bar)| groups[of[bar.from]].bars.push(i));
+    let mut groups = vec![BallGroup::default(); balls];
+    (0..balls).for_each(|ball| groups[group_of[ball]].balls.push(ball));
+    measurements
+        .iter()
+        .enumerate()
+        .for_each(|(i, measurement)| groups[group_of[measurement.ball]].measurements.push(i));
+    certified_lengths
+        .iter()
+        .enumerate()
+        .for_each(|(i, bar)| groups[group_of[bar.from_ball]].certified_lengths.push(i));
     groups.retain(|group| !group.balls.is_empty());
     groups
 }
 
-pub fn vector(x: &[f64], at: usize) -> Vector3<f64> {
+pub fn vector_at(x: &[f64], at: usize) -> Vector3<f64> {
     Vector3::new(x[at], x[at + 1], x[at + 2])
 }
 
-fn put(x: &mut [f64], at: usize, value: Vector3<f64>) {
+fn set_vector(x: &mut [f64], at: usize, value: Vector3<f64>) {
     x[at..at + 3].copy_from_slice(value.as_slice());
 }

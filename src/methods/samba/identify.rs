@@ -1,6 +1,6 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::fit::{Measurement, Problem};
+use super::fit::{GeometryEquations, GeometryProblem};
 use super::outputs;
 use super::settings::Settings;
 use super::solution::{GeometrySolution, solve_geometry};
@@ -8,7 +8,6 @@ use crate::IdentifyError;
 use crate::identification::{
     self, FitFigures, LeastSquares, Solution, TrialPlan, UncertaintySource,
 };
-use estimation::monte_carlo::Trials;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -16,9 +15,9 @@ use machine::record::reading::Reading;
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
 /// Maximum number of operations of the adaptive Monte Carlo propagation, so that it takes seconds.
-/// `LEAST_TRIALS` is always allowed, for the first check of stability.
-const MOST_WORK: usize = 8_000_000_000;
-const LEAST_TRIALS: usize = 40_000;
+/// `MIN_ADAPTIVE_TRIALS` is always allowed, for the first check of stability.
+const MAX_OPERATIONS: usize = 8_000_000_000;
+const MIN_ADAPTIVE_TRIALS: usize = 40_000;
 /// Significant digits of u to which the trials must be stable. JCGM 101, 7.9.2 uses one or two; two digits of
 /// so many unknowns at once would need about a million trials.
 const STABLE_DIGITS: u32 = 1;
@@ -35,22 +34,26 @@ pub fn identify(
     let solved = solve_geometry(plan, settings, readings)?;
     let GeometrySolution { problem, sources, measured, minimum, survey, .. } = &solved;
     let solution = Solution {
-        model: &LeastSquares { equation: &Measurement { problem, measured }, minimum },
+        model: &LeastSquares { equation: &GeometryEquations { problem, measured }, minimum },
         residuals: &minimum.residuals,
-        is_declared: plan.probe.repeatability_um.is_some(),
-        figures: FitFigures::of_places(survey, minimum, &solved.misses()),
+        has_declared_sizes: plan.probe.repeatability_um.is_some(),
+        figures: FitFigures::from_points(survey, minimum, &solved.position_residuals()),
         measurements: &solved.measurements(),
     };
     let trials = trial_plan(settings, problem, sources);
-    let outputs = outputs::outputs(&solved);
+    let outputs = outputs::build_outputs(&solved);
     let identified = identification::identify(&solution, sources, outputs, Some(trials))?;
-    Ok(outputs::estimate(&solved, &identified))
+    Ok(outputs::build_estimate(&solved, &identified))
 }
 
-fn trial_plan(settings: &Settings, problem: &Problem, sources: &[UncertaintySource]) -> TrialPlan {
-    let draws = sources.iter().flat_map(|s| (0..s.draws()).map(|draw| s.run(draw).1.len()));
-    let work = draws.sum::<usize>() + 100 * problem.rows_count() + 1;
-    let max = (MOST_WORK / work).clamp(LEAST_TRIALS, 200_000);
-    let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, max);
-    TrialPlan { seed: MONTE_CARLO_SEED, trials }
+fn trial_plan(
+    settings: &Settings,
+    problem: &GeometryProblem,
+    sources: &[UncertaintySource],
+) -> TrialPlan {
+    let draws =
+        sources.iter().flat_map(|s| (0..s.draw_count()).map(|draw| s.draw_span(draw).1.len()));
+    let operations = draws.sum::<usize>() + 100 * problem.row_count() + 1;
+    let max = (MAX_OPERATIONS / operations).clamp(MIN_ADAPTIVE_TRIALS, 200_000);
+    TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max)
 }

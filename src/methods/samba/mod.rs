@@ -1,65 +1,72 @@
 //! SAMBA: identification of the geometry of a five-axis machine, the stylus and the artefact at once, from
 //! uncalibrated master balls and one scale bar (paper 4; METHODS section 4).
 
+mod confounding;
+mod consistency;
 mod design;
 mod fit;
 mod identify;
-mod left_out;
 mod model;
+mod omitted_errors;
 mod outputs;
 mod parameters;
-mod separable;
 mod settings;
 mod solution;
 mod sources;
-mod suspects;
 #[cfg(test)]
 pub mod tests;
 mod warnings;
 
 pub use crate::identification::LeastSquares;
-pub use fit::{Bar, Measured, Measurement, Problem, Seen};
-pub use model::Model;
+pub use fit::{
+    BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues,
+};
+pub use model::GeometryModel;
 pub use settings::Settings;
 
 use std::sync::Arc;
 
 use self::design::DesignSetup;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
-use crate::ball_measurement::{self, MadeVisits, Visit};
-use crate::identification::{assumed_repeatability, expected, with_repeatability};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
+use crate::ball_measurement::{self, BallVisit, VisitCache};
+use crate::identification::{
+    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
+};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
-pub const NAME: &str = "samba";
+pub const METHOD_NAME: &str = "samba";
 pub struct Samba {
     settings: Settings,
-    made: MadeVisits,
+    visits_cache: VisitCache,
 }
 
 impl Samba {
-    fn visits(&self, bench: &DesignSetup<'_>) -> Result<Arc<[Visit]>, Refused> {
-        self.made.of(bench.plan, || {
-            design::design(bench, |visits| {
-                ball_measurement::machine_time_s(&bench.measurement(), visits)
+    fn visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
+        self.visits_cache.get_or_design(setup.plan, || {
+            design::design_visits(setup, |visits| {
+                ball_measurement::machine_time_s(&setup.measurement_setup(), visits)
             })
         })
     }
 }
 
-impl Registered for Samba {
+impl RegisteredMethod for Samba {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
-        name: NAME,
-        needs: "uncalibrated master balls, and one scale bar",
-        finds: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus \
+    const DESCRIPTION: MethodDescription = MethodDescription {
+        name: METHOD_NAME,
+        required_setup: "uncalibrated master balls, and one scale bar",
+        results: "location errors of all axes, scales of X, Y, Z, spindle offsets, stylus \
                 and balls, with their covariance",
         machine_file: "samba.toml",
     };
 
     fn new(settings: Settings) -> Self {
-        Self { settings, made: MadeVisits::default() }
+        Self { settings, visits_cache: VisitCache::default() }
     }
 }
 
@@ -68,24 +75,30 @@ impl Method for Samba {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let bench = DesignSetup::new(plan, &self.settings)?;
-        let visits = self.visits(&bench)?;
-        ball_measurement::next(&bench.measurement(), &visits, done, source)
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let setup = DesignSetup::new(plan, &self.settings)?;
+        let visits = self.visits(&setup)?;
+        ball_measurement::next_stage(&setup.measurement_setup(), &visits, done, source)
     }
 
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         true
     }
 
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let settings =
-            Settings { monte_carlo_trials: Refused::MIN_TRIALS, ..self.settings.clone() };
+            Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
-        let estimate = identify::identify(&with_repeatability(plan), &settings, &readings)
-            .map_err(|error| Refused::new(error.to_string(), error.remedy()))?;
-        let of_machine = expected(&estimate, |parameter| parameter.symbol.starts_with('E'));
-        let lines = of_machine.into_iter().chain(assumed_repeatability(plan));
+        let estimate = identify::identify(&with_assumed_repeatability(plan), &settings, &readings)
+            .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
+        let of_machine =
+            describe_expected_uncertainty(&estimate, |parameter| parameter.symbol.starts_with('E'));
+        let lines = of_machine.into_iter().chain(describe_assumed_repeatability(plan));
         Ok(lines.chain(estimate.not_identifiable).collect())
     }
 

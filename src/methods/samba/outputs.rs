@@ -4,85 +4,96 @@ use std::collections::BTreeSet;
 
 use faer::{Mat, Side};
 
-use super::fit::vector;
-use super::left_out::{LeftOut, in_words, left_out};
+use super::fit::vector_at;
+use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
 use super::solution::GeometrySolution;
-use super::warnings::{self, place_name};
-use crate::identification::{Identification, Output, Outputs, aliased, reported_unit};
-use machine::kinematics::{ErrorParameter, Shape};
-use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
+use super::warnings::{self, describe_rotary_position};
+use crate::identification::{
+    Identification, Output, Outputs, describe_aliased_orders, reported_unit,
+};
+use machine::kinematics::{ErrorParameter, ErrorShape};
+use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
 
-/// Maximum number of named components of the least certain direction (`NAMED`), and minimum size of a
-/// component (`COUNTS`).
-const NAMED: usize = 4;
-const COUNTS: f64 = 0.3;
+/// Maximum number of named components of the least certain direction (`MAX_NAMED_COMPONENTS`), and minimum size of a
+/// component (`MIN_COMPONENT_RATIO`).
+const MAX_NAMED_COMPONENTS: usize = 4;
+const MIN_COMPONENT_RATIO: f64 = 0.3;
 
 /// All unknowns as outputs.
-pub fn outputs(solved: &GeometrySolution<'_>) -> Outputs {
+pub fn build_outputs(solved: &GeometrySolution<'_>) -> Outputs {
     let errors = solved.problem.model().parameters();
     let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
     let names = solved.names.iter().enumerate();
-    let all = names.map(|(i, name)| Output::unknown(name, unit(i), i, &solved.minimum.x));
+    let all = names.map(|(i, name)| Output::from_unknown(name, unit(i), i, &solved.minimum.x));
     Outputs { parameters: all.collect(), ..Outputs::default() }
 }
 
-pub fn estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
-    let left_out = left_out(solved.problem.model());
+pub fn build_estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
+    let omitted = omitted_errors(solved.problem.model());
     Estimate {
-        arrows: vec![arrows(solved, identified)],
-        weakest: weakest(solved),
-        gauge: gauge(solved, &left_out),
-        not_identifiable: not_identifiable(solved, identified, &left_out),
-        warnings: warnings::warnings(solved, identified),
-        ..identified.estimate(super::NAME)
+        arrows: vec![residual_arrows(solved, identified)],
+        weakest: weakest_direction(solved),
+        gauge: gauge_lines(solved, &omitted),
+        not_identifiable: not_identifiable(solved, identified, &omitted),
+        warnings: warnings::estimate_warnings(solved, identified),
+        ..identified.estimate(super::METHOD_NAME)
     }
 }
 
 fn not_identifiable(
     solved: &GeometrySolution<'_>,
     identified: &Identification,
-    left_out: &[LeftOut],
+    omitted: &[OmittedError],
 ) -> Vec<String> {
     let angles = |axis: Axis| -> Vec<f64> {
-        solved.observed.commanded.iter().map(|place| place.at(axis)).collect()
+        solved
+            .observed
+            .commanded_positions
+            .iter()
+            .map(|position| position.get_or_zero(axis))
+            .collect()
     };
     let axes = solved.problem.model().chain().topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear());
     let locations = |axis: Axis| -> Vec<String> {
         let own = solved.problem.model().parameters().iter();
-        let own = own.filter(|error| error.axis() == axis && error.shape() == Shape::Location);
+        let own = own.filter(|error| error.axis() == axis && error.shape() == ErrorShape::Location);
         own.map(ToString::to_string).collect()
     };
-    let mut lines = [in_words(left_out), solved.thin()].concat();
+    let mut lines = [describe_omitted_errors(omitted), solved.under_measured_balls()].concat();
     lines.extend(rotary.filter_map(|axis| match locations(axis) {
-        none if none.is_empty() => None,
-        names => aliased(axis, &angles(axis), &names.join(", ")),
+        names if names.is_empty() => None,
+        names => describe_aliased_orders(axis, &angles(axis), &names.join(", ")),
     }));
-    lines.extend(identified.checked.limits());
+    lines.extend(identified.outlier_check.describe_detection_limits());
     lines
 }
 
-fn arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFigure {
+fn residual_arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFigure {
     let GeometrySolution { problem, minimum, observed, balls, .. } = solved;
-    let misses = solved.misses();
-    let outliers = identified.checked.outliers.iter().flat_map(|outlier| &outlier.candidates);
+    let residuals = solved.position_residuals();
+    let outliers = identified.outlier_check.outliers.iter().flat_map(|outlier| &outlier.candidates);
     let flagged: BTreeSet<&str> = outliers.map(|candidate| candidate.label.as_str()).collect();
     let arrow = |i: usize| {
         let ball = observed.centres[i].ball;
         Arrow {
             label: balls.balls[ball].id.clone(),
-            at_mm: vector(&minimum.x, problem.ball_at(ball)).into(),
-            vector: (misses[i] * 1e3).into(),
+            at_mm: vector_at(&minimum.x, problem.ball_unknown(ball)).into(),
+            vector: (residuals[i] * 1e3).into(),
             modelled: None,
-            flagged: flagged.contains(observed.centres[i].label.measurement().as_str()),
+            flagged: flagged.contains(observed.centres[i].label.measurement_label().as_str()),
         }
     };
-    let group = |(place, position): (usize, &Position)| {
-        let here = (0..misses.len()).filter(|i| observed.centres[*i].commanded == place);
-        Arrows { name: place_name(position), arrows: here.map(arrow).collect() }
+    let group = |(index, position): (usize, &Position)| {
+        let at_position =
+            (0..residuals.len()).filter(|i| observed.centres[*i].commanded_index == index);
+        ArrowGroup {
+            name: describe_rotary_position(position),
+            arrows: at_position.map(arrow).collect(),
+        }
     };
-    let groups = observed.commanded.iter().enumerate().map(group).collect();
+    let groups = observed.commanded_positions.iter().enumerate().map(group).collect();
     ArrowFigure {
         symbol: "residuals".to_owned(),
         unit: Unit::Um,
@@ -92,7 +103,7 @@ fn arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFi
 }
 
 /// The direction in the scaled unknowns that the measurements determine least.
-fn weakest(solved: &GeometrySolution<'_>) -> Option<String> {
+fn weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
     let factored = &solved.minimum.factored;
     let (covariance, norms) = (factored.covariance(), factored.column_norms());
     let count = norms.len();
@@ -102,52 +113,54 @@ fn weakest(solved: &GeometrySolution<'_>) -> Option<String> {
     let mut members: Vec<usize> = (0..count).collect();
     members.sort_by(|a, b| direction[*b].abs().total_cmp(&direction[*a].abs()));
     let largest = direction[*members.first()?].abs();
-    members.retain(|i| direction[*i].abs() > COUNTS * largest);
-    members.truncate(NAMED);
+    members.retain(|i| direction[*i].abs() > MIN_COMPONENT_RATIO * largest);
+    members.truncate(MAX_NAMED_COMPONENTS);
     let names: Vec<&str> = members.iter().map(|i| solved.names[*i].as_str()).collect();
     Some(match names.as_slice() {
-        [only] => format!("{only} alone"),
+        [name] => format!("{name} alone"),
         [first, others @ ..] => format!("{first} together with {}", others.join(", ")),
         [] => return None,
     })
 }
 
-fn gauge(solved: &GeometrySolution<'_>, left_out: &[LeftOut]) -> Vec<String> {
+fn gauge_lines(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
     let model = solved.problem.model();
-    let told = left_out.iter().map(|left| left.error);
-    let told: Vec<ErrorParameter> = told.chain(model.parameters().iter().copied()).collect();
+    let reported = omitted.iter().map(|omitted| omitted.error);
+    let reported: Vec<ErrorParameter> =
+        reported.chain(model.parameters().iter().copied()).collect();
     let held: Vec<String> = model
         .chain()
         .topology()
         .axes()
         .flat_map(|axis| Axis::ALL.map(|component| (component, axis)))
-        .filter_map(|(component, axis)| ErrorParameter::new(component, axis, Shape::Location).ok())
-        .filter(|error| !told.contains(error))
+        .filter_map(|(component, axis)| {
+            ErrorParameter::new(component, axis, ErrorShape::Location).ok()
+        })
+        .filter(|error| !reported.contains(error))
         .map(|error| error.to_string())
         .collect();
     let mut lines = vec![
-        format!("held at zero, being other names for what is given: {}", held.join(", ")),
-        "ball coordinates: the table frame of the machine as found, all rotary axes at zero"
+        format!("held at zero, because equivalent to reported errors: {}", held.join(", ")),
+        "ball coordinates: in the table frame of the identified machine, all rotary axes at zero"
             .to_owned(),
-        "the machine as it stood in the middle of the measurement".to_owned(),
+        "the result describes the machine at the middle of the measurement".to_owned(),
     ];
-    let asked: Vec<String> = left_out.iter().filter_map(LeftOut::not_asked_for).collect();
-    if !asked.is_empty() {
-        lines.push(format!("held at zero, not asked for: {}", asked.join(", ")));
+    let unrequested: Vec<String> =
+        omitted.iter().filter_map(OmittedError::unrequested_name).collect();
+    if !unrequested.is_empty() {
+        lines.push(format!("held at zero, because not requested: {}", unrequested.join(", ")));
     }
-    for k in (0..3).filter(|k| !model.stylus().contains(k)) {
+    for k in (0..3).filter(|k| !model.free_stylus_coordinates().contains(k)) {
         lines.push(format!(
-            "tool_{} is held as stated: it only shifts all balls alike",
+            "tool_{} keeps its stated value: it only shifts all balls equally",
             ["x", "y", "z"][k]
         ));
     }
     if !model.chain().topology().contains(Axis::S) {
-        lines.push(
-            "tool_x and tool_y: an offset of the spindle (EX0S, EY0S) stands in them".to_owned(),
-        );
+        lines.push("tool_x and tool_y include the offset of the spindle (EX0S, EY0S)".to_owned());
     }
     if solved.balls.lengths.iter().any(|length| length.temperature_c.is_some()) {
-        lines.push("gains: against the certified length at its stated temperature".to_owned());
+        lines.push("gains: relative to the certified length at its stated temperature".to_owned());
     }
     lines
 }

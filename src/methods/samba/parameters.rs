@@ -1,57 +1,62 @@
 //! The unknown machine errors: the set that a topology implies, or the errors that the user names.
 
-use super::separable::Way;
+use super::confounding::MeasuringConditions;
 use super::settings::{Settings, Spindle};
-use crate::Refused;
+use crate::MethodRefusal;
 use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
-use machine::kinematics::{Chain, ErrorParameter, Shape};
+use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
 use machine::record::plan::Plan;
 
 /// Rotary axes that stay at zero in every design: the spindle if it is not oriented, and an axis that tilts
 /// the spindle. Balls are touched from above only; if the plan does turn such an axis, the plan takes
 /// precedence.
-pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
+pub fn fixed_axes(plan: &Plan, settings: &Settings, chain: &KinematicChain) -> Vec<Axis> {
     let (machine, topology) = (&plan.machine, chain.topology());
-    let turned = |axis: Axis| {
+    let has_turned = |axis: Axis| {
         let mut at = plan.steps.iter().filter_map(|step| step.from.get(axis));
         let first = at.next();
-        first.is_some_and(|first| at.any(|other| other != first))
+        first.is_some_and(|first| at.any(|value| value != first))
     };
-    let stands = |axis: &Axis| match axis {
+    let is_fixed = |axis: &Axis| match axis {
         Axis::S => !machine.axes.contains_key(axis) || settings.spindle == Spindle::Fixed,
-        _ => tilts_spindle(chain, *axis) && !turned(*axis),
+        _ => tilts_spindle(chain, *axis) && !has_turned(*axis),
     };
-    topology.axes().filter(|axis| !axis.is_linear()).filter(stands).collect()
+    topology.axes().filter(|axis| !axis.is_linear()).filter(is_fixed).collect()
 }
 
 /// The errors that the user `names`, or the set that the topology implies if there are no names.
 ///
 /// # Errors
 /// A name is invalid, belongs to an axis that the machine does not have, or occurs twice.
-pub fn chosen(names: &[String], way: Way<'_>) -> Result<Vec<ErrorParameter>, Refused> {
+pub fn select_parameters(
+    names: &[String],
+    conditions: MeasuringConditions<'_>,
+) -> Result<Vec<ErrorParameter>, MethodRefusal> {
     if names.is_empty() {
-        return Ok(implied(way));
+        return Ok(implied_parameters(conditions));
     }
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {
-        let parameter = name.parse().map_err(|why| refused(format!("{why}")))?;
-        way.chain.check(parameter).map_err(|why| refused(format!("{why}")))?;
+        let parameter = name.parse().map_err(|why| refuse_parameters(format!("{why}")))?;
+        conditions
+            .chain
+            .check_parameter(parameter)
+            .map_err(|why| refuse_parameters(format!("{why}")))?;
         if parameters.contains(&parameter) {
-            return Err(refused(format!("`{name}` stands twice")));
+            return Err(refuse_parameters(format!("`{name}` is listed twice")));
         }
         parameters.push(parameter);
     }
     Ok(parameters)
 }
 
-fn refused(why: String) -> Refused {
-    Refused {
-        why,
-        instead:
-            "correct `parameters`, or leave it out: then the errors that the topology implies \
-                  are identified"
-                .to_owned(),
+fn refuse_parameters(why: String) -> MethodRefusal {
+    MethodRefusal {
+        reason: why,
+        remedy: "correct `parameters`, or omit it: then the errors that the topology implies are \
+             identified"
+            .to_owned(),
     }
 }
 
@@ -66,18 +71,18 @@ fn refused(why: String) -> Refused {
 /// between two rotary axes to the one nearer to the workpiece. The set is listed from the bed outwards, gains
 /// last. For wCBXFZYSt it is the thirteen errors of paper 4. An axis that does not move has no identifiable
 /// errors.
-pub fn implied(way: Way<'_>) -> Vec<ErrorParameter> {
-    let topology = way.chain.topology();
-    let mut candidates = candidates(way.chain);
-    candidates.retain(|error| !way.stands.contains(&error.axis()));
-    let mut kept = way.kept(&candidates);
-    let place = |axis| topology.axes().position(|a| a == axis);
-    kept.sort_by_key(|p| (p.shape() == Shape::Gain, place(p.axis())));
+pub fn implied_parameters(conditions: MeasuringConditions<'_>) -> Vec<ErrorParameter> {
+    let topology = conditions.chain.topology();
+    let mut candidates = parameter_candidates(conditions.chain);
+    candidates.retain(|error| !conditions.fixed_axes.contains(&error.axis()));
+    let mut kept = conditions.separable_errors(&candidates);
+    let chain_index = |axis| topology.axes().position(|a| a == axis);
+    kept.sort_by_key(|p| (p.shape() == ErrorShape::Gain, chain_index(p.axis())));
     kept
 }
 
 /// All candidates in the order of preference.
-fn candidates(chain: &Chain) -> Vec<ErrorParameter> {
+fn parameter_candidates(chain: &KinematicChain) -> Vec<ErrorParameter> {
     let (workpiece, tool) = (chain.topology().workpiece(), chain.topology().tool());
     let from_bed = |axis| [workpiece, tool].iter().find_map(|b| b.iter().position(|a| *a == axis));
     let mut axes: Vec<Axis> = chain.topology().axes().collect();
@@ -85,10 +90,10 @@ fn candidates(chain: &Chain) -> Vec<ErrorParameter> {
         let farthest_first = std::cmp::Reverse(from_bed(*axis));
         (*axis != Axis::S, axis.is_linear(), farthest_first, *axis == Axis::X, *axis)
     });
-    let gains = Axis::LINEAR.into_iter().map(|axis| (axis, axis, Shape::Gain));
+    let gains = Axis::LINEAR.into_iter().map(|axis| (axis, axis, ErrorShape::Gain));
     let locations = axes.into_iter().flat_map(|axis| {
         let components = Axis::ALL.into_iter().filter(|component| *component != Axis::S);
-        components.map(move |component| (component, axis, Shape::Location))
+        components.map(move |component| (component, axis, ErrorShape::Location))
     });
     gains
         .chain(locations)
@@ -103,11 +108,15 @@ mod tests {
 
     #[track_caller]
     fn check(topology: &str, expected: &[&str]) {
-        let chain = Chain::new(&machine(topology)).unwrap();
-        let mut found: Vec<String> = implied(Way { chain: &chain, stands: &[], lengths: &[] })
-            .iter()
-            .map(ToString::to_string)
-            .collect();
+        let chain = KinematicChain::new(&machine(topology)).unwrap();
+        let mut found: Vec<String> = implied_parameters(MeasuringConditions {
+            chain: &chain,
+            fixed_axes: &[],
+            length_directions: &[],
+        })
+        .iter()
+        .map(ToString::to_string)
+        .collect();
         let mut expected = expected.to_vec();
         println!("{topology}: {found:?}");
         found.sort();
@@ -171,9 +180,13 @@ mod tests {
             ("wAFXYZt", vec![y], vec!["EYY1", "EZZ1"]),
             ("wCFXYZt", vec![x], vec!["EXX1", "EYY1"]),
         ] {
-            let chain = Chain::new(&machine(topology)).unwrap();
-            let set = implied(Way { chain: &chain, stands: &[], lengths: &lengths });
-            let found = set.iter().filter(|error| error.shape() == Shape::Gain);
+            let chain = KinematicChain::new(&machine(topology)).unwrap();
+            let set = implied_parameters(MeasuringConditions {
+                chain: &chain,
+                fixed_axes: &[],
+                length_directions: &lengths,
+            });
+            let found = set.iter().filter(|error| error.shape() == ErrorShape::Gain);
             let found: Vec<String> = found.map(ToString::to_string).collect();
             assert_eq!(found, gains, "{topology}, {lengths:?}");
         }
@@ -184,42 +197,70 @@ mod tests {
     fn regress_a_head_that_stands_has_no_errors_of_its_own() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
-            let (head, plain) = (Chain::new(&with_head).unwrap(), Chain::new(&plain).unwrap());
-            let stands = implied(Way { chain: &head, stands: &[Axis::B], lengths: &[] });
+            let (head, plain) =
+                (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());
+            let stands = implied_parameters(MeasuringConditions {
+                chain: &head,
+                fixed_axes: &[Axis::B],
+                length_directions: &[],
+            });
             assert_eq!(
                 stands,
-                implied(Way { chain: &plain, stands: &[], lengths: &[] }),
+                implied_parameters(MeasuringConditions {
+                    chain: &plain,
+                    fixed_axes: &[],
+                    length_directions: &[]
+                }),
                 "{topology}"
             );
-            assert!(implied(Way { chain: &head, stands: &[], lengths: &[] }).len() > stands.len());
+            assert!(
+                implied_parameters(MeasuringConditions {
+                    chain: &head,
+                    fixed_axes: &[],
+                    length_directions: &[]
+                })
+                .len()
+                    > stands.len()
+            );
         }
-        let chain = Chain::new(&machine("wFXYZCBSt")).unwrap();
+        let chain = KinematicChain::new(&machine("wFXYZCBSt")).unwrap();
         let tilts = |axis| tilts_spindle(&chain, axis);
         assert!(tilts(Axis::B) && !tilts(Axis::C) && !tilts(Axis::S));
     }
 
     #[test]
     fn a_spindle_that_does_not_turn_has_no_place_of_its_own() {
-        let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
-        let names: Vec<String> = implied(Way { chain: &chain, stands: &[Axis::S], lengths: &[] })
-            .iter()
-            .map(ToString::to_string)
-            .collect();
+        let chain = KinematicChain::new(&machine("wCBXFZYSt")).unwrap();
+        let names: Vec<String> = implied_parameters(MeasuringConditions {
+            chain: &chain,
+            fixed_axes: &[Axis::S],
+            length_directions: &[],
+        })
+        .iter()
+        .map(ToString::to_string)
+        .collect();
         assert_eq!(names.len(), 11, "{names:?}");
         assert!(!names.contains(&"EX0S".to_owned()));
     }
 
     #[test]
     fn names_are_checked_in_words() {
-        let chain = Chain::new(&machine("wCFXYZt")).unwrap();
+        let chain = KinematicChain::new(&machine("wCFXYZt")).unwrap();
         let ask = |names: &[&str]| {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-            chosen(&names, Way { chain: &chain, stands: &[Axis::S], lengths: &[] })
+            select_parameters(
+                &names,
+                MeasuringConditions {
+                    chain: &chain,
+                    fixed_axes: &[Axis::S],
+                    length_directions: &[],
+                },
+            )
         };
         assert_eq!(ask(&["EXC_sin2", "EA0C"]).unwrap().len(), 2);
-        assert!(ask(&["EX0Q"]).unwrap_err().why.contains("`EX0Q` is no error parameter"));
-        let foreign = ask(&["EX0B"]).unwrap_err().why;
+        assert!(ask(&["EX0Q"]).unwrap_err().reason.contains("`EX0Q` is not an error parameter"));
+        let foreign = ask(&["EX0B"]).unwrap_err().reason;
         assert!(foreign.contains("does not have"), "{foreign}");
-        assert!(ask(&["EA0C", "E_A0C"]).unwrap_err().why.contains("twice"));
+        assert!(ask(&["EA0C", "E_A0C"]).unwrap_err().reason.contains("twice"));
     }
 }

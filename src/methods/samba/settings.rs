@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
-use crate::ball_measurement::{Find, NamedPositions, RotaryPositions, TouchSettings};
+use crate::MethodRefusal;
+use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, TouchSettings};
 
 /// Choice of the indexations.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,7 +51,7 @@ pub struct Settings {
     pub indexations: usize,
     /// Maximum machine time, min; 0: no limit.
     pub minutes: f64,
-    pub find: Find,
+    pub find: SearchMode,
     pub spindle: Spindle,
     /// Candidate positions of rotary axes that tilt the workpiece or the head (A, B), as commanded. The
     /// defaults are restricted to the limits of the axes; a position that the user states must lie within
@@ -86,7 +86,7 @@ impl Default for Settings {
             balls: 109,
             indexations: 32,
             minutes: 0.0,
-            find: Find::Every,
+            find: SearchMode::Every,
             spindle: Spindle::Auto,
             tilt_deg: vec![-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0],
             turn_deg: vec![0.0, 90.0, 180.0, 270.0],
@@ -103,13 +103,13 @@ impl Default for Settings {
 }
 
 /// Maximum number of ball measurements; a design of this size is still computed in a second or two.
-const MOST_BALLS: usize = 2_000;
+const MAX_BALL_MEASUREMENTS: usize = 2_000;
 
 impl Settings {
-    pub fn touch(&self) -> TouchSettings {
+    pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
-            find: self.find,
-            touches: self.touches,
+            search_mode: self.find,
+            touch_count: self.touches,
             has_references: self.references,
             watch_s: 0.0,
             standoff_mm: self.standoff_mm,
@@ -120,11 +120,11 @@ impl Settings {
     }
 
     /// Candidate positions of the axes, including those of the spindle if it is `oriented`.
-    pub fn positions(&self, oriented: bool) -> RotaryPositions<'_> {
+    pub fn candidate_positions(&self, oriented: bool) -> RotaryPositions<'_> {
         let usual = Self::default();
-        let named = |key, degrees, default: &[f64]| NamedPositions {
+        let named = |key, degrees, default: &[f64]| ConfiguredPositions {
             key,
-            degrees,
+            angles_deg: degrees,
             is_default: degrees == default,
         };
         RotaryPositions {
@@ -135,18 +135,21 @@ impl Settings {
     }
 
     /// Refuses settings that would make the run fail, before the first motion.
-    pub fn check(&self) -> Result<(), Refused> {
-        self.touch().check()?;
-        Refused::unless(
-            (1..=MOST_BALLS).contains(&self.balls) && self.indexations > 0,
-            format!("a budget of {} balls at {} indexations", self.balls, self.indexations),
-            "leave balls and indexations out (109 and 32), or choose up to 2000 balls",
+    pub fn check(&self) -> Result<(), MethodRefusal> {
+        self.touch_settings().check()?;
+        MethodRefusal::require(
+            (1..=MAX_BALL_MEASUREMENTS).contains(&self.balls) && self.indexations > 0,
+            format!(
+                "a budget of {} balls at {} indexations is not possible",
+                self.balls, self.indexations
+            ),
+            "omit balls and indexations (defaults 109 and 32), or choose up to 2000 balls",
         )?;
-        Refused::unless(
+        MethodRefusal::require(
             self.minutes >= 0.0 && self.minutes.is_finite(),
-            format!("a budget of {} minutes", self.minutes),
-            "choose minutes = 0 for no limit, or the machine time you have",
+            format!("minutes = {} is negative or not finite", self.minutes),
+            "choose minutes = 0 for no limit, or the available machine time",
         )?;
-        Refused::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_trials(self.monte_carlo_trials)
     }
 }

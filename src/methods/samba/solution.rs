@@ -2,41 +2,41 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::fit::{Bar, Measured, Problem, Seen, vector};
-use super::model::{Model, length_mm, length_u_mm};
+use super::confounding::{MeasuringConditions, length_directions};
+use super::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues, vector_at};
+use super::model::{GeometryModel, length_mm, length_u_mm};
 use super::parameters;
-use super::separable::{Way, directions};
 use super::settings::Settings;
-use super::sources::sources;
-use crate::ball_measurement::{Observed, observe, stated_balls};
+use super::sources::uncertainty_sources;
+use crate::ball_measurement::{ObservedBalls, artefact_balls, observe_balls};
 use crate::identification::{UncertaintySource, block_covariances};
-use crate::{IdentifyError, Refused};
-use estimation::linear::{LinearError, Survey};
-use estimation::nonlinear::{Minimum, NonlinearError};
+use crate::{IdentifyError, MethodRefusal};
+use estimation::linear::{LinearError, RankAnalysis};
+use estimation::nonlinear::{NonlinearError, NonlinearSolution};
 use estimation::null_names::name_null_space;
-use estimation::schur::factor;
-use estimation::whitening::whitening;
-use machine::kinematics::Chain;
-use machine::record::artefact::{Balls, Length};
+use estimation::schur::factorise;
+use estimation::whitening::whitening_matrix;
+use machine::kinematics::KinematicChain;
+use machine::record::artefact::{Balls, CertifiedLength};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
 /// Minimum standard uncertainty of a measurement in the weights, mm.
-const MIN_U_MM: f64 = 1e-6;
+const MIN_MEASUREMENT_U_MM: f64 = 1e-6;
 
 pub struct GeometrySolution<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
-    pub observed: Observed,
+    pub observed: ObservedBalls,
     /// The balls that were measured.
     pub balls: Balls,
-    pub problem: Problem,
+    pub problem: GeometryProblem,
     pub sources: Vec<UncertaintySource>,
     /// Names of all unknowns.
     pub names: Vec<String>,
-    pub survey: Survey,
-    pub measured: Measured,
-    pub minimum: Minimum,
+    pub survey: RankAnalysis,
+    pub measured: ObservedValues,
+    pub minimum: NonlinearSolution,
 }
 
 /// # Errors
@@ -47,23 +47,25 @@ pub fn solve_geometry<'a>(
     settings: &'a Settings,
     readings: &[Reading],
 ) -> Result<GeometrySolution<'a>, IdentifyError> {
-    let stated = stated_balls(plan)?;
-    let mut observed = observe(plan, readings)?;
+    let stated = artefact_balls(plan)?;
+    let mut observed = observe_balls(plan, readings)?;
     if observed.centres.is_empty() {
-        return Err(nothing(&observed.left_out, readings).into());
+        return Err(refuse_no_measurement(&observed.skipped_measurements, readings).into());
     }
-    let balls = seen_balls(stated, &mut observed);
-    let model = model(plan, settings, &balls)?;
-    let sources = sources(plan, model.chain(), &observed, &balls.lengths);
-    let problem = problem(plan, model, &observed, &balls, &sources);
+    let balls = measured_balls(stated, &mut observed);
+    let model = build_model(plan, settings, &balls)?;
+    let sources = uncertainty_sources(plan, model.chain(), &observed, &balls.lengths);
+    let problem = build_problem(plan, model, &observed, &balls, &sources);
     let names = unknown_names(&problem, &balls);
-    let (survey, start) = start(&problem, &of_centres(&observed, &balls.lengths))
-        .map_err(|why| failed(why, &names))?;
+    let (survey, start) = first_solution(&problem, &observed_values(&observed, &balls.lengths))
+        .map_err(|why| unsolved_error(why, &names))?;
     // First the spheres are fitted on the nominal machine, then on the identified one.
-    let ways = problem.ways(&start.x);
-    observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
-    let measured = of_centres(&observed, &balls.lengths);
-    let minimum = problem.solve(&measured, start.x).map_err(|why| failed(why, &names))?;
+    let matrices = problem.motion_matrices(&start.x);
+    observed
+        .refit(&matrices)
+        .map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
+    let measured = observed_values(&observed, &balls.lengths);
+    let minimum = problem.solve(&measured, start.x).map_err(|why| unsolved_error(why, &names))?;
     Ok(GeometrySolution {
         plan,
         settings,
@@ -81,31 +83,39 @@ pub fn solve_geometry<'a>(
 impl GeometrySolution<'_> {
     /// Degrees of freedom: rows minus unknowns.
     pub fn dof(&self) -> usize {
-        self.minimum.residuals.len().saturating_sub(self.problem.unknowns())
+        self.minimum.residuals.len().saturating_sub(self.problem.unknown_count())
     }
 
     /// Residual of each ball measurement: its position from the identified machine, minus that of the ball;
     /// table frame, mm.
-    pub fn misses(&self) -> Vec<Vector3<f64>> {
+    pub fn position_residuals(&self) -> Vec<Vector3<f64>> {
         let Self { problem, minimum, .. } = self;
-        let tips = problem.tips(&minimum.x, &self.measured);
-        let ball = |ball| vector(&minimum.x, problem.ball_at(ball));
-        self.observed.centres.iter().zip(tips).map(|(sight, tip)| tip - ball(sight.ball)).collect()
+        let tips = problem.measured_positions(&minimum.x, &self.measured);
+        let ball = |ball| vector_at(&minimum.x, problem.ball_unknown(ball));
+        self.observed
+            .centres
+            .iter()
+            .zip(tips)
+            .map(|(centre, tip)| tip - ball(centre.ball))
+            .collect()
     }
 }
 
-pub fn of_centres(observed: &Observed, lengths: &[Length]) -> Measured {
-    Measured {
-        xyz: observed.centres.iter().map(|sight| sight.xyz).collect(),
+pub fn observed_values(observed: &ObservedBalls, lengths: &[CertifiedLength]) -> ObservedValues {
+    ObservedValues {
+        xyz: observed.centres.iter().map(|centre| centre.axes_mm).collect(),
         lengths: lengths.iter().map(length_mm).collect(),
     }
 }
 
 /// Checks the rank of the measurements before the solution, and returns the survey and a first solution.
-fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), NonlinearError> {
-    let start = problem.start(measured);
-    let (ideal, _) = factor(problem.rows(&start, &problem.ideal(&start)));
-    let survey = ideal.survey()?;
+fn first_solution(
+    problem: &GeometryProblem,
+    measured: &ObservedValues,
+) -> Result<(RankAnalysis, NonlinearSolution), NonlinearError> {
+    let start = problem.initial_values(measured);
+    let (ideal, _) = factorise(problem.rows(&start, &problem.ideal_values(&start)));
+    let survey = ideal.analyse_rank()?;
     if survey.nullity > 0 {
         return Err(LinearError::RankDeficient(Box::new(survey)).into());
     }
@@ -113,98 +123,119 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
 }
 
 /// Error for readings from which nothing can be identified, with the reason.
-fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
+fn refuse_no_measurement(left_out: &[String], readings: &[Reading]) -> MethodRefusal {
     let reason = match left_out {
-        _ if readings.is_empty() => "there are no readings at all".to_owned(),
-        [] => "all of them are of the first search, which only finds the balls".to_owned(),
-        [only] => only.clone(),
+        _ if readings.is_empty() => "there are no readings".to_owned(),
+        [] => "all readings are of the first search, which only locates the balls".to_owned(),
+        [reason] => reason.clone(),
         [first, others @ ..] => format!("{first}; likewise {} more", others.len()),
     };
-    let why = format!("there is no complete measurement of a ball among the readings: {reason}");
-    let instead =
-        "measure at least the slow touches of one stage, or go on with the run".to_owned();
-    Refused { why, instead }
+    let why = format!("the readings contain no complete measurement of a ball: {reason}");
+    let instead = "measure at least the slow touches of one stage, or continue the run".to_owned();
+    MethodRefusal { reason: why, remedy: instead }
 }
 
 /// The model of the machine with the selected errors.
-fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, IdentifyError> {
-    let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
-    let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
-    let stands = parameters::standing(plan, settings, &chain);
-    let lengths = directions(balls);
-    let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
-    let parameters = parameters::chosen(&settings.parameters, way)?;
-    Ok(Model::of(chain, parameters, stands, lengths))
+fn build_model(
+    plan: &Plan,
+    settings: &Settings,
+    balls: &Balls,
+) -> Result<GeometryModel, IdentifyError> {
+    let refused =
+        |why: String| MethodRefusal { reason: why, remedy: "correct the machine file".to_owned() };
+    let chain = KinematicChain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
+    let fixed_axes = parameters::fixed_axes(plan, settings, &chain);
+    let length_directions = length_directions(balls);
+    let conditions = MeasuringConditions {
+        chain: &chain,
+        fixed_axes: &fixed_axes,
+        length_directions: &length_directions,
+    };
+    let parameters = parameters::select_parameters(&settings.parameters, conditions)?;
+    Ok(GeometryModel::from_parts(chain, parameters, fixed_axes, length_directions))
 }
 
 /// The artefact without the balls that were not measured and their lengths; they are reported in `left_out`.
-fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
-    let seen = |ball: usize| observed.centres.iter().any(|sight| sight.ball == ball);
-    let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| seen(*ball)).collect();
+fn measured_balls(stated: &Balls, observed: &mut ObservedBalls) -> Balls {
+    let is_measured = |ball: usize| observed.centres.iter().any(|centre| centre.ball == ball);
+    let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| is_measured(*ball)).collect();
     let mut balls = stated.clone();
     balls.balls = kept.iter().map(|ball| stated.balls[*ball].clone()).collect();
-    let known = |id: &str| balls.balls.iter().any(|ball| ball.id == id);
-    balls.lengths.retain(|length| known(&length.from) && known(&length.to));
-    for sight in &mut observed.centres {
-        sight.ball = kept.partition_point(|ball| *ball < sight.ball);
+    let is_kept = |id: &str| balls.balls.iter().any(|ball| ball.id == id);
+    balls.lengths.retain(|length| is_kept(&length.from) && is_kept(&length.to));
+    for centre in &mut observed.centres {
+        centre.ball = kept.partition_point(|ball| *ball < centre.ball);
     }
     let missing = (0..stated.balls.len()).filter(|ball| !kept.contains(ball));
     let ids: Vec<&str> = missing.map(|ball| stated.balls[ball].id.as_str()).collect();
     if !ids.is_empty() {
-        observed.left_out.push(format!("not measured: ball {}", ids.join(", ball ")));
+        observed.skipped_measurements.push(format!("not measured: ball {}", ids.join(", ball ")));
     }
     balls
 }
 
 /// Sets up the problem. The weights ignore the correlation between measurements that a source changes
 /// together.
-fn problem(
+fn build_problem(
     plan: &Plan,
-    model: Model,
-    observed: &Observed,
+    model: GeometryModel,
+    observed: &ObservedBalls,
     balls: &Balls,
     sources: &[UncertaintySource],
-) -> Problem {
-    let at = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
+) -> GeometryProblem {
+    let index = |id: &str| balls.balls.iter().position(|ball| ball.id == id);
     let bars = balls.lengths.iter().filter_map(|length| {
-        Some(Bar { from: at(&length.from)?, to: at(&length.to)?, u_mm: length_u_mm(length) })
+        Some(LengthConstraint {
+            from_ball: index(&length.from)?,
+            to_ball: index(&length.to)?,
+            u_mm: length_u_mm(length),
+        })
     });
-    let least = Matrix3::from_diagonal_element(MIN_U_MM.powi(2));
+    let least = Matrix3::from_diagonal_element(MIN_MEASUREMENT_U_MM.powi(2));
     let covariances = block_covariances::<3>(sources, observed.centres.len());
-    let seen = observed.centres.iter().zip(covariances).map(|(sight, covariance)| Seen {
-        place: sight.place,
-        ball: sight.ball,
-        whitening: whitening(least + covariance),
-    });
-    let (places, stylus) = (observed.places.clone(), Vector3::from(plan.machine.tool_mm));
-    Problem::new(model, places, seen.collect(), bars.collect(), balls.balls.len(), stylus)
+    let measurements =
+        observed.centres.iter().zip(covariances).map(|(centre, covariance)| BallMeasurement {
+            position_index: centre.rotary_index,
+            ball: centre.ball,
+            whitening: whitening_matrix(least + covariance),
+        });
+    let (positions, stylus) =
+        (observed.rotary_positions.clone(), Vector3::from(plan.machine.tool_mm));
+    GeometryProblem::new(
+        model,
+        positions,
+        measurements.collect(),
+        bars.collect(),
+        balls.balls.len(),
+        stylus,
+    )
 }
 
-fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
-    IdentifyError::unsolved(why, |survey| describe_lost(survey, names))
+fn unsolved_error(why: NonlinearError, names: &[String]) -> IdentifyError {
+    IdentifyError::from_solver_error(why, |survey| describe_undetermined(survey, names))
 }
 
 /// Names of all unknowns in their order: machine errors by their ISO names, stylus, balls.
-pub fn unknown_names(problem: &Problem, balls: &Balls) -> Vec<String> {
+pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
     let mut names: Vec<String> =
         problem.model().parameters().iter().map(ToString::to_string).collect();
-    let stylus = problem.model().stylus().iter();
+    let stylus = problem.model().free_stylus_coordinates().iter();
     names.extend(stylus.map(|k| format!("tool_{}", ["x", "y", "z"][*k])));
-    names.resize(problem.unknowns(), String::new());
+    names.resize(problem.unknown_count(), String::new());
     for (ball, named) in balls.balls.iter().enumerate() {
         for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
-            names[problem.ball_at(ball) + k] = format!("ball_{}_{axis}", named.id);
+            names[problem.ball_unknown(ball) + k] = format!("ball_{}_{axis}", named.id);
         }
     }
     names
 }
 
 /// Undetermined directions in words; the uniform scale has its own name.
-pub fn describe_lost(survey: &Survey, names: &[String]) -> Vec<String> {
+pub fn describe_undetermined(survey: &RankAnalysis, names: &[String]) -> Vec<String> {
     let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| {
         let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
         if gains > 1 {
-            format!("the uniform scale, which a certified length would give: {line}")
+            format!("the uniform scale (declare a certified length): {line}")
         } else {
             line
         }

@@ -3,44 +3,44 @@
 
 use super::model::length_u_parts_mm;
 use crate::ball_measurement::{
-    Observed, angular_source, nonzero_runs, rotary_source, touch_sources,
+    ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources,
 };
-use crate::identification::{InResiduals, ObservationRun, UncertaintySource};
-use machine::kinematics::Chain;
-use machine::record::artefact::Length;
+use crate::identification::{ObservationSpan, ResidualTreatment, UncertaintySource};
+use machine::kinematics::KinematicChain;
+use machine::record::artefact::CertifiedLength;
 use machine::record::plan::Plan;
 
 /// Index of the rotary error motions in the list of sources: after those of the linear axes.
-const ROTARY_PLACE: usize = 5;
+const ROTARY_SOURCE_INDEX: usize = 5;
 
 /// Sources of the observations. Draws without effect are left out.
-pub fn sources(
+pub fn uncertainty_sources(
     plan: &Plan,
-    chain: &Chain,
-    observed: &Observed,
-    lengths: &[Length],
+    chain: &KinematicChain,
+    observed: &ObservedBalls,
+    lengths: &[CertifiedLength],
 ) -> Vec<UncertaintySource> {
     let mut list = touch_sources(plan, observed);
     let rotary = rotary_source(plan, chain, observed);
     let angular = angular_source(plan, chain, observed);
-    let place = ROTARY_PLACE.min(list.len());
-    list.splice(place..place, [angular, rotary]);
-    list.extend(certificates(observed.centres.len(), lengths));
-    list.retain(|source| source.draws() > 0);
+    let index = ROTARY_SOURCE_INDEX.min(list.len());
+    list.splice(index..index, [angular, rotary]);
+    list.extend(certificate_sources(observed.centres.len(), lengths));
+    list.retain(|source| source.draw_count() > 0);
     list
 }
 
-fn certificates(centres: usize, lengths: &[Length]) -> [UncertaintySource; 2] {
+fn certificate_sources(centres: usize, lengths: &[CertifiedLength]) -> [UncertaintySource; 2] {
     [("certified length", 0), ("temperature of the certified length", 1)].map(|(name, part)| {
-        let runs = lengths.iter().enumerate().map(|(i, length)| ObservationRun {
-            first: 3 * centres + i,
-            values: vec![length_u_parts_mm(length)[part]],
+        let runs = lengths.iter().enumerate().map(|(i, length)| ObservationSpan {
+            first_index: 3 * centres + i,
+            changes_mm: vec![length_u_parts_mm(length)[part]],
         });
         UncertaintySource {
             // The error of a certificate scales all observations together, so few residuals contain it.
-            in_residuals: InResiduals::Expected,
+            in_residuals: ResidualTreatment::Expected,
             is_in_weights: false,
-            ..UncertaintySource::new(name, nonzero_runs(runs))
+            ..UncertaintySource::new(name, nonzero_spans(runs))
         }
     })
 }

@@ -1,9 +1,9 @@
 //! The axis position by ISO 230-7: the least-squares circle through the positions of E_total, in addition to the
 //! mean, which is the default.
 
-use super::model::Layout;
-use super::parts::Parts;
-use crate::identification::{central_differences, derived_parameter};
+use super::model::UnknownsLayout;
+use super::solved_cycle::SolvedCycle;
+use crate::identification::{central_differences, parameter_with_budget};
 use estimation::circle::fit_circle;
 use machine::record::estimate::{CircleFigure, Estimate, Unit};
 
@@ -12,7 +12,7 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 
 /// Adds the centre and the figure of the circle. Adds nothing if no circle can be fitted: an axis without offset
 /// leaves only scatter.
-pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
+pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
     let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.axis.axis);
     let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
     let centre =
@@ -22,7 +22,7 @@ pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
     let centre_expanded = own.each_ref().map(|own| own.expanded() * 1e3);
     for ((symbol, value), own) in ["X", "Y"].into_iter().zip(circle.centre).zip(own) {
         let symbol = format!("E{symbol}0{axis}_lsc");
-        estimate.parameters.push(derived_parameter(&symbol, Unit::Um, value, own));
+        estimate.parameters.push(parameter_with_budget(&symbol, Unit::Um, value, own));
     }
     let um = |i: usize| axis_points(layout, x).iter().map(|point| point[i] * 1e3).collect();
     estimate.circles.push(CircleFigure {
@@ -37,6 +37,8 @@ pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
 }
 
 /// E_total at each angle of the axis at the first height, mm.
-fn axis_points(layout: &Layout, x: &[f64]) -> Vec<[f64; 2]> {
-    (0..layout.design.n).map(|i| [x[layout.ex(0, i)], x[layout.ey(0, i)]]).collect()
+fn axis_points(layout: &UnknownsLayout, x: &[f64]) -> Vec<[f64; 2]> {
+    (0..layout.design.position_count)
+        .map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]])
+        .collect()
 }

@@ -2,17 +2,17 @@
 
 use nalgebra::Vector3;
 
-use super::parts::Parts;
-use crate::identification::reported_parameter;
+use super::solved_cycle::SolvedCycle;
+use crate::identification::parameter_without_budget;
 use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
 const MM_PER_UM: f64 = 1e-3;
 
 /// Adds X and Y of the axis, at the heights of its location errors. They do not change when `point_mm` is
 /// corrected.
-pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
+pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
     let mean = parts.heights.iter().sum::<f64>() / parts.heights.len() as f64;
-    let stated = parts.axis.at_height(mean);
+    let stated = parts.axis.point_at_height(mean);
     let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
     let positions = positions.map(|((error, direction), stated)| {
         let symbol = format!("{direction}_{}", parts.axis.axis);
@@ -23,14 +23,14 @@ pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
             u_monte_carlo: error.u_monte_carlo.map(|um| um * MM_PER_UM),
             interval_monte_carlo: interval.map(|um| um.map(|um| stated + um * MM_PER_UM)),
             budget: error.budget.into_iter().map(line).collect(),
-            ..reported_parameter(&symbol, Unit::Mm, stated + off_mm, u_mm, error.dof)
+            ..parameter_without_budget(&symbol, Unit::Mm, stated + off_mm, u_mm, error.dof)
         }
     });
     estimate.parameters.extend(positions);
 }
 
 /// The stated axis, and the measured axis as an entry of the machine file.
-pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
+pub fn describe_axis_position(parts: &SolvedCycle<'_>, estimate: &Estimate) -> String {
     let axis = parts.axis.axis;
     let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
     let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {
@@ -38,13 +38,13 @@ pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
         let point = parts.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
         format!("[{}, {}, {}]", point.x, point.y, point.z)
     });
-    let directions = match parts.axis.others_in_words() {
+    let directions = match parts.axis.describe_other_axes() {
         others if others.is_empty() => String::new(),
-        others => format!("; they are along the machine's X and Y with {others}"),
+        others => format!("; the directions are X and Y of the machine with {others}"),
     };
     format!(
-        "EX0{axis} and EY0{axis} are measured minus stated: [axes.{axis}] point_mm = {old}; as measured it \
-         is {new}{directions}"
+        "EX0{axis} and EY0{axis} are the measured minus the configured position: configured [axes.{axis}] \
+        point_mm = {old}, measured {new}{directions}"
     )
 }
 

@@ -7,20 +7,20 @@
 use std::f64::consts::TAU;
 
 use super::settings::Settings;
-use crate::Refused;
+use crate::MethodRefusal;
 
 /// One touch on the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Touch {
-    pub test: Test,
+pub struct GridTouch {
+    pub test: CalibrationTest,
     /// Index of the table angle C.
-    pub c: usize,
+    pub c_index: usize,
     /// Index of the probe angle φ in the machine frame.
-    pub phi: usize,
+    pub phi_index: usize,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Test {
+pub enum CalibrationTest {
     /// Test 1 with the given probe angle: 0 is 1a, 1 is 1b, 2 is 1c.
     One(usize),
     /// Test 2: the probe moves around the part at rest.
@@ -31,17 +31,17 @@ pub enum Test {
     Reference(usize),
 }
 
-impl Test {
+impl CalibrationTest {
     pub fn is_reference(self) -> bool {
-        matches!(self, Test::Reference(_))
+        matches!(self, CalibrationTest::Reference(_))
     }
 
     pub fn name(self) -> String {
         match self {
-            Test::One(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
-            Test::Two => "2".to_owned(),
-            Test::Three => "3".to_owned(),
-            Test::Reference(number) => format!("R{number}"),
+            CalibrationTest::One(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
+            CalibrationTest::Two => "2".to_owned(),
+            CalibrationTest::Three => "3".to_owned(),
+            CalibrationTest::Reference(number) => format!("R{number}"),
         }
     }
 }
@@ -49,9 +49,9 @@ impl Test {
 /// A well-posed design.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Design {
-    pub n: usize,
+    pub position_count: usize,
     /// Probe angles of Test 1, as indices; the first is 0.
-    pub probes: Vec<usize>,
+    pub probe_indices: Vec<usize>,
 }
 
 impl Design {
@@ -60,51 +60,55 @@ impl Design {
     /// # Errors
     /// There are fewer than five positions, probe angles off the grid, or gcd(k_b, N) ≠ 1: the rank deficiency is
     /// gcd − 1 (METHODS section 1). The refusal names a design that works.
-    pub fn new(settings: &Settings) -> Result<Self, Refused> {
+    pub fn new(settings: &Settings) -> Result<Self, MethodRefusal> {
         let n = settings.positions;
         if !(5..=120).contains(&n) {
-            return Err(Refused {
-                why: format!(
+            return Err(MethodRefusal {
+                reason: format!(
                     "{n} positions: fewer than 5 cannot separate scale, squareness and axis \
                      position, more than 120 take too long"
                 ),
-                instead: "choose positions = 8 (5 to 120)".to_owned(),
+                remedy: "choose positions = 8 (5 to 120)".to_owned(),
             });
         }
         let probes = match &settings.probe_angles_deg {
             Some(angles) => {
                 angles.iter().map(|deg| grid_index(*deg, n)).collect::<Result<_, _>>()?
             }
-            None => default_probes(n),
+            None => default_probe_indices(n),
         };
-        let design = Self { n, probes };
+        let design = Self { position_count: n, probe_indices: probes };
         design.check()?;
         Ok(design)
     }
 
-    fn check(&self) -> Result<(), Refused> {
-        let step = 360.0 / self.n as f64;
-        let instead = format!("choose probe_angles_deg = [0, {step}], or leave it out");
-        if self.probes.first() != Some(&0) || self.probes.len() < 2 {
-            return Err(Refused {
-                why: "Test 1 needs the probe at 0° first and at one more angle".to_owned(),
-                instead,
+    fn check(&self) -> Result<(), MethodRefusal> {
+        let step = 360.0 / self.position_count as f64;
+        let remedy = format!("choose probe_angles_deg = [0, {step}], or remove probe_angles_deg");
+        if self.probe_indices.first() != Some(&0) || self.probe_indices.len() < 2 {
+            return Err(MethodRefusal {
+                reason: "the first of the probe_angles_deg of Test 1 must be 0°, followed by at least one more \
+                    angle".to_owned(),
+                remedy,
             });
         }
-        let twice = |(i, k): (usize, &usize)| self.probes[..i].contains(k);
-        if self.probes.iter().enumerate().any(twice) {
-            return Err(Refused { why: "a probe angle stands twice".to_owned(), instead });
+        let twice = |(i, k): (usize, &usize)| self.probe_indices[..i].contains(k);
+        if self.probe_indices.iter().enumerate().any(twice) {
+            return Err(MethodRefusal {
+                reason: "probe_angles_deg contains an angle twice".to_owned(),
+                remedy,
+            });
         }
-        let common = self.probes.iter().fold(self.n, |acc, k| gcd(acc, *k));
+        let common = self.probe_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
         if common > 1 {
-            return Err(Refused {
-                why: format!(
-                    "with {} positions and these probe angles {} unknown(s) cannot be told apart \
-                     (rank deficiency gcd − 1, gcd = {common})",
-                    self.n,
+            return Err(MethodRefusal {
+                reason: format!(
+                    "with {} positions and these probe angles {} unknown(s) are inseparable (rank \
+                    deficiency gcd − 1, gcd = {common})",
+                    self.position_count,
                     common - 1
                 ),
-                instead,
+                remedy,
             });
         }
         Ok(())
@@ -112,63 +116,73 @@ impl Design {
 
     /// Angle of a grid index, rad.
     pub fn angle(&self, index: usize) -> f64 {
-        TAU * index as f64 / self.n as f64
+        TAU * index as f64 / self.position_count as f64
     }
 
     /// Grid index of the workpiece angle of a touch.
-    pub fn theta(&self, c: usize, phi: usize) -> usize {
-        (c + phi) % self.n
+    pub fn theta_index(&self, c: usize, phi: usize) -> usize {
+        (c + phi) % self.position_count
     }
 
     /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
-    pub fn cycle(&self, references: bool) -> Vec<Touch> {
+    pub fn cycle_touches(&self, references: bool) -> Vec<GridTouch> {
         let mut touches = Vec::new();
-        let tests = (0..self.probes.len()).map(Test::One).chain([Test::Two, Test::Three]);
+        let tests = (0..self.probe_indices.len())
+            .map(CalibrationTest::One)
+            .chain([CalibrationTest::Two, CalibrationTest::Three]);
         let mut round = 0;
         for test in tests {
             if references {
-                touches.extend(self.reference(round));
+                touches.extend(self.reference_touches(round));
                 round += 1;
             }
-            touches.extend((0..self.n).map(|i| self.touch(test, i)));
+            touches.extend((0..self.position_count).map(|i| self.grid_touch(test, i)));
         }
         if references {
-            touches.extend(self.reference(round));
+            touches.extend(self.reference_touches(round));
         }
         touches
     }
 
-    fn touch(&self, test: Test, i: usize) -> Touch {
+    fn grid_touch(&self, test: CalibrationTest, i: usize) -> GridTouch {
         match test {
-            Test::One(probe) => Touch { test, c: i, phi: self.probes[probe] },
-            Test::Three => Touch { test, c: i, phi: (self.n - i) % self.n },
-            Test::Two | Test::Reference(_) => Touch { test, c: 0, phi: i },
+            CalibrationTest::One(probe) => {
+                GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] }
+            }
+            CalibrationTest::Three => GridTouch {
+                test,
+                c_index: i,
+                phi_index: (self.position_count - i) % self.position_count,
+            },
+            CalibrationTest::Two | CalibrationTest::Reference(_) => {
+                GridTouch { test, c_index: 0, phi_index: i }
+            }
         }
     }
 
     /// Reference touches at 0°, 90° and 180°, or at the nearest grid angles. One touch alone detects neither a
     /// shift in Y nor growth.
-    fn reference(&self, round: usize) -> impl Iterator<Item = Touch> + '_ {
-        let near = |quarter: usize| (quarter * self.n + 2) / 4 % self.n;
-        [0, near(1), near(2)].into_iter().map(move |phi| Touch {
-            test: Test::Reference(round),
-            c: 0,
-            phi,
+    fn reference_touches(&self, round: usize) -> impl Iterator<Item = GridTouch> + '_ {
+        let near = |quarter: usize| (quarter * self.position_count + 2) / 4 % self.position_count;
+        [0, near(1), near(2)].into_iter().map(move |phi| GridTouch {
+            test: CalibrationTest::Reference(round),
+            c_index: 0,
+            phi_index: phi,
         })
     }
 }
 
-fn default_probes(n: usize) -> Vec<usize> {
+fn default_probe_indices(n: usize) -> Vec<usize> {
     if n.is_multiple_of(4) && n > 4 { vec![0, 1, n / 4] } else { vec![0, 1] }
 }
 
-fn grid_index(deg: f64, n: usize) -> Result<usize, Refused> {
+fn grid_index(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
     let index = deg / 360.0 * n as f64;
     let rounded = index.round();
     if deg.abs() > 360.0 || !index.is_finite() || (index - rounded).abs() > 1e-6 {
-        return Err(Refused {
-            why: format!("probe angle {deg}° is no multiple of 360°/{n}"),
-            instead: format!("choose multiples of {}°", 360.0 / n as f64),
+        return Err(MethodRefusal {
+            reason: format!("the probe angle {deg}° is not a multiple of 360°/{n}"),
+            remedy: format!("choose multiples of {}°", 360.0 / n as f64),
         });
     }
     Ok((rounded as i64).rem_euclid(n as i64) as usize)

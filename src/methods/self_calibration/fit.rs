@@ -2,31 +2,33 @@
 
 use faer::{Mat, MatRef, Scale};
 
-use super::bend::SecondOrderCorrection;
-use super::model::{Layout, Observation};
-use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply, rms};
+use super::model::{Observation, UnknownsLayout};
+use super::second_order::SecondOrderCorrection;
+use crate::identification::{
+    FitFigures, LinearFit, ObservationModel, Response, multiply_vector, rms,
+};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;
 /// Maximum number of iterations of the second-order correction. The correction is some 20 µm times the error of E
 /// over the radius. It contracts by a factor of about 1e-3 per iteration.
-const MAX_CORRECTIONS: usize = 8;
+const MAX_CORRECTION_STEPS: usize = 8;
 /// Largest change of an unknown by the last correction, mm.
-const SETTLED_MM: f64 = 1e-10;
+const CONVERGENCE_TOLERANCE_MM: f64 = 1e-10;
 /// Half width of the numerical derivative by a radius, mm.
 const DERIVATIVE_STEP_MM: f64 = 1e-3;
 
 /// The fit of one set of observations.
 pub struct Fit {
-    pub layout: Layout,
+    pub layout: UnknownsLayout,
     pub observations: Vec<Observation>,
     /// Standard uncertainty of each radius, mm.
     pub sigma: Vec<f64>,
-    pub a: Mat<f64>,
+    pub design_matrix: Mat<f64>,
     /// Solution without second-order correction.
     pub solution: LinearSolution,
-    pub bend: Option<SecondOrderCorrection>,
+    pub second_order: Option<SecondOrderCorrection>,
     /// The unknowns, including the second-order correction.
     pub x: Vec<f64>,
 }
@@ -35,15 +37,16 @@ impl Fit {
     /// # Errors
     /// The combinations of unknowns that these observations do not separate.
     pub fn new(
-        layout: Layout,
+        layout: UnknownsLayout,
         observations: Vec<Observation>,
         sigma: Vec<f64>,
         second_order: bool,
     ) -> Result<Self, LinearError> {
         let a = layout.matrix(&observations);
-        let radii: Vec<f64> = observations.iter().map(|seen| seen.radius).collect();
+        let radii: Vec<f64> =
+            observations.iter().map(|observation| observation.radius_mm).collect();
         let gauge = layout.gauge();
-        let solution = linear::solve(&LinearProblem {
+        let solution = linear::solve_least_squares(&LinearProblem {
             a: a.as_ref(),
             y: &radii,
             sigma: &sigma,
@@ -51,28 +54,36 @@ impl Fit {
             rank_threshold: RANK_THRESHOLD,
         })?;
         let bend = second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
-        let mut fit = Self { layout, observations, sigma, a, solution, bend, x: Vec::new() };
-        let x = fit.solve_near(Mat::zeros(1, radii.len()).as_ref());
+        let mut fit = Self {
+            layout,
+            observations,
+            sigma,
+            design_matrix: a,
+            solution,
+            second_order: bend,
+            x: Vec::new(),
+        };
+        let x = fit.solve_with_changes(Mat::zeros(1, radii.len()).as_ref());
         fit.x = x.row(0).iter().copied().collect();
         Ok(fit)
     }
 
     /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies only
     /// the changes. With whole radii the numerical derivative would amplify their rounding.
-    pub fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    pub fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let LinearSolution { x: linear, gain, .. } = &self.solution;
-        let mut x = shifted(changes * gain.transpose(), linear);
-        let Some(bend) = &self.bend else { return x };
+        let mut x = add_to_columns(changes * gain.transpose(), linear);
+        let Some(bend) = &self.second_order else { return x };
         let mut unsettled: Vec<usize> = (0..x.nrows()).collect();
-        for _ in 0..MAX_CORRECTIONS {
+        for _ in 0..MAX_CORRECTION_STEPS {
             let mut corrected = changes.to_owned();
             bend.add_terms(&x, &mut corrected);
-            let next = shifted(corrected * gain.transpose(), linear);
+            let next = add_to_columns(corrected * gain.transpose(), linear);
             // The result of a converged trial must not depend on the other trials.
             unsettled.retain(|trial| {
                 let change = (next.row(*trial) - x.row(*trial)).norm_max();
                 x.row_mut(*trial).copy_from(next.row(*trial));
-                change >= SETTLED_MM
+                change >= CONVERGENCE_TOLERANCE_MM
             });
             if unsettled.is_empty() {
                 break;
@@ -85,11 +96,11 @@ impl Fit {
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
         let mut radii =
-            Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius);
-        if let Some(bend) = &self.bend {
+            Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius_mm);
+        if let Some(bend) = &self.second_order {
             bend.add_terms(&x, &mut radii);
         }
-        let model = multiply(&self.a, &self.x);
+        let model = multiply_vector(&self.design_matrix, &self.x);
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
@@ -98,19 +109,20 @@ impl Fit {
         FitFigures {
             unknowns,
             residual_rms_mm: rms(residuals),
-            ..FitFigures::of_linear(&self.solution)
+            ..FitFigures::from_linear(&self.solution)
         }
     }
 
     /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For
     /// an eccentric part it differs from the linear gain by about W′/L, 2 % per mm.
     fn sensitivity(&self) -> Mat<f64> {
-        if self.bend.is_none() {
+        if self.second_order.is_none() {
             return self.solution.gain.clone();
         }
         let rows = self.observations.len();
-        let moved =
-            |by: f64| self.solve_near((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref());
+        let moved = |by: f64| {
+            self.solve_with_changes((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref())
+        };
         let (up, down) = (moved(DERIVATIVE_STEP_MM), moved(-DERIVATIVE_STEP_MM));
         (up - down).transpose() * Scale(0.5 / DERIVATIVE_STEP_MM)
     }
@@ -131,47 +143,51 @@ impl<'a> LinearisedFit<'a> {
 
 impl ObservationModel for LinearisedFit<'_> {
     fn observations(&self) -> usize {
-        self.fit.a.nrows()
+        self.fit.design_matrix.nrows()
     }
 
     fn unknowns(&self) -> usize {
-        self.fit.a.ncols()
+        self.fit.design_matrix.ncols()
     }
 
-    fn respond(&self, change: &[f64]) -> Response {
-        let Fit { x, a, sigma, solution, .. } = self.fit;
-        let linear = LinearFit { x, a, sigma, gain: &solution.gain };
+    fn linear_response(&self, change: &[f64]) -> Response {
+        let Fit { x, design_matrix: a, sigma, solution, .. } = self.fit;
+        let linear = LinearFit { x, design_matrix: a, sigma, gain: &solution.gain };
         let residuals = linear.residual_change(change);
-        Response { unknowns: multiply(&self.sensitivity, change), residuals }
+        Response { unknowns: multiply_vector(&self.sensitivity, change), residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
-        let Fit { x, a, sigma, solution, .. } = self.fit;
-        LinearFit { x, a, sigma, gain: &solution.gain }.leverage()
+        let Fit { x, design_matrix: a, sigma, solution, .. } = self.fit;
+        LinearFit { x, design_matrix: a, sigma, gain: &solution.gain }.leverage()
     }
 
-    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let unknowns = self.unknowns();
-        self.functions_near(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
+        self.functions_with_changes(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }
 
     /// First order, then one second-order correction at that point. The correction contracts an error of some 1e-8
     /// mm by 2e-2 or less.
-    fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
-        let Fit { x, bend, solution, .. } = self.fit;
+    fn functions_with_changes(
+        &self,
+        changes: MatRef<'_, f64>,
+        slopes: MatRef<'_, f64>,
+    ) -> Mat<f64> {
+        let Fit { x, second_order: bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();
         if let Some(bend) = bend {
-            let near = shifted(changes * self.sensitivity.transpose(), x);
+            let near = add_to_columns(changes * self.sensitivity.transpose(), x);
             bend.add_terms(&near, &mut radii);
         }
         let gain = slopes * &solution.gain;
         let at_readings = slopes * MatRef::from_column_major_slice(&solution.x, slopes.ncols(), 1);
-        shifted(radii * gain.transpose(), at_readings.col_as_slice(0))
+        add_to_columns(radii * gain.transpose(), at_readings.col_as_slice(0))
     }
 }
 
 /// `columns` (trials × n) plus one number per column.
-fn shifted(mut columns: Mat<f64>, by: &[f64]) -> Mat<f64> {
+fn add_to_columns(mut columns: Mat<f64>, by: &[f64]) -> Mat<f64> {
     for (j, by) in by.iter().enumerate() {
         columns.col_as_slice_mut(j).iter_mut().for_each(|value| *value += by);
     }

@@ -1,54 +1,60 @@
 //! Forecast of the results of a run, from its plan alone.
 
 use super::estimate;
-use super::identify::{nominal_reading, parts};
-use super::plan::Planner;
+use super::identify::{nominal_reading, solve_cycle};
+use super::plan::StepPlanner;
 use super::settings::Settings;
 use crate::IdentifyError;
-use crate::identification::{KnownMotions, assumed_repeatability, expected, with_repeatability};
+use crate::identification::{
+    KnownMotions, describe_assumed_repeatability, describe_expected_uncertainty,
+    with_assumed_repeatability,
+};
 use machine::Axis;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 
 /// Prefix of the texts on error motions that are not identifiable.
-const ALIASED: &str = "error motions of";
-const MOST_POSITIONS: usize = 72;
+const ALIASING_LINE_PREFIX: &str = "error motions of";
+const MAX_SUGGESTED_POSITIONS: usize = 72;
 
 /// Expected U for a plan with all steps at nominal positions, and the smallest deviations of a single touch that
 /// are detectable. `machine_s`: machine time, s.
 ///
 /// # Errors
 /// The cycle cannot be identified.
-pub fn forecast(
+pub fn forecast_results(
     plan: &Plan,
     settings: &Settings,
-    planner: &Planner<'_>,
-    known: &KnownMotions<'_>,
+    planner: &StepPlanner<'_>,
+    known_motions: &KnownMotions<'_>,
     machine_s: f64,
 ) -> Result<Vec<String>, IdentifyError> {
-    let mut readings = nominal_passes(plan, settings);
-    let unchecked = unchecked(plan, settings, planner, known)?;
+    let mut readings = nominal_readings(plan, settings);
+    let unchecked = unchecked_steps(plan, settings, planner, known_motions)?;
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
     let again: Vec<Reading> =
         again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
-    let repeated = (!again.is_empty()).then(|| {
-        format!("touches that no other touch checks, made once more at the end: {}", again.len())
-    });
+    let repeated = (!again.is_empty())
+        .then(|| format!("touches without redundancy, repeated at the end: {}", again.len()));
     readings.extend(again);
     let interval_s = machine_s / readings.len().max(1) as f64;
     for (number, reading) in readings.iter_mut().enumerate() {
         reading.t_s = interval_s * number as f64;
     }
     let declared = nominal_plan(plan);
-    let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
-    let estimate = estimate::estimate(&parts);
+    let parts = solve_cycle(&declared, settings, planner, known_motions, &readings, |_| None)?;
+    let estimate = estimate::build_estimate(&parts);
     let symbols = &estimate.covariance.symbols;
-    let expected = expected(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
-    let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASED));
-    let limits = parts.identification.checked.limits();
-    let better = better_positions(plan, planner.axis().axis, parts.fit.layout.design.n);
+    let expected =
+        describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol))
+            .into_iter();
+    let aliased =
+        estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
+    let limits = parts.identification.outlier_check.describe_detection_limits();
+    let better =
+        suggest_positions(plan, planner.axis().axis, parts.fit.layout.design.position_count);
     Ok(expected
-        .chain(assumed_repeatability(plan))
+        .chain(describe_assumed_repeatability(plan))
         .chain(aliased)
         .chain(better)
         .chain(repeated)
@@ -58,30 +64,30 @@ pub fn forecast(
 
 /// Suggests a number of positions if the grid does not separate the declared error motion orders of the axis from
 /// its location.
-fn better_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
+fn suggest_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     let orders = &plan.machine.axes.get(&axis)?.error_motion_orders;
     let is_lost = |n: usize| orders.iter().any(|order| (*order as usize).is_multiple_of(n));
     if !is_lost(n) {
         return None;
     }
-    let better = (n + 1..=MOST_POSITIONS).find(|n| n.is_multiple_of(4) && !is_lost(*n))?;
+    let better = (n + 1..=MAX_SUGGESTED_POSITIONS).find(|n| n.is_multiple_of(4) && !is_lost(*n))?;
     Some(format!("positions = {better} would separate all error_motion_orders of {axis}"))
 }
 
 /// Steps of touches that no other touch checks after all passes.
 ///
 /// # Errors
-/// The errors of [`forecast`].
-pub fn unchecked(
+/// The errors of [`forecast_results`].
+pub fn unchecked_steps(
     plan: &Plan,
     settings: &Settings,
-    planner: &Planner<'_>,
-    known: &KnownMotions<'_>,
+    planner: &StepPlanner<'_>,
+    known_motions: &KnownMotions<'_>,
 ) -> Result<Vec<u32>, IdentifyError> {
     let declared = nominal_plan(plan);
-    let readings = nominal_passes(plan, settings);
-    let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
-    let found = &parts.identification.checked.smallest_found;
+    let readings = nominal_readings(plan, settings);
+    let parts = solve_cycle(&declared, settings, planner, known_motions, &readings, |_| None)?;
+    let found = &parts.identification.outlier_check.detectable_deviations;
     let is_unchecked = |step: &&Step| {
         found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label)
     };
@@ -90,14 +96,14 @@ pub fn unchecked(
 
 /// The touches of the plan, with a declared repeatability.
 fn nominal_plan(plan: &Plan) -> Plan {
-    let mut declared = with_repeatability(plan);
+    let mut declared = with_assumed_repeatability(plan);
     declared.steps.retain(|step| step.text.is_none());
     // The times of nominal readings are not those of the run.
     declared.gaps_s.clear();
     declared
 }
 
-fn nominal_passes(plan: &Plan, settings: &Settings) -> Vec<Reading> {
+fn nominal_readings(plan: &Plan, settings: &Settings) -> Vec<Reading> {
     let touches = plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
     let touches: Vec<Reading> = touches.map(nominal_reading).collect();
     let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });

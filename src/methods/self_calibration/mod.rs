@@ -4,40 +4,43 @@
 
 mod axis_circle;
 mod axis_position;
-mod bend;
 mod design;
 mod estimate;
 mod fit;
 mod forecast;
-mod gaps;
 mod identify;
+mod interruptions;
 mod model;
 mod observe;
 mod outputs;
-mod paper;
-mod parts;
+mod paper_system;
 mod plan;
 mod radial_check;
+mod second_order;
 mod sense;
 mod settings;
+mod solved_cycle;
 mod sources;
 mod table_axis;
 
 #[cfg(test)]
 mod tests;
 
-pub use bend::SecondOrderCorrection;
 pub use fit::{Fit, LinearisedFit};
-pub use identify::Fitted;
+pub use identify::FittedCycle;
+pub use second_order::SecondOrderCorrection;
 pub use settings::Settings;
 
 use std::cmp::Ordering;
 
 use self::observe::ObservedAxis;
-use self::plan::{Part, Planner};
+use self::plan::{PartGeometry, StepPlanner};
 use self::table_axis::TableAxis;
 use super::identification::KnownMotions;
-use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use super::{
+    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
+    RegisteredMethod,
+};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::estimate::Estimate;
@@ -45,14 +48,14 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
-const UNCHECKED_TOUCHES_STAGE: &str = "touches that no other checks, once more";
+const UNCHECKED_TOUCHES_STAGE_NAME: &str = "touches without redundancy, repeated";
 
 pub struct SelfCalibration {
     settings: Settings,
 }
 
 impl SelfCalibration {
-    fn stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
+    fn new_stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
         let id = plan.steps.last().map_or(0, |step| step.stage + 1);
         Stage {
             id: if repeat == 0 { id } else { id + repeat - 1 },
@@ -67,50 +70,69 @@ impl SelfCalibration {
     ///
     /// # Errors
     /// The errors of `identify`.
-    pub fn fitted(&self, plan: &Plan, readings: &[Reading]) -> Result<Fitted, IdentifyError> {
-        let planner = Planner::new(plan, &self.settings)?;
-        let (heights, known) = (planner.heights(), KnownMotions::default());
-        let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known: &known };
-        identify::fitted(plan, &self.settings, &axis, readings)
+    pub fn fit_cycle(
+        &self,
+        plan: &Plan,
+        readings: &[Reading],
+    ) -> Result<FittedCycle, IdentifyError> {
+        let planner = StepPlanner::new(plan, &self.settings)?;
+        let (heights, known_motions) = (planner.heights(), KnownMotions::default());
+        let axis =
+            ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
+        identify::fit_cycle(plan, &self.settings, &axis, readings)
     }
 
-    fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
+    fn cycle_stage(
+        &self,
+        plan: &Plan,
+        planner: &StepPlanner<'_>,
+        part: PartGeometry,
+    ) -> Result<NextStage, MethodRefusal> {
         let new_steps = planner.cycle_steps(part)?;
         let ids = new_steps.iter().map(|step| step.id).collect();
-        let mut stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
-        stage.found = self.settings.locate.then(|| self.found(plan, planner, part));
-        Ok(Next::Stage { stage, new_steps })
+        let mut stage = self.new_stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
+        stage.found = self.settings.locate.then(|| self.measured_artefact(plan, planner, part));
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
     /// Steps of touches that no other touch checks. They are repeated.
-    fn unchecked(&self, plan: &Plan, planner: &Planner<'_>) -> Result<Vec<u32>, Refused> {
-        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        forecast::unchecked(plan, &self.settings, planner, &known)
-            .map_err(|error| Refused::new(error.to_string(), error.remedy()))
+    fn unchecked_steps(
+        &self,
+        plan: &Plan,
+        planner: &StepPlanner<'_>,
+    ) -> Result<Vec<u32>, MethodRefusal> {
+        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
+        forecast::unchecked_steps(plan, &self.settings, planner, &known_motions)
+            .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
     }
 
     /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
     /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
     /// their standoff, and half of that is the position uncertainty.
-    fn found(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Artefact {
-        let stated = planner.stated();
+    fn measured_artefact(
+        &self,
+        plan: &Plan,
+        planner: &StepPlanner<'_>,
+        part: PartGeometry,
+    ) -> Artefact {
+        let stated = planner.stated_part();
         let ball = plan.probe.ball_radius_mm;
-        Artefact::Cylinder(planner.axis().on_table(&Cylinder {
+        Artefact::Cylinder(planner.axis().part_in_table_frame(&Cylinder {
             centre_mm: [part.centre[0], part.centre[1], stated.centre_mm[2]],
             axis: stated.axis,
-            radius_mm: part.reach - ball,
-            height_mm: part.top - ball - stated.centre_mm[2],
+            radius_mm: part.contact_radius_mm - ball,
+            height_mm: part.top_contact_z_mm - ball - stated.centre_mm[2],
             uncertainty_mm: self.settings.standoff_mm.min(self.settings.search_mm) / 2.0,
         }))
     }
 }
 
-impl Registered for SelfCalibration {
+impl RegisteredMethod for SelfCalibration {
     type Settings = Settings;
-    const DESCRIPTION: Description = Description {
+    const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
-        needs: "any clean round part",
-        finds: "location and error motions of the rotary axis that turns the part (C, or another letter), \
+        required_setup: "any clean round part",
+        results: "location and error motions of the rotary axis that turns the part (C, or another letter), \
                 squareness and scale difference of X and Y, form of the part",
         machine_file: "simulated.toml",
     };
@@ -125,16 +147,21 @@ impl Method for SelfCalibration {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let planner = Planner::new(plan, &self.settings)?;
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let planner = StepPlanner::new(plan, &self.settings)?;
         let located = usize::from(self.settings.locate);
         if self.settings.locate && done.is_empty() {
             // All refusals come before the first move.
             identify::check_well_posed(plan, &self.settings, &planner)?;
             let new_steps = planner.locating_steps()?;
             let ids = new_steps.iter().map(|step| step.id).collect();
-            let stage = self.stage(plan, "locate the part".to_owned(), 0, ids);
-            return Ok(Next::Stage { stage, new_steps });
+            let stage = self.new_stage(plan, "locate the part".to_owned(), 0, ids);
+            return Ok(NextStage::Stage { stage, new_steps });
         }
         if done.is_empty() {
             identify::check_well_posed(plan, &self.settings, &planner)?;
@@ -146,77 +173,89 @@ impl Method for SelfCalibration {
                     (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone())
                 }
                 Ordering::Equal => {
-                    (UNCHECKED_TOUCHES_STAGE.to_owned(), self.unchecked(plan, &planner)?)
+                    (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), self.unchecked_steps(plan, &planner)?)
                 }
-                Ordering::Greater => return Ok(Next::Done),
+                Ordering::Greater => return Ok(NextStage::Done),
             };
             if steps.is_empty() {
-                return Ok(Next::Done);
+                return Ok(NextStage::Done);
             }
-            let mut stage = self.stage(plan, name, pass, steps);
+            let mut stage = self.new_stage(plan, name, pass, steps);
             stage.found = first.found.clone();
-            return Ok(Next::Stage { stage, new_steps: Vec::new() });
+            return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
         }
         let part = match source {
-            Source::Measured(readings) if self.settings.locate => {
-                located_part(plan, &planner, readings)?
+            PositionSource::Measured(readings) if self.settings.locate => {
+                locate_part(plan, &planner, readings)?
             }
             _ => planner.nominal_part(),
         };
-        self.cycle(plan, &planner, part)
+        self.cycle_stage(plan, &planner, part)
     }
 
-    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
-        let planner = Planner::new(plan, &self.settings)?;
-        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        let lines = forecast::forecast(plan, &self.settings, &planner, &known, machine_s);
-        lines.map_err(|error| Refused::new(error.to_string(), error.remedy()))
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
+        let planner = StepPlanner::new(plan, &self.settings)?;
+        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
+        let lines =
+            forecast::forecast_results(plan, &self.settings, &planner, &known_motions, machine_s);
+        lines.map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
     }
 
-    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
+    fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
         let axis = TableAxis::new(plan, &self.settings)?;
         KnownMotions::new(axis.axis, &plan.priors).map(drop)
     }
 
-    fn takes_probe_map(&self) -> bool {
+    fn accepts_probe_map(&self) -> bool {
         true
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let planner = Planner::new(plan, &self.settings)?;
-        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        identify::identify(plan, &self.settings, &planner, &known, readings)
+        let planner = StepPlanner::new(plan, &self.settings)?;
+        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
+        identify::identify(plan, &self.settings, &planner, &known_motions, readings)
     }
 }
 
 /// Centre of the part and radius of the ball centres, from the locating touches.
-fn located_part(plan: &Plan, planner: &Planner<'_>, readings: &[Reading]) -> Result<Part, Refused> {
+fn locate_part(
+    plan: &Plan,
+    planner: &StepPlanner<'_>,
+    readings: &[Reading],
+) -> Result<PartGeometry, MethodRefusal> {
     let nominal = planner.nominal_part();
-    let refused = |why: String| Refused {
-        why,
-        instead: "check that the part of [artefact] stands on the table, then start again"
+    let refused = |reason: String| MethodRefusal {
+        reason,
+        remedy: "check that the part of [artefact] is on the table, then start a new run"
             .to_owned(),
     };
-    let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL);
+    let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL_PREFIX);
     let (tops, flank): (Vec<_>, Vec<_>) = plan
         .steps
         .iter()
         .filter(is_locating)
         .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
         .map(|(step, reading)| (step, planner.axis().ball_centre(step, reading)))
-        .partition(|(step, _)| plan::touches_top(step));
+        .partition(|(step, _)| plan::is_top_touch(step));
     let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
     let found = circle::fit_circle(&centres)
         .map_err(|error| refused(format!("the part could not be located: {error}")))?;
-    let uncertainty_mm = planner.stated().uncertainty_mm;
-    let top = tops.first().map_or(nominal.top, |(_, centre)| centre.z);
-    let part = Part { centre: found.centre, reach: found.radius, top };
+    let uncertainty_mm = planner.stated_part().uncertainty_mm;
+    let top = tops.first().map_or(nominal.top_contact_z_mm, |(_, centre)| centre.z);
+    let part = PartGeometry {
+        centre: found.centre,
+        contact_radius_mm: found.radius,
+        top_contact_z_mm: top,
+    };
     let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
-    let (larger, higher) = (part.reach - nominal.reach, part.top - nominal.top);
+    let (larger, higher) = (
+        part.contact_radius_mm - nominal.contact_radius_mm,
+        part.top_contact_z_mm - nominal.top_contact_z_mm,
+    );
     if away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm {
         return Err(refused(format!(
-            "the part was found {away:.3} mm from its stated place, {larger:.3} mm larger in radius and \
-             {higher:.3} mm higher, beyond uncertainty_mm = {uncertainty_mm}"
+            "the located part deviates from [artefact] by {away:.3} mm in position, {larger:.3} mm in \
+            radius and {higher:.3} mm in height, more than uncertainty_mm = {uncertainty_mm}"
         )));
     }
     Ok(part)

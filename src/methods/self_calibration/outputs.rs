@@ -1,20 +1,20 @@
 //! Outputs as linear combinations of the unknowns: axis position, tilts, scale difference, squareness, and the
 //! functions of angle.
 
-use super::model::Layout;
+use super::model::UnknownsLayout;
 use crate::identification::{Curve, Output, Outputs};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
 /// All outputs. `axis`: the measured rotary axis.
-pub fn outputs(layout: &Layout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
+pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
     let suffix = |height: usize| match heights.len() {
         1 => String::new(),
         _ => format!("@Z{:.1}", heights[height]),
     };
-    let curves = |height| functions(layout, axis, height, &suffix(height), x);
+    let curves = |height| build_functions(layout, axis, height, &suffix(height), x);
     Outputs {
-        parameters: parameters(layout, axis, heights, x),
+        parameters: build_parameters(layout, axis, heights, x),
         curves: (0..layout.heights).flat_map(curves).collect(),
         nonlinear: None,
     }
@@ -22,49 +22,64 @@ pub fn outputs(layout: &Layout, axis: Axis, heights: &[f64], x: &[f64]) -> Outpu
 
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
 /// frame, mm.
-fn parameters(layout: &Layout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
+fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
     let heights = layout.heights as f64;
-    let radius = (0..layout.heights).map(|h| x[layout.radius(h)]).sum::<f64>() / heights;
-    let output =
-        |symbol: &str, unit, coefficients: Vec<f64>| Output::linear(symbol, unit, coefficients, x);
+    let radius = (0..layout.heights).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
+    let output = |symbol: &str, unit, coefficients: Vec<f64>| {
+        Output::from_coefficients(symbol, unit, coefficients, x)
+    };
     let location = |component| format!("E{component}0{axis}");
     let mut list = vec![
         output(
             &location("X"),
             Unit::Um,
-            sum(layout, |h| (axis_position(layout, h).0, 1.0 / heights)),
+            sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).0, 1.0 / heights)),
         ),
         output(
             &location("Y"),
             Unit::Um,
-            sum(layout, |h| (axis_position(layout, h).1, 1.0 / heights)),
+            sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).1, 1.0 / heights)),
         ),
     ];
     let mean = z.iter().sum::<f64>() / heights;
     let spread: f64 = z.iter().map(|value| (value - mean).powi(2)).sum();
     if layout.heights > 1 && spread > 0.0 {
         // A tilt a about X moves the axis by −a·z in Y, a tilt b about Y by +b·z in X.
-        let a = sum(layout, |h| (axis_position(layout, h).1, -(z[h] - mean) / spread));
-        let b = sum(layout, |h| (axis_position(layout, h).0, (z[h] - mean) / spread));
+        let a = sum_over_heights(layout, |h| {
+            (axis_position_coefficients(layout, h).1, -(z[h] - mean) / spread)
+        });
+        let b = sum_over_heights(layout, |h| {
+            (axis_position_coefficients(layout, h).0, (z[h] - mean) / spread)
+        });
         list.push(output(&location("A"), Unit::Urad, a));
         list.push(output(&location("B"), Unit::Urad, b));
     }
-    let scale = sum(layout, |h| (scale_and_squareness(layout, h, radius).0, 1.0 / heights));
-    let square = sum(layout, |h| (scale_and_squareness(layout, h, radius).1, 1.0 / heights));
+    let scale = sum_over_heights(layout, |h| {
+        (scale_and_squareness_coefficients(layout, h, radius).0, 1.0 / heights)
+    });
+    let square = sum_over_heights(layout, |h| {
+        (scale_and_squareness_coefficients(layout, h, radius).1, 1.0 / heights)
+    });
     list.push(output("EYY1-EXX1", Unit::UmPerM, scale));
     list.push(output("EC0Y", Unit::Urad, square));
     list
 }
 
 /// The functions of one height.
-fn functions(layout: &Layout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
-    let n = layout.design.n;
+fn build_functions(
+    layout: &UnknownsLayout,
+    axis: Axis,
+    height: usize,
+    suffix: &str,
+    x: &[f64],
+) -> Vec<Curve> {
+    let n = layout.design.position_count;
     let unit_vector = |index: usize| {
         let mut coefficients = vec![0.0; layout.unknowns()];
         coefficients[index] = 1.0;
         coefficients
     };
-    let motion = |i, along_y| error_motion(layout, height, i, along_y);
+    let motion = |i, along_y| error_motion_coefficients(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
         let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
         Curve {
@@ -82,21 +97,26 @@ fn functions(layout: &Layout, axis: Axis, height: usize, suffix: &str, x: &[f64]
     let name = axis.name();
     use FigureKind::{Curve as Line, Polar};
     vec![
-        function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex(height, i))),
-        function(&of_axis("Y", "_total"), name, Line, &|i| unit_vector(layout.ey(height, i))),
+        function(&of_axis("X", "_total"), name, Line, &|i| unit_vector(layout.ex_index(height, i))),
+        function(&of_axis("Y", "_total"), name, Line, &|i| unit_vector(layout.ey_index(height, i))),
         function(&of_axis("X", ""), name, Line, &|i| motion(i, false)),
         function(&of_axis("Y", ""), name, Line, &|i| motion(i, true)),
-        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.er(height, i))),
-        function("W_radial", "theta", Polar, &|i| unit_vector(layout.w(height, i))),
-        function("W_form", "theta", Polar, &|i| form(layout, height, i)),
+        function("E_radial_XY", "phi", Line, &|i| unit_vector(layout.er_index(height, i))),
+        function("W_radial", "theta", Polar, &|i| unit_vector(layout.w_index(height, i))),
+        function("W_form", "theta", Polar, &|i| form_coefficients(layout, height, i)),
     ]
 }
 
 /// Error motion at the grid angle `i`: the displacement without the effect of the axis position.
-pub fn error_motion(layout: &Layout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
-    let (cx, cy) = axis_position(layout, height);
+pub fn error_motion_coefficients(
+    layout: &UnknownsLayout,
+    height: usize,
+    i: usize,
+    along_y: bool,
+) -> Vec<f64> {
+    let (cx, cy) = axis_position_coefficients(layout, height);
     let (sin, cos) = layout.design.angle(i).sin_cos();
-    let own = if along_y { layout.ey(height, i) } else { layout.ex(height, i) };
+    let own = if along_y { layout.ey_index(height, i) } else { layout.ex_index(height, i) };
     let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
     let mut coefficients = vec![0.0; layout.unknowns()];
     coefficients[own] = 1.0;
@@ -116,30 +136,30 @@ pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
 
 /// Mean of E_total over a turn: the axis position, unbiased for zero-mean error motion (METHODS
 /// section 1). Coefficients for x and y.
-pub fn axis_position(layout: &Layout, height: usize) -> (Vec<f64>, Vec<f64>) {
+pub fn axis_position_coefficients(layout: &UnknownsLayout, height: usize) -> (Vec<f64>, Vec<f64>) {
     let mut x = vec![0.0; layout.unknowns()];
     let mut y = vec![0.0; layout.unknowns()];
-    for i in 0..layout.design.n {
-        x[layout.ex(height, i)] = 1.0 / layout.design.n as f64;
-        y[layout.ey(height, i)] = 1.0 / layout.design.n as f64;
+    for i in 0..layout.design.position_count {
+        x[layout.ex_index(height, i)] = 1.0 / layout.design.position_count as f64;
+        y[layout.ey_index(height, i)] = 1.0 / layout.design.position_count as f64;
     }
     (x, y)
 }
 
 /// W without its mean and first harmonic: the form of the part without its set-up error.
-fn form(layout: &Layout, height: usize, i: usize) -> Vec<f64> {
-    let n = layout.design.n;
+fn form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> Vec<f64> {
+    let n = layout.design.position_count;
     let mut coefficients = vec![0.0; layout.unknowns()];
     for j in 0..n {
         let angle = layout.design.angle(i) - layout.design.angle(j);
-        coefficients[layout.w(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
+        coefficients[layout.w_index(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
     }
-    coefficients[layout.w(height, i)] += 1.0;
+    coefficients[layout.w_index(height, i)] += 1.0;
     coefficients
 }
 
 /// Weighted sum over the heights of coefficient vectors.
-fn sum(layout: &Layout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
+fn sum_over_heights(layout: &UnknownsLayout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
     let mut total = vec![0.0; layout.unknowns()];
     for height in 0..layout.heights {
         let (coefficients, weight) = part(height);
@@ -152,15 +172,19 @@ fn sum(layout: &Layout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
 
 /// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
 /// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
-pub fn scale_and_squareness(layout: &Layout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
-    let n = layout.design.n;
+pub fn scale_and_squareness_coefficients(
+    layout: &UnknownsLayout,
+    height: usize,
+    radius: f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let n = layout.design.position_count;
     let mut scale = vec![0.0; layout.unknowns()];
     let mut square = vec![0.0; layout.unknowns()];
     for i in 0..n {
         let (sin, cos) = (2.0 * layout.design.angle(i)).sin_cos();
         let weight = -4.0 / (n as f64 * radius);
-        scale[layout.er(height, i)] = weight * cos;
-        square[layout.er(height, i)] = weight * sin;
+        scale[layout.er_index(height, i)] = weight * cos;
+        square[layout.er_index(height, i)] = weight * sin;
     }
     (scale, square)
 }

@@ -2,57 +2,57 @@
 
 use nalgebra::Vector3;
 
-use super::design::{Design, Touch};
-use super::settings::{Settings, Spindle};
+use super::design::{Design, GridTouch};
+use super::settings::{Settings, SpindleMode};
 use super::table_axis::TableAxis;
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
 
 /// Prefix of the labels of the locating touches, which are not used for identification.
-pub const LOCATE_LABEL: &str = "locate/";
+pub const LOCATE_LABEL_PREFIX: &str = "locate/";
 
 /// Whether the step touches the top face, which does not depend on the axis.
-pub fn touches_top(step: &Step) -> bool {
+pub fn is_top_touch(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
 /// Position and size of the part: centre with the axis at zero, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Part {
+pub struct PartGeometry {
     pub centre: [f64; 2],
     /// Radius of the part plus radius of the ball.
-    pub reach: f64,
+    pub contact_radius_mm: f64,
     /// Height of the ball centre on the top face.
-    pub top: f64,
+    pub top_contact_z_mm: f64,
 }
 
 /// Creates the steps of one plan.
-pub struct Planner<'a> {
+pub struct StepPlanner<'a> {
     plan: &'a Plan,
     /// The part at its position with the axis at zero.
-    stated: Cylinder,
+    stated_part: Cylinder,
     settings: &'a Settings,
     design: Design,
     axis: TableAxis,
 }
 
-impl<'a> Planner<'a> {
+impl<'a> StepPlanner<'a> {
     /// # Errors
     /// The machine has no axis to measure, or the design is not well-posed.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
         let axis = TableAxis::new(plan, settings)?;
-        let stated = axis.standing(cylinder(&plan.artefact)?);
+        let stated = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);
         settings.check(&stated, plan.probe.ball_radius_mm)?;
         let design = Design::new(settings)?;
-        if settings.spindle == Spindle::Follow && !plan.machine.axes.contains_key(&Axis::S) {
-            return Err(Refused {
-                why: "the spindle cannot be oriented: the machine has no axis S".to_owned(),
-                instead: "choose spindle = \"fixed\", or describe [axes.S]".to_owned(),
+        if settings.spindle == SpindleMode::Follow && !plan.machine.axes.contains_key(&Axis::S) {
+            return Err(MethodRefusal {
+                reason: "the spindle cannot be oriented: the machine has no axis S".to_owned(),
+                remedy: "choose spindle = \"fixed\", or add [axes.S]".to_owned(),
             });
         }
-        Ok(Self { plan, stated, settings, design, axis })
+        Ok(Self { plan, stated_part: stated, settings, design, axis })
     }
 
     pub fn axis(&self) -> &TableAxis {
@@ -60,39 +60,41 @@ impl<'a> Planner<'a> {
     }
 
     /// The part of the plan at its position with the axis at zero.
-    pub fn stated(&self) -> &Cylinder {
-        &self.stated
+    pub fn stated_part(&self) -> &Cylinder {
+        &self.stated_part
     }
 
     /// The part as the plan states it.
-    pub fn nominal_part(&self) -> Part {
-        let Cylinder { centre_mm, radius_mm, height_mm, .. } = self.stated;
+    pub fn nominal_part(&self) -> PartGeometry {
+        let Cylinder { centre_mm, radius_mm, height_mm, .. } = self.stated_part;
         let ball = self.plan.probe.ball_radius_mm;
-        Part {
+        PartGeometry {
             centre: [centre_mm[0], centre_mm[1]],
-            reach: radius_mm + ball,
-            top: centre_mm[2] + height_mm + ball,
+            contact_radius_mm: radius_mm + ball,
+            top_contact_z_mm: centre_mm[2] + height_mm + ball,
         }
     }
 
     /// A search touch on the top of the part and four around it, with a length for the stated position uncertainty.
     /// The first three confirm the position of the machine.
-    pub fn locating_steps(&self) -> Result<Vec<Step>, Refused> {
-        let uncertainty_mm = self.stated.uncertainty_mm;
+    pub fn locating_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
+        let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
         let spec = |id, place: String| StepSpec {
             id,
             stage: 0,
             kind: StepKind::Touch,
-            label: format!("{LOCATE_LABEL}{place}"),
-            out: margin,
-            inward: margin + uncertainty_mm,
-            c: 0,
+            label: format!("{LOCATE_LABEL_PREFIX}{place}"),
+            standoff_mm: margin,
+            travel_mm: margin + uncertainty_mm,
+            c_index: 0,
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
         let z = self.heights()[0];
-        let top = || self.step(&spec(0, "Z".to_owned()), self.on_top(part), Vector3::z());
+        let top = || {
+            self.touch_step(&spec(0, "Z".to_owned()), self.top_contact_position(part), Vector3::z())
+        };
         let top = self.settings.touches_top().then(top).transpose()?;
         let first = u32::from(top.is_some());
         let round = (0..4u32).map(|quarter| {
@@ -100,23 +102,27 @@ impl<'a> Planner<'a> {
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
-            self.step(&spec(first + quarter, place), centre + part.reach * normal, normal)
+            self.touch_step(
+                &spec(first + quarter, place),
+                centre + part.contact_radius_mm * normal,
+                normal,
+            )
         });
         top.map(Ok).into_iter().chain(round).collect()
     }
 
     /// Position of the ball centre on the top face.
-    fn on_top(&self, part: Part) -> Vector3<f64> {
+    fn top_contact_position(&self, part: PartGeometry) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
-        Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top)
+        Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top_contact_z_mm)
     }
 
     /// The complete cycle at every height, around the part at its measured position.
-    pub fn cycle_steps(&self, part: Part) -> Result<Vec<Step>, Refused> {
+    pub fn cycle_steps(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
         let first = self.plan.steps.len();
         let stage = self.plan.steps.last().map_or(0, |step| step.stage + 1);
         let heights = self.heights();
-        let touches = self.design.cycle(self.settings.references);
+        let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();
         for z in &heights {
             let suffix = if heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
@@ -136,7 +142,11 @@ impl<'a> Planner<'a> {
                 {
                     let label = format!("{}/Z{suffix}", touch.test.name());
                     let spec = self.cycle_spec(id + 1, stage, label, *touch);
-                    steps.push(self.step(&spec, self.on_top(part), Vector3::z())?);
+                    steps.push(self.touch_step(
+                        &spec,
+                        self.top_contact_position(part),
+                        Vector3::z(),
+                    )?);
                 }
             }
         }
@@ -145,33 +155,35 @@ impl<'a> Planner<'a> {
 
     /// Heights of the touches in the machine frame, mm.
     pub fn heights(&self) -> Vec<f64> {
-        let Cylinder { centre_mm, height_mm, .. } = self.stated;
+        let Cylinder { centre_mm, height_mm, .. } = self.stated_part;
         if self.settings.heights_mm.is_empty() {
             return vec![centre_mm[2] + height_mm / 2.0];
         }
         self.settings.heights_mm.iter().map(|height| centre_mm[2] + height).collect()
     }
 
-    fn label(&self, touch: Touch) -> String {
+    fn label(&self, touch: GridTouch) -> String {
         let degrees = |index| self.design.angle(index).to_degrees().round();
-        let place = if touch.c == 0 && !matches!(touch.test, super::design::Test::One(_)) {
-            format!("P{:03}", degrees(touch.phi))
+        let place = if touch.c_index == 0
+            && !matches!(touch.test, super::design::CalibrationTest::One(_))
+        {
+            format!("P{:03}", degrees(touch.phi_index))
         } else {
-            format!("{}{:03}", self.axis.axis, degrees(touch.c))
+            format!("{}{:03}", self.axis.axis, degrees(touch.c_index))
         };
         format!("{}/{place}", touch.test.name())
     }
 
-    fn cycle_spec(&self, id: u32, stage: u32, label: String, touch: Touch) -> StepSpec {
+    fn cycle_spec(&self, id: u32, stage: u32, label: String, touch: GridTouch) -> StepSpec {
         let kind = if touch.test.is_reference() { StepKind::Reference } else { StepKind::Touch };
         StepSpec {
             id,
             stage,
             kind,
             label,
-            out: self.settings.standoff_mm,
-            inward: self.settings.standoff_mm + self.settings.search_mm,
-            c: touch.c,
+            standoff_mm: self.settings.standoff_mm,
+            travel_mm: self.settings.standoff_mm + self.settings.search_mm,
+            c_index: touch.c_index,
             feed_mm_min: self.plan.probe.feed_mm_min,
         }
     }
@@ -181,57 +193,57 @@ impl<'a> Planner<'a> {
         &self,
         spec: StepSpec,
         z: f64,
-        touch: Touch,
-        part: Part,
-    ) -> Result<Step, Refused> {
-        let angle = self.design.angle(touch.phi);
-        let axis = self.axis.at_height(z);
+        touch: GridTouch,
+        part: PartGeometry,
+    ) -> Result<Step, MethodRefusal> {
+        let angle = self.design.angle(touch.phi_index);
+        let axis = self.axis.point_at_height(z);
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
-        let off_axis = Part { centre: from_axis, ..part };
-        let turned = self.design.angle(touch.c);
-        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| Refused {
-            why: format!("at {} the ray from the axis misses the part", spec.label),
-            instead: format!(
-                "bring the part nearer to the axis, or correct [artefact] centre_mm or [axes.{}] \
-                 point_mm: both count from the machine's zero",
+        let off_axis = PartGeometry { centre: from_axis, ..part };
+        let turned = self.design.angle(touch.c_index);
+        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| MethodRefusal {
+            reason: format!("at {} the ray from the axis misses the part", spec.label),
+            remedy: format!(
+                "move the part closer to the axis, or correct [artefact] centre_mm or [axes.{}] point_mm, \
+                both in machine coordinates",
                 self.axis.axis
             ),
         })?;
         let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
-        self.step(&spec, axis + radius * normal, normal)
+        self.touch_step(&spec, axis + radius * normal, normal)
     }
 
     /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
-    fn step(
+    fn touch_step(
         &self,
         spec: &StepSpec,
         contact: Vector3<f64>,
         normal: Vector3<f64>,
-    ) -> Result<Step, Refused> {
+    ) -> Result<Step, MethodRefusal> {
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
-        if self.settings.spindle == Spindle::Follow {
+        if self.settings.spindle == SpindleMode::Follow {
             let turn = normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU);
             orientation.set(Axis::S, turn);
         }
-        let rotary = self.axis.still.updated_by(&orientation);
-        let rotary = rotary.with(self.axis.axis, self.command(spec.c)?);
+        let rotary = self.axis.rest_position.updated_by(&orientation);
+        let rotary = rotary.with(self.axis.axis, self.axis_command_rad(spec.c_index)?);
         // The table turns with the axis, but the ray does not.
-        let place = |out: f64| self.axis.linear_axes_for(contact + out * normal, &orientation);
-        let refused = |error: machine::kinematics::KinematicsError| Refused {
-            why: format!("{}: {error}", spec.label),
-            instead: "correct [machine] topology".to_owned(),
+        let place = |out: f64| self.axis.solve_linear_axes(contact + out * normal, &orientation);
+        let refused = |error: machine::kinematics::KinematicsError| MethodRefusal {
+            reason: format!("{}: {error}", spec.label),
+            remedy: "correct [machine] topology".to_owned(),
         };
-        let from = place(spec.out).map_err(refused)?;
-        let to = place(spec.out - spec.inward).map_err(refused)?;
+        let from = place(spec.standoff_mm).map_err(refused)?;
+        let to = place(spec.standoff_mm - spec.travel_mm).map_err(refused)?;
         Ok(Step {
             id: spec.id,
             stage: spec.stage,
             kind: spec.kind,
             label: spec.label.clone(),
-            from: from.updated_by(&rotary).as_written(),
-            to: to.updated_by(&rotary).as_written(),
+            from: from.updated_by(&rotary).rounded_to_file_resolution(),
+            to: to.updated_by(&rotary).rounded_to_file_resolution(),
             feed_mm_min: spec.feed_mm_min,
             sensors: vec!["probe".to_owned()],
             normal: normal.into(),
@@ -244,35 +256,37 @@ impl<'a> Planner<'a> {
 
     /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
     /// limits require it.
-    fn command(&self, index: usize) -> Result<f64, Refused> {
-        let TableAxis { axis, spec, sense, .. } = &self.axis;
-        let wanted = self.design.angle(index) * sense;
-        let (min, max) = (axis.from_edge(spec.min), axis.from_edge(spec.max));
+    fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
+        let TableAxis { axis, spec, rotation_sense: sense, .. } = &self.axis;
+        let commanded_rad = self.design.angle(index) * sense;
+        let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
         let turn = std::f64::consts::TAU;
         // Prefer the turn nearest to zero.
         [0.0, -turn, turn]
             .into_iter()
-            .map(|shift| wanted + shift)
+            .map(|shift| commanded_rad + shift)
             .filter(|at| (min - 1e-9..=max + 1e-9).contains(at))
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
-            .ok_or_else(|| Refused {
-                why: format!(
+            .ok_or_else(|| MethodRefusal {
+                reason: format!(
                     "{axis} cannot reach {:.3}° within [{}, {}]",
-                    wanted.to_degrees(),
+                    commanded_rad.to_degrees(),
                     spec.min,
                     spec.max
                 ),
-                instead: format!("this method needs a full turn of {axis}"),
+                remedy: format!(
+                    "this method requires a full revolution of {axis}; correct the limits in [axes]"
+                ),
             })
     }
 }
 
-fn cylinder(artefact: &Artefact) -> Result<&Cylinder, Refused> {
+fn artefact_cylinder(artefact: &Artefact) -> Result<&Cylinder, MethodRefusal> {
     match artefact {
         Artefact::Cylinder(cylinder) => Ok(cylinder),
-        Artefact::Balls(_) | Artefact::DatumCylinder(_) | Artefact::None => Err(Refused {
-            why: "this method touches a round part; [artefact] states another kind".to_owned(),
-            instead: "describe the part with kind = \"cylinder\"".to_owned(),
+        Artefact::Balls(_) | Artefact::DatumCylinder(_) | Artefact::None => Err(MethodRefusal {
+            reason: "this method measures a cylinder, but [artefact] is of another kind".to_owned(),
+            remedy: "describe the part with kind = \"cylinder\" in [artefact]".to_owned(),
         }),
     }
 }
@@ -283,21 +297,21 @@ struct StepSpec {
     kind: StepKind,
     label: String,
     /// Distance of the start of the touch from the expected contact, outwards.
-    out: f64,
+    standoff_mm: f64,
     /// Length of the touch.
-    inward: f64,
+    travel_mm: f64,
     /// Index of the table angle.
-    c: usize,
+    c_index: usize,
     feed_mm_min: f64,
 }
 
 /// Distance from the stated axis along the ray at `phi` to the ball centre in contact, with the table turned by
 /// `c`. `None` if the ray misses the part. The part's centre is relative to the axis.
-fn expected_radius(part: Part, c: f64, phi: f64) -> Option<f64> {
+fn expected_radius(part: PartGeometry, c: f64, phi: f64) -> Option<f64> {
     let [x, y] = part.centre;
     // In the machine frame the part turns by −c: its centre is at R(−c)·centre.
     let (sin, cos) = (phi + c).sin_cos();
     let (along, across) = (x * cos + y * sin, -x * sin + y * cos);
-    let root = part.reach * part.reach - across * across;
+    let root = part.contact_radius_mm * part.contact_radius_mm - across * across;
     (root > 0.0).then(|| along + root.sqrt())
 }

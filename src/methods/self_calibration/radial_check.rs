@@ -5,15 +5,15 @@ use std::f64::consts::TAU;
 
 use faer::{Mat, Side};
 
-use super::model::Layout;
+use super::model::UnknownsLayout;
 use super::outputs::dot;
-use super::parts::Parts;
+use super::solved_cycle::SolvedCycle;
 use estimation::coverage::chi_square_bounds;
 
 /// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.
-const CREDIBLE: f64 = 0.998;
+const CHI_SQUARE_PROBABILITY: f64 = 0.998;
 /// Ratio to the largest eigenvalue of the scaled covariance below which an eigenvalue is a rounding error.
-const NEGLIGIBLE: f64 = 1e-9;
+const MIN_EIGENVALUE_RATIO: f64 = 1e-9;
 /// Order of the harmonic that is scale difference and squareness of X and Y.
 const PARAMETER_ORDER: usize = 2;
 
@@ -26,7 +26,7 @@ pub struct RadialHarmonics {
     /// Expectation of χ² if all sources are as declared.
     pub expected: f64,
     /// Whether χ² exceeds what the declared sources explain.
-    pub above: bool,
+    pub is_excessive: bool,
 }
 
 /// The second harmonic, which is reported as parameters, and the higher ones, which are in no parameter. `None`:
@@ -38,12 +38,12 @@ pub struct RadialCheck {
 }
 
 impl RadialCheck {
-    pub fn new(parts: &Parts<'_>) -> Self {
-        let highest = parts.fit.layout.design.n / 2;
+    pub fn new(parts: &SolvedCycle<'_>) -> Self {
+        let highest = parts.fit.layout.design.position_count / 2;
         let of_orders = |orders: std::ops::RangeInclusive<usize>| {
             let slopes: Vec<Vec<f64>> =
-                orders.flat_map(|order| slopes(&parts.fit.layout, order)).collect();
-            harmonics(parts, &slopes)
+                orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
+            combine_harmonics(parts, &slopes)
         };
         Self {
             second: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER),
@@ -60,22 +60,23 @@ impl RadialCheck {
                      {expected:.0} is expected): {meaning}"
             )
         };
-        if let Some(second) = self.second.as_ref().filter(|second| second.above) {
+        if let Some(second) = self.second.as_ref().filter(|second| second.is_excessive) {
             lines.push(line(
                 "the second harmonic of E_radial_XY is",
                 second,
-                "EYY1-EXX1 and EC0Y take it as a property of the axes. A probe with two lobes, or backlash of X or Y, \
-                 has the same effect; declare lobing_um and backlash_um as large as they may be"
+                "EYY1-EXX1 and EC0Y attribute it to the axes. Two lobes of the probe, or backlash of X or \
+                Y, have the same effect: declare the largest possible lobing_um and backlash_um"
                     .to_owned(),
             ));
         }
-        if let Some(higher) = self.higher.as_ref().filter(|higher| higher.above) {
+        if let Some(higher) = self.higher.as_ref().filter(|higher| higher.is_excessive) {
             lines.push(line(
                 "the harmonics of E_radial_XY above the second are",
                 higher,
                 format!(
-                    "lobing of the probe, backlash or error motions of X and Y are larger than lobing_um, \
-                     backlash_um and error_motion_um state. U of EX0{axis} and EY0{axis} is a lower bound"
+                    "lobing of the probe, backlash or error motions of X and Y exceed the declared \
+                    lobing_um, backlash_um and error_motion_um. U of EX0{axis} and EY0{axis} is a lower \
+                    bound"
                 ),
             ));
         }
@@ -85,15 +86,15 @@ impl RadialCheck {
 
 /// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, averaged over the
 /// heights.
-fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
-    let n = layout.design.n;
+fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
+    let n = layout.design.position_count;
     let part = |quarter_turns: f64| {
         let mut slope = vec![0.0; layout.unknowns()];
         for height in 0..layout.heights {
             for i in 0..n {
                 let phase = order as f64 * layout.design.angle(i) - quarter_turns * TAU;
                 let weight = 2.0 / (n * layout.heights) as f64;
-                slope[layout.er(height, i)] += weight * phase.cos();
+                slope[layout.er_index(height, i)] += weight * phase.cos();
             }
         }
         slope
@@ -103,7 +104,7 @@ fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
     parts.iter().map(|turns| part(*turns)).collect()
 }
 
-fn harmonics(parts: &Parts<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
+fn combine_harmonics(parts: &SolvedCycle<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
     if slopes.is_empty() {
         return None;
     }
@@ -112,9 +113,9 @@ fn harmonics(parts: &Parts<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> 
     let slopes = Mat::from_fn(slopes.len(), unknowns, |i, j| slopes[i][j]);
     let covariance = parts.identification.propagation.covariance(&slopes);
     let (chi2, rank) = weighted_square(&values, &covariance)?;
-    let (_, upper) = chi_square_bounds(rank as f64, CREDIBLE)?;
+    let (_, upper) = chi_square_bounds(rank as f64, CHI_SQUARE_PROBABILITY)?;
     let size_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
-    Some(RadialHarmonics { size_mm, chi2, expected: rank as f64, above: chi2 > upper })
+    Some(RadialHarmonics { size_mm, chi2, expected: rank as f64, is_excessive: chi2 > upper })
 }
 
 /// Weighted square vᵀ·C⁺·v of the values v, and the rank of their covariance C.
@@ -122,7 +123,7 @@ fn weighted_square(values: &[f64], covariance: &Mat<f64>) -> Option<(f64, usize)
     let eigen = covariance.self_adjoint_eigen(Side::Lower).ok()?;
     let variances = eigen.S().column_vector();
     let largest = variances.iter().copied().fold(0.0, f64::max);
-    let kept = (0..values.len()).filter(|j| variances[*j] > NEGLIGIBLE * largest);
+    let kept = (0..values.len()).filter(|j| variances[*j] > MIN_EIGENVALUE_RATIO * largest);
     let square = |j: usize| {
         let along: f64 = (0..values.len()).map(|i| eigen.U()[(i, j)] * values[i]).sum();
         along * along / variances[j]

@@ -1,12 +1,12 @@
 //! Check of the axis' sense of rotation against the machine file.
 
 use super::fit::Fit;
-use super::model::{Layout, Observation};
-use super::outputs::{dot, error_motion};
+use super::model::{Observation, UnknownsLayout};
+use super::outputs::{dot, error_motion_coefficients};
 
 /// Result of the check of the stated sense of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sense {
+pub enum SenseCheck {
     Confirmed,
     /// Both senses explain the readings: the part is too round and centred, or the design has too few touches.
     NotConfirmed,
@@ -16,26 +16,32 @@ pub enum Sense {
 
 /// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
 /// twice its eccentricity. With the correct one the error motion is small.
-pub fn judge(fit: &Fit) -> Sense {
-    let n = fit.layout.design.n;
-    let turned: Vec<Observation> =
-        fit.observations.iter().map(|seen| Observation { c: (n - seen.c) % n, ..*seen }).collect();
+pub fn check_sense(fit: &Fit) -> SenseCheck {
+    let n = fit.layout.design.position_count;
+    let turned: Vec<Observation> = fit
+        .observations
+        .iter()
+        .map(|observation| Observation { c_index: (n - observation.c_index) % n, ..*observation })
+        .collect();
     let Ok(other) = Fit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
-        return Sense::NotConfirmed;
+        return SenseCheck::NotConfirmed;
     };
     let stated = error_motion_rms(&fit.layout, &fit.x);
     let opposite = error_motion_rms(&fit.layout, &other.x);
     // Scatter does not change the ratio of the two values by a factor of five.
     if opposite > 5.0 * stated {
-        Sense::Confirmed
+        SenseCheck::Confirmed
     } else if stated > 5.0 * opposite {
-        Sense::Contradicted
+        SenseCheck::Contradicted
     } else {
-        Sense::NotConfirmed
+        SenseCheck::NotConfirmed
     }
 }
 
-fn error_motion_rms(layout: &Layout, x: &[f64]) -> f64 {
-    let at = |i| [false, true].map(|along_y| dot(&error_motion(layout, 0, i, along_y), x).powi(2));
-    (0..layout.design.n).flat_map(at).sum::<f64>().sqrt()
+fn error_motion_rms(layout: &UnknownsLayout, x: &[f64]) -> f64 {
+    let at = |i| {
+        [false, true]
+            .map(|along_y| dot(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2))
+    };
+    (0..layout.design.position_count).flat_map(at).sum::<f64>().sqrt()
 }

@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::Refused;
+use crate::MethodRefusal;
 use machine::Position;
 use machine::record::artefact::Cylinder;
 
 /// Orientation of the spindle while the probe moves around the part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Spindle {
+pub enum SpindleMode {
     /// The spindle keeps its orientation. Stylus offset and lobing are in the budget.
     #[default]
     Fixed,
@@ -29,7 +29,7 @@ pub struct Settings {
     /// Heights of the touches above the foot of the part. Empty: half the part's height. Two or more heights also
     /// give the tilts E_A0C and E_B0C.
     pub heights_mm: Vec<f64>,
-    pub spindle: Spindle,
+    pub spindle: SpindleMode,
     /// Positions of the other rotary axes during the cycle, degrees, 0 for axes that are not named. The measured
     /// axis is the one of the table that is along Z there.
     #[serde(skip_serializing_if = "Position::is_empty")]
@@ -63,7 +63,7 @@ impl Default for Settings {
             positions: 8,
             probe_angles_deg: None,
             heights_mm: Vec::new(),
-            spindle: Spindle::Fixed,
+            spindle: SpindleMode::Fixed,
             at: Position::new(),
             locate: true,
             references: true,
@@ -79,9 +79,9 @@ impl Default for Settings {
     }
 }
 
-const LEAST_HEIGHT_STEP_MM: f64 = 1.0;
+const MIN_HEIGHT_STEP_MM: f64 = 1.0;
 /// Minimum cosine of the tilt of an upright axis: one degree.
-pub const UPRIGHT: f64 = 0.99985;
+pub const MIN_UPRIGHT_COSINE: f64 = 0.99985;
 
 impl Settings {
     /// Whether the top face of the part is touched.
@@ -90,76 +90,80 @@ impl Settings {
     }
 
     /// Rejects settings that would fail during the run.
-    pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
+    pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         self.check_reach(part)?;
         self.check_heights(part, ball_radius_mm)?;
-        must(
+        require(
             (1..=100).contains(&self.repeats) && self.drift_order <= 3,
-            || "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
-            "leave them out",
+            || "repeats must be 1 to 100, and drift_order 0 to 3".to_owned(),
+            "remove both settings",
         )?;
-        Refused::check_trials(self.monte_carlo_trials)
+        MethodRefusal::check_trials(self.monte_carlo_trials)
     }
 
     /// Checks that the touches reach the part at every position within its uncertainty.
-    fn check_reach(&self, part: &Cylinder) -> Result<(), Refused> {
+    fn check_reach(&self, part: &Cylinder) -> Result<(), MethodRefusal> {
         let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
-        must(
+        require(
             self.standoff_mm > 0.0 && self.search_mm > 0.0,
             || "standoff_mm and search_mm must be greater than 0".to_owned(),
-            "leave them out, or choose about 0.5 and 1.0",
+            "remove both settings, or choose about 0.5 and 1.0",
         )?;
-        must(
+        require(
             self.locate || *uncertainty_mm < self.standoff_mm.min(self.search_mm),
             || {
                 format!(
-                    "without locate the part must stand where the file says, within standoff_mm = {} \
-                     and search_mm = {}; it may be {uncertainty_mm} mm away",
+                    "with locate = false the position of the part must be known within standoff_mm = {} and \
+                    search_mm = {}, but [artefact] uncertainty_mm = {uncertainty_mm}",
                     self.standoff_mm, self.search_mm
                 )
             },
-            "let it be located, or set [artefact] uncertainty_mm to what you know",
+            "choose locate = true, or correct [artefact] uncertainty_mm",
         )?;
         let [x, y] = self.z_reference_at_mm;
-        must(
+        require(
             !self.touches_top() || x.hypot(y) + uncertainty_mm < *radius_mm,
             || format!("the Z reference at [{x}, {y}] mm may miss the top face"),
             "choose z_reference_at_mm well inside the part's radius, or z_reference = false",
         )?;
         let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
-        must(
-            axis[2] > UPRIGHT * length,
+        require(
+            axis[2] > MIN_UPRIGHT_COSINE * length,
             || {
                 let [x, y, z] = axis.map(|part| (part / length * 1e3).round() / 1e3 + 0.0);
                 format!(
-                    "the part is not upright where it is measured: there its axis is along [{x}, {y}, {z}] of \
-                     the machine, not [0, 0, 1]"
+                    "the part is not upright in the measuring position: the axis of the part is along [{x}, \
+                    {y}, {z}] of the machine, not [0, 0, 1]"
                 )
             },
-            "this method touches the flank of an upright round part: correct [artefact] axis, which holds \
-             with all axes at zero",
+            "this method requires an upright cylinder: correct [artefact] axis, which is the direction with \
+            all axes at zero",
         )
     }
 
-    fn check_heights(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
+    fn check_heights(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         let on_flank = |height: &f64| *height > ball_radius_mm && *height <= part.height_mm;
         let outside = self.heights_mm.iter().find(|height| !on_flank(height));
-        must(
+        require(
             outside.is_none(),
             || format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
             "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
         let close = |(i, a): (usize, &f64)| {
-            self.heights_mm[..i].iter().any(|b| (a - b).abs() < LEAST_HEIGHT_STEP_MM)
+            self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_STEP_MM)
         };
-        must(
+        require(
             !self.heights_mm.iter().enumerate().any(close),
-            || "two heights are nearly the same".to_owned(),
-            "put heights_mm at least 1 mm apart, better far",
+            || "two values of heights_mm differ by less than 1 mm".to_owned(),
+            "choose heights_mm at least 1 mm apart; a large distance gives a smaller U",
         )
     }
 }
 
-fn must(holds: bool, why: impl FnOnce() -> String, instead: &str) -> Result<(), Refused> {
-    if holds { Ok(()) } else { Err(Refused { why: why(), instead: instead.to_owned() }) }
+fn require(
+    holds: bool,
+    reason: impl FnOnce() -> String,
+    remedy: &str,
+) -> Result<(), MethodRefusal> {
+    if holds { Ok(()) } else { Err(MethodRefusal { reason: reason(), remedy: remedy.to_owned() }) }
 }

@@ -3,11 +3,11 @@
 
 use nalgebra::Vector3;
 
-use super::settings::{Settings, UPRIGHT};
-use crate::Refused;
+use super::settings::{MIN_UPRIGHT_COSINE, Settings};
+use crate::MethodRefusal;
 use crate::identification::KnownMotions;
-use machine::frame::{Point, Pose, Spindle, Table};
-use machine::kinematics::{AxisLine, Chain, KinematicsError};
+use machine::frame::{Point, Pose, SpindleFrame, TableFrame};
+use machine::kinematics::{AxisLine, KinematicChain, KinematicsError};
 use machine::record::artefact::Cylinder;
 use machine::record::machine::AxisSpec;
 use machine::record::plan::{Plan, Step};
@@ -18,22 +18,22 @@ pub struct TableAxis {
     pub axis: Axis,
     pub spec: AxisSpec,
     /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
-    pub sense: f64,
+    pub rotation_sense: f64,
     /// Positions of all rotary axes except S during the cycle, with the measured axis at zero.
-    pub still: Position,
+    pub rest_position: Position,
     line: AxisLine,
-    chain: Chain,
-    tip: Point<Spindle>,
-    /// Pose of the table with all rotary axes at `still`.
-    table: Pose,
+    chain: KinematicChain,
+    stylus_tip: Point<SpindleFrame>,
+    /// Pose of the table with all rotary axes at `rest_position`.
+    table_pose: Pose,
 }
 
 impl TableAxis {
     /// # Errors
     /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
-    pub fn new(plan: &Plan, settings: &Settings) -> Result<Self, Refused> {
-        let chain = Chain::new(&plan.machine)?;
-        let still = still(plan, &settings.at)?;
+    pub fn new(plan: &Plan, settings: &Settings) -> Result<Self, MethodRefusal> {
+        let chain = KinematicChain::new(&plan.machine)?;
+        let still = rest_position_of_axes(plan, &settings.at)?;
         // The search starts with the axis next to the workpiece.
         let mut carriers = chain.topology().workpiece().iter().rev().copied();
         let found = carriers.find_map(|axis| {
@@ -42,34 +42,40 @@ impl TableAxis {
             settings.at.get(axis).is_none().then_some((axis, line, spec))
         });
         let Some((axis, line, spec)) = found else {
-            return Err(none_upright(plan, &chain, &still));
+            return Err(no_upright_axis_refusal(plan, &chain, &still));
         };
         let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
-        if spindle.z < UPRIGHT {
-            return Err(Refused {
-                why: format!("the spindle is not along Z with {}", in_words(&still, axis)),
-                instead: "correct at in [method.self-calibration]".to_owned(),
+        if spindle.z < MIN_UPRIGHT_COSINE {
+            return Err(MethodRefusal {
+                reason: format!(
+                    "the spindle is not along Z with {}",
+                    describe_positions(&still, axis)
+                ),
+                remedy: "correct `at` in [method.self-calibration]".to_owned(),
             });
         }
         Ok(Self {
             axis,
             spec: spec.clone(),
-            sense: spec.positive.sign() * line.direction.z.signum(),
-            table: chain.machine_from_table(&still, &[]),
-            tip: Point::from_vec(Vector3::from(plan.machine.tool_mm)),
-            still,
+            rotation_sense: spec.positive.sign() * line.direction.z.signum(),
+            table_pose: chain.machine_from_table(&still, &[]),
+            stylus_tip: Point::from_vec(Vector3::from(plan.machine.tool_mm)),
+            rest_position: still,
             line,
             chain,
         })
     }
 
     /// The other rotary axes that are not at 0, such as `A at 90°`. Empty if all are at 0.
-    pub fn others_in_words(&self) -> String {
-        in_words(&self.still.only(|axis| self.still.at(axis) != 0.0), self.axis)
+    pub fn describe_other_axes(&self) -> String {
+        describe_positions(
+            &self.rest_position.filter_axes(|axis| self.rest_position.get_or_zero(axis) != 0.0),
+            self.axis,
+        )
     }
 
     /// Point of the stated axis at the height `z`.
-    pub fn at_height(&self, z: f64) -> Vector3<f64> {
+    pub fn point_at_height(&self, z: f64) -> Vector3<f64> {
         let AxisLine { point, direction, .. } = self.line;
         let along = (z - point.z) / direction.z;
         Vector3::new(point.x + along * direction.x, point.y + along * direction.y, z)
@@ -77,44 +83,45 @@ impl TableAxis {
 
     /// `point_mm` of an axis that is displaced from the stated one by `off`.
     pub fn point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
-        Vector3::from(self.spec.point_mm) + self.line.carrier.rotation.inverse() * off
+        Vector3::from(self.spec.point_mm) + self.line.carrier_pose.rotation.inverse() * off
     }
 
     /// Positions X, Y, Z at which the ball's centre is at `centre`. `orientation` contains S if the spindle turns.
-    pub fn linear_axes_for(
+    pub fn solve_linear_axes(
         &self,
         centre: Vector3<f64>,
         orientation: &Position,
     ) -> Result<Position, KinematicsError> {
-        let target = self.table.inverse_transform_point(&centre.into()).coords;
-        let target = Point::<Table>::from_vec(target);
-        let others = self.still.updated_by(orientation);
-        let linear = self.chain.linear_axes_for(target, self.tip, &others, &[])?;
-        Ok(linear.only(Axis::is_linear))
+        let target = self.table_pose.inverse_transform_point(&centre.into()).coords;
+        let target = Point::<TableFrame>::from_vec(target);
+        let others = self.rest_position.updated_by(orientation);
+        let linear = self.chain.solve_linear_axes(target, self.stylus_tip, &others, &[])?;
+        Ok(linear.filter_axes(Axis::is_linear))
     }
 
     /// Ball centre of a reading by the linear axes alone, with the measured axis at zero, mm.
     pub fn ball_centre(&self, step: &Step, reading: &Reading) -> Vector3<f64> {
         let position = step.from.updated_by(&reading.position);
         let position = position.updated_by(&Position::new().with(self.axis, 0.0));
-        let on_table = self.chain.tip_in_table(&position, self.tip, &[]).mm;
-        self.table.transform_point(&on_table.into()).coords
+        let on_table = self.chain.tip_in_table(&position, self.stylus_tip, &[]).mm;
+        self.table_pose.transform_point(&on_table.into()).coords
     }
 
-    /// The ball centre without the displacement of the table by the `known` error motions of this axis.
+    /// The ball centre without the displacement of the table by the `known_motions` of this axis.
     pub fn corrected_ball_centre(
         &self,
         step: &Step,
         reading: &Reading,
-        known: &KnownMotions<'_>,
+        known_motions: &KnownMotions<'_>,
     ) -> Vector3<f64> {
-        if known.is_empty() {
+        if known_motions.is_empty() {
             return self.ball_centre(step, reading);
         }
         let position = step.from.updated_by(&reading.position);
-        let angle = position.at(self.axis);
-        let on_table = self.chain.tip_in_table(&position, self.tip, &known.errors(angle)).mm;
-        let turned = self.still.clone().with(self.axis, angle);
+        let angle = position.get_or_zero(self.axis);
+        let on_table =
+            self.chain.tip_in_table(&position, self.stylus_tip, &known_motions.errors(angle)).mm;
+        let turned = self.rest_position.clone().with(self.axis, angle);
         self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
     }
 
@@ -127,7 +134,7 @@ impl TableAxis {
         centre: Vector3<f64>,
         normal: Vector3<f64>,
     ) -> f64 {
-        let along = self.line.carrier.rotation * component.direction();
+        let along = self.line.carrier_pose.rotation * component.direction();
         match component.is_linear() {
             true => -normal.dot(&along),
             false => -normal.dot(&along.cross(&(centre - self.line.point))),
@@ -135,17 +142,17 @@ impl TableAxis {
     }
 
     /// Converts a part from the table frame to the machine frame.
-    pub fn standing(&self, part: &Cylinder) -> Cylinder {
-        moved(part, &self.table)
+    pub fn part_in_machine_frame(&self, part: &Cylinder) -> Cylinder {
+        transform_part(part, &self.table_pose)
     }
 
     /// Converts a part from the machine frame to the table frame.
-    pub fn on_table(&self, standing: &Cylinder) -> Cylinder {
-        moved(standing, &self.table.inverse())
+    pub fn part_in_table_frame(&self, standing: &Cylinder) -> Cylinder {
+        transform_part(standing, &self.table_pose.inverse())
     }
 }
 
-fn moved(part: &Cylinder, by: &Pose) -> Cylinder {
+fn transform_part(part: &Cylinder, by: &Pose) -> Cylinder {
     Cylinder {
         centre_mm: by.transform_point(&part.centre_mm.into()).into(),
         axis: (by.rotation * Vector3::from(part.axis)).into(),
@@ -154,38 +161,41 @@ fn moved(part: &Cylinder, by: &Pose) -> Cylinder {
 }
 
 /// Positions of all rotary axes except S: as configured, otherwise zero.
-fn still(plan: &Plan, at: &Position) -> Result<Position, Refused> {
+fn rest_position_of_axes(plan: &Plan, at: &Position) -> Result<Position, MethodRefusal> {
     let turns = |axis: Axis| !axis.is_linear() && axis != Axis::S;
     for (axis, value) in at.iter() {
         let spec = plan.machine.axes.get(&axis).filter(|_| turns(axis));
-        let degrees = axis.to_edge(value);
+        let degrees = axis.to_mm_or_deg(value);
         if !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)) {
-            return Err(Refused {
-                why: format!("at names {axis} = {degrees}, which this machine's rotary axes cannot have"),
-                instead: "name in at of [method.self-calibration] rotary axes of [axes], within their limits"
+            return Err(MethodRefusal {
+                reason: format!("`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
+                    outside its limits"),
+                remedy: "give in `at` of [method.self-calibration] only rotary axes of [axes], within their \
+                    limits"
                     .to_owned(),
             });
         }
     }
     let axes = plan.machine.axes.keys().copied().filter(|axis| turns(*axis));
-    Ok(axes.map(|axis| (axis, at.at(axis))).collect())
+    Ok(axes.map(|axis| (axis, at.get_or_zero(axis))).collect())
 }
 
 fn is_upright(line: &AxisLine) -> bool {
-    line.direction.z.abs() >= UPRIGHT
+    line.direction.z.abs() >= MIN_UPRIGHT_COSINE
 }
 
-fn none_upright(plan: &Plan, chain: &Chain, still: &Position) -> Refused {
+fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position) -> MethodRefusal {
     let carriers = chain.topology().workpiece();
     if carriers.iter().all(|axis| axis.is_linear()) {
-        return Refused {
-            why: "this method needs a rotary axis that carries the workpiece".to_owned(),
-            instead: "state it on the workpiece side of the topology (w-C-…) and as [axes.C]"
+        return MethodRefusal {
+            reason: "this method requires a rotary axis that carries the workpiece".to_owned(),
+            remedy: "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine \
+                file"
                 .to_owned(),
         };
     }
     let upright = |other: Axis, degrees: f64| {
-        let at = still.clone().with(other, other.from_edge(degrees));
+        let at = still.clone().with(other, other.to_mm_or_rad(degrees));
         let mut turned = carriers.iter().filter(|axis| **axis != other);
         let reached = plan.machine.axes.get(&other);
         reached.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees))
@@ -196,21 +206,21 @@ fn none_upright(plan: &Plan, chain: &Chain, still: &Position) -> Refused {
     let example = place.map_or(String::new(), |(other, degrees)| {
         format!(", for example at = {{ {other} = {degrees:.1} }}")
     });
-    Refused {
-        why: format!(
+    MethodRefusal {
+        reason: format!(
             "no rotary axis that carries the workpiece is along Z with {}",
-            in_words(still, Axis::S)
+            describe_positions(still, Axis::S)
         ),
-        instead: format!(
-            "state in [method.self-calibration] where the others are when one is{example}; or correct \
-             direction in [axes]"
+        remedy: format!(
+            "set `at` in [method.self-calibration] to positions of the other axes at which one axis is \
+            along Z{example}; or correct direction in [axes]"
         ),
     }
 }
 
 /// Text such as `A at 90°, B at 0°`, without the axis `except`.
-fn in_words(position: &Position, except: Axis) -> String {
+fn describe_positions(position: &Position, except: Axis) -> String {
     let others = position.iter().filter(|(axis, _)| *axis != except);
-    let words = others.map(|(axis, value)| format!("{axis} at {}°", axis.to_edge(value)));
-    words.collect::<Vec<_>>().join(", ")
+    let parts = others.map(|(axis, value)| format!("{axis} at {}°", axis.to_mm_or_deg(value)));
+    parts.collect::<Vec<_>>().join(", ")
 }

@@ -7,17 +7,17 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::design::Design;
 use super::fit::{Fit, RANK_THRESHOLD};
-use super::model::{Layout, Observation};
-use super::outputs::{axis_position, dot};
-use super::paper::PaperForm;
+use super::model::{Observation, UnknownsLayout};
+use super::outputs::{axis_position_coefficients, dot};
+use super::paper_system::PaperSystem;
 use super::settings::Settings;
 use crate::identification::{
     Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource,
-    identify, multiply,
+    identify, multiply_vector,
 };
-use estimation::linear::{LinearSolution, survey};
-use estimation::monte_carlo::Trials;
-use estimation::random::stream;
+use estimation::linear::{LinearSolution, analyse_rank};
+use estimation::monte_carlo::TrialCount;
+use estimation::random::seeded_stream;
 use estimation::{circle, linear};
 use machine::record::estimate::Unit;
 use testing::population::population;
@@ -28,12 +28,12 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-fn paper_design(n: usize, k_b: usize) -> PaperForm {
-    PaperForm::new(&Design { n, probes: vec![0, k_b] })
+fn paper_design(n: usize, k_b: usize) -> PaperSystem {
+    PaperSystem::new(&Design { position_count: n, probe_indices: vec![0, k_b] })
 }
 
 /// Largest standard uncertainty of any unknown for unit differences.
-fn worst_sigma(form: &PaperForm) -> f64 {
+fn worst_sigma(form: &PaperSystem) -> f64 {
     let solution = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let variance = &solution.covariance;
     (0..variance.nrows()).map(|i| variance[(i, i)]).fold(0.0, f64::max).sqrt()
@@ -42,9 +42,11 @@ fn worst_sigma(form: &PaperForm) -> f64 {
 #[test]
 fn gate_g1_rank_and_condition_of_the_papers_design() {
     let form = paper_design(8, 1);
-    let free = survey(form.a.as_ref(), None, RANK_THRESHOLD).unwrap();
+    let free = analyse_rank(form.design_matrix.as_ref(), None, RANK_THRESHOLD).unwrap();
     assert_eq!((free.rank, free.nullity), (26, 6));
-    let fixed = survey(form.a.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD).unwrap();
+    let fixed =
+        analyse_rank(form.design_matrix.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD)
+            .unwrap();
     assert_eq!((fixed.rank, fixed.nullity), (26, 0));
     assert!((fixed.condition_unscaled - 21.88).abs() < 0.01, "{}", fixed.condition_unscaled);
 }
@@ -54,7 +56,8 @@ fn regress_rank_deficiency_is_gcd_minus_one() {
     for n in 4..=36 {
         for k_b in 1..n {
             let form = paper_design(n, k_b);
-            let nullity = survey(form.a.as_ref(), None, RANK_THRESHOLD).unwrap().nullity;
+            let nullity =
+                analyse_rank(form.design_matrix.as_ref(), None, RANK_THRESHOLD).unwrap().nullity;
             assert_eq!(nullity - 6, gcd(k_b, n) - 1, "N = {n}, k_b = {k_b}");
         }
     }
@@ -73,29 +76,29 @@ fn regress_45_degrees_works_for_8_positions_only() {
             Err(refused) => {
                 assert_ne!(n, 8);
                 let better = format!("[0, {}]", 360.0 / n as f64);
-                assert!(refused.instead.contains(&better), "{}", refused.instead);
+                assert!(refused.remedy.contains(&better), "{}", refused.remedy);
             }
         }
     }
 }
 
 /// Standard deviations of the unknowns from Monte Carlo trials, for differences of unit uncertainty.
-fn standard_deviations(form: &PaperForm, trials: usize) -> Vec<f64> {
+fn standard_deviations(form: &PaperSystem, trials: usize) -> Vec<f64> {
     let LinearSolution { x, gain, rank, condition, dof, .. } =
         form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let sigma = vec![1.0; form.touches.len()];
-    let unknowns = (0..x.len()).map(|j| Output::unknown("x", Unit::Mm, j, &x));
+    let unknowns = (0..x.len()).map(|j| Output::from_unknown("x", Unit::Mm, j, &x));
     let outputs = Outputs { parameters: unknowns.collect(), ..Outputs::default() };
     let figures = FitFigures { rank, unknowns: rank, condition, dof, residual_rms_mm: 0.0 };
     let solution = Solution {
-        model: &LinearFit { x: &x, a: &form.a, sigma: &sigma, gain: &gain },
+        model: &LinearFit { x: &x, design_matrix: &form.design_matrix, sigma: &sigma, gain: &gain },
         residuals: &vec![0.0; sigma.len()],
-        is_declared: true,
+        has_declared_sizes: true,
         figures,
         measurements: &[],
     };
-    let source = UncertaintySource::new("differences", Effect::Each(sigma.clone()));
-    let plan = TrialPlan { seed: 5, trials: Trials::Fixed(trials) };
+    let source = UncertaintySource::new("differences", Effect::Independent(sigma.clone()));
+    let plan = TrialPlan { seed: 5, trials: TrialCount::Fixed(trials) };
     identify(&solution, &[source], outputs, Some(plan)).unwrap().trials.unwrap().standard_deviation
 }
 
@@ -110,7 +113,12 @@ fn paper_table_5_uncertainties() {
     for line in include_str!("../../../tests/data/paper1-table5.csv").lines().skip(2) {
         let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
         let i = ((row[0] / 45.0).round() as i64).rem_euclid(8) as usize;
-        let own = [layout.ex(0, i), layout.ey(0, i), layout.er(0, i), layout.w(0, i)];
+        let own = [
+            layout.ex_index(0, i),
+            layout.ey_index(0, i),
+            layout.er_index(0, i),
+            layout.w_index(0, i),
+        ];
         for (column, index) in own.into_iter().enumerate() {
             let printed = row[column + 1];
             let excepted = i == 4 && column == 3;
@@ -131,9 +139,9 @@ fn paper_table_5_uncertainties() {
 fn regress_uncertainty_of_the_mean_axis_position() {
     let form = paper_design(8, 1);
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
-    let (x, y) = axis_position(&form.layout, 0);
+    let (x, y) = axis_position_coefficients(&form.layout, 0);
     let u = |c: &[f64]| {
-        let product = multiply(&solution.covariance, &c[1..]);
+        let product = multiply_vector(&solution.covariance, &c[1..]);
         dot(&c[1..], &product).sqrt()
     };
     assert!((u(&x) - 0.97).abs() < 0.006, "{}", u(&x));
@@ -143,7 +151,8 @@ fn regress_uncertainty_of_the_mean_axis_position() {
 #[test]
 fn regress_a_third_probe_angle_tames_the_noise() {
     for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
-        let with = PaperForm::new(&Design { n, probes: vec![0, 1, n / 4] });
+        let with =
+            PaperSystem::new(&Design { position_count: n, probe_indices: vec![0, 1, n / 4] });
         let worst = worst_sigma(&with);
         assert!((worst - third).abs() < 0.006, "N = {n}: {worst}");
         if paper.is_finite() {
@@ -157,15 +166,17 @@ fn regress_a_third_probe_angle_tames_the_noise() {
 #[test]
 fn regress_noise_free_linear_recovery() {
     let form = paper_design(8, 1);
-    let mut rng = stream(7, &[1]);
+    let mut rng = seeded_stream(7, &[1]);
     let mut truth: Vec<f64> =
-        (0..form.a.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
+        (0..form.design_matrix.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
     let l = &form.layout;
-    for zero in [l.ex(0, 0), l.ey(0, 0), l.er(0, 0), l.w(0, 0), l.er(0, 4)] {
+    for zero in
+        [l.ex_index(0, 0), l.ey_index(0, 0), l.er_index(0, 0), l.w_index(0, 0), l.er_index(0, 4)]
+    {
         truth[zero - 1] = 0.0;
     }
-    truth[l.er(0, 6) - 1] = truth[l.er(0, 2) - 1];
-    let differences = multiply(&form.a, &truth);
+    truth[l.er_index(0, 6) - 1] = truth[l.er_index(0, 2) - 1];
+    let differences = multiply_vector(&form.design_matrix, &truth);
     let found = form.solve(&differences, 1.0).unwrap().x;
     let worst = found.iter().zip(&truth).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     assert!(worst < 1e-9, "{worst}");
@@ -181,7 +192,7 @@ struct RoundPart {
 }
 
 impl RoundPart {
-    fn radius(&self, c: f64, phi: f64) -> f64 {
+    fn radius_index(&self, c: f64, phi: f64) -> f64 {
         let from_axis = [self.centre[0] - self.axis[0], self.centre[1] - self.axis[1]];
         let (sin, cos) = (-c).sin_cos();
         let x = self.axis[0] + cos * from_axis[0] - sin * from_axis[1];
@@ -193,24 +204,24 @@ impl RoundPart {
 }
 
 fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
-    let design = Design { n, probes: vec![0, 1, n / 4] };
+    let design = Design { position_count: n, probe_indices: vec![0, 1, n / 4] };
     let observations: Vec<Observation> = design
-        .cycle(false)
+        .cycle_touches(false)
         .into_iter()
         .map(|t| Observation {
             step: 0,
             height: 0,
-            c: t.c,
-            phi: t.phi,
-            radius: part.radius(design.angle(t.c), design.angle(t.phi)),
-            lateral: 0.0,
-            time: 0.0,
+            c_index: t.c_index,
+            phi_index: t.phi_index,
+            radius_mm: part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)),
+            lateral_mm: 0.0,
+            relative_time: 0.0,
         })
         .collect();
-    let layout = Layout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
+    let layout = UnknownsLayout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
     let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, second_order).unwrap();
-    let (cx, cy) = axis_position(&layout, 0);
+    let (cx, cy) = axis_position_coefficients(&layout, 0);
     [dot(&cx, &x), dot(&cy, &x)]
 }
 
@@ -264,15 +275,20 @@ fn paper_table_6_circle_centre() {
         [c[0] - cos * c[0] - sin * c[1], c[1] + sin * c[0] - cos * c[1]]
     };
     let solution = form.solve(&[0.0; 32], 1.0).unwrap();
-    let mut rng = stream(11, &[6]);
+    let mut rng = seeded_stream(11, &[6]);
     const FULL: u32 = 100_000;
     let trials = population(FULL.into()) as u32;
     let (mut sum, mut squares) = ([0.0; 2], [0.0; 2]);
     for _ in 0..trials {
         let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();
-        let x = multiply(&solution.gain, &noise);
+        let x = multiply_vector(&solution.gain, &noise);
         let points: Vec<[f64; 2]> = (0..8)
-            .map(|i| [truth(i)[0] + x[layout.ex(0, i) - 1], truth(i)[1] + x[layout.ey(0, i) - 1]])
+            .map(|i| {
+                [
+                    truth(i)[0] + x[layout.ex_index(0, i) - 1],
+                    truth(i)[1] + x[layout.ey_index(0, i) - 1],
+                ]
+            })
             .collect();
         let centre = circle::fit_circle(&points).unwrap().centre;
         for i in 0..2 {
@@ -292,10 +308,10 @@ fn paper_table_6_circle_centre() {
 #[test]
 fn regress_drift_needs_references_only_where_it_says_so() {
     // Random drift in X, Y and radius is removed exactly if it is linear in time.
-    let design = Design { n: 8, probes: vec![0, 1, 2] };
+    let design = Design { position_count: 8, probe_indices: vec![0, 1, 2] };
     let part = RoundPart { reach: 48.0, centre: [0.3, 0.2], axis: [0.02, -0.01] };
-    let touches = design.cycle(true);
-    let mut rng = stream(3, &[9]);
+    let touches = design.cycle_touches(true);
+    let mut rng = seeded_stream(3, &[9]);
     let rate: [f64; 3] = std::array::from_fn(|_| 0.01 * (rng.random::<f64>() - 0.5));
     let last = (touches.len() - 1) as f64;
     let observations: Vec<Observation> = touches
@@ -303,16 +319,25 @@ fn regress_drift_needs_references_only_where_it_says_so() {
         .enumerate()
         .map(|(i, t)| {
             let time = 2.0 * i as f64 / last - 1.0;
-            let (sin, cos) = design.angle(t.phi).sin_cos();
+            let (sin, cos) = design.angle(t.phi_index).sin_cos();
             let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
-            let radius = part.radius(design.angle(t.c), design.angle(t.phi)) + drift;
-            Observation { step: 0, height: 0, c: t.c, phi: t.phi, radius, lateral: 0.0, time }
+            let radius =
+                part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)) + drift;
+            Observation {
+                step: 0,
+                height: 0,
+                c_index: t.c_index,
+                phi_index: t.phi_index,
+                radius_mm: radius,
+                lateral_mm: 0.0,
+                relative_time: time,
+            }
         })
         .collect();
-    let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
+    let layout = UnknownsLayout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
     let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, true).unwrap();
-    let (cx, cy) = axis_position(&layout, 0);
+    let (cx, cy) = axis_position_coefficients(&layout, 0);
     assert!((dot(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot(&cx, &x));
     assert!((dot(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot(&cy, &x));
 }
@@ -321,8 +346,8 @@ fn regress_drift_needs_references_only_where_it_says_so() {
 fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
         let design = Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
-        let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
-        let touches = layout.design.cycle(true);
+        let layout = UnknownsLayout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
+        let touches = layout.design.cycle_touches(true);
         let last = touches.len() as f64;
         let seen: Vec<Observation> = touches
             .iter()
@@ -330,16 +355,16 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
             .map(|(i, t)| Observation {
                 step: 0,
                 height: 0,
-                c: t.c,
-                phi: t.phi,
-                radius: 0.0,
-                lateral: 0.0,
-                time: 2.0 * i as f64 / last - 1.0,
+                c_index: t.c_index,
+                phi_index: t.phi_index,
+                radius_mm: 0.0,
+                lateral_mm: 0.0,
+                relative_time: 2.0 * i as f64 / last - 1.0,
             })
             .collect();
         let a = layout.matrix(&seen);
         let gauge = layout.gauge();
-        let found = linear::survey(a.as_ref(), Some(gauge.as_ref()), RANK_THRESHOLD).unwrap();
+        let found = linear::analyse_rank(a.as_ref(), Some(gauge.as_ref()), RANK_THRESHOLD).unwrap();
         assert_eq!(found.nullity, 0, "N = {n}");
     }
 }

@@ -5,27 +5,27 @@ use minijinja::Environment;
 
 use super::environment::environment;
 use super::error::DialectError;
-use super::options::{Options, ProbeFault};
-use super::spec::Spec;
+use super::options::{DialectOptions, ProbeFault};
+use super::spec::DialectSpec;
 use machine::record::machine::{Machine, Probe};
 use machine::record::motion::Motion;
 
-static TEMPLATES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
+static DIALECT_FOLDERS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
 
 /// Languages that have a reader.
-const LANGUAGES: [&str; 1] = ["rs274"];
+const READABLE_LANGUAGES: [&str; 1] = ["rs274"];
 
 /// Time after which a probe that was switched on is ready, s; the heads of dialects whose control receives the text
 /// line by line wait as long.
-const PROBE_WAKES_S: f64 = 1.0;
+const PROBE_SETTLING_S: f64 = 1.0;
 
 /// Format of programs for one control: words, decimals and a template for each neutral motion. If a motion has no
 /// template, the control cannot execute it.
 #[derive(Debug, Clone)]
 pub struct Dialect {
-    pub(super) spec: Spec,
+    pub(super) spec: DialectSpec,
     pub(super) templates: Environment<'static>,
-    pub(super) options: Options,
+    pub(super) options: DialectOptions,
 }
 
 impl Dialect {
@@ -33,27 +33,30 @@ impl Dialect {
     ///
     /// # Errors
     /// The name is unknown (the error lists the known names), or the folder is not complete.
-    pub fn named(name: &str) -> Result<Self, DialectError> {
-        let folder = TEMPLATES
-            .get_dir(name)
-            .ok_or_else(|| DialectError::Unknown { name: name.to_owned(), known: Self::names() })?;
-        Self::load(folder)
-            .map_err(|why| DialectError::Broken { folder: name.to_owned(), why: why.to_string() })
+    pub fn from_name(name: &str) -> Result<Self, DialectError> {
+        let folder = DIALECT_FOLDERS.get_dir(name).ok_or_else(|| DialectError::UnknownDialect {
+            name: name.to_owned(),
+            known: Self::names(),
+        })?;
+        Self::from_folder(folder).map_err(|reason| DialectError::InvalidFolder {
+            folder: name.to_owned(),
+            reason: reason.to_string(),
+        })
     }
 
     fn names() -> Vec<String> {
         let mut names: Vec<_> =
-            TEMPLATES.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
+            DIALECT_FOLDERS.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
         names.sort();
         names
     }
 
-    fn load(folder: &'static Dir<'static>) -> Result<Self, Box<dyn std::error::Error>> {
+    fn from_folder(folder: &'static Dir<'static>) -> Result<Self, Box<dyn std::error::Error>> {
         let text = |path: &std::path::Path| {
             folder.get_file(path).and_then(|file| file.contents_utf8()).unwrap_or_default()
         };
-        let spec: Spec = toml::from_str(text(&folder.path().join("dialect.toml")))?;
-        if !LANGUAGES.contains(&spec.language.as_str()) {
+        let spec: DialectSpec = toml::from_str(text(&folder.path().join("dialect.toml")))?;
+        if !READABLE_LANGUAGES.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
         }
         let mut templates = environment();
@@ -63,7 +66,7 @@ impl Dialect {
                 templates.add_template_owned(name.into_owned(), text(file.path()))?;
             }
         }
-        Ok(Self { spec, templates, options: Options::default() })
+        Ok(Self { spec, templates, options: DialectOptions::default() })
     }
 
     pub fn name(&self) -> &str {
@@ -80,8 +83,8 @@ impl Dialect {
     /// # Errors
     /// A command is not exactly one M word, already has another meaning, or has two meanings; an input has a name
     /// that this control does not use.
-    pub fn with(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
-        let options = Options::new(machine, probe)?;
+    pub fn with_options(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
+        let options = DialectOptions::new(machine, probe)?;
         self.spec.inputs.check("[probe] error_input", options.error_input.as_deref())?;
         self.spec.inputs.check("[probe] battery_input", options.battery_input.as_deref())?;
         self.options = options;
@@ -90,29 +93,29 @@ impl Dialect {
 
     /// Returns the same dialect without the command that switches the probe off: for a control that receives one
     /// program per block, and the command that switches the probe off in a program of its own.
-    pub fn keeping_probe_on(&self) -> Self {
+    pub fn without_probe_off(&self) -> Self {
         let mut same = self.clone();
         same.options.probe_off = None;
         same
     }
 
-    pub fn switches_probe_on(&self) -> bool {
+    pub fn has_probe_on_command(&self) -> bool {
         self.options.probe_on.is_some()
     }
 
-    pub fn switches_probe_off(&self) -> bool {
+    pub fn has_probe_off_command(&self) -> bool {
         self.options.probe_off.is_some()
     }
 
     /// Time after the head until the switched devices are ready, s; `None` if the head switches nothing.
-    pub fn wakes_s(&self) -> Option<f64> {
-        let probe = self.options.probe_on.iter().map(|_| PROBE_WAKES_S);
+    pub fn settling_time_s(&self) -> Option<f64> {
+        let probe = self.options.probe_on.iter().map(|_| PROBE_SETTLING_S);
         let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
         probe.chain(clamps).reduce(f64::max)
     }
 
     /// Total waiting time of the clamps in the lines of `motion`, s.
-    pub fn clamps_rest_s(&self, motion: &Motion) -> f64 {
+    pub fn clamp_wait_s(&self, motion: &Motion) -> f64 {
         let Motion::Rapid { to } = motion else { return 0.0 };
         let moved = self.options.clamps.iter().filter(|(axis, _)| to.get(**axis).is_some());
         moved.map(|(_, clamp)| 2.0 * clamp.wait_s).sum()

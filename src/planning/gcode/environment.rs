@@ -9,23 +9,27 @@ use super::error::RenderError;
 pub(super) fn environment() -> Environment<'static> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
-    environment.set_formatter(no_bare_number);
-    environment.add_filter("num", num);
+    environment.set_formatter(refuse_unformatted_number);
+    environment.add_filter("num", format_decimal);
     environment
 }
 
-fn no_bare_number(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
+fn refuse_unformatted_number(
+    out: &mut Output,
+    state: &mut State,
+    value: &Value,
+) -> Result<(), Error> {
     if value.is_number() && !value.is_integer() {
-        let why = "a number is printed without the filter num";
-        return Err(Error::new(ErrorKind::InvalidOperation, why));
+        let reason = "the template prints a number without the filter `num`";
+        return Err(Error::new(ErrorKind::InvalidOperation, reason));
     }
     minijinja::escape_formatter(out, state, value)
 }
 
 /// Fixed number of decimals, no minus before a zero; an error if the value is not finite.
-fn num(value: f64, decimals: usize) -> Result<String, Error> {
+fn format_decimal(value: f64, decimals: usize) -> Result<String, Error> {
     if !value.is_finite() {
-        return Err(Error::new(ErrorKind::InvalidOperation, "not finite")
+        return Err(Error::new(ErrorKind::InvalidOperation, "the number is not finite")
             .with_source(RenderError::NotFinite(value)));
     }
     let text = format!("{value:.decimals$}");

@@ -6,23 +6,23 @@ use machine::Axis;
 /// Error: a dialect is missing or incomplete.
 #[derive(Debug, thiserror::Error)]
 pub enum DialectError {
-    #[error("no dialect is called `{name}`; there are {}", known.join(", "))]
-    Unknown { name: String, known: Vec<String> },
-    #[error("gcode-templates/{folder}: {why}")]
-    Broken { folder: String, why: String },
-    #[error("{key} = \"{value}\" in the machine file: {why}")]
-    Option { key: String, value: String, why: String },
+    #[error("unknown dialect `{name}`; available: {}", known.join(", "))]
+    UnknownDialect { name: String, known: Vec<String> },
+    #[error("gcode-templates/{folder}: {reason}")]
+    InvalidFolder { folder: String, reason: String },
+    #[error("{key} = \"{value}\" in the machine file: {reason}")]
+    InvalidOption { key: String, value: String, reason: String },
 }
 
 impl DialectError {
     /// What the operator should do next.
     pub fn remedy(&self) -> &'static str {
         match self {
-            Self::Unknown { .. } => "choose one of them in [controller] dialect",
-            Self::Broken { .. } => "correct that folder",
-            Self::Option { .. } => {
-                "give one M word of your control with its parameters, e.g. \"M64 P1\"; an input as \
-                 the control names it; or remove the key"
+            Self::UnknownDialect { .. } => "choose an available dialect in [controller] dialect",
+            Self::InvalidFolder { .. } => "correct the files in this folder",
+            Self::InvalidOption { .. } => {
+                "set the key to one M word of the control with its parameters, e.g. \"M64 P1\", or to the name \
+                 of an input of the control; or remove the key"
             }
         }
     }
@@ -31,31 +31,33 @@ impl DialectError {
 /// Error: a block cannot be rendered in this dialect.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
-    #[error("a value is {0}, not a number that a control can be given")]
+    #[error("the value {0} is not a finite number")]
     NotFinite(f64),
-    #[error("the dialect {dialect} has no template `{what}`: this control cannot do it")]
-    Unsupported { dialect: String, what: &'static str },
+    #[error(
+        "the dialect {dialect} has no template `{missing_template}`: the control does not support this motion"
+    )]
+    Unsupported { dialect: String, missing_template: &'static str },
     #[error("the dialect {dialect} has no word for the axis {axis}")]
     NoWord { dialect: String, axis: Axis },
-    #[error("step {0} does not fit into an N word (at most 99999)")]
+    #[error("the step number {0} is too large for an N word (at most 99999)")]
     StepTooLarge(u32),
-    #[error("a motion without an axis to move")]
+    #[error("a motion has no target axis")]
     NoTarget,
-    #[error("template `{template}`: {why}")]
-    Template { template: String, why: String },
+    #[error("template `{template}`: {reason}")]
+    Template { template: String, reason: String },
 }
 
 impl RenderError {
     /// What the operator should do next. Nothing has been sent.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Unsupported { what: "orient", .. } => {
+            Self::Unsupported { missing_template: "orient", .. } => {
                 "write spindle = \"fixed\" in the method's section of the machine file, or choose a \
                  dialect that orients the spindle"
                     .to_owned()
             }
-            Self::Unsupported { dialect, what } => {
-                format!("choose another dialect, or add gcode-templates/{dialect}/{what}.j2")
+            Self::Unsupported { dialect, missing_template } => {
+                format!("choose another dialect, or add gcode-templates/{dialect}/{missing_template}.j2")
             }
             Self::NoWord { dialect, axis } => format!(
                 "choose another dialect, or add {axis} to gcode-templates/{dialect}/dialect.toml"
@@ -63,18 +65,18 @@ impl RenderError {
             Self::NotFinite(_)
             | Self::StepTooLarge(_)
             | Self::NoTarget
-            | Self::Template { .. } => "please report this with the plan".to_owned(),
+            | Self::Template { .. } => "report this error with the plan".to_owned(),
         }
     }
 }
 
 /// Error: the text does not agree with the motions that it was rendered from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Disagreement {
+pub enum ReadBackMismatch {
     #[error("the program cannot be read back: {0}")]
     Unreadable(#[from] ReadError),
-    #[error("{meant} motions were meant, {read} are read back")]
-    Count { meant: usize, read: usize },
-    #[error("line {line} of the program does not say what step {step} means: {why}")]
-    Motion { step: u32, line: usize, why: String },
+    #[error("the program has {read} motions instead of {expected}")]
+    Count { expected: usize, read: usize },
+    #[error("line {line} of the program differs from step {step}: {reason}")]
+    Motion { step: u32, line: usize, reason: String },
 }

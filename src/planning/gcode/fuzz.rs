@@ -39,8 +39,8 @@ fn the_reader_bears_anything() {
     ];
     fuzz("gcode-rs274", &[GRBL, LINUXCNC], &words, |input| {
         let text = String::from_utf8_lossy(input);
-        let read = rs274::read(&text, Some("G59.3"));
-        assert_eq!(read, rs274::read(&text, Some("G59.3")));
+        let read = rs274::read_program(&text, Some("G59.3"));
+        assert_eq!(read, rs274::read_program(&text, Some("G59.3")));
         let Ok(motions) = read else { return 0 };
         for motion in &motions {
             assert!(is_finite(motion), "{motion:?}");
@@ -52,11 +52,12 @@ fn the_reader_bears_anything() {
 
 fn is_finite(motion: &ReadMotion) -> bool {
     let of_kind = match motion.kind {
-        rs274::Kind::Dwell { seconds } => seconds,
-        rs274::Kind::Orient { s } => s,
-        rs274::Kind::Rapid | rs274::Kind::Feed | rs274::Kind::Probe { .. } | rs274::Kind::Stop => {
-            0.0
-        }
+        rs274::MotionKind::Dwell { seconds } => seconds,
+        rs274::MotionKind::Orient { s } => s,
+        rs274::MotionKind::Rapid
+        | rs274::MotionKind::Feed
+        | rs274::MotionKind::Probe { .. }
+        | rs274::MotionKind::Stop => 0.0,
     };
     let target = motion.target.iter().map(|(_, value)| value);
     target.chain(motion.feed_mm_min).chain([of_kind]).all(f64::is_finite)

@@ -2,7 +2,7 @@
 //!
 //! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); a new dialect needs no Rust. A *language* is a
 //! reader ([`rs274`]): the text that a dialect has rendered can be read back and compared with the intended motions
-//! ([`Dialect::proves`]).
+//! ([`Dialect::check_program`]).
 
 mod dialect;
 mod environment;
@@ -12,7 +12,7 @@ mod fuzz;
 mod options;
 #[cfg(test)]
 mod options_tests;
-mod proof;
+mod read_back;
 mod render;
 pub mod rs274;
 mod spec;
@@ -21,8 +21,8 @@ mod tests;
 mod transmission;
 
 pub use dialect::Dialect;
-pub use error::{DialectError, Disagreement, RenderError};
+pub use error::{DialectError, ReadBackMismatch, RenderError};
 pub use options::ProbeFault;
-pub use render::Program;
-pub(crate) use transmission::Transmitted;
-pub use transmission::{Transmission, Unit};
+pub use render::ProgramHeader;
+pub(crate) use transmission::TransmissionText;
+pub use transmission::{Transmission, TransmissionUnit};

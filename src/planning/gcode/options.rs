@@ -7,19 +7,19 @@ use std::collections::BTreeMap;
 use minijinja::value::Value;
 
 use super::error::DialectError;
-use super::rs274::{Declared, Switch};
+use super::rs274::{DeclaredCommands, SwitchEffect};
 use machine::record::machine::{Clamp, Machine, Probe};
 use machine::{Axis, Position};
 
 /// Options of a machine; the default is the plain dialect.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Options {
+pub(super) struct DialectOptions {
     pub(super) probe_on: Option<String>,
     pub(super) probe_off: Option<String>,
     pub(super) clamps: BTreeMap<Axis, Clamp>,
     pub(super) error_input: Option<String>,
     pub(super) battery_input: Option<String>,
-    pub(super) declared: Declared,
+    pub(super) declared: DeclaredCommands,
 }
 
 /// Fault that a probe reports.
@@ -30,25 +30,23 @@ pub enum ProbeFault {
 }
 
 impl ProbeFault {
-    pub fn says(self) -> &'static str {
+    pub fn description(self) -> &'static str {
         match self {
             Self::Error => "reports an error",
-            Self::Battery => "says that its battery is low",
+            Self::Battery => "reports a low battery",
         }
     }
 
     /// What the operator should do next.
     pub fn remedy(self) -> &'static str {
         match self {
-            Self::Error => "look at the probe and its receiver: is it on, in sight and undamaged?",
-            Self::Battery => {
-                "put in a fresh battery, then start again; the readings so far are kept"
-            }
+            Self::Error => "check that the probe is on, undamaged and in sight of its receiver",
+            Self::Battery => "replace the battery, then start again; the readings so far are kept",
         }
     }
 }
 
-impl Options {
+impl DialectOptions {
     /// # Errors
     /// A command is not exactly one M word, already has another meaning, or has two meanings.
     pub(super) fn new(machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
@@ -60,29 +58,30 @@ impl Options {
             clamps,
             error_input: probe.error_input.clone(),
             battery_input: probe.battery_input.clone(),
-            declared: Declared::default(),
+            declared: DeclaredCommands::default(),
         };
-        options.declare()?;
+        options.declare_commands()?;
         Ok(options)
     }
 
-    fn declare(&mut self) -> Result<(), DialectError> {
-        let mut words: Vec<(String, &str, Switch)> = Vec::new();
+    fn declare_commands(&mut self) -> Result<(), DialectError> {
+        let mut words: Vec<(String, &str, SwitchEffect)> = Vec::new();
         let probe = [("on", &self.probe_on, true), ("off", &self.probe_off, false)];
         for (key, text, on) in probe {
-            let declared = text.iter().map(|t| (format!("[probe] {key}"), t, Switch::Probe(on)));
+            let declared =
+                text.iter().map(|t| (format!("[probe] {key}"), t, SwitchEffect::Probe(on)));
             words.extend(declared.map(|(key, text, switch)| (key, text.as_str(), switch)));
         }
         for (axis, clamp) in &self.clamps {
             let key = |end| format!("[axes.{axis}] clamp.{end}");
-            words.push((key("close"), &clamp.close, Switch::Clamp(*axis, true)));
-            words.push((key("open"), &clamp.open, Switch::Clamp(*axis, false)));
+            words.push((key("close"), &clamp.close, SwitchEffect::Clamp(*axis, true)));
+            words.push((key("open"), &clamp.open, SwitchEffect::Clamp(*axis, false)));
         }
-        let mut declared = Declared::default();
+        let mut declared = DeclaredCommands::default();
         for (key, text, switch) in words {
-            declared.add(text, switch).map_err(|why| {
+            declared.add(text, switch).map_err(|reason| {
                 let value = text.to_owned();
-                DialectError::Option { key, value, why }
+                DialectError::InvalidOption { key, value, reason }
             })?;
         }
         self.declared = declared;
@@ -91,7 +90,7 @@ impl Options {
 
     /// Names for every template: `probe_on`, `probe_off`, `error_input`, `battery_input` if they are declared;
     /// `clamps` (`open`, `close`, `wait_s`) of the axes that `to` moves, or of all axes without `to`.
-    pub(super) fn names(&self, to: Option<&Position>) -> Vec<(&'static str, Value)> {
+    pub(super) fn template_values(&self, to: Option<&Position>) -> Vec<(&'static str, Value)> {
         let texts = [
             ("probe_on", &self.probe_on),
             ("probe_off", &self.probe_off),

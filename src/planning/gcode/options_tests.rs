@@ -34,13 +34,13 @@ fn probe(error_input: &str, battery_input: &str) -> Probe {
 
 fn dialect(name: &str) -> Dialect {
     let inputs = if name == "grbl" { ("O", "E") } else { ("0", "3") };
-    Dialect::named(name).unwrap().with(&machine(), &probe(inputs.0, inputs.1)).unwrap()
+    Dialect::from_name(name).unwrap().with_options(&machine(), &probe(inputs.0, inputs.1)).unwrap()
 }
 
 fn blocks() -> Vec<Block> {
     use Axis::*;
     let at = |words: &[(Axis, f64)]| -> Position {
-        words.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
+        words.iter().map(|(axis, edge)| (*axis, axis.to_mm_or_rad(*edge))).collect()
     };
     let motions = vec![
         Motion::Rapid { to: at(&[(Z, 200.0)]) },
@@ -56,8 +56,8 @@ fn blocks() -> Vec<Block> {
 }
 
 fn program(dialect: &Dialect) -> String {
-    let program = Program { title: "options", axes: &AXES, log: Some("/var/tmp/golden.log") };
-    dialect.program(&program, &blocks()).unwrap()
+    let program = ProgramHeader { title: "options", axes: &AXES, log: Some("/var/tmp/golden.log") };
+    dialect.render_program(&program, &blocks()).unwrap()
 }
 
 #[test]
@@ -78,37 +78,37 @@ fn regress_the_text_with_options_is_its_golden_output() {
 fn what_is_rendered_with_options_reads_back_as_what_was_meant() {
     for name in ["grbl", "linuxcnc"] {
         let dialect = dialect(name);
-        dialect.proves(&program(&dialect), &blocks()).unwrap();
-        let plain = Dialect::named(name).unwrap().read_back(&program(&dialect)).unwrap_err();
-        assert!(plain.why.contains("M64 is not understood"), "{plain}");
+        dialect.check_program(&program(&dialect), &blocks()).unwrap();
+        let plain = Dialect::from_name(name).unwrap().read_back(&program(&dialect)).unwrap_err();
+        assert!(plain.reason.contains("M64 is not supported"), "{plain}");
     }
 }
 
 #[test]
 fn a_switch_that_is_missing_or_in_the_wrong_place_is_refused() {
-    for (from, to, why) in [
+    for (from, to, reason) in [
         ("M64 P1\n", "", "the probe is not switched on"),
         ("M64 P1\n", "M65 P1\n", "the probe is not switched on"),
-        ("M64 P3\n", "", "C moves, and its clamp is not open"),
-        ("N7 G53 G0 B30", "M65 P2\nN7 G53 G0 B30", "B moves, and its clamp is not open"),
+        ("M64 P3\n", "", "C moves while its clamp is not open"),
+        ("N7 G53 G0 B30", "M65 P2\nN7 G53 G0 B30", "B moves while its clamp is not open"),
         ("N7 G38.3 Z", "M64 P3\nN7 G38.3 Z", "the clamp of C is not closed"),
-        ("M64 P1\n", "M64 P4\n", "M64 is not understood"),
-        ("M64 P1\n", "M64 P1 X5\n", "M64 is not understood"),
-        ("M64 P1\n", "M64 P1 M64\n", "M64 is not understood"),
+        ("M64 P1\n", "M64 P4\n", "M64 is not supported"),
+        ("M64 P1\n", "M64 P1 X5\n", "M64 is not supported"),
+        ("M64 P1\n", "M64 P1 M64\n", "M64 is not supported"),
     ] {
         for name in ["grbl", "linuxcnc"] {
             let dialect = dialect(name);
             let text = program(&dialect).replacen(from, to, 1);
             assert_ne!(text, program(&dialect), "{from}");
-            let refused = dialect.proves(&text, &blocks()).unwrap_err().to_string();
-            assert!(refused.contains(why), "{name}, {to:?} for {from:?}: {refused}");
+            let refused = dialect.check_program(&text, &blocks()).unwrap_err().to_string();
+            assert!(refused.contains(reason), "{name}, {to:?} for {from:?}: {refused}");
         }
     }
 }
 
 #[test]
 fn words_that_are_no_switches_are_refused_with_their_key() {
-    for (word, why) in [
+    for (word, reason) in [
         ("G0 X10", "one M word"),
         ("M64 P1 X10", "one M word"),
         ("M64 P1 M65 P1", "one M word"),
@@ -130,15 +130,16 @@ fn words_that_are_no_switches_are_refused_with_their_key() {
         ("M428", "switches the kinematics"),
         ("M429", "switches the kinematics"),
         ("M430", "M430 switches the kinematics"),
-        ("M62 P1", "waits for the next move"),
-        ("m65 p1", "declared for something else as well"),
+        ("M62 P1", "takes effect only with the next move"),
+        ("m65 p1", "declared for another function as well"),
     ] {
         let probe = Probe { on: Some(word.to_owned()), ..probe("0", "1") };
-        let refused = Dialect::named("linuxcnc").unwrap().with(&machine(), &probe).unwrap_err();
+        let refused =
+            Dialect::from_name("linuxcnc").unwrap().with_options(&machine(), &probe).unwrap_err();
         // `off` comes later, so of two equal words the second one is refused.
         let key = if word == "m65 p1" { "[probe] off = " } else { "[probe] on = " };
         let text = refused.to_string();
-        assert!(text.starts_with(key) && text.contains(why), "{word}: {text}");
+        assert!(text.starts_with(key) && text.contains(reason), "{word}: {text}");
     }
 }
 
@@ -146,7 +147,8 @@ fn words_that_are_no_switches_are_refused_with_their_key() {
 fn an_input_is_named_as_the_control_names_it() {
     for (name, input) in [("grbl", "3"), ("grbl", "P"), ("linuxcnc", "O"), ("linuxcnc", "64")] {
         let probe = Probe { off: None, on: None, ..probe(input, input) };
-        let refused = Dialect::named(name).unwrap().with(&machine(), &probe).unwrap_err();
+        let refused =
+            Dialect::from_name(name).unwrap().with_options(&machine(), &probe).unwrap_err();
         assert!(refused.to_string().starts_with("[probe] error_input"), "{refused}");
     }
 }

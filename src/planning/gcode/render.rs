@@ -10,11 +10,11 @@ use machine::{Axis, Position};
 use minijinja::Error;
 use minijinja::value::Value;
 
-const MAX_N: u32 = 99_999;
+const MAX_STEP_NUMBER: u32 = 99_999;
 
 /// Inputs of head and foot.
 #[derive(Debug, Clone, Copy)]
-pub struct Program<'a> {
+pub struct ProgramHeader<'a> {
     /// A comment for the reader of the program.
     pub title: &'a str,
     /// The machine's axes.
@@ -25,31 +25,31 @@ pub struct Program<'a> {
 
 impl Dialect {
     /// The lines that set all modal state.
-    pub fn head(&self, program: &Program) -> Result<Vec<String>, RenderError> {
-        frame(self, "head", program)
+    pub fn render_head(&self, program: &ProgramHeader) -> Result<Vec<String>, RenderError> {
+        render_head_or_foot(self, "head", program)
     }
 
     /// The lines that restore what the head changed, as far as the language allows.
-    pub fn foot(&self, program: &Program) -> Result<Vec<String>, RenderError> {
-        frame(self, "foot", program)
+    pub fn render_foot(&self, program: &ProgramHeader) -> Result<Vec<String>, RenderError> {
+        render_head_or_foot(self, "foot", program)
     }
 
     /// The lines of one block; the N words contain the step's id.
     ///
     /// # Errors
     /// A value is not finite, an axis has no word, or the control cannot execute the motion.
-    pub fn block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
-        if block.step > MAX_N {
+    pub fn render_block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
+        if block.step > MAX_STEP_NUMBER {
             return Err(RenderError::StepTooLarge(block.step));
         }
         let mut all = Vec::new();
         for (i, motion) in block.motions.iter().enumerate() {
-            let (template, mut names) = motion_names(self, motion)?;
+            let (template, mut names) = motion_template(self, motion)?;
             names.push(("n", Value::from(block.step)));
             names.push(("repeat", Value::from(block.repeat)));
             // Number of the motion within its block.
             names.push(("i", Value::from(i)));
-            all.extend(lines(self, template, names)?);
+            all.extend(render_lines(self, template, names)?);
         }
         Ok(all)
     }
@@ -58,53 +58,60 @@ impl Dialect {
     ///
     /// # Errors
     /// The control has no such stop.
-    pub fn ask(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
-        if step > MAX_N {
+    pub fn render_prompt(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
+        if step > MAX_STEP_NUMBER {
             return Err(RenderError::StepTooLarge(step));
         }
-        lines(self, "ask", vec![("n", step.into()), ("text", harmless(text).into())])
+        render_lines(self, "ask", vec![("n", step.into()), ("text", comment_text(text).into())])
     }
 
     /// A whole program: head, blocks, foot; each line ends with a newline.
-    pub fn program(&self, program: &Program, blocks: &[Block]) -> Result<String, RenderError> {
-        let mut lines = self.head(program)?;
+    pub fn render_program(
+        &self,
+        program: &ProgramHeader,
+        blocks: &[Block],
+    ) -> Result<String, RenderError> {
+        let mut lines = self.render_head(program)?;
         for block in blocks {
-            lines.extend(self.block(block)?);
+            lines.extend(self.render_block(block)?);
         }
-        lines.extend(self.foot(program)?);
+        lines.extend(self.render_foot(program)?);
         Ok(lines.into_iter().map(|line| line + "\n").collect())
     }
 }
 
 /// Names that a template may use; any other name is undefined, and therefore refused.
-type Names = Vec<(&'static str, Value)>;
+type TemplateValues = Vec<(&'static str, Value)>;
 
-fn frame(
+fn render_head_or_foot(
     dialect: &Dialect,
     template: &'static str,
-    program: &Program,
+    program: &ProgramHeader,
 ) -> Result<Vec<String>, RenderError> {
-    let title = harmless(program.title);
+    let title = comment_text(program.title);
     let axes = program.axes.iter().filter(|axis| dialect.spec.axes.contains(axis));
     let letters: Value = axes.map(|axis| Value::from(axis.letter())).collect();
     let mut names = vec![("title", Value::from(title)), ("axes", letters)];
     names.extend(program.log.map(|log| ("log", Value::from(log))));
-    names.extend(dialect.options.names(None));
-    lines(dialect, template, names)
+    names.extend(dialect.options.template_values(None));
+    render_lines(dialect, template, names)
 }
 
 /// Removes characters such as a bracket or a percent sign, which would end the comment or the program.
-fn harmless(text: &str) -> String {
+fn comment_text(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
     text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
 }
 
 /// Template of a motion and its names: `to` (axis words), `feed` (mm/min), `s_deg` (0 to 360), `seconds`; with
 /// `to`, also the machine's options (`options`).
-fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Names), RenderError> {
+fn motion_template(
+    dialect: &Dialect,
+    motion: &Motion,
+) -> Result<(&'static str, TemplateValues), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
-        let mut names = vec![("to", words(dialect, to)?)];
-        names.extend(dialect.options.names(Some(to)));
+        let mut names = vec![("to", axis_words(dialect, to)?)];
+        names.extend(dialect.options.template_values(Some(to)));
         names.extend(feed.map(|feed| ("feed", Value::from(feed))));
         Ok((template, names))
     };
@@ -116,7 +123,7 @@ fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Nam
         Motion::Guarded { to, feed_mm_min } => moving("guarded", to, Some(*feed_mm_min)),
         Motion::Probe { to, feed_mm_min } => moving("probe", to, Some(*feed_mm_min)),
         Motion::Orient { s } => {
-            let s_deg = Axis::S.to_edge(s.rem_euclid(TAU));
+            let s_deg = Axis::S.to_mm_or_deg(s.rem_euclid(TAU));
             Ok(("orient", vec![("s_deg", Value::from(s_deg))]))
         }
         Motion::Dwell { seconds } => Ok(("dwell", vec![("seconds", Value::from(*seconds))])),
@@ -124,7 +131,7 @@ fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Nam
 }
 
 /// Axis words: `letter`, `value` (mm or degrees), `decimals`.
-fn words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
+fn axis_words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
     if to.is_empty() {
         return Err(RenderError::NoTarget);
     }
@@ -137,27 +144,30 @@ fn words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
             let decimals = if axis.is_linear() { spec.decimals_mm } else { spec.decimals_deg };
             Ok(Value::from_pairs([
                 ("letter", Value::from(axis.letter())),
-                ("value", Value::from(axis.to_edge(value))),
+                ("value", Value::from(axis.to_mm_or_deg(value))),
                 ("decimals", Value::from(decimals)),
             ]))
         })
         .collect()
 }
 
-fn lines(
+fn render_lines(
     dialect: &Dialect,
     template: &'static str,
-    names: Names,
+    names: TemplateValues,
 ) -> Result<Vec<String>, RenderError> {
-    let unsupported =
-        |_| RenderError::Unsupported { dialect: dialect.spec.name.clone(), what: template };
+    let unsupported = |_| RenderError::Unsupported {
+        dialect: dialect.spec.name.clone(),
+        missing_template: template,
+    };
     let found = dialect.templates.get_template(template).map_err(unsupported)?;
-    let text = found.render(Value::from_pairs(names)).map_err(|error| typed(template, &error))?;
+    let text =
+        found.render(Value::from_pairs(names)).map_err(|error| template_error(template, &error))?;
     Ok(text.lines().map(str::to_owned).collect())
 }
 
 /// The error of the filter `num`, if it is the cause.
-fn typed(template: &str, error: &Error) -> RenderError {
+fn template_error(template: &str, error: &Error) -> RenderError {
     let mut cause = error.source();
     while let Some(inner) = cause {
         if let Some(own) = inner.downcast_ref::<RenderError>() {
@@ -165,5 +175,5 @@ fn typed(template: &str, error: &Error) -> RenderError {
         }
         cause = inner.source();
     }
-    RenderError::Template { template: template.to_owned(), why: error.to_string() }
+    RenderError::Template { template: template.to_owned(), reason: error.to_string() }
 }

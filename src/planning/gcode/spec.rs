@@ -8,7 +8,7 @@ use machine::Axis;
 /// Contents of `dialect.toml`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Spec {
+pub(super) struct DialectSpec {
     pub name: String,
     pub language: String,
     /// File extension of programs, without the dot.
@@ -20,35 +20,39 @@ pub(super) struct Spec {
     /// Work offset slot of the programs: there, work coordinates equal machine coordinates.
     pub work_offset: String,
     #[serde(default)]
-    pub inputs: Inputs,
+    pub inputs: InputNaming,
 }
 
 /// Form of the names of the control's inputs in the machine file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Inputs {
+pub(super) enum InputNaming {
     #[default]
     None,
     Numbers,
     Letters,
 }
 
-impl Inputs {
+impl InputNaming {
     pub(super) fn check(self, key: &str, input: Option<&str>) -> Result<(), DialectError> {
         let Some(input) = input else { return Ok(()) };
-        let (holds, why) = match self {
-            Self::None => (false, "this control has no inputs that it can look at"),
+        let (holds, reason) = match self {
+            Self::None => (false, "this control has no readable inputs"),
             Self::Numbers => {
                 let number = input.parse::<u8>().is_ok_and(|number| number < 64);
-                (number, "this control counts its inputs from 0 to 63")
+                (number, "the inputs of this control are numbered from 0 to 63")
             }
             Self::Letters => {
                 let is_letter = |c: char| c.is_ascii_uppercase() && c != 'P';
                 let one = input.len() == 1 && input.chars().all(is_letter);
-                (one, "this control names its inputs by one letter, and P is the probe itself")
+                (one, "the inputs of this control have one-letter names, and P is the probe input")
             }
         };
         let (key, value) = (key.to_owned(), input.to_owned());
-        if holds { Ok(()) } else { Err(DialectError::Option { key, value, why: why.to_owned() }) }
+        if holds {
+            Ok(())
+        } else {
+            Err(DialectError::InvalidOption { key, value, reason: reason.to_owned() })
+        }
     }
 }

@@ -1,6 +1,6 @@
 use std::f64::consts::{PI, TAU};
 
-use super::rs274::{self, Frame, Kind, read};
+use super::rs274::{self, MotionFrame, MotionKind, read_program};
 use super::*;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
@@ -8,7 +8,7 @@ use machine::{Axis, Position};
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 fn at(words: &[(Axis, f64)]) -> Position {
-    words.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
+    words.iter().map(|(axis, edge)| (*axis, axis.to_mm_or_rad(*edge))).collect()
 }
 
 /// Motions of a measurement, with values that are hard to format.
@@ -39,14 +39,15 @@ fn blocks(orient: bool) -> Vec<Block> {
 const NAMES: [&str; 3] = ["grbl", "grbl-m19", "linuxcnc"];
 
 fn program(name: &str) -> String {
-    let program = Program { title: "golden (50%)", axes: &AXES, log: Some("/var/tmp/golden.log") };
-    Dialect::named(name).unwrap().program(&program, &blocks(name != "grbl")).unwrap()
+    let program =
+        ProgramHeader { title: "golden (50%)", axes: &AXES, log: Some("/var/tmp/golden.log") };
+    Dialect::from_name(name).unwrap().render_program(&program, &blocks(name != "grbl")).unwrap()
 }
 
 #[test]
 fn regress_the_text_of_each_dialect_is_its_golden_output() {
     for name in NAMES {
-        let extension = Dialect::named(name).unwrap().extension().to_owned();
+        let extension = Dialect::from_name(name).unwrap().extension().to_owned();
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
         let path = format!("{root}/gcode-templates/{name}/golden.{extension}");
         if std::env::var_os("TRUED_BLESS").is_some() {
@@ -59,14 +60,14 @@ fn regress_the_text_of_each_dialect_is_its_golden_output() {
 #[test]
 fn what_is_rendered_reads_back_as_what_was_meant() {
     for name in NAMES {
-        let dialect = Dialect::named(name).unwrap();
-        dialect.proves(&program(name), &blocks(name != "grbl")).unwrap();
+        let dialect = Dialect::from_name(name).unwrap();
+        dialect.check_program(&program(name), &blocks(name != "grbl")).unwrap();
     }
 }
 
 #[test]
 fn a_changed_line_is_found() {
-    let dialect = Dialect::named("linuxcnc").unwrap();
+    let dialect = Dialect::from_name("linuxcnc").unwrap();
     let text = program("linuxcnc");
     for (from, to) in [
         ("X46.000000", "X46.000002"),
@@ -82,33 +83,34 @@ fn a_changed_line_is_found() {
     ] {
         let changed = text.replacen(from, to, 1);
         assert_ne!(changed, text, "{from} is not in the program");
-        assert!(dialect.proves(&changed, &blocks(true)).is_err(), "{from} -> {to}");
+        assert!(dialect.check_program(&changed, &blocks(true)).is_err(), "{from} -> {to}");
     }
 }
 
 #[test]
 fn unknown_dialects_are_answered_with_the_known_ones() {
-    let error = Dialect::named("fanuc").unwrap_err().to_string();
+    let error = Dialect::from_name("fanuc").unwrap_err().to_string();
     assert!(error.contains("grbl, grbl-m19, linuxcnc"), "{error}");
 }
 
 #[test]
 fn what_cannot_be_written_is_refused_by_type() {
-    let dialect = Dialect::named("grbl").unwrap();
-    let render = |motion| dialect.block(&Block { step: 1, repeat: 0, motions: vec![motion] });
+    let dialect = Dialect::from_name("grbl").unwrap();
+    let render =
+        |motion| dialect.render_block(&Block { step: 1, repeat: 0, motions: vec![motion] });
     let nan = Motion::Rapid { to: at(&[(Axis::X, f64::NAN)]) };
     assert!(matches!(render(nan), Err(RenderError::NotFinite(v)) if v.is_nan()));
     let feed = Motion::Probe { to: at(&[(Axis::X, 1.0)]), feed_mm_min: f64::INFINITY };
     assert_eq!(render(feed), Err(RenderError::NotFinite(f64::INFINITY)));
     assert!(matches!(
         render(Motion::Orient { s: 0.0 }),
-        Err(RenderError::Unsupported { what: "orient", .. })
+        Err(RenderError::Unsupported { missing_template: "orient", .. })
     ));
     let spindle = Motion::Rapid { to: at(&[(Axis::S, 0.0)]) };
     assert!(matches!(render(spindle), Err(RenderError::NoWord { axis: Axis::S, .. })));
     assert_eq!(render(Motion::Rapid { to: Position::new() }), Err(RenderError::NoTarget));
     let late = Block { step: 100_000, repeat: 0, motions: vec![] };
-    assert_eq!(dialect.block(&late), Err(RenderError::StepTooLarge(100_000)));
+    assert_eq!(dialect.render_block(&late), Err(RenderError::StepTooLarge(100_000)));
 }
 
 #[test]
@@ -125,44 +127,50 @@ fn a_template_cannot_print_a_bare_number_or_an_undefined_value() {
 const SET: &str = "G21 G90 G94 G17 G40 G49 G80 G61\nG92.1\nG54\n";
 
 fn motions(text: &str) -> Vec<rs274::ReadMotion> {
-    read(&format!("{SET}{text}"), Some("G54")).unwrap()
+    read_program(&format!("{SET}{text}"), Some("G54")).unwrap()
 }
 
 #[test]
 fn the_reader_follows_modal_state() {
     let read = motions("G1 X1 F100\nY2\nG91 X2 (still G1)\nG20 X1 F1\nG90 G0 C90\n");
     let kinds: Vec<_> = read.iter().map(|m| m.kind).collect();
-    assert_eq!(kinds, [Kind::Feed, Kind::Feed, Kind::Feed, Kind::Feed, Kind::Rapid]);
+    assert_eq!(
+        kinds,
+        [MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Rapid]
+    );
     assert_eq!(read[1].target, at(&[(Axis::Y, 2.0)]));
     assert_eq!(read[2].target, at(&[(Axis::X, 3.0)]));
-    assert!((read[3].target.at(Axis::X) - 28.4).abs() < 1e-12, "an inch further");
+    assert!((read[3].target.get_or_zero(Axis::X) - 28.4).abs() < 1e-12, "an inch further");
     assert_eq!(read[3].feed_mm_min, Some(25.4));
-    assert!((read[4].target.at(Axis::C) - TAU / 4.0).abs() < 1e-12);
+    assert!((read[4].target.get_or_zero(Axis::C) - TAU / 4.0).abs() < 1e-12);
     assert_eq!(read[4].line, 8);
 }
 
 #[test]
 fn a_frame_is_the_machines_only_if_its_offsets_are_known() {
-    let frame = |text: &str, slot| read(text, slot).unwrap().pop().unwrap().frame;
-    let work = |slot: &str| Frame::Work(slot.to_owned());
+    let frame = |text: &str, slot| read_program(text, slot).unwrap().pop().unwrap().frame;
+    let work = |slot: &str| MotionFrame::Work(slot.to_owned());
     let with_g55 = format!("{SET}G55\nG0 X1");
     assert_eq!(frame(&with_g55, Some("G54")), work("G55"));
-    assert_eq!(frame(&with_g55, Some("G55")), Frame::Machine);
-    assert_eq!(frame(&format!("{SET}G55\nG53 G0 X1"), None), Frame::Machine);
+    assert_eq!(frame(&with_g55, Some("G55")), MotionFrame::Machine);
+    assert_eq!(frame(&format!("{SET}G55\nG53 G0 X1"), None), MotionFrame::Machine);
     assert_eq!(
         frame("G21 G90 G94 G61 G54 G49\nG0 X1", Some("G54")),
         work("G54"),
         "G92 may be active"
     );
-    assert_eq!(frame("G21 G90 G94 G61 G49 G92.1\nG0 X1", Some("G54")), work("an unknown slot"));
+    assert_eq!(
+        frame("G21 G90 G94 G61 G49 G92.1\nG0 X1", Some("G54")),
+        work("an unknown work offset")
+    );
     let zeroed = format!("{SET}G10 L2 P6 X0 Y0\nG59\n");
-    assert_eq!(frame(&format!("{zeroed}G0 X1"), None), Frame::Machine);
+    assert_eq!(frame(&format!("{zeroed}G0 X1"), None), MotionFrame::Machine);
     assert_eq!(frame(&format!("{zeroed}G0 Z1"), None), work("G59"), "Z was not set to zero");
 }
 
 #[test]
 fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
-    for (text, why) in [
+    for (text, reason) in [
         ("G2 X1 I1 F1", "G2 "),
         ("G0 X1 G1 F1", "G1 "),
         ("G0 X#5", "not a word"),
@@ -171,10 +179,10 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
         ("G0 X1 P2", "P2"),
         ("G43 H1", "G43"),
         ("M3 S100", "M3"),
-        ("/G0 X1", "not understood"),
+        ("/G0 X1", "not supported"),
         ("G38.4 X1 F1", "G38.4"),
         ("G1 X1", "no feed"),
-        ("G91 G0 X1", "nobody knows"),
+        ("G91 G0 X1", "is unknown"),
         ("G53 G38.3 X1 F1", "G53"),
         ("X1", "no motion"),
         ("G10 L2 P1 X5", "offset"),
@@ -186,39 +194,44 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
         ("M72\nG0 X1", "G20"),
         ("M72\nG21 G90 G94\nG0 X1", "neither G61"),
         ("M72\nG21 G90 G61.1\nG0 X1", "G94 is not set"),
-        ("G64\nG0 X1", "G64 cuts corners"),
-        ("G64 P0.01", "G64 cuts corners"),
+        ("G64\nG0 X1", "G64 rounds corners"),
+        ("G64 P0.01", "G64 rounds corners"),
         ("G95", "G95"),
     ] {
-        let error = read(&format!("{SET}{text}"), None).unwrap_err();
-        assert!(error.line >= 4 && error.why.contains(why), "{text}: {error}");
+        let error = read_program(&format!("{SET}{text}"), None).unwrap_err();
+        assert!(error.line >= 4 && error.reason.contains(reason), "{text}: {error}");
     }
-    let unset = |text| read(text, None).unwrap_err();
-    assert!(unset("G90\nG0 X1").why.contains("G20"));
-    assert!(unset("G21\nG0 X1").why.contains("G90"));
-    assert!(unset("G21 G90 G94\nG0 X1").why.contains("neither G61"));
-    assert!(unset("G21 G90 G61\nG0 X1").why.contains("G94"));
-    assert_eq!(read("G21 G90 G94 G61.1\nG0 X1", None).unwrap().len(), 1);
-    assert!(read(&format!("{SET}M2\nG0 X1"), None).unwrap_err().why.contains("end"));
-    assert!(read(&format!("{SET}o<a> if [1]\nM2"), None).unwrap_err().why.contains("no end"));
-    assert!(read(&format!("{SET}o<a> if [1]\nM72\no<a> endif"), None).is_err(), "does not stop");
-    assert!(read(&format!("{SET}o<a> if [1]\nM2\no<a> endif\n"), None).unwrap().is_empty());
+    let unset = |text| read_program(text, None).unwrap_err();
+    assert!(unset("G90\nG0 X1").reason.contains("G20"));
+    assert!(unset("G21\nG0 X1").reason.contains("G90"));
+    assert!(unset("G21 G90 G94\nG0 X1").reason.contains("neither G61"));
+    assert!(unset("G21 G90 G61\nG0 X1").reason.contains("G94"));
+    assert_eq!(read_program("G21 G90 G94 G61.1\nG0 X1", None).unwrap().len(), 1);
+    assert!(read_program(&format!("{SET}M2\nG0 X1"), None).unwrap_err().reason.contains("end"));
+    assert!(
+        read_program(&format!("{SET}o<a> if [1]\nM2"), None).unwrap_err().reason.contains("no end")
+    );
+    assert!(
+        read_program(&format!("{SET}o<a> if [1]\nM72\no<a> endif"), None).is_err(),
+        "does not stop"
+    );
+    assert!(read_program(&format!("{SET}o<a> if [1]\nM2\no<a> endif\n"), None).unwrap().is_empty());
 }
 
 #[test]
 fn after_a_probe_move_an_incremental_move_starts_nobody_knows_where() {
-    let error = read(&format!("{SET}G0 X0\nG38.3 X9 F1\nG91 G0 X1"), None).unwrap_err();
-    assert!(error.why.contains("nobody knows"), "{error}");
+    let error = read_program(&format!("{SET}G0 X0\nG38.3 X9 F1\nG91 G0 X1"), None).unwrap_err();
+    assert!(error.reason.contains("is unknown"), "{error}");
 }
 
 #[test]
 fn a_person_is_asked_by_a_message_and_a_stop() {
     for name in NAMES {
-        let dialect = Dialect::named(name).unwrap();
-        let asked = dialect.ask(7, "turn it by 45° (clamp it) %").unwrap();
+        let dialect = Dialect::from_name(name).unwrap();
+        let asked = dialect.render_prompt(7, "turn it by 45° (clamp it) %").unwrap();
         assert_eq!(asked, ["(MSG,turn it by 45   clamp it   )", "N7 M0"], "{name}");
         let read = dialect.read_back(&asked.join("\n")).unwrap();
-        let read: Vec<_> = read.iter().map(|read| (read.n, read.kind)).collect();
-        assert_eq!(read, [(Some(7), super::rs274::Kind::Stop)], "{name}");
+        let read: Vec<_> = read.iter().map(|read| (read.step_number, read.kind)).collect();
+        assert_eq!(read, [(Some(7), super::rs274::MotionKind::Stop)], "{name}");
     }
 }

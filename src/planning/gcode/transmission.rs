@@ -2,7 +2,7 @@
 
 use super::dialect::Dialect;
 use super::error::RenderError;
-use super::render::Program;
+use super::render::ProgramHeader;
 use machine::Axis;
 use machine::record::motion::{Block, Motion};
 
@@ -20,19 +20,19 @@ pub enum Transmission {
 
 /// Text that is sent at once: the lines of one motion, or one program.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Unit {
+pub struct TransmissionUnit {
     pub motions: Vec<Motion>,
     /// Each line ends with a newline.
     pub text: String,
     /// Total waiting time of the clamps in the unit, s.
-    pub clamps_rest_s: f64,
+    pub clamp_wait_s: f64,
 }
 
 /// Blocks in the form in which they are sent.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Transmitted {
+pub(crate) struct TransmissionText {
     /// The units of each block.
-    pub blocks: Vec<Vec<Unit>>,
+    pub blocks: Vec<Vec<TransmissionUnit>>,
     /// The programs that a reader must read, each from an unknown state: the whole text, in the order of
     /// transmission.
     pub programs: Vec<String>,
@@ -45,58 +45,66 @@ impl Dialect {
     ///
     /// # Errors
     /// A block cannot be rendered.
-    pub(crate) fn transmitted(
+    pub(crate) fn render_for_transmission(
         &self,
         transmission: &Transmission,
         axes: &[Axis],
         blocks: &[Block],
-    ) -> Result<Transmitted, RenderError> {
+    ) -> Result<TransmissionText, RenderError> {
         match transmission {
-            Transmission::Lines { .. } | Transmission::Rows => self.as_lines(axes, blocks),
-            Transmission::Programs { log } => self.as_programs(axes, log, blocks),
+            Transmission::Lines { .. } | Transmission::Rows => self.render_lines_text(axes, blocks),
+            Transmission::Programs { log } => self.render_programs(axes, log, blocks),
         }
     }
 
     /// Renders one program, with a unit for each motion.
-    fn as_lines(&self, axes: &[Axis], blocks: &[Block]) -> Result<Transmitted, RenderError> {
-        let program = Program { title: "stage", axes, log: None };
-        let mut text = joined(self.head(&program)?);
+    fn render_lines_text(
+        &self,
+        axes: &[Axis],
+        blocks: &[Block],
+    ) -> Result<TransmissionText, RenderError> {
+        let program = ProgramHeader { title: "stage", axes, log: None };
+        let mut text = join_lines(self.render_head(&program)?);
         let head_lines = text.lines().count();
         let mut all = Vec::new();
         for block in blocks {
-            let units: Vec<Unit> =
+            let units: Vec<TransmissionUnit> =
                 block.motions.iter().map(|m| self.line_unit(block, m)).collect::<Result<_, _>>()?;
             text.extend(units.iter().map(|unit| unit.text.as_str()));
             all.push(units);
         }
-        text += &joined(self.foot(&program)?);
-        Ok(Transmitted { blocks: all, programs: vec![text], head_lines })
+        text += &join_lines(self.render_foot(&program)?);
+        Ok(TransmissionText { blocks: all, programs: vec![text], head_lines })
     }
 
-    fn line_unit(&self, block: &Block, motion: &Motion) -> Result<Unit, RenderError> {
+    fn line_unit(&self, block: &Block, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
         let motions = vec![motion.clone()];
-        let lines = self.block(&Block { motions: motions.clone(), ..*block })?;
-        Ok(Unit { motions, text: joined(lines), clamps_rest_s: self.clamps_rest_s(motion) })
+        let lines = self.render_block(&Block { motions: motions.clone(), ..*block })?;
+        Ok(TransmissionUnit {
+            motions,
+            text: join_lines(lines),
+            clamp_wait_s: self.clamp_wait_s(motion),
+        })
     }
 
     /// Renders a program for each part of a block. The probe stays on from program to program.
-    fn as_programs(
+    fn render_programs(
         &self,
         axes: &[Axis],
         log: &str,
         blocks: &[Block],
-    ) -> Result<Transmitted, RenderError> {
-        let dialect = self.keeping_probe_on();
+    ) -> Result<TransmissionText, RenderError> {
+        let dialect = self.without_probe_off();
         let mut all = Vec::new();
         for block in blocks {
-            let parts = block.motions.split_inclusive(backs_off);
-            let units: Vec<Unit> = parts
+            let parts = block.motions.split_inclusive(is_back_off);
+            let units: Vec<TransmissionUnit> = parts
                 .map(|motions| dialect.program_unit(axes, log, block, motions))
                 .collect::<Result<_, _>>()?;
             all.push(units);
         }
         let programs = all.iter().flatten().map(|unit| unit.text.clone()).collect();
-        Ok(Transmitted { blocks: all, programs, head_lines: 0 })
+        Ok(TransmissionText { blocks: all, programs, head_lines: 0 })
     }
 
     fn program_unit(
@@ -105,21 +113,21 @@ impl Dialect {
         log: &str,
         block: &Block,
         motions: &[Motion],
-    ) -> Result<Unit, RenderError> {
+    ) -> Result<TransmissionUnit, RenderError> {
         let title = format!("step {} repeat {}", block.step, block.repeat);
-        let program = Program { title: &title, axes, log: Some(log) };
+        let program = ProgramHeader { title: &title, axes, log: Some(log) };
         let motions = motions.to_vec();
         let part = Block { motions: motions.clone(), ..*block };
-        let text = self.program(&program, std::slice::from_ref(&part))?;
-        let clamps_rest_s = motions.iter().map(|motion| self.clamps_rest_s(motion)).sum();
-        Ok(Unit { motions, text, clamps_rest_s })
+        let text = self.render_program(&program, std::slice::from_ref(&part))?;
+        let clamp_wait_s = motions.iter().map(|motion| self.clamp_wait_s(motion)).sum();
+        Ok(TransmissionUnit { motions, text, clamp_wait_s })
     }
 }
 
-fn joined(lines: Vec<String>) -> String {
+fn join_lines(lines: Vec<String>) -> String {
     lines.into_iter().map(|line| line + "\n").collect()
 }
 
-fn backs_off(motion: &Motion) -> bool {
+fn is_back_off(motion: &Motion) -> bool {
     matches!(motion, Motion::BackOff { .. })
 }

@@ -54,7 +54,7 @@ fn way(from: f64, to: f64) -> (Plan, String) {
     (plan, lines)
 }
 
-fn proven(plan: &Plan) -> Result<Proof, Refusal> {
+fn proven(plan: &Plan) -> Result<Proof, ProofRefusal> {
     proven_from(plan, &way(15.0, 11.0).1, Some(&beside()))
 }
 
@@ -62,7 +62,7 @@ fn proven(plan: &Plan) -> Result<Proof, Refusal> {
 fn assert_near(plan: &Plan, line: usize, pair: [&str; 2]) -> String {
     let refusal = proven(plan).unwrap_err();
     match &refusal.reason {
-        Reason::Near { between, .. } => assert_eq!(between, &pair, "{refusal}"),
+        RefusalReason::ClearanceTooSmall { between, .. } => assert_eq!(between, &pair, "{refusal}"),
         _ => panic!("{refusal}"),
     }
     assert_eq!(refusal.line, line, "{refusal}");
@@ -95,8 +95,11 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
     let refusal = result(way(15.0, 12.51)).unwrap_err();
     let body = "ball 1".to_owned();
     assert_eq!(refusal.line, TOUCH);
-    assert_eq!(refusal.reason, Reason::Misses { body: body.clone(), uncertainty: 0.5 });
-    assert_eq!(result(way(17.0, 13.01)).unwrap_err().reason, Reason::NoContact);
+    assert_eq!(
+        refusal.reason,
+        RefusalReason::TouchCanMiss { body: body.clone(), uncertainty: 0.5 }
+    );
+    assert_eq!(result(way(17.0, 13.01)).unwrap_err().reason, RefusalReason::TouchWithoutContact);
     // Limit of the start: contact at 13 mm plus the uncertainty of 0.5 mm.
     assert!(result(way(13.51, 11.0)).is_ok());
     let refusal = result(way(13.49, 11.0)).unwrap_err();
@@ -107,15 +110,15 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
     };
     assert!(normal(24.0).is_ok());
     match normal(180.0).unwrap_err().reason {
-        Reason::NotAimed { body: found, off } if found == body => {
+        RefusalReason::WrongContactSide { body: found, off } if found == body => {
             assert!((off - 180.0).abs() < 1e-6)
         }
         other => panic!("{other}"),
     }
-    assert!(matches!(normal(26.0).unwrap_err().reason, Reason::NotAimed { .. }));
+    assert!(matches!(normal(26.0).unwrap_err().reason, RefusalReason::WrongContactSide { .. }));
     // A plan without a touch direction.
     let none = plan(|plan| plan["steps"][0]["normal"] = json!([0.0, 0.0, 0.0]));
-    assert!(matches!(proven(&none).unwrap_err().reason, Reason::NotAimed { .. }));
+    assert!(matches!(proven(&none).unwrap_err().reason, RefusalReason::WrongContactSide { .. }));
 }
 
 /// The touch must avoid the other balls and stems: its full length stays half a millimetre, plus their uncertainty,
@@ -171,7 +174,7 @@ fn guarded_ways_round_a_ball_are_free_and_through_one_are_not() {
     assert!(go("N0 G38.3 Z193.51 F1500\nN0 G38.3 X-15 F1500\n").is_ok());
     let line = |more: &str| {
         let refusal = go(more).unwrap_err();
-        assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
+        assert!(matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. }), "{refusal}");
         refusal.line
     };
     assert_eq!(line("N0 G38.3 Z193.49 F1500\nN0 G38.3 X-15 F1500\n"), 9);

@@ -4,16 +4,16 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{Cuboid, Cylinder, SupportMap};
 
-use machine::artefact::{self, Part};
-use machine::frame::{Pose, across, unit_vector};
+use machine::artefact::{self, ArtefactBody};
+use machine::frame::{Pose, perpendicular_directions, unit_vector};
 use machine::kinematics::CarrierChain;
 use machine::record::machine::Solid;
 
-use crate::gjk::Support;
+use crate::gjk::SupportMapping;
 
 /// A shape without its rounding radius. The axis of a cylinder is Y, as in parry.
 #[derive(Debug, Clone, Copy)]
-enum Core {
+enum ShapeCore {
     Point,
     Cylinder(Cylinder),
     Box(Cuboid),
@@ -21,26 +21,26 @@ enum Core {
 
 /// A shape in its carrier's frame, mm.
 #[derive(Debug, Clone, Copy)]
-pub struct Shape {
-    core: Core,
+pub struct BodyShape {
+    core: ShapeCore,
     /// Rounding radius: all points within this distance of the core belong to the shape.
-    round: f64,
+    rounding_radius: f64,
     carrier_from_core: Pose,
 }
 
-impl Shape {
+impl BodyShape {
     pub fn ball(centre: Vector3<f64>, radius: f64) -> Self {
         let carrier_from_core = Pose::from(Translation3::from(centre));
-        Self { core: Core::Point, round: radius, carrier_from_core }
+        Self { core: ShapeCore::Point, rounding_radius: radius, carrier_from_core }
     }
 
     pub fn cylinder(from: Vector3<f64>, to: Vector3<f64>, radius: f64) -> Self {
         let axis = unit_vector(to - from).unwrap_or(Vector3::y());
-        let [right, up] = across(axis);
+        let [right, up] = perpendicular_directions(axis);
         let turned = Rotation3::from_basis_unchecked(&[up, axis, right]);
         Self {
-            core: Core::Cylinder(Cylinder::new(from.metric_distance(&to) / 2.0, radius)),
-            round: 0.0,
+            core: ShapeCore::Cylinder(Cylinder::new(from.metric_distance(&to) / 2.0, radius)),
+            rounding_radius: 0.0,
             carrier_from_core: Pose::from_parts(Translation3::from((from + to) / 2.0), turned),
         }
     }
@@ -48,20 +48,20 @@ impl Shape {
     /// A box between two opposite corners.
     pub fn cuboid(one: Vector3<f64>, other: Vector3<f64>) -> Self {
         Self {
-            core: Core::Box(Cuboid::new(((one - other).abs() / 2.0).into())),
-            round: 0.0,
+            core: ShapeCore::Box(Cuboid::new(((one - other).abs() / 2.0).into())),
+            rounding_radius: 0.0,
             carrier_from_core: Pose::from(Translation3::from((one + other) / 2.0)),
         }
     }
 
-    pub fn part(part: &Part) -> Self {
+    pub fn from_part(part: &ArtefactBody) -> Self {
         match part.shape {
-            artefact::Shape::Ball { centre, radius } => Self::ball(centre, radius),
-            artefact::Shape::Cylinder { from, to, radius } => Self::cylinder(from, to, radius),
+            artefact::BodyShape::Ball { centre, radius } => Self::ball(centre, radius),
+            artefact::BodyShape::Cylinder { from, to, radius } => Self::cylinder(from, to, radius),
         }
     }
 
-    pub fn solid(solid: &Solid) -> Self {
+    pub fn from_solid(solid: &Solid) -> Self {
         let (from, to) = (Vector3::from(solid.from_mm), Vector3::from(solid.to_mm));
         match solid.radius_mm {
             Some(radius) => Self::cylinder(from, to, radius),
@@ -71,29 +71,29 @@ impl Shape {
 
     /// Centre (carrier frame) and radius, if the shape is a ball.
     pub fn as_ball(&self) -> Option<(Vector3<f64>, f64)> {
-        let ball = matches!(self.core, Core::Point);
-        ball.then_some((self.carrier_from_core.translation.vector, self.round))
+        let ball = matches!(self.core, ShapeCore::Point);
+        ball.then_some((self.carrier_from_core.translation.vector, self.rounding_radius))
     }
 
     /// Bounding ball of the shape, carrier frame.
     pub fn bounds(&self) -> (Vector3<f64>, f64) {
         let radius = match self.core {
-            Core::Point => 0.0,
-            Core::Cylinder(cylinder) => cylinder.half_height.hypot(cylinder.radius),
-            Core::Box(cuboid) => cuboid.half_extents.length(),
+            ShapeCore::Point => 0.0,
+            ShapeCore::Cylinder(cylinder) => cylinder.half_height.hypot(cylinder.radius),
+            ShapeCore::Box(cuboid) => cuboid.half_extents.length(),
         };
-        (self.carrier_from_core.translation.vector, radius + self.round)
+        (self.carrier_from_core.translation.vector, radius + self.rounding_radius)
     }
 
     /// Points and a radius: the shape lies in the convex hull of the balls about the points, carrier frame.
     pub fn corners(&self) -> (Vec<Vector3<f64>>, f64) {
         let (points, radius) = match self.core {
-            Core::Point => (vec![Vector3::zeros()], 0.0),
-            Core::Cylinder(cylinder) => {
+            ShapeCore::Point => (vec![Vector3::zeros()], 0.0),
+            ShapeCore::Cylinder(cylinder) => {
                 let end = Vector3::y() * cylinder.half_height;
                 (vec![end, -end], cylinder.radius)
             }
-            Core::Box(cuboid) => {
+            ShapeCore::Box(cuboid) => {
                 let signs = [-1.0, 1.0];
                 let corner = |x, y, z| {
                     Vector3::from(cuboid.half_extents).component_mul(&Vector3::new(x, y, z))
@@ -104,41 +104,41 @@ impl Shape {
         };
         let placed =
             points.into_iter().map(|p| self.carrier_from_core.transform_point(&p.into()).coords);
-        (placed.collect(), radius + self.round)
+        (placed.collect(), radius + self.rounding_radius)
     }
 
     /// Distance of a point (carrier frame) from the shape; 0 inside.
     pub fn distance(&self, point: Vector3<f64>) -> f64 {
         let local = self.carrier_from_core.inverse_transform_point(&point.into()).coords;
         let distance = match self.core {
-            Core::Point => local.norm(),
-            Core::Cylinder(cylinder) => cylinder.distance_to_local_point(local.into(), true),
-            Core::Box(cuboid) => cuboid.distance_to_local_point(local.into(), true),
+            ShapeCore::Point => local.norm(),
+            ShapeCore::Cylinder(cylinder) => cylinder.distance_to_local_point(local.into(), true),
+            ShapeCore::Box(cuboid) => cuboid.distance_to_local_point(local.into(), true),
         };
-        (distance - self.round).max(0.0)
+        (distance - self.rounding_radius).max(0.0)
     }
 
-    pub fn placed(&self, machine_from_carrier: &Pose) -> Placed {
+    pub fn in_machine_frame(&self, machine_from_carrier: &Pose) -> MachineShape {
         let machine_from_core = *machine_from_carrier * self.carrier_from_core;
-        Placed { core: self.core, round: self.round, machine_from_core }
+        MachineShape { core: self.core, rounding_radius: self.rounding_radius, machine_from_core }
     }
 }
 
 /// A shape in the machine frame.
-pub struct Placed {
-    core: Core,
-    pub round: f64,
+pub struct MachineShape {
+    core: ShapeCore,
+    pub rounding_radius: f64,
     pub machine_from_core: Pose,
 }
 
 /// Support of the core; the gap subtracts the rounding radius.
-impl Support for Placed {
+impl SupportMapping for MachineShape {
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
         let local = self.machine_from_core.inverse_transform_vector(&direction);
         let point = match self.core {
-            Core::Point => Vector3::zeros(),
-            Core::Cylinder(cylinder) => cylinder.local_support_point(local.into()).into(),
-            Core::Box(cuboid) => cuboid.local_support_point(local.into()).into(),
+            ShapeCore::Point => Vector3::zeros(),
+            ShapeCore::Cylinder(cylinder) => cylinder.local_support_point(local.into()).into(),
+            ShapeCore::Box(cuboid) => cuboid.local_support_point(local.into()).into(),
         };
         self.machine_from_core.transform_point(&point.into()).coords
     }
@@ -146,12 +146,12 @@ impl Support for Placed {
 
 /// Role of a body in a touch. The touched bodies of the artefact are numbered.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Role {
+pub enum BodyRole {
     Touched(usize),
     /// Stem that carries a touched body and moves with it.
     StemOf(usize),
     /// Part of the artefact that is neither touched nor the stem of a touched body.
-    Frame,
+    MotionFrame,
     /// A datum cylinder, which displacement sensors measure.
     Datum,
     /// The body of a displacement sensor in the spindle or on the bed.
@@ -159,7 +159,7 @@ pub enum Role {
     /// The body of a displacement sensor on the table, which measures the stylus ball.
     TableSensor {
         /// Gap to the ball at the near end of the range, at most the margin, mm.
-        least_gap: f64,
+        min_gap_mm: f64,
     },
     StylusBall,
     /// Stem of the stylus: the probe detects contact with it as well.
@@ -169,11 +169,11 @@ pub enum Role {
 
 /// A body that nothing else may collide with.
 #[derive(Debug, Clone)]
-pub struct Body {
+pub struct CollisionBody {
     pub name: String,
-    pub role: Role,
-    pub shape: Shape,
-    pub carried: CarrierChain,
-    /// Corners of the shape, by [`Shape::corners`].
+    pub role: BodyRole,
+    pub shape: BodyShape,
+    pub carrier_chain: CarrierChain,
+    /// Corners of the shape, by [`BodyShape::corners`].
     pub corners: (Vec<Vector3<f64>>, f64),
 }

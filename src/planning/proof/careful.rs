@@ -1,71 +1,78 @@
 //! Rules for an approach before touches have confirmed the position. No rapid is allowed. Only Z moves, unless Z is
 //! at its upper end, or X and Y make a round above the step before the first touch. Until that touch, a move faster
-//! than a search keeps [`MARGIN_MM`] from everything. An axis turns so slowly that a hold stops the carried parts
+//! than a search keeps [`MIN_UNGUARDED_CLEARANCE_MM`] from everything. An axis turns so slowly that a hold stops the carried parts
 //! within the overtravel.
 
-use super::MARGIN_MM;
-use super::refusal::Reason;
+use super::MIN_UNGUARDED_CLEARANCE_MM;
+use super::program_check::{CheckResult, ProgramCheck};
+use super::refusal::RefusalReason;
 use super::rules;
 use super::scene::ClearanceRule;
-use super::walk::{Checked, ProgramCheck};
-use crate::careful::{SHORT_MM, round_mm, search_feed};
 use crate::gcode::rs274::ReadMotion;
-use crate::turning;
+use crate::turn_feeds;
+use crate::unconfirmed_approach::{
+    MIN_PROBING_MOVE_MM, round_radius_mm, unconfirmed_search_feed_mm_min,
+};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of the text, mm.
-const ROUNDING_MM: f64 = 2e-3;
+const TEXT_ROUNDING_MM: f64 = 2e-3;
 
 impl ProgramCheck<'_> {
     /// Checks that Z alone moves, or that Z is at its upper end.
-    pub(super) fn is_high(&self, target: &Position) -> Checked {
+    pub(super) fn check_z_at_top(&self, target: &Position) -> CheckResult {
         let aside = |(axis, to): (Axis, f64)| {
-            let meant = Position::new().with(axis, to);
+            let expected = Position::new().with(axis, to);
             axis != Axis::Z
-                && rules::differs(self.stands(), &meant, self.request().dialect).is_some()
+                && rules::find_axis_mismatch(self.position(), &expected, self.request().dialect)
+                    .is_some()
         };
         let top = self.request().plan.machine.axes.get(&Axis::Z).map(|spec| spec.max);
         let top: Position = top.map(|z| (Axis::Z, z)).into_iter().collect();
-        let off = rules::differs(self.stands(), &top, self.request().dialect);
+        let off = rules::find_axis_mismatch(self.position(), &top, self.request().dialect);
         match off.filter(|_| target.iter().any(aside)) {
-            Some(off) => Err(off.reason(Reason::AsideBelowTop)),
+            Some(off) => Err(off.into_refusal_reason(RefusalReason::SidewaysBelowTopZ)),
             None => Ok(()),
         }
     }
 
     /// Whether X and Y make a round above the step before the first touch.
-    fn feels_around(&self, motion: &ReadMotion) -> bool {
+    fn is_probing_round(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.step() else { return false };
         let plan = self.request().plan;
-        let reach = round_mm(plan) + ROUNDING_MM;
+        let reach = round_radius_mm(plan) + TEXT_ROUNDING_MM;
         let over = |at: &Position| {
-            let off = |axis| at.at(axis) - step.from.at(axis);
+            let off = |axis| at.get_or_zero(axis) - step.from.get_or_zero(axis);
             let known = at.get(Axis::X).is_some() && at.get(Axis::Y).is_some();
             known && off(Axis::X).hypot(off(Axis::Y)) <= reach
         };
         let level = motion.target.iter().all(|(axis, _)| matches!(axis, Axis::X | Axis::Y));
-        let ends = self.stands().updated_by(&motion.target);
-        level && !self.confirmed.is_begun() && over(self.stands()) && over(&ends)
+        let ends = self.position().updated_by(&motion.target);
+        level && !self.confirmed.is_any() && over(self.position()) && over(&ends)
     }
 
     /// Checks a turn of one axis, or a move that is too short for a probing move.
-    pub(super) fn careful_feed(&mut self, motion: &ReadMotion) -> Checked {
-        self.is_high(&motion.target)?;
+    pub(super) fn check_unconfirmed_feed(&mut self, motion: &ReadMotion) -> CheckResult {
+        self.check_z_at_top(&motion.target)?;
         let plan = self.request().plan;
         let mut moved = motion.target.iter();
         if let (Some((axis, _)), None) = (moved.next(), moved.next())
             && !axis.is_linear()
         {
-            let most = turning::feed_at_most(plan, &self.chain, axis, self.stands());
-            rules::feed_at_most("a turn", motion, most)?;
-            return self.go(&motion.target, &ClearanceRule::Apart(MARGIN_MM));
+            let most = turn_feeds::max_turn_feed_deg_min(plan, &self.chain, axis, self.position());
+            rules::check_max_feed("the turn", motion, most)?;
+            return self.check_move(
+                &motion.target,
+                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            );
         }
-        rules::feed_at_most("a short way", motion, search_feed(plan))?;
-        let ends = self.stands().updated_by(&motion.target);
+        rules::check_max_feed("the short move", motion, unconfirmed_search_feed_mm_min(plan))?;
+        let ends = self.position().updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
-        let known = motion.target.iter().all(|(axis, _)| self.stands().get(axis).is_some());
+        let known = motion.target.iter().all(|(axis, _)| self.position().get(axis).is_some());
         let dialect = self.request().dialect;
-        let is_at = |place: &Position| rules::differs(self.stands(), place, dialect).is_none();
+        let is_at =
+            |place: &Position| rules::find_axis_mismatch(self.position(), place, dialect).is_none();
         // The machine may already be above a step within rounding; at the start of the touch, the next move must be
         // the touch.
         let replaces_touch =
@@ -73,23 +80,28 @@ impl ProgramCheck<'_> {
         if turns
             || !known
             || replaces_touch
-            || rules::length(self.stands(), &ends, SHORT_MM).is_err()
+            || rules::check_touch_length(self.position(), &ends, MIN_PROBING_MOVE_MM).is_err()
         {
-            return Err(Reason::FeedMove);
+            return Err(RefusalReason::UnexpectedFeedMove);
         }
-        let care = self.guarded_care();
-        self.go(&motion.target, &care)
+        let rule = self.guarded_move_rule();
+        self.check_move(&motion.target, &rule)
     }
 
     /// Required clearance of a guarded move without rotary axes.
-    pub(super) fn careful_guarded(&self, motion: &ReadMotion) -> Result<ClearanceRule, Reason> {
-        if !self.feels_around(motion) {
-            self.is_high(&motion.target)?;
+    pub(super) fn unconfirmed_guarded_rule(
+        &self,
+        motion: &ReadMotion,
+    ) -> Result<ClearanceRule, RefusalReason> {
+        if !self.is_probing_round(motion) {
+            self.check_z_at_top(&motion.target)?;
         }
-        let slow = rules::feed_at_most("", motion, search_feed(self.request().plan)).is_ok();
-        Ok(match slow || self.confirmed.is_begun() {
-            true => self.guarded_care(),
-            false => ClearanceRule::Apart(MARGIN_MM),
+        let slow =
+            rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request().plan))
+                .is_ok();
+        Ok(match slow || self.confirmed.is_any() {
+            true => self.guarded_move_rule(),
+            false => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
         })
     }
 }

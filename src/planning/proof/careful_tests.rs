@@ -10,25 +10,32 @@ const CAREFUL: &str = "N0 G38.3 Z450 F1500\nN0 G38.3 X50 F1500\nN0 G38.3 Z250 F1
                        N0 G38.3 X47 F30\nN0 G53 G1 X50 F300\nN0 G38.3 Z250 F300\n";
 
 #[track_caller]
-fn reason(lines: &str) -> Reason {
-    proven_as(&plan(|_| {}), lines, Some(&beside()), Confirmed::default()).unwrap_err().reason
+fn reason(lines: &str) -> RefusalReason {
+    proven_as(&plan(|_| {}), lines, Some(&beside()), ConfirmedDirections::default())
+        .unwrap_err()
+        .reason
 }
 
 #[test]
 fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
     let plan = plan(|_| {});
-    assert!(proven_as(&plan, CAREFUL, Some(&beside()), Confirmed::default()).is_ok());
+    assert!(proven_as(&plan, CAREFUL, Some(&beside()), ConfirmedDirections::default()).is_ok());
     let low = CAREFUL.replace("Z450", "Z440");
-    assert!(matches!(reason(&low), Reason::AsideBelowTop(_)), "{}", reason(&low));
-    assert!(matches!(reason(CAREFUL.split_once('\n').unwrap().1), Reason::AsideBelowTop(_)));
+    assert!(matches!(reason(&low), RefusalReason::SidewaysBelowTopZ(_)), "{}", reason(&low));
+    assert!(matches!(
+        reason(CAREFUL.split_once('\n').unwrap().1),
+        RefusalReason::SidewaysBelowTopZ(_)
+    ));
     for rapid in ["N0 G38.3 Z450 F1500", "N0 G38.3 X50 F1500", "N0 G38.3 Z250 F1500"] {
         let words = rapid.split_whitespace().find(|word| word.starts_with(['X', 'Z'])).unwrap();
         let lines = CAREFUL.replacen(rapid, &format!("N0 G53 G0 {words}"), 1);
-        assert_eq!(reason(&lines), Reason::RapidUnconfirmed);
+        assert_eq!(reason(&lines), RefusalReason::RapidBeforeConfirmation);
     }
     // 1.5 mm beside the part, a guarded move must not be faster than a search.
     let fast = CAREFUL.replacen("Z170 F300", "Z170 F1500", 1);
-    assert!(matches!(reason(&fast), Reason::Near { need, .. } if need >= MARGIN_MM));
+    assert!(
+        matches!(reason(&fast), RefusalReason::ClearanceTooSmall { min_clearance_mm, .. } if min_clearance_mm >= MIN_UNGUARDED_CLEARANCE_MM)
+    );
 }
 
 /// 45 mm from the axis, 360°/s² are 283 mm/s²: to stop within 4 mm after 0.3 s of delay, the speed is at most
@@ -39,21 +46,25 @@ fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
     let to_zero = |turn: &str| {
         let from = beside().with(Axis::C, std::f64::consts::PI);
         let lines = CAREFUL.replacen("F1500\n", &format!("F1500\n{turn}\n"), 1);
-        proven_as(&turning, &lines, Some(&from), Confirmed::default())
+        proven_as(&turning, &lines, Some(&from), ConfirmedDirections::default())
     };
     let most = 283.0_f64 * ((0.09_f64 + 8.0 / 283.0).sqrt() - 0.3) / 45.0 * 57.3 * 60.0;
     assert!((900.0..1000.0).contains(&most), "{most}");
     to_zero(&format!("N0 G53 G1 C0 F{:.0}", most * 0.99)).unwrap();
     let refused = |turn: &str| to_zero(turn).unwrap_err().reason;
     let too_fast = refused(&format!("N0 G53 G1 C0 F{:.0}", most * 1.01));
-    assert!(matches!(too_fast, Reason::Feed { what: "a turn", .. }), "{too_fast}");
-    assert_eq!(refused("N0 G53 G0 C0"), Reason::RapidUnconfirmed);
-    assert_eq!(refused("N0 G38.3 C0 F100"), Reason::TurnsUnconfirmed);
-    assert_eq!(refused("N0 G53 G1 B0 C0 F100"), Reason::FeedMove);
+    assert!(
+        matches!(too_fast, RefusalReason::WrongFeed { motion_name: "the turn", .. }),
+        "{too_fast}"
+    );
+    assert_eq!(refused("N0 G53 G0 C0"), RefusalReason::RapidBeforeConfirmation);
+    assert_eq!(refused("N0 G38.3 C0 F100"), RefusalReason::TurnBeforeConfirmation);
+    assert_eq!(refused("N0 G53 G1 B0 C0 F100"), RefusalReason::UnexpectedFeedMove);
     let low = "N0 G53 G1 C0 F100\n".to_owned() + CAREFUL;
     let from = beside().with(Axis::C, std::f64::consts::PI);
-    let refusal = proven_as(&turning, &low, Some(&from), Confirmed::default()).unwrap_err();
-    assert!(matches!(refusal.reason, Reason::AsideBelowTop(_)), "{refusal}");
+    let refusal =
+        proven_as(&turning, &low, Some(&from), ConfirmedDirections::default()).unwrap_err();
+    assert!(matches!(refusal.reason, RefusalReason::SidewaysBelowTopZ(_)), "{refusal}");
 }
 
 /// LinuxCNC refuses probing moves of less than 0.254 mm.
@@ -61,14 +72,17 @@ fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
 fn a_feed_move_may_stand_for_a_probing_move_that_is_too_short() {
     let short = CAREFUL.replacen("X50 F1500", "X50.2 F1500\nN0 G53 G1 X50 F300", 1);
     let plan = plan(|_| {});
-    assert!(proven_as(&plan, &short, Some(&beside()), Confirmed::default()).is_ok());
+    assert!(proven_as(&plan, &short, Some(&beside()), ConfirmedDirections::default()).is_ok());
     // A machine that is already there, within the last digit of the text.
     let stays = CAREFUL.replacen("X50 F1500", "X50 F1500\nN0 G53 G1 X50 F300", 1);
-    assert!(proven_as(&plan, &stays, Some(&beside()), Confirmed::default()).is_ok());
+    assert!(proven_as(&plan, &stays, Some(&beside()), ConfirmedDirections::default()).is_ok());
     let long = short.replacen("X50.2", "X50.4", 1);
-    assert_eq!(reason(&long), Reason::FeedMove);
+    assert_eq!(reason(&long), RefusalReason::UnexpectedFeedMove);
     let fast = short.replacen("G1 X50 F300", "G1 X50 F400", 1);
-    assert!(matches!(reason(&fast), Reason::Feed { what: "a short way", .. }));
+    assert!(matches!(
+        reason(&fast),
+        RefusalReason::WrongFeed { motion_name: "the short move", .. }
+    ));
 }
 
 /// Touches along X, Y and Z confirm; touches along three normals of which two are opposite do not.
@@ -76,12 +90,12 @@ fn a_feed_move_may_stand_for_a_probing_move_that_is_too_short() {
 fn three_independent_normals_confirm() {
     let plan = plan(|_| {});
     let after = |normals: &[[f64; 3]]| {
-        let touched = |confirmed: Confirmed, normal: &[f64; 3]| {
+        let touched = |confirmed: ConfirmedDirections, normal: &[f64; 3]| {
             let mut step = plan.steps[0].clone();
             step.normal = *normal;
-            confirmed.after(&step)
+            confirmed.after_step(&step)
         };
-        normals.iter().fold(Confirmed::default(), touched)
+        normals.iter().fold(ConfirmedDirections::default(), touched)
     };
     let (x, y, z) = ([1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]);
     assert!(after(&[x, y, z]).is_all() && after(&[x, x, y, z]).is_all());
@@ -92,5 +106,5 @@ fn three_independent_normals_confirm() {
     assert!(after(&[x, y, at_an_elevation]).is_all());
     let mut prompt = plan.steps[0].clone();
     prompt.kind = machine::record::plan::StepKind::Prompt;
-    assert!(!after(&[x, y, z]).after(&prompt).is_all());
+    assert!(!after(&[x, y, z]).after_step(&prompt).is_all());
 }

@@ -1,6 +1,6 @@
 //! Proven blocks for tests of drivers and controls, where no plan declares bodies.
 
-use super::proven::{ProvenBlock, Unproven, without_bodies};
+use super::proven::{ProvenBlock, StageProofError, prove_text_only};
 use crate::gcode::{Dialect, DialectError, Transmission};
 use machine::record::motion::Block;
 use machine::{Axis, Position};
@@ -10,7 +10,7 @@ use machine::{Axis, Position};
 /// # Errors
 /// An unknown name.
 pub fn dialect(name: &str) -> Result<Dialect, DialectError> {
-    Dialect::named(name)
+    Dialect::from_name(name)
 }
 
 /// Renders `block` for a machine with `axes` at an unknown position, and reads it back; bodies are not checked.
@@ -22,7 +22,7 @@ pub fn proven_block(
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &Transmission,
-) -> Result<ProvenBlock, Unproven> {
+) -> Result<ProvenBlock, StageProofError> {
     proven_block_from(Position::new(), block, axes, dialect, transmission)
 }
 
@@ -36,6 +36,6 @@ pub fn proven_block_from(
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &Transmission,
-) -> Result<ProvenBlock, Unproven> {
-    without_bodies(block, begins, axes, dialect, transmission)
+) -> Result<ProvenBlock, StageProofError> {
+    prove_text_only(block, begins, axes, dialect, transmission)
 }

@@ -6,36 +6,36 @@
 //! closed, so a retract is a feed move, which contact does not stop. The operator chooses axis and sense: after an
 //! unexpected contact, the machine may not be at its position in the plan.
 
-use super::proven::{ProvenBlock, Unproven, read_block, read_programs};
-use super::refusal::{Reason, Refusal};
+use super::proven::{ProvenBlock, StageProofError, read_back_block, read_programs};
+use super::refusal::{ProofRefusal, RefusalReason};
 use super::scene::{ClearanceRule, Scene};
-use super::sweep::Way;
-use super::{MARGIN_MM, rules};
-use crate::gcode::rs274::{Frame, Kind, ReadMotion};
+use super::sweep::JointPath;
+use super::{MIN_UNGUARDED_CLEARANCE_MM, rules};
+use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
 use crate::gcode::{Dialect, Transmission};
-use machine::kinematics::Commands;
+use machine::kinematics::AxisCommands;
 use machine::record::motion::Block;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
 /// Maximum length of a jog, mm or degrees.
-const LONGEST: f64 = 10.0;
+const MAX_JOG_LENGTH: f64 = 10.0;
 /// Maximum length of a retract, mm.
-const LONGEST_RETRACT: f64 = 2.0;
+const MAX_RETRACT_MM: f64 = 2.0;
 
 /// The move that a text must contain.
 #[derive(Debug, Clone, Copy)]
-pub struct JogRequest<'a> {
+pub struct JogProofRequest<'a> {
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
     /// Positions of all axes.
-    pub stands: &'a Position,
+    pub position: &'a Position,
     pub axis: Axis,
     /// Target of the axis, mm or rad.
     pub to: f64,
     /// Maximum feed, mm/min or degrees/min.
-    pub feed_at_most: f64,
+    pub max_feed: f64,
     pub dialect: &'a Dialect,
 }
 
@@ -45,11 +45,11 @@ pub struct JogRequest<'a> {
 /// # Errors
 /// The jog cannot be rendered; the first line that is wrong; the bodies that would come too near.
 pub fn prove_jog(
-    request: &JogRequest<'_>,
+    request: &JogProofRequest<'_>,
     transmission: &Transmission,
     block: &Block,
-) -> Result<ProvenBlock, Unproven> {
-    prove(request, transmission, block, check_jog)
+) -> Result<ProvenBlock, StageProofError> {
+    prove_move(request, transmission, block, check_jog)
 }
 
 /// Renders a retract for its transmission, and proves that it moves this linear axis alone, to this target, by a
@@ -58,112 +58,129 @@ pub fn prove_jog(
 /// # Errors
 /// As [`prove_jog`].
 pub fn prove_retract(
-    request: &JogRequest<'_>,
+    request: &JogProofRequest<'_>,
     transmission: &Transmission,
     block: &Block,
-) -> Result<ProvenBlock, Unproven> {
-    prove(request, transmission, block, check_retract)
+) -> Result<ProvenBlock, StageProofError> {
+    prove_move(request, transmission, block, check_retract)
 }
 
-type Checked = Result<Option<Clearance>, Refusal>;
+type CheckResult = Result<Option<Clearance>, ProofRefusal>;
 
-fn prove(
-    request: &JogRequest<'_>,
+fn prove_move(
+    request: &JogProofRequest<'_>,
     transmission: &Transmission,
     block: &Block,
-    check: fn(&JogRequest<'_>, &[String]) -> Checked,
-) -> Result<ProvenBlock, Unproven> {
+    check: fn(&JogProofRequest<'_>, &[String]) -> CheckResult,
+) -> Result<ProvenBlock, StageProofError> {
     let axes: Vec<Axis> = request.plan.machine.axes.keys().copied().collect();
     let blocks = std::slice::from_ref(block);
-    let sent = request.dialect.transmitted(transmission, &axes, blocks)?;
+    let sent = request.dialect.render_for_transmission(transmission, &axes, blocks)?;
     check(request, &sent.programs)?;
-    read_block(block, request.stands.clone(), request.dialect, transmission, sent)
+    read_back_block(block, request.position.clone(), request.dialect, transmission, sent)
 }
 
 /// Checks a jog. Returns the smallest clearance, if there are bodies.
-pub(super) fn check_jog(request: &JogRequest<'_>, programs: &[String]) -> Checked {
-    let motion = one_move(request, programs)?;
-    let refusal = |reason| Refusal { step: None, line: motion.line, reason };
-    check_axis(request, &motion, LONGEST)
-        .and_then(|()| check_held_back(request, &motion))
+pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
+    let motion = read_single_move(request, programs)?;
+    let refusal = |reason| ProofRefusal { step: None, line: motion.line, reason };
+    check_axis(request, &motion, MAX_JOG_LENGTH)
+        .and_then(|()| check_guard_or_feed(request, &motion))
         .map_err(refusal)?;
-    free(request, &motion).map_err(refusal)
+    check_clearance(request, &motion).map_err(refusal)
 }
 
 /// Checks a retract, like [`check_jog`].
-pub(super) fn check_retract(request: &JogRequest<'_>, programs: &[String]) -> Checked {
-    let motion = one_move(request, programs)?;
-    let refusal = |reason| Refusal { step: None, line: motion.line, reason };
-    check_axis(request, &motion, LONGEST_RETRACT).map_err(refusal)?;
-    if motion.kind != Kind::Feed || !request.axis.is_linear() {
-        return Err(refusal(Reason::NotARetract));
+pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
+    let motion = read_single_move(request, programs)?;
+    let refusal = |reason| ProofRefusal { step: None, line: motion.line, reason };
+    check_axis(request, &motion, MAX_RETRACT_MM).map_err(refusal)?;
+    if motion.kind != MotionKind::Feed || !request.axis.is_linear() {
+        return Err(refusal(RefusalReason::InvalidRetract));
     }
-    let feed_at_most = request.feed_at_most.min(request.plan.probe.search_feed_mm_min);
-    rules::feed_at_most("a retract", &motion, feed_at_most).map_err(refusal)?;
-    check_approaches_nothing(request, &motion).map_err(refusal)
+    let max_feed = request.max_feed.min(request.plan.probe.search_feed_mm_min);
+    rules::check_max_feed("the retract", &motion, max_feed).map_err(refusal)?;
+    check_no_approach(request, &motion).map_err(refusal)
 }
 
-fn one_move(request: &JogRequest<'_>, programs: &[String]) -> Result<ReadMotion, Refusal> {
+fn read_single_move(
+    request: &JogProofRequest<'_>,
+    programs: &[String],
+) -> Result<ReadMotion, ProofRefusal> {
     let motions = read_programs(request.dialect, programs)?;
-    <[ReadMotion; 1]>::try_from(motions).map(|[motion]| motion).map_err(|motions| Refusal {
+    <[ReadMotion; 1]>::try_from(motions).map(|[motion]| motion).map_err(|motions| ProofRefusal {
         step: None,
         line: 1,
-        reason: Reason::NotOneMove(motions.len()),
+        reason: RefusalReason::NotSingleMove(motions.len()),
     })
 }
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
 /// longer than `longest`, mm or degrees.
-fn check_axis(request: &JogRequest<'_>, motion: &ReadMotion, longest: f64) -> Result<(), Reason> {
-    let JogRequest { plan, axis, dialect, .. } = *request;
-    if let Frame::Work(slot) = &motion.frame {
-        return Err(Reason::Frame(slot.clone()));
+fn check_axis(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+    longest: f64,
+) -> Result<(), RefusalReason> {
+    let JogProofRequest { plan, axis, dialect, .. } = *request;
+    if let MotionFrame::Work(slot) = &motion.frame {
+        return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
     }
     if let Some((other, _)) = motion.target.iter().find(|(other, _)| *other != axis) {
-        return Err(Reason::OtherAxis(other));
+        return Err(RefusalReason::WrongAxis(other));
     }
     let meant = Position::new().with(axis, request.to);
-    if let Some(off) = rules::differs(&motion.target, &meant, dialect) {
-        return Err(off.reason(Reason::NotTo));
+    if let Some(off) = rules::find_axis_mismatch(&motion.target, &meant, dialect) {
+        return Err(off.into_refusal_reason(RefusalReason::WrongTarget));
     }
-    rules::limits(motion, &plan.machine, dialect)?;
-    let by = axis.to_edge((request.to - request.stands.at(axis)).abs());
+    rules::check_limits(motion, &plan.machine, dialect)?;
+    let by = axis.to_mm_or_deg((request.to - request.position.get_or_zero(axis)).abs());
     if by > longest {
-        return Err(Reason::LongJog { by, most: longest });
+        return Err(RefusalReason::JogTooLong { by, most: longest });
     }
     Ok(())
 }
 
 /// Checks that contact stops the move, or that its feed is limited.
-fn check_held_back(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
-    let JogRequest { plan, axis, .. } = *request;
+fn check_guard_or_feed(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+) -> Result<(), RefusalReason> {
+    let JogProofRequest { plan, axis, .. } = *request;
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.
-        Kind::Probe { must_touch: false } if axis.is_linear() => {
-            rules::braking(motion, &plan.machine, &plan.probe)?;
+        MotionKind::Probe { must_touch: false } if axis.is_linear() => {
+            rules::braking_distance_mm(motion, &plan.machine, &plan.probe)?;
         }
-        Kind::Feed if !axis.is_linear() => {}
-        _ => return Err(Reason::NotGuarded),
+        MotionKind::Feed if !axis.is_linear() => {}
+        _ => return Err(RefusalReason::UnguardedJog),
     }
-    rules::feed_at_most("a jog", motion, request.feed_at_most)
+    rules::check_max_feed("the jog", motion, request.max_feed)
 }
 
 /// Checks the clearance for every axis that the drives may actually move.
-fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, Reason> {
-    let JogRequest { plan, stands, axis, .. } = *request;
+fn check_clearance(
+    request: &JogProofRequest<'_>,
+    motion: &ReadMotion,
+) -> Result<Option<Clearance>, RefusalReason> {
+    let JogProofRequest { plan, position, axis, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
-    let from = commands(plan, stands)?;
-    let by = axis.to_edge((request.to - stands.at(axis)).abs());
+    let from = axis_commands(plan, position)?;
+    let by = axis.to_mm_or_deg((request.to - position.get_or_zero(axis)).abs());
     let mut nearest: Option<Clearance> = None;
     for moved in plan.machine.axes.keys().copied().filter(|moved| *moved != Axis::S) {
         for sense in [-1.0, 1.0] {
             let mut to = from;
             if let Some(command) = to.get_mut(moved as usize) {
-                *command += sense * moved.from_edge(by);
+                *command += sense * moved.to_mm_or_rad(by);
             }
             let most = nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-            let found = scene.look(&Way { from, to }, &ClearanceRule::Apart(MARGIN_MM), most)?;
-            if let Some((clearance_mm, between)) = found {
+            let nearest_pair = scene.nearest_pair(
+                &JointPath { from, to },
+                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+                most,
+            )?;
+            if let Some((clearance_mm, between)) = nearest_pair {
                 nearest = Some(Clearance { step: 0, line: motion.line, clearance_mm, between });
             }
         }
@@ -172,24 +189,31 @@ fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearanc
 }
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
-fn check_approaches_nothing(
-    request: &JogRequest<'_>,
+fn check_no_approach(
+    request: &JogProofRequest<'_>,
     motion: &ReadMotion,
-) -> Result<Option<Clearance>, Reason> {
-    let JogRequest { plan, stands, axis, to, .. } = *request;
+) -> Result<Option<Clearance>, RefusalReason> {
+    let JogProofRequest { plan, position, axis, to, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
-    let way =
-        Way { from: commands(plan, stands)?, to: commands(plan, &stands.clone().with(axis, to))? };
-    let found = scene.look(&way, &ClearanceRule::Retracting, f64::INFINITY)?;
+    let joint_path = JointPath {
+        from: axis_commands(plan, position)?,
+        to: axis_commands(plan, &position.clone().with(axis, to))?,
+    };
+    let nearest_pair = scene.nearest_pair(&joint_path, &ClearanceRule::Retract, f64::INFINITY)?;
     let line = motion.line;
-    Ok(found.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
+    Ok(nearest_pair.map(|(clearance_mm, between)| Clearance {
+        step: 0,
+        line,
+        clearance_mm,
+        between,
+    }))
 }
 
 /// Commands of all axes; the spindle, if not oriented, is at zero.
-fn commands(plan: &Plan, stands: &Position) -> Result<Commands, Reason> {
+fn axis_commands(plan: &Plan, position: &Position) -> Result<AxisCommands, RefusalReason> {
     let mut axes = plan.machine.axes.keys();
-    match axes.find(|axis| **axis != Axis::S && stands.get(**axis).is_none()) {
-        Some(axis) => Err(Reason::Unknown(*axis)),
-        None => Ok(Axis::ALL.map(|axis| stands.at(axis))),
+    match axes.find(|axis| **axis != Axis::S && position.get(**axis).is_none()) {
+        Some(axis) => Err(RefusalReason::UnknownPosition(*axis)),
+        None => Ok(Axis::ALL.map(|axis| position.get_or_zero(axis))),
     }
 }

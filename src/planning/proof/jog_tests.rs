@@ -2,33 +2,43 @@
 
 use super::jog::{check_jog, check_retract};
 use super::tests::{beside, plan};
-use super::{JogRequest, Reason, Refusal};
+use super::{JogProofRequest, ProofRefusal, RefusalReason};
 use crate::gcode::Dialect;
 use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
-type Checked<E> = Result<Option<Clearance>, E>;
+type CheckResult<E> = Result<Option<Clearance>, E>;
 
-fn proven(plan: &Plan, lines: &str, target: (Axis, f64), stands: &Position) -> Checked<Reason> {
-    checked(plan, lines, target, stands, check_jog)
+fn proven(
+    plan: &Plan,
+    lines: &str,
+    target: (Axis, f64),
+    position: &Position,
+) -> CheckResult<RefusalReason> {
+    checked(plan, lines, target, position, check_jog)
 }
 
-fn retracted(plan: &Plan, lines: &str, target: (Axis, f64), stands: &Position) -> Checked<Reason> {
-    checked(plan, lines, target, stands, check_retract)
+fn retracted(
+    plan: &Plan,
+    lines: &str,
+    target: (Axis, f64),
+    position: &Position,
+) -> CheckResult<RefusalReason> {
+    checked(plan, lines, target, position, check_retract)
 }
 
 fn checked(
     plan: &Plan,
     lines: &str,
     (axis, to): (Axis, f64),
-    stands: &Position,
-    check: fn(&JogRequest<'_>, &[String]) -> Checked<Refusal>,
-) -> Checked<Reason> {
-    let dialect = Dialect::named("grbl").unwrap();
+    position: &Position,
+    check: fn(&JogProofRequest<'_>, &[String]) -> CheckResult<ProofRefusal>,
+) -> CheckResult<RefusalReason> {
+    let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}\n");
-    let to = axis.from_edge(to);
-    let request = JogRequest { plan, stands, axis, to, feed_at_most: 60.0, dialect: &dialect };
+    let to = axis.to_mm_or_rad(to);
+    let request = JogProofRequest { plan, position, axis, to, max_feed: 60.0, dialect: &dialect };
     check(&request, &[text]).map_err(|refusal| refusal.reason)
 }
 
@@ -37,23 +47,23 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
     let plan = plan(|_| {});
     let x = |lines: &str| proven(&plan, lines, (Axis::X, 101.0), &beside());
     assert!(x("N1 G38.3 X101 F60").is_ok());
-    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(Reason::OtherAxis(Axis::Y)));
-    assert_eq!(x("N1 G38.3 Y1 F60"), Err(Reason::OtherAxis(Axis::Y)));
-    assert!(matches!(x("N1 G38.3 X102 F60"), Err(Reason::NotTo(_))));
-    assert!(matches!(x("N1 G38.3 X101 F600"), Err(Reason::Feed { .. })));
-    assert_eq!(x("N1 G53 G0 X101"), Err(Reason::NotGuarded));
-    assert_eq!(x("N1 G53 G1 X101 F60"), Err(Reason::NotGuarded));
-    assert_eq!(x(""), Err(Reason::NotOneMove(0)));
-    assert_eq!(x("N1 G38.3 X101 F60\nN1 G38.3 X100 F60"), Err(Reason::NotOneMove(2)));
-    assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(Reason::Frame(_))));
+    assert_eq!(x("N1 G38.3 X101 Y1 F60"), Err(RefusalReason::WrongAxis(Axis::Y)));
+    assert_eq!(x("N1 G38.3 Y1 F60"), Err(RefusalReason::WrongAxis(Axis::Y)));
+    assert!(matches!(x("N1 G38.3 X102 F60"), Err(RefusalReason::WrongTarget(_))));
+    assert!(matches!(x("N1 G38.3 X101 F600"), Err(RefusalReason::WrongFeed { .. })));
+    assert_eq!(x("N1 G53 G0 X101"), Err(RefusalReason::UnguardedJog));
+    assert_eq!(x("N1 G53 G1 X101 F60"), Err(RefusalReason::UnguardedJog));
+    assert_eq!(x(""), Err(RefusalReason::NotSingleMove(0)));
+    assert_eq!(x("N1 G38.3 X101 F60\nN1 G38.3 X100 F60"), Err(RefusalReason::NotSingleMove(2)));
+    assert!(matches!(x("G54\nN1 G38.3 X101 F60"), Err(RefusalReason::NotMachineCoordinates(_))));
 
     let far = proven(&plan, "N1 G38.3 X140 F60", (Axis::X, 140.0), &beside());
-    assert_eq!(far, Err(Reason::LongJog { by: 40.0, most: 10.0 }));
+    assert_eq!(far, Err(RefusalReason::JogTooLong { by: 40.0, most: 10.0 }));
     let beyond = proven(&plan, "N1 G38.3 X301 F60", (Axis::X, 301.0), &beside());
-    assert!(matches!(beyond, Err(Reason::Limit { .. })));
+    assert!(matches!(beyond, Err(RefusalReason::OutsideLimits { .. })));
     let turn = |lines: &str| proven(&plan, lines, (Axis::C, 1.0), &beside());
     assert!(turn("N1 G53 G1 C1 F60").is_ok());
-    assert_eq!(turn("N1 G53 G0 C1"), Err(Reason::NotGuarded), "C has no clamp");
+    assert_eq!(turn("N1 G53 G0 C1"), Err(RefusalReason::UnguardedJog), "C has no clamp");
 }
 
 #[test]
@@ -69,15 +79,15 @@ fn nothing_may_be_near_whichever_axis_moves_in_truth() {
         proven(&plan, &line, (Axis::X, x + 1.0), &at(x))
     };
     assert!(away(52.1).is_ok());
-    assert!(matches!(away(51.9), Err(Reason::Near { .. })));
+    assert!(matches!(away(51.9), Err(RefusalReason::ClearanceTooSmall { .. })));
     // A jog of Y, along the flank, may in fact move X.
     let y = |x: f64| proven(&plan, "N1 G38.3 Y1 F60", (Axis::Y, 1.0), &at(x));
     assert!(y(52.1).is_ok());
-    assert!(matches!(y(51.9), Err(Reason::Near { .. })));
+    assert!(matches!(y(51.9), Err(RefusalReason::ClearanceTooSmall { .. })));
     // If the position of an axis is unknown, nothing can be proven.
-    let blind = at(54.0).only(|axis| axis != Axis::B);
+    let blind = at(54.0).filter_axes(|axis| axis != Axis::B);
     let unknown = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &blind);
-    assert_eq!(unknown, Err(Reason::Unknown(Axis::B)));
+    assert_eq!(unknown, Err(RefusalReason::UnknownPosition(Axis::B)));
 }
 
 #[test]
@@ -86,43 +96,49 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     let z = |lines: &str, to: f64| retracted(&plan, lines, (Axis::Z, to), &beside());
     assert!(z("N1 G53 G1 Z301 F60", 301.0).is_ok());
     assert!(z("N1 G53 G1 Z299 F60", 299.0).is_ok());
-    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(Reason::OtherAxis(Axis::X)));
-    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(Reason::OtherAxis(Axis::X)));
-    assert!(matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(Reason::NotTo(_))), "the other sense");
+    assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
+    assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
+    assert!(
+        matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))),
+        "the other sense"
+    );
     assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
     let long = z("N1 G53 G1 Z302.5 F60", 302.5);
-    assert_eq!(long, Err(Reason::LongJog { by: 2.5, most: 2.0 }));
-    assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(Reason::Feed { .. })));
-    assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(Reason::NotARetract));
-    assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(Reason::NotARetract));
-    assert_eq!(z("", 301.0), Err(Reason::NotOneMove(0)));
+    assert_eq!(long, Err(RefusalReason::JogTooLong { by: 2.5, most: 2.0 }));
+    assert!(matches!(z("N1 G53 G1 Z301 F61", 301.0), Err(RefusalReason::WrongFeed { .. })));
+    assert_eq!(z("N1 G53 G0 Z301", 301.0), Err(RefusalReason::InvalidRetract));
+    assert_eq!(z("N1 G38.3 Z301 F60", 301.0), Err(RefusalReason::InvalidRetract));
+    assert_eq!(z("", 301.0), Err(RefusalReason::NotSingleMove(0)));
     let twice = z("N1 G53 G1 Z301 F60\nN1 G53 G1 Z301 F60", 301.0);
-    assert_eq!(twice, Err(Reason::NotOneMove(2)));
+    assert_eq!(twice, Err(RefusalReason::NotSingleMove(2)));
     assert!(z("N1 G1 Z301 F60\nG54", 301.0).is_ok(), "G59 holds zeros");
-    assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(Reason::Frame(_))));
+    assert!(matches!(
+        z("G54\nN1 G1 Z301 F60", 301.0),
+        Err(RefusalReason::NotMachineCoordinates(_))
+    ));
 
     let turn = retracted(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &beside());
-    assert_eq!(turn, Err(Reason::NotARetract));
+    assert_eq!(turn, Err(RefusalReason::InvalidRetract));
     let top = beside().with(Axis::Z, 449.5);
     let beyond = retracted(&plan, "N1 G53 G1 Z450.5 F60", (Axis::Z, 450.5), &top);
-    assert!(matches!(beyond, Err(Reason::Limit { .. })), "{beyond:?}");
+    assert!(matches!(beyond, Err(RefusalReason::OutsideLimits { .. })), "{beyond:?}");
     let slow_probe = super::tests::plan(|plan| plan["probe"]["search_feed_mm_min"] = 30.0.into());
     let fast = retracted(&slow_probe, "N1 G53 G1 Z301 F60", (Axis::Z, 301.0), &beside());
-    assert!(matches!(fast, Err(Reason::Feed { .. })), "{fast:?}");
+    assert!(matches!(fast, Err(RefusalReason::WrongFeed { .. })), "{fast:?}");
 }
 
 #[test]
 fn a_retract_approaches_no_declared_body() {
     let x = |plan: &Plan, from: f64, to: f64| {
-        let stands = beside().with(Axis::X, from).with(Axis::Z, 170.0);
-        retracted(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &stands)
+        let position = beside().with(Axis::X, from).with(Axis::Z, 170.0);
+        retracted(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &position)
     };
     // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm: 0.5 mm apart at the assumed
     // position.
     let part = plan(|_| {});
     assert!(x(&part, 48.5, 49.5).is_ok());
-    assert!(matches!(x(&part, 48.5, 47.5), Err(Reason::Near { .. })));
-    assert!(matches!(x(&part, 48.5, 48.0), Err(Reason::Near { .. })));
+    assert!(matches!(x(&part, 48.5, 47.5), Err(RefusalReason::ClearanceTooSmall { .. })));
+    assert!(matches!(x(&part, 48.5, 48.0), Err(RefusalReason::ClearanceTooSmall { .. })));
     let along = beside().with(Axis::X, 48.5).with(Axis::Z, 170.0);
     assert!(retracted(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
     // In the model the ball is inside the part, that is, in contact: either sense is accepted.
@@ -138,13 +154,15 @@ fn a_retract_approaches_no_declared_body() {
     assert!(x(&boxed, 103.9, 104.9).is_ok());
     let near = x(&boxed, 104.1, 105.1);
     let between = ["stylus ball", "clamp"].map(str::to_owned);
-    assert!(matches!(near, Err(Reason::Near { between: found, .. }) if found == between));
+    assert!(
+        matches!(near, Err(RefusalReason::ClearanceTooSmall { between: found, .. }) if found == between)
+    );
     // Nearer than the margin, the ball may keep its distance, and may leave.
     assert!(x(&boxed, 106.5, 105.5).is_ok());
-    assert!(matches!(x(&boxed, 106.5, 106.6), Err(Reason::Near { .. })));
+    assert!(matches!(x(&boxed, 106.5, 106.6), Err(RefusalReason::ClearanceTooSmall { .. })));
     let beside_it = beside().with(Axis::X, 106.5).with(Axis::Z, 170.0);
     assert!(retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &beside_it).is_ok());
-    let blind = beside_it.only(|axis| axis != Axis::B);
+    let blind = beside_it.filter_axes(|axis| axis != Axis::B);
     let unknown = retracted(&boxed, "N1 G53 G1 Z171 F60", (Axis::Z, 171.0), &blind);
-    assert_eq!(unknown, Err(Reason::Unknown(Axis::B)));
+    assert_eq!(unknown, Err(RefusalReason::UnknownPosition(Axis::B)));
 }

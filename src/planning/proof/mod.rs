@@ -10,7 +10,7 @@
 //!   that ball at every position within its uncertainty, and on the side of the step's `normal`. The full length of
 //!   the touch avoids all other balls and stems.
 //! - Each scan reaches its points one after the other, at its feed, and rests at each point where it takes samples.
-//!   No part of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does. If its sensors are on the table, the
+//!   No part of it touches, and all of it keeps [`MIN_UNGUARDED_CLEARANCE_MM`] as a rapid does. If its sensors are on the table, the
 //!   ball in the spindle may be as near to them as their range allows, at a feed from which a hold stops it within
 //!   that range.
 //! - A prompt is one stop (M0) and nothing else; after it, the position of the machine is unknown.
@@ -20,7 +20,7 @@
 //!   no rapid, and the whole approach to a step is careful ([`careful`]).
 //! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
 //!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
-//! - Rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every step ends with
+//! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every step ends with
 //!   that distance.
 //!
 //! Each body of the artefact is enlarged by its uncertainty. During a touch, only parts that move with the spindle
@@ -39,21 +39,21 @@
 //! before the first stage, and nothing is rendered.
 
 mod body;
+mod body_gap;
 mod careful;
 #[doc(hidden)]
 pub mod for_tests;
-mod gap;
 mod jog;
-mod modes;
 mod pairs;
+mod program_check;
 mod proven;
+mod proven_modes;
 mod refusal;
 mod rules;
 mod scan;
 mod scene;
 mod sweep;
 mod touch;
-mod walk;
 
 #[cfg(test)]
 mod ball_tests;
@@ -66,12 +66,14 @@ mod scan_tests;
 #[cfg(test)]
 mod tests;
 
-pub use jog::{JogRequest, prove_jog, prove_retract};
-pub use modes::{ProvenModes, prove_modes};
-pub use proven::{Altered, ProvenBlock, ProvenUnit, StageRequest, Unproven, prove_blocks};
-pub use refusal::{Reason, Refusal};
+pub use jog::{JogProofRequest, prove_jog, prove_retract};
+pub use proven::{
+    AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks,
+};
+pub use proven_modes::{ProvenModes, prove_modes};
+pub use refusal::{ProofRefusal, RefusalReason};
 
-use crate::Confirmed;
+use crate::ConfirmedDirections;
 use crate::gcode::Dialect;
 use crate::gcode::rs274::ReadMotion;
 use machine::Position;
@@ -81,19 +83,19 @@ use machine::record::proof::Proof;
 use proven::read_programs;
 
 /// Minimum clearance of rapids and turning axes from everything, mm.
-pub const MARGIN_MM: f64 = 2.0;
+pub const MIN_UNGUARDED_CLEARANCE_MM: f64 = 2.0;
 
 /// A text, and the steps that it must contain.
 #[derive(Debug, Clone, Copy)]
-pub struct Request<'a> {
+pub struct ProofRequest<'a> {
     pub plan: &'a Plan,
     /// Steps of each stage in the text, in order.
-    pub stages: &'a [Staged<'a>],
+    pub stages: &'a [StageSteps<'a>],
     /// Position of the machine at the start, as far as it is known. Moves before X, Y and Z are known are not
     /// checked, and the proof reports them.
-    pub stands: Option<&'a Position>,
+    pub position: Option<&'a Position>,
     /// Directions that were confirmed since the machine was prepared.
-    pub confirmed: Confirmed,
+    pub confirmed: ConfirmedDirections,
     pub dialect: &'a Dialect,
     /// Programs that are executed one after the other; each sets the modes that it needs.
     pub programs: &'a [String],
@@ -101,22 +103,25 @@ pub struct Request<'a> {
 
 /// The steps of one stage.
 #[derive(Debug, Clone, Copy)]
-pub struct Staged<'a> {
+pub struct StageSteps<'a> {
     /// Ids of the steps, in the order of the run; the plan contains these steps.
     pub steps: &'a [u32],
     /// The artefact at its found position; `None`: at its position in the plan.
-    pub found: Option<&'a Artefact>,
+    pub found_artefact: Option<&'a Artefact>,
 }
 
 /// Proves that the text contains exactly the steps, and that no bodies collide.
 ///
 /// # Errors
 /// The first line that is wrong or cannot be proven.
-pub fn prove(request: &Request<'_>) -> Result<Proof, Refusal> {
+pub fn prove_programs(request: &ProofRequest<'_>) -> Result<Proof, ProofRefusal> {
     prove_motions(request, read_programs(request.dialect, request.programs)?)
 }
 
-/// Like [`prove`], for programs that were read back already.
-fn prove_motions(request: &Request<'_>, motions: Vec<ReadMotion>) -> Result<Proof, Refusal> {
-    walk::ProgramCheck::begin(request, motions)?.through()
+/// Like [`prove_programs`], for programs that were read back already.
+fn prove_motions(
+    request: &ProofRequest<'_>,
+    motions: Vec<ReadMotion>,
+) -> Result<Proof, ProofRefusal> {
+    program_check::ProgramCheck::begin(request, motions)?.check_all_motions()
 }

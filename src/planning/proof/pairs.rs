@@ -1,22 +1,22 @@
 //! Pairs of bodies that could collide: all that move relative to each other.
 
-use super::MARGIN_MM;
-use super::body::{Body, Role};
-use super::sweep::{Demand, Way, sweep};
+use super::MIN_UNGUARDED_CLEARANCE_MM;
+use super::body::{BodyRole, CollisionBody};
+use super::sweep::{ClearanceDemand, JointPath, min_distance_on_path};
 use machine::Axis;
-use machine::kinematics::{CarrierChain, Side};
+use machine::kinematics::{CarrierChain, MachineSide};
 
 /// Two bodies that could collide, relative to the last carrier that they share.
-pub struct Pair {
-    pub one: Body,
-    pub other: Body,
+pub struct BodyPair {
+    pub one: CollisionBody,
+    pub other: CollisionBody,
     /// Indices of the two bodies in the list of all bodies.
-    pub numbers: [usize; 2],
-    pub meets: PairRole,
+    pub body_indices: [usize; 2],
+    pub role: PairRole,
     /// Whether the pair is stylus and artefact, whose contact the probe detects.
-    pub felt: bool,
+    pub is_contact_detected: bool,
     /// Maximum reduction of the distance of the two by the uncertainty of the artefact, mm.
-    pub grown: f64,
+    pub position_uncertainty_mm: f64,
     /// For the stylus ball and a sensor on the table that measures it: the smallest gap within the sensor's range,
     /// mm.
     pub measured_gap: Option<f64>,
@@ -28,103 +28,135 @@ pub enum PairRole {
     /// The stylus ball and that body, which are meant to meet.
     Touch(usize),
     /// A part that moves with the stylus ball, and that body or its stem; or the stylus ball and that stem.
-    Beside(usize),
+    NearTouched(usize),
     /// All other pairs.
-    Never,
+    Separate,
 }
 
-impl Pair {
+impl BodyPair {
     /// Whether both are on the same side of the machine.
-    pub fn one_side(&self) -> bool {
-        self.one.carried.side() == self.other.carried.side()
+    pub fn is_on_one_side(&self) -> bool {
+        self.one.carrier_chain.side() == self.other.carrier_chain.side()
     }
 
     /// Whether the pair is a displacement sensor and the cylinder that it measures.
     fn is_measured(&self) -> bool {
         let roles = [self.one.role, self.other.role];
-        roles.contains(&Role::Sensor) && roles.contains(&Role::Datum)
+        roles.contains(&BodyRole::Sensor) && roles.contains(&BodyRole::Datum)
     }
 
     /// Whether the two are nearer than the margin with all axes at zero: joined, or built close.
-    fn neighbours(&self) -> bool {
+    fn are_neighbours(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
-        let way = Way { from: zero, to: zero };
-        let (need, nearest) = (MARGIN_MM, f64::INFINITY);
-        let demand = Demand { need, grown: self.grown, across: None, nearest };
-        sweep(&way, &self.one, &self.other, &demand).is_err()
+        let joint_path = JointPath { from: zero, to: zero };
+        let (min_clearance_mm, nearest) = (MIN_UNGUARDED_CLEARANCE_MM, f64::INFINITY);
+        let demand = ClearanceDemand {
+            min_clearance_mm,
+            position_uncertainty_mm: self.position_uncertainty_mm,
+            lateral: None,
+            nearest,
+        };
+        min_distance_on_path(&joint_path, &self.one, &self.other, &demand).is_err()
     }
 
     /// Whether only the rotation of the spindle moves them relative to each other: the nose, and the parts that it
     /// holds.
-    fn held(&self) -> bool {
-        self.one.carried.axes().chain(self.other.carried.axes()).all(|axis| axis == Axis::S)
+    fn is_spindle_rotation_only(&self) -> bool {
+        self.one
+            .carrier_chain
+            .axes()
+            .chain(self.other.carrier_chain.axes())
+            .all(|axis| axis == Axis::S)
     }
 }
 
 /// All pairs that some axis moves relative to each other, and as text those that are not checked: neighbours on one
 /// side, unless one holds the other, and a sensor with a datum cylinder. The gap of these two is the sensor's
 /// range, and the run monitors the samples while an axis moves.
-pub fn pairs(bodies: &[Body], uncertainty: f64) -> (Vec<Pair>, Vec<String>) {
+pub fn collision_pairs(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyPair>, Vec<String>) {
     let (mut pairs, mut unchecked) = (Vec::new(), Vec::new());
     let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
     for (one, other) in all {
-        let Some(pair) = pair(bodies, one, other, uncertainty) else { continue };
+        let Some(pair) = make_pair(bodies, one, other, uncertainty) else { continue };
         if pair.is_measured() {
             let (one, other) = (&pair.one.name, &pair.other.name);
             unchecked.push(format!("{one} against {other}: the gap that the sensor measures"));
-        } else if !(pair.one_side() && pair.neighbours()) {
+        } else if !(pair.is_on_one_side() && pair.are_neighbours()) {
             pairs.push(pair);
-        } else if !pair.held() {
+        } else if !pair.is_spindle_rotation_only() {
             let (one, other) = (&pair.one.name, &pair.other.name);
-            let why = format!("they stand nearer than {MARGIN_MM} mm with all axes at zero");
-            unchecked.push(format!("{one} against {other}: {why}"));
+            let reason =
+                format!("nearer than {MIN_UNGUARDED_CLEARANCE_MM} mm with all axes at zero");
+            unchecked.push(format!("{one} against {other}: {reason}"));
         }
     }
     (pairs, unchecked)
 }
 
 /// Each pair once: for bodies of two sides, the tool's body first, the bed's last.
-fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<Pair> {
+fn make_pair(
+    bodies: &[CollisionBody],
+    one: usize,
+    other: usize,
+    uncertainty: f64,
+) -> Option<BodyPair> {
     let (a, b) = (bodies.get(one)?, bodies.get(other)?);
-    let comes_first = match (a.carried.side(), b.carried.side()) {
-        (Side::Tool, Side::Work | Side::Bed) | (Side::Work, Side::Bed) => true,
+    let comes_first = match (a.carrier_chain.side(), b.carrier_chain.side()) {
+        (MachineSide::Tool, MachineSide::Workpiece | MachineSide::Bed)
+        | (MachineSide::Workpiece, MachineSide::Bed) => true,
         (first, second) => first == second && one < other,
     };
-    if !comes_first || a.carried.moves_as(&b.carried) {
+    if !comes_first || a.carrier_chain.has_same_axes_as(&b.carrier_chain) {
         return None;
     }
-    let meets = meets(a, b, bodies);
-    let of_artefact = |body: &Body| {
-        matches!(body.role, Role::Touched(_) | Role::StemOf(_) | Role::Frame | Role::Datum)
+    let role = pair_role(a, b, bodies);
+    let of_artefact = |body: &CollisionBody| {
+        matches!(
+            body.role,
+            BodyRole::Touched(_) | BodyRole::StemOf(_) | BodyRole::MotionFrame | BodyRole::Datum
+        )
     };
     let measured_gap = match (a.role, b.role) {
-        (Role::StylusBall, Role::TableSensor { least_gap }) => Some(least_gap),
+        (BodyRole::StylusBall, BodyRole::TableSensor { min_gap_mm }) => Some(min_gap_mm),
         _ => None,
     };
-    let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
-    let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
-    let [of_one, of_other] = CarrierChain::between(&a.carried, &b.carried);
-    let numbers = [one, other];
-    let (one, other) =
-        (Body { carried: of_one, ..a.clone() }, Body { carried: of_other, ..b.clone() });
-    Some(Pair { one, other, numbers, meets, felt, grown, measured_gap })
+    let is_contact_detected =
+        matches!(a.role, BodyRole::StylusBall | BodyRole::StylusStem) && of_artefact(b);
+    let position_uncertainty_mm = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
+    let [of_one, of_other] = CarrierChain::relative_chains(&a.carrier_chain, &b.carrier_chain);
+    let body_indices = [one, other];
+    let (one, other) = (
+        CollisionBody { carrier_chain: of_one, ..a.clone() },
+        CollisionBody { carrier_chain: of_other, ..b.clone() },
+    );
+    Some(BodyPair {
+        one,
+        other,
+        body_indices,
+        role,
+        is_contact_detected,
+        position_uncertainty_mm,
+        measured_gap,
+    })
 }
 
-fn meets(one: &Body, other: &Body, bodies: &[Body]) -> PairRole {
+fn pair_role(one: &CollisionBody, other: &CollisionBody, bodies: &[CollisionBody]) -> PairRole {
     match (one.role, other.role) {
-        (Role::StylusBall, Role::Touched(number)) => PairRole::Touch(number),
-        (_, Role::Touched(number) | Role::StemOf(number)) if rides(one, bodies) => {
-            PairRole::Beside(number)
+        (BodyRole::StylusBall, BodyRole::Touched(number)) => PairRole::Touch(number),
+        (_, BodyRole::Touched(number) | BodyRole::StemOf(number))
+            if moves_with_stylus(one, bodies) =>
+        {
+            PairRole::NearTouched(number)
         }
-        _ => PairRole::Never,
+        _ => PairRole::Separate,
     }
 }
 
 /// Whether the same linear and rotary axes move the body as the stylus ball, the rotation of the spindle apart.
-fn rides(body: &Body, bodies: &[Body]) -> bool {
-    let axes = |body: &Body| -> Vec<Axis> {
-        body.carried.axes().filter(|axis| *axis != Axis::S).collect()
+fn moves_with_stylus(body: &CollisionBody, bodies: &[CollisionBody]) -> bool {
+    let axes = |body: &CollisionBody| -> Vec<Axis> {
+        body.carrier_chain.axes().filter(|axis| *axis != Axis::S).collect()
     };
-    let ball = bodies.iter().find(|other| other.role == Role::StylusBall);
+    let ball = bodies.iter().find(|other| other.role == BodyRole::StylusBall);
     ball.is_some_and(|ball| axes(ball) == axes(body))
 }

@@ -2,11 +2,13 @@
 
 use sha2::{Digest as _, Sha256};
 
-use super::refusal::{Reason, Refusal};
-use super::{Request, Staged, prove_motions};
+use super::refusal::{ProofRefusal, RefusalReason};
+use super::{ProofRequest, StageSteps, prove_motions};
 use crate::gcode::rs274::ReadMotion;
-use crate::gcode::{Dialect, Disagreement, RenderError, Transmission, Transmitted, Unit};
-use crate::{Confirmed, target};
+use crate::gcode::{
+    Dialect, ReadBackMismatch, RenderError, Transmission, TransmissionText, TransmissionUnit,
+};
+use crate::{ConfirmedDirections, motion_target};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
@@ -14,12 +16,12 @@ use machine::{Axis, Position};
 
 /// A stage in the form in which it is sent.
 #[derive(Debug, Clone, Copy)]
-pub struct StageRequest<'a> {
+pub struct StageProofRequest<'a> {
     pub plan: &'a Plan,
-    pub stages: &'a [Staged<'a>],
-    /// As in [`Request`].
-    pub stands: Option<&'a Position>,
-    pub confirmed: Confirmed,
+    pub stages: &'a [StageSteps<'a>],
+    /// As in [`ProofRequest`].
+    pub position: Option<&'a Position>,
+    pub confirmed: ConfirmedDirections,
     pub dialect: &'a Dialect,
     pub transmission: &'a Transmission,
     /// The motions that the text must contain, in order.
@@ -28,18 +30,18 @@ pub struct StageRequest<'a> {
 
 /// Error: a stage has no proven blocks. Nothing has moved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Unproven {
+pub enum StageProofError {
     #[error(transparent)]
-    Unwritable(#[from] RenderError),
+    Render(#[from] RenderError),
     #[error(transparent)]
-    Refused(#[from] Refusal),
+    Refused(#[from] ProofRefusal),
 }
 
-impl Unproven {
+impl StageProofError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Unwritable(error) => error.remedy(),
+            Self::Render(error) => error.remedy(),
             Self::Refused(refusal) => refusal.remedy().to_owned(),
         }
     }
@@ -50,7 +52,7 @@ impl Unproven {
 #[derive(Debug)]
 pub struct ProvenBlock {
     step: u32,
-    begins: Position,
+    start_position: Position,
     transmission: Transmission,
     units: Vec<ProvenUnit>,
     digest: [u8; 32],
@@ -59,34 +61,35 @@ pub struct ProvenBlock {
 /// A unit, and the motions that the reader found in its text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProvenUnit {
-    pub unit: Unit,
+    pub unit: TransmissionUnit,
     /// One motion for each of `unit.motions`.
-    pub read: Vec<ReadMotion>,
+    pub read_motions: Vec<ReadMotion>,
 }
 
 /// Error: a block was changed after its proof.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("step {step}: the block is not the one that was proven")]
-pub struct Altered {
+#[error("step {step}: the block was changed after its proof")]
+pub struct AlteredBlock {
     pub step: u32,
 }
 
 impl ProvenBlock {
     fn new(
         block: &Block,
-        begins: Position,
+        start_position: Position,
         transmission: Transmission,
         units: Vec<ProvenUnit>,
     ) -> Self {
-        let mut block = Self { step: block.step, begins, transmission, units, digest: [0; 32] };
+        let mut block =
+            Self { step: block.step, start_position, transmission, units, digest: [0; 32] };
         block.digest = block.computed_digest();
         block
     }
 
     /// Digest of all other fields.
     fn computed_digest(&self) -> [u8; 32] {
-        let Self { step, begins, transmission, units, digest: _ } = self;
-        Sha256::digest(format!("{step}{begins:?}{transmission:?}{units:?}")).into()
+        let Self { step, start_position, transmission, units, digest: _ } = self;
+        Sha256::digest(format!("{step}{start_position:?}{transmission:?}{units:?}")).into()
     }
 
     /// Form in which the control receives the block.
@@ -100,8 +103,8 @@ impl ProvenBlock {
 
     /// Position of the machine at the start of the block, machine coordinates: the axes whose position the proof
     /// knows.
-    pub fn begins(&self) -> &Position {
-        &self.begins
+    pub fn start_position(&self) -> &Position {
+        &self.start_position
     }
 
     pub fn motions(&self) -> impl Iterator<Item = &Motion> {
@@ -112,9 +115,9 @@ impl ProvenBlock {
     ///
     /// # Errors
     /// They differ from the proven units.
-    pub fn units(&self) -> Result<&[ProvenUnit], Altered> {
+    pub fn units(&self) -> Result<&[ProvenUnit], AlteredBlock> {
         let is_proven = self.computed_digest() == self.digest;
-        if is_proven { Ok(&self.units) } else { Err(Altered { step: self.step }) }
+        if is_proven { Ok(&self.units) } else { Err(AlteredBlock { step: self.step }) }
     }
 }
 
@@ -122,48 +125,53 @@ impl ProvenBlock {
 ///
 /// # Errors
 /// A block cannot be rendered; the first line that is wrong or cannot be proven.
-pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), Unproven> {
-    let StageRequest { plan, stages, stands, confirmed, dialect, transmission, blocks } = *request;
+pub fn prove_blocks(
+    request: &StageProofRequest<'_>,
+) -> Result<(Proof, Vec<ProvenBlock>), StageProofError> {
+    let StageProofRequest { plan, stages, position, confirmed, dialect, transmission, blocks } =
+        *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let sent = dialect.transmitted(transmission, &axes, blocks)?;
+    let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
     let read = read_programs(dialect, &sent.programs)?;
     let programs = &sent.programs;
-    let request = Request { plan, stages, stands, confirmed, dialect, programs };
+    let request = ProofRequest { plan, stages, position, confirmed, dialect, programs };
     let proof = prove_motions(&request, read.clone())?;
-    let begins = stands.cloned().unwrap_or_default();
-    Ok((proof, proven_units(dialect, blocks, transmission, sent, read, begins)?))
+    let start_position = position.cloned().unwrap_or_default();
+    Ok((proof, proven_units(dialect, blocks, transmission, sent, read, start_position)?))
 }
 
 /// Renders a block and reads it back; bodies are not checked.
 ///
 /// # Errors
 /// As [`prove_blocks`], except the checks of bodies.
-pub(super) fn without_bodies(
+pub(super) fn prove_text_only(
     block: &Block,
-    begins: Position,
+    start_position: Position,
     axes: &[Axis],
     dialect: &Dialect,
     transmission: &Transmission,
-) -> Result<ProvenBlock, Unproven> {
-    let sent = dialect.transmitted(transmission, axes, std::slice::from_ref(block))?;
-    read_block(block, begins, dialect, transmission, sent)
+) -> Result<ProvenBlock, StageProofError> {
+    let sent = dialect.render_for_transmission(transmission, axes, std::slice::from_ref(block))?;
+    read_back_block(block, start_position, dialect, transmission, sent)
 }
 
 /// Reads one rendered block back.
 ///
 /// # Errors
 /// The first fault that the reader finds.
-pub(super) fn read_block(
+pub(super) fn read_back_block(
     block: &Block,
-    begins: Position,
+    start_position: Position,
     dialect: &Dialect,
     transmission: &Transmission,
-    sent: Transmitted,
-) -> Result<ProvenBlock, Unproven> {
+    sent: TransmissionText,
+) -> Result<ProvenBlock, StageProofError> {
     let blocks = std::slice::from_ref(block);
     let read = read_programs(dialect, &sent.programs)?;
-    let mut proven = proven_units(dialect, blocks, transmission, sent, read, begins)?;
-    proven.pop().ok_or(Unproven::Refused(refusal(1, Reason::Missing(block.step))))
+    let mut proven = proven_units(dialect, blocks, transmission, sent, read, start_position)?;
+    proven
+        .pop()
+        .ok_or(StageProofError::Refused(refusal_at(1, RefusalReason::MissingStep(block.step))))
 }
 
 /// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
@@ -171,29 +179,31 @@ fn proven_units(
     dialect: &Dialect,
     blocks: &[Block],
     transmission: &Transmission,
-    sent: Transmitted,
-    read: Vec<ReadMotion>,
-    mut begins: Position,
-) -> Result<Vec<ProvenBlock>, Refusal> {
+    sent: TransmissionText,
+    read_motions: Vec<ReadMotion>,
+    mut start_position: Position,
+) -> Result<Vec<ProvenBlock>, ProofRefusal> {
     check_line_lengths(transmission, &sent)?;
-    let mut read = read.into_iter().peekable();
+    let mut remaining = read_motions.into_iter().peekable();
     let mut proven = Vec::new();
     let mut last_line = sent.head_lines;
     for (block, units) in blocks.iter().zip(sent.blocks) {
         let mut parts = Vec::new();
         for unit in units {
             last_line += unit.text.lines().count();
-            let own = std::iter::from_fn(|| read.next_if(|motion| motion.line <= last_line));
-            let read: Vec<ReadMotion> = own.collect();
-            dialect.says(block.step, &unit.motions, &read).map_err(differs)?;
-            parts.push(ProvenUnit { unit, read });
+            let own = std::iter::from_fn(|| remaining.next_if(|motion| motion.line <= last_line));
+            let read_motions: Vec<ReadMotion> = own.collect();
+            dialect
+                .check_motions(block.step, &unit.motions, &read_motions)
+                .map_err(mismatch_refusal)?;
+            parts.push(ProvenUnit { unit, read_motions });
         }
-        proven.push(ProvenBlock::new(block, begins.clone(), transmission.clone(), parts));
-        begins = block.motions.iter().fold(begins, after);
+        proven.push(ProvenBlock::new(block, start_position.clone(), transmission.clone(), parts));
+        start_position = block.motions.iter().fold(start_position, position_after);
     }
-    match read.next() {
+    match remaining.next() {
         None => Ok(proven),
-        Some(motion) => Err(refusal(motion.line, Reason::NoStep)),
+        Some(motion) => Err(refusal_at(motion.line, RefusalReason::MotionWithoutStep)),
     }
 }
 
@@ -202,12 +212,12 @@ fn proven_units(
 pub(super) fn read_programs(
     dialect: &Dialect,
     programs: &[String],
-) -> Result<Vec<ReadMotion>, Refusal> {
+) -> Result<Vec<ReadMotion>, ProofRefusal> {
     let (mut all, mut before) = (Vec::new(), 0);
     for program in programs {
-        let read = dialect
-            .read_back(program)
-            .map_err(|error| refusal(before + error.line, Reason::Unreadable(error.why)))?;
+        let read = dialect.read_back(program).map_err(|error| {
+            refusal_at(before + error.line, RefusalReason::Unreadable(error.reason))
+        })?;
         all.extend(
             read.into_iter().map(|motion| ReadMotion { line: before + motion.line, ..motion }),
         );
@@ -216,33 +226,36 @@ pub(super) fn read_programs(
     Ok(all)
 }
 
-fn check_line_lengths(transmission: &Transmission, sent: &Transmitted) -> Result<(), Refusal> {
+fn check_line_lengths(
+    transmission: &Transmission,
+    sent: &TransmissionText,
+) -> Result<(), ProofRefusal> {
     let Transmission::Lines { max_line_bytes } = *transmission else { return Ok(()) };
     let mut lines = sent.blocks.iter().flatten().flat_map(|unit| unit.text.lines());
     match lines.find(|line| line.len() >= max_line_bytes) {
-        Some(line) => Err(refusal(1, Reason::LongLine(line.to_owned()))),
+        Some(line) => Err(refusal_at(1, RefusalReason::LineTooLong(line.to_owned()))),
         None => Ok(()),
     }
 }
 
 /// Position of the machine after a motion; after a touch, the position of its axes is unknown.
-fn after(stands: Position, motion: &Motion) -> Position {
+fn position_after(position: Position, motion: &Motion) -> Position {
     match motion {
-        Motion::Probe { to, .. } => stands.only(|axis| to.get(axis).is_none()),
-        motion => target(motion).map_or(stands.clone(), |to| stands.updated_by(&to)),
+        Motion::Probe { to, .. } => position.filter_axes(|axis| to.get(axis).is_none()),
+        motion => motion_target(motion).map_or(position.clone(), |to| position.updated_by(&to)),
     }
 }
 
-fn differs(disagreement: Disagreement) -> Refusal {
+fn mismatch_refusal(disagreement: ReadBackMismatch) -> ProofRefusal {
     let line = match &disagreement {
-        Disagreement::Motion { line, .. } => *line,
+        ReadBackMismatch::Motion { line, .. } => *line,
         _ => 1,
     };
-    refusal(line, Reason::Differs(disagreement.to_string()))
+    refusal_at(line, RefusalReason::TextMismatch(disagreement.to_string()))
 }
 
-fn refusal(line: usize, reason: Reason) -> Refusal {
-    Refusal { step: None, line, reason }
+fn refusal_at(line: usize, reason: RefusalReason) -> ProofRefusal {
+    ProofRefusal { step: None, line, reason }
 }
 
 #[cfg(test)]
@@ -255,9 +268,9 @@ mod tests {
         let motions = vec![Motion::Guarded { to, feed_mm_min: 100.0 }];
         let block = Block { step: 0, repeat: 0, motions };
         let axes: Vec<Axis> = plan(|_| {}).machine.axes.keys().copied().collect();
-        let dialect = Dialect::named("grbl").unwrap();
+        let dialect = Dialect::from_name("grbl").unwrap();
         let transmission = Transmission::Lines { max_line_bytes: 80 };
-        vec![without_bodies(&block, beside(), &axes, &dialect, &transmission).unwrap()]
+        vec![prove_text_only(&block, beside(), &axes, &dialect, &transmission).unwrap()]
     }
 
     #[test]
@@ -267,23 +280,23 @@ mod tests {
             assert_eq!(block.units().unwrap().len(), 1);
             match change {
                 0 => block.units[0].unit.text = block.units[0].unit.text.replace("X90", "X91"),
-                1 => block.units[0].read[0].target = Position::new().with(Axis::X, 91.0),
-                2 => block.begins = Position::new(),
+                1 => block.units[0].read_motions[0].target = Position::new().with(Axis::X, 91.0),
+                2 => block.start_position = Position::new(),
                 _ => block.transmission = Transmission::Rows,
             }
-            assert_eq!(block.units(), Err(Altered { step: 0 }));
+            assert_eq!(block.units(), Err(AlteredBlock { step: 0 }));
         }
     }
 
     #[test]
     fn motions_that_stand_in_another_unit_have_no_proof() {
-        let dialect = Dialect::named("grbl").unwrap();
+        let dialect = Dialect::from_name("grbl").unwrap();
         let to = |x: f64| Position::new().with(Axis::X, x);
         let motions = [90.0, 95.0].map(|x| Motion::Guarded { to: to(x), feed_mm_min: 100.0 });
         let blocks = [Block { step: 0, repeat: 0, motions: motions.to_vec() }];
         let lines = Transmission::Lines { max_line_bytes: 80 };
-        let sent = dialect.transmitted(&lines, &[Axis::X], &blocks).unwrap();
-        let proven = |sent: Transmitted| {
+        let sent = dialect.render_for_transmission(&lines, &[Axis::X], &blocks).unwrap();
+        let proven = |sent: TransmissionText| {
             let read = read_programs(&dialect, &sent.programs)?;
             proven_units(&dialect, &blocks, &lines, sent, read, beside())
         };
@@ -301,8 +314,8 @@ mod tests {
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
         let block = Block { step: 3, repeat: 0, motions };
         let (dialect, lines) =
-            (Dialect::named("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
-        let refused = without_bodies(&block, Position::new(), &[Axis::Z], &dialect, &lines);
-        assert!(matches!(refused, Err(Unproven::Refused(_))), "{refused:?}");
+            (Dialect::from_name("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
+        let refused = prove_text_only(&block, Position::new(), &[Axis::Z], &dialect, &lines);
+        assert!(matches!(refused, Err(StageProofError::Refused(_))), "{refused:?}");
     }
 }

@@ -1,178 +1,183 @@
 //! Refusals of a proof, and what the operator should do. Nothing has moved.
 
-use super::MARGIN_MM;
+use super::MIN_UNGUARDED_CLEARANCE_MM;
 use machine::Axis;
 use machine::kinematics::KinematicsError;
 
 /// Step, line and reason of a refusal.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{}line {line}: {reason}", of_step(.step))]
-pub struct Refusal {
+#[error("{}line {line}: {reason}", step_prefix(.step))]
+pub struct ProofRefusal {
     /// Id and label of the current step; `None` before the first.
     pub step: Option<(u32, String)>,
     /// Line of the text, from 1.
     pub line: usize,
-    pub reason: Reason,
+    pub reason: RefusalReason,
 }
 
 /// Present and intended position of an axis; mm or degrees.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error("{axis} at {is}, not at {meant}")]
-pub struct Place {
+#[error("{axis} at {actual} instead of {expected}")]
+pub struct PositionMismatch {
     pub axis: Axis,
-    pub is: f64,
-    pub meant: f64,
+    pub actual: f64,
+    pub expected: f64,
 }
 
-fn of_step(step: &Option<(u32, String)>) -> String {
+fn step_prefix(step: &Option<(u32, String)>) -> String {
     step.as_ref().map_or(String::new(), |(id, label)| format!("step {id} ({label}), "))
 }
 
 /// Reason of a refusal. Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Reason {
+pub enum RefusalReason {
     #[error("{0}")]
     Unreadable(String),
-    #[error("it does not say what was planned: {0}")]
-    Differs(String),
-    #[error("a line is longer than the control's buffer: `{0}`")]
-    LongLine(String),
+    #[error("the program differs from the plan: {0}")]
+    TextMismatch(String),
+    #[error("the line is longer than the control's line buffer: `{0}`")]
+    LineTooLong(String),
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
-    #[error("the solid `{solid}` stands on an axis that the machine does not have")]
-    Carrier { solid: String },
+    #[error("the solid `{solid}` is on an axis that the machine does not have")]
+    UnknownCarrier { solid: String },
     #[error("the plan has no step {0}")]
-    NoSuchStep(u32),
-    #[error("a motion that belongs to no step (no N word)")]
-    NoStep,
-    #[error("a motion of step {found}, whose turn it is not{}", after(.expected))]
-    OutOfTurn { found: u32, expected: Option<u32> },
-    #[error("the step ends here without {0}")]
-    Unfinished(&'static str),
-    #[error("the program ends before step {0} has its turn")]
-    Missing(u32),
-    #[error("it does not move in machine coordinates, but in {0}")]
-    Frame(String),
-    #[error("it moves {0}, which the machine does not have")]
-    NoAxis(Axis),
-    #[error("{axis} would go to {value}, outside [{min}, {max}]")]
-    Limit { axis: Axis, value: f64, min: f64, max: f64 },
-    #[error("{what} at {feed} mm/min, not {limit} mm/min")]
-    Feed { what: &'static str, feed: f64, limit: String },
+    UnknownStep(u32),
+    #[error("the motion has no step number (N word)")]
+    MotionWithoutStep,
+    #[error("a motion of step {found} is out of order{}", next_step_note(.expected))]
+    WrongStepOrder { found: u32, expected: Option<u32> },
+    #[error("the step ends without {0}")]
+    IncompleteStep(&'static str),
+    #[error("the program ends before step {0}")]
+    MissingStep(u32),
+    #[error("the motion is in {0}, not in machine coordinates")]
+    NotMachineCoordinates(String),
+    #[error("the motion moves {0}, but the machine has no axis {0}")]
+    UnknownAxis(Axis),
+    #[error("the target {axis} {value} is outside the limits [{min}, {max}]")]
+    OutsideLimits { axis: Axis, value: f64, min: f64, max: f64 },
+    #[error("the feed of {motion_name} is {feed} mm/min; required: {limit} mm/min")]
+    WrongFeed { motion_name: &'static str, feed: f64, limit: String },
     #[error(
-        "braking from {feed} mm/min takes {way:.2} mm, more than the probe's overtravel of {overtravel} mm"
+        "the braking distance from {feed} mm/min is {distance_mm:.2} mm, more than the probe's overtravel of {overtravel} mm"
     )]
-    Braking { feed: f64, way: f64, overtravel: f64 },
+    BrakingTooLong { feed: f64, distance_mm: f64, overtravel: f64 },
     #[error("the touch begins with {0}")]
-    NotAtFrom(Place),
-    #[error("the touch goes to {0}")]
-    NotTo(Place),
-    #[error("the touch is {length:.3} mm long, the probe's overtravel {overtravel} mm")]
-    TooLong { length: f64, overtravel: f64 },
-    #[error("a probing move that must make contact (G38.2) but is not the touch of its step")]
-    NotATouch,
-    #[error("the step touches a second time")]
-    SecondTouch,
-    #[error("the ball would not reach the artefact before the touch ends")]
-    NoContact,
+    WrongTouchStart(PositionMismatch),
+    #[error("the move ends with {0}")]
+    WrongTarget(PositionMismatch),
     #[error(
-        "the touch would miss {body} where that stands {uncertainty} mm off (its uncertainty_mm)"
+        "the touch is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm"
     )]
-    Misses { body: String, uncertainty: f64 },
-    #[error("the touch meets {body}, {off:.0}° away from where its step expects contact")]
-    NotAimed { body: String, off: f64 },
-    #[error("it is not known where {0} stands")]
-    Unknown(Axis),
-    #[error("between the touch and its way back something else happens")]
-    NotBack,
-    #[error("the way back from contact goes to {0} where the touch began")]
-    NotBackAt(Place),
-    #[error("a feed move (G1) that is not the way back from a touch")]
-    FeedMove,
-    #[error("a rapid before touches have confirmed where the machine stands")]
-    RapidUnconfirmed,
+    TouchTooLong { length: f64, overtravel: f64 },
+    #[error("the probing move requires contact (G38.2), but is not the touch of the step")]
+    UnexpectedProbingMove,
+    #[error("the step contains a second touch")]
+    RepeatedTouch,
+    #[error("the stylus ball does not reach the artefact before the touch ends")]
+    TouchWithoutContact,
     #[error(
-        "a probing move that turns an axis before touches have confirmed where the machine stands"
+        "the touch would miss {body} if the position of {body} is off by {uncertainty} mm (uncertainty_mm)"
     )]
-    TurnsUnconfirmed,
+    TouchCanMiss { body: String, uncertainty: f64 },
     #[error(
-        "a move aside or a turn with {0}: before touches have confirmed where the machine stands only Z \
-         moves below its upper end"
+        "the touch meets {body} {off:.0}° away from the contact direction of the step (`normal`)"
     )]
-    AsideBelowTop(Place),
-    #[error("a probing move in a scan, where nothing can be touched")]
+    WrongContactSide { body: String, off: f64 },
+    #[error("the position of {0} is unknown")]
+    UnknownPosition(Axis),
+    #[error("another motion comes between the touch and its back-off")]
+    MissingBackOff,
+    #[error("the back-off from contact must end at the start of the touch, but ends with {0}")]
+    WrongBackOffTarget(PositionMismatch),
+    #[error("the feed move (G1) is not the back-off from a touch")]
+    UnexpectedFeedMove,
+    #[error("a rapid before touches have confirmed the machine position")]
+    RapidBeforeConfirmation,
+    #[error("a probing move turns an axis before touches have confirmed the machine position")]
+    TurnBeforeConfirmation,
+    #[error(
+        "a sideways move or a turn with {0}: until touches have confirmed the machine position, only Z \
+         may move while Z is below its upper limit"
+    )]
+    SidewaysBelowTopZ(PositionMismatch),
+    #[error("a probing move in a scan: a scan must not touch")]
     ProbeInScan,
-    #[error("a rest in a scan whose samples are taken on the way")]
-    RestInScan,
-    #[error("something else between two points of a scan")]
-    OffPath,
-    #[error("the scan goes to {0}")]
-    NotAtPoint(Place),
-    #[error("a stop (M0) where no person is asked")]
-    StopsElsewhere,
-    #[error("something else than a stop (M0) where a person is asked")]
-    MovesInPrompt,
-    #[error("{0} motions where one jog is meant")]
-    NotOneMove(usize),
-    #[error("it moves {0}, which is not the axis that is jogged")]
-    OtherAxis(Axis),
-    #[error("a jog of {by} mm or degrees; at most {most} are allowed")]
-    LongJog { by: f64, most: f64 },
-    #[error("a jog that neither contact nor its feed holds back")]
-    NotGuarded,
-    #[error("a retract that is not a feed move (G1) of one linear axis")]
-    NotARetract,
+    #[error("a dwell in a continuous scan")]
+    DwellInContinuousScan,
+    #[error("a motion in the scan is not part of the path of the scan")]
+    OffScanPath,
+    #[error("the scan move ends with {0}")]
+    WrongScanPoint(PositionMismatch),
+    #[error("a stop (M0) outside a prompt")]
+    UnexpectedStop,
+    #[error("a prompt contains a motion other than a stop (M0)")]
+    MotionInPrompt,
+    #[error("the program has {0} motions instead of one")]
+    NotSingleMove(usize),
+    #[error("the motion moves {0}, which is not the requested axis")]
+    WrongAxis(Axis),
+    #[error("the move is {by} mm or degrees long, more than the limit of {most}")]
+    JogTooLong { by: f64, most: f64 },
+    #[error("the jog is neither a guarded move of a linear axis nor a feed move of a rotary axis")]
+    UnguardedJog,
+    #[error("the retract is not a feed move (G1) of one linear axis")]
+    InvalidRetract,
     #[error(
-        "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], margin(*.need)
+        "{} would come within {clearance:.3} mm of {}{}", .between[0], .between[1], clearance_note(*.min_clearance_mm)
     )]
-    Near { between: [String; 2], clearance: f64, need: f64 },
+    ClearanceTooSmall { between: [String; 2], clearance: f64, min_clearance_mm: f64 },
 }
 
-fn after(expected: &Option<u32>) -> String {
+fn next_step_note(expected: &Option<u32>) -> String {
     match expected {
-        Some(step) => format!("; step {step} is next"),
-        None => "; all steps have had theirs".to_owned(),
+        Some(step) => format!("; the next step is {step}"),
+        None => "; all steps are complete".to_owned(),
     }
 }
 
-fn margin(need: f64) -> String {
-    if need >= MARGIN_MM {
-        format!("; an unguarded or turning move keeps {need} mm")
-    } else if need > 0.0 {
-        format!("; the probe would not feel it, so {need:.2} mm are kept")
+fn clearance_note(min_clearance_mm: f64) -> String {
+    if min_clearance_mm >= MIN_UNGUARDED_CLEARANCE_MM {
+        format!("; required for an unguarded or rotary move: {min_clearance_mm} mm")
+    } else if min_clearance_mm > 0.0 {
+        format!(
+            "; required, because the probe does not detect this contact: {min_clearance_mm:.2} mm"
+        )
     } else {
         String::new()
     }
 }
 
-impl Refusal {
+impl ProofRefusal {
     /// What the operator should do next.
     pub fn remedy(&self) -> &'static str {
         match self.reason {
-            Reason::Near { .. } => {
-                "if the machine stands near something, move it clear by hand; otherwise correct \
+            RefusalReason::ClearanceTooSmall { .. } => {
+                "if the machine is near an obstacle, move it clear by hand; otherwise correct \
                  [artefact], [[solid]], [[keepout]], tool_mm or [probe] in the machine file, or move \
                  the part away"
             }
-            Reason::Limit { .. } => {
-                "move the part nearer to the middle, or correct the limits in [axes]"
+            RefusalReason::OutsideLimits { .. } => {
+                "move the part nearer to the middle of the travel, or correct the limits in [axes]"
             }
-            Reason::NoContact => {
-                "correct [artefact] in the machine file, or let the part be located first"
+            RefusalReason::TouchWithoutContact => {
+                "correct [artefact] in the machine file, or locate the part first"
             }
-            Reason::Misses { .. } => {
-                "let the touch go further (the method's search_mm), or state a smaller [artefact] \
-                 uncertainty_mm"
+            RefusalReason::TouchCanMiss { .. } => {
+                "increase the method's search_mm, or lower [artefact] uncertainty_mm"
             }
-            Reason::TooLong { .. } => {
-                "lower [artefact] uncertainty_mm (set the part up nearer to where the file says) or \
-                 the method's distances"
+            RefusalReason::TouchTooLong { .. } => {
+                "set the part up nearer to its position in the machine file and lower [artefact] \
+                 uncertainty_mm, or lower the method's distances"
             }
-            Reason::Braking { .. } => "lower the feed named, in [probe] of the machine file",
-            Reason::Kinematics(_) | Reason::Carrier { .. } => {
+            RefusalReason::BrakingTooLong { .. } => {
+                "lower this feed in [probe] of the machine file"
+            }
+            RefusalReason::Kinematics(_) | RefusalReason::UnknownCarrier { .. } => {
                 "correct [machine], [axes] and [[solid]] in the machine file"
             }
-            _ => "the program does not say what the plan means: please report this with the plan",
+            _ => "the program differs from the plan; report this error with the plan",
         }
     }
 }

@@ -2,102 +2,128 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::refusal::{Place, Reason};
+use super::refusal::{PositionMismatch, RefusalReason};
 use crate::gcode::Dialect;
-use crate::gcode::rs274::{Kind, ReadMotion};
+use crate::gcode::rs274::{MotionKind, ReadMotion};
 use machine::record::machine::{Machine, Probe};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of feeds, which have three decimals, mm/min.
-const FEED_ROUNDING: f64 = 0.000_501;
+const FEED_TOLERANCE_MM_MIN: f64 = 0.000_501;
 /// Tolerance of the length of a touch, because its end points are rounded, mm.
-const LENGTH_ROUNDING: f64 = 1e-3;
+const LENGTH_TOLERANCE_MM: f64 = 1e-3;
 
-type Checked = Result<(), Reason>;
+type CheckResult = Result<(), RefusalReason>;
 
 /// Checks that the machine has every axis and that each is within its limits. The spindle is oriented modulo one
 /// turn: its position is accepted if it is within the limits after adding or subtracting a full turn.
-pub fn limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -> Checked {
+pub fn check_limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -> CheckResult {
     let spindle = match motion.kind {
-        Kind::Orient { s } => Position::new().with(Axis::S, s),
+        MotionKind::Orient { s } => Position::new().with(Axis::S, s),
         _ => Position::new(),
     };
     for (axis, value) in motion.target.updated_by(&spindle).iter() {
-        let spec = machine.axes.get(&axis).ok_or(Reason::NoAxis(axis))?;
-        let slack = dialect.rounding(axis);
+        let spec = machine.axes.get(&axis).ok_or(RefusalReason::UnknownAxis(axis))?;
+        let slack = dialect.rounding_tolerance(axis);
         let within = |value: f64| {
-            (axis.from_edge(spec.min) - slack..=axis.from_edge(spec.max) + slack).contains(&value)
+            (axis.to_mm_or_rad(spec.min) - slack..=axis.to_mm_or_rad(spec.max) + slack)
+                .contains(&value)
         };
         let turns: &[f64] = if axis == Axis::S { &[0.0, -TAU, TAU] } else { &[0.0] };
         if !turns.iter().any(|turn| within(value + turn)) {
-            let (value, min, max) = (axis.to_edge(value), spec.min, spec.max);
-            return Err(Reason::Limit { axis, value, min, max });
+            let (value, min, max) = (axis.to_mm_or_deg(value), spec.min, spec.max);
+            return Err(RefusalReason::OutsideLimits { axis, value, min, max });
         }
     }
     Ok(())
 }
 
-pub fn feed_is(what: &'static str, motion: &ReadMotion, meant: f64) -> Checked {
+pub fn check_exact_feed(
+    motion_name: &'static str,
+    motion: &ReadMotion,
+    expected: f64,
+) -> CheckResult {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
-    if (feed - meant).abs() <= FEED_ROUNDING {
+    if (feed - expected).abs() <= FEED_TOLERANCE_MM_MIN {
         return Ok(());
     }
-    Err(Reason::Feed { what, feed, limit: meant.to_string() })
+    Err(RefusalReason::WrongFeed { motion_name, feed, limit: expected.to_string() })
 }
 
-pub fn feed_at_most(what: &'static str, motion: &ReadMotion, most: f64) -> Checked {
+pub fn check_max_feed(motion_name: &'static str, motion: &ReadMotion, most: f64) -> CheckResult {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
-    if feed <= most + FEED_ROUNDING {
+    if feed <= most + FEED_TOLERANCE_MM_MIN {
         return Ok(());
     }
-    Err(Reason::Feed { what, feed, limit: format!("at most {most}") })
+    Err(RefusalReason::WrongFeed { motion_name, feed, limit: format!("at most {most}") })
 }
 
 /// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
-pub fn braking(motion: &ReadMotion, machine: &Machine, probe: &Probe) -> Result<f64, Reason> {
+pub fn braking_distance_mm(
+    motion: &ReadMotion,
+    machine: &Machine,
+    probe: &Probe,
+) -> Result<f64, RefusalReason> {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
-    let (way, overtravel) = ((feed / 60.0).powi(2) / (2.0 * weakest), probe.overtravel_mm);
-    if way <= overtravel { Ok(way) } else { Err(Reason::Braking { feed, way, overtravel }) }
+    let (distance_mm, overtravel) = ((feed / 60.0).powi(2) / (2.0 * weakest), probe.overtravel_mm);
+    if distance_mm <= overtravel {
+        Ok(distance_mm)
+    } else {
+        Err(RefusalReason::BrakingTooLong { feed, distance_mm, overtravel })
+    }
 }
 
-pub fn length(from: &Position, to: &Position, overtravel: f64) -> Checked {
-    let square = |axis: Axis| (to.at(axis) - from.at(axis)).powi(2);
+pub fn check_touch_length(from: &Position, to: &Position, overtravel: f64) -> CheckResult {
+    let square = |axis: Axis| (to.get_or_zero(axis) - from.get_or_zero(axis)).powi(2);
     let length = Axis::LINEAR.into_iter().map(square).sum::<f64>().sqrt();
-    if length <= overtravel + LENGTH_ROUNDING {
+    if length <= overtravel + LENGTH_TOLERANCE_MM {
         return Ok(());
     }
-    Err(Reason::TooLong { length, overtravel })
+    Err(RefusalReason::TouchTooLong { length, overtravel })
 }
 
 /// An axis that is not at its intended position.
-pub struct Off {
+pub struct AxisMismatch {
     axis: Axis,
     /// Present position, mm or rad; `None`: unknown.
-    is: Option<f64>,
-    meant: f64,
+    actual: Option<f64>,
+    expected: f64,
 }
 
-impl Off {
-    pub fn reason(self, why: impl FnOnce(Place) -> Reason) -> Reason {
-        let Self { axis, is, meant } = self;
-        match is {
-            Some(is) => why(Place { axis, is: axis.to_edge(is), meant: axis.to_edge(meant) }),
-            None => Reason::Unknown(axis),
+impl AxisMismatch {
+    pub fn into_refusal_reason(
+        self,
+        reason: impl FnOnce(PositionMismatch) -> RefusalReason,
+    ) -> RefusalReason {
+        let Self { axis, actual, expected } = self;
+        match actual {
+            Some(actual) => reason(PositionMismatch {
+                axis,
+                actual: axis.to_mm_or_deg(actual),
+                expected: axis.to_mm_or_deg(expected),
+            }),
+            None => RefusalReason::UnknownPosition(axis),
         }
     }
 }
 
-/// The first axis of `meant` that is at another position, beyond rounding.
-pub fn differs(stands: &Position, meant: &Position, dialect: &Dialect) -> Option<Off> {
-    meant.iter().find_map(|(axis, meant)| {
-        let Some(is) = stands.get(axis) else { return Some(Off { axis, is: None, meant }) };
-        let off = match axis {
-            Axis::S => (is - meant + PI).rem_euclid(TAU) - PI,
-            _ => is - meant,
+/// The first axis of `expected` that is at another position, beyond rounding.
+pub fn find_axis_mismatch(
+    position: &Position,
+    expected: &Position,
+    dialect: &Dialect,
+) -> Option<AxisMismatch> {
+    expected.iter().find_map(|(axis, expected)| {
+        let Some(actual) = position.get(axis) else {
+            return Some(AxisMismatch { axis, actual: None, expected });
         };
-        let same = off.abs() <= dialect.rounding(axis);
-        (!same).then_some(Off { axis, is: Some(is), meant })
+        let off = match axis {
+            Axis::S => (actual - expected + PI).rem_euclid(TAU) - PI,
+            _ => actual - expected,
+        };
+        let same = off.abs() <= dialect.rounding_tolerance(axis);
+        (!same).then_some(AxisMismatch { axis, actual: Some(actual), expected })
     })
 }

@@ -28,7 +28,7 @@ const WHOLE: &str = "N0 G53 G0 X-5\nN0 G53 G0 Z171\nN0 G53 G1 Z161 F1500\nN0 G4 
                      N0 G53 G1 X0 F60\nN0 G4 P0.5\nN0 G53 G1 X5 F60\nN0 G4 P0.5\n";
 
 #[track_caller]
-fn refused(plan: &Plan, from: &str, to: &str) -> Reason {
+fn refused(plan: &Plan, from: &str, to: &str) -> RefusalReason {
     assert!(WHOLE.contains(from), "{from}");
     let text = WHOLE.replacen(from, to, 1);
     proven_from(plan, &text, Some(&beside())).unwrap_err().reason
@@ -48,23 +48,23 @@ fn a_whole_scan_is_proven_and_its_nearest_pair_is_known_by_hand() {
 #[test]
 fn every_point_is_reached_in_its_turn_at_the_feed_and_rested_at() {
     let plan = looking(|_| {});
-    let place = |reason| matches!(reason, Reason::NotAtPoint(_));
+    let place = |reason| matches!(reason, RefusalReason::WrongScanPoint(_));
     assert!(place(refused(&plan, "X0 F60", "X0.01 F60")));
     assert!(place(refused(&plan, "N0 G53 G1 X0 F60\n", "")));
     assert!(place(refused(&plan, "N0 G53 G1 X5 F60\n", "N0 G53 G1 X0 F60\n")));
-    let feed = |reason| matches!(reason, Reason::Feed { .. });
+    let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(refused(&plan, "X0 F60", "X0 F61")));
     assert!(feed(refused(&plan, "F1500", "F1501")));
-    let unfinished = |reason| matches!(reason, Reason::Unfinished(_));
+    let unfinished = |reason| matches!(reason, RefusalReason::IncompleteStep(_));
     assert!(unfinished(refused(&plan, "N0 G4 P0.5\nN0 G53 G1 X5", "N0 G4 P0.4\nN0 G53 G1 X5")));
     assert!(unfinished(refused(&plan, "N0 G53 G1 X5 F60\nN0 G4 P0.5\n", "")));
     assert!(unfinished(refused(&plan, "X5 F60\nN0 G4 P0.5\n", "X5 F60\n")));
-    let off = |reason| matches!(reason, Reason::OffPath);
+    let off = |reason| matches!(reason, RefusalReason::OffScanPath);
     assert!(off(refused(&plan, "N0 G53 G1 X0 F60", "N0 G53 G0 Z200\nN0 G53 G1 X0 F60")));
     assert!(off(refused(&plan, "X5 F60\nN0 G4 P0.5\n", "X5 F60\nN0 G4 P0.5\nN0 G53 G1 X0 F60\n")));
-    let probes = |reason| matches!(reason, Reason::ProbeInScan);
+    let probes = |reason| matches!(reason, RefusalReason::ProbeInScan);
     assert!(probes(refused(&plan, "N0 G53 G1 Z161 F1500", "N0 G38.3 Z161 F1500")));
-    let limit = |reason| matches!(reason, Reason::Limit { axis: Axis::X, .. });
+    let limit = |reason| matches!(reason, RefusalReason::OutsideLimits { axis: Axis::X, .. });
     assert!(limit(refused(&plan, "X0 F60", "X301 F60")));
 }
 
@@ -80,7 +80,7 @@ fn the_body_of_the_sensor_keeps_the_margin_on_all_of_its_way() {
     let from_left = beside().with(Axis::X, -100.0);
     proven_from(&with_post(37.01), WHOLE, Some(&from_left)).unwrap();
     let refusal = proven_from(&with_post(36.9), WHOLE, Some(&from_left)).unwrap_err();
-    assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
+    assert!(matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. }), "{refusal}");
     assert_eq!(refusal.line, 10, "the line to the last point: {refusal}");
     // Without a declared body, it is not checked, and the proof reports this.
     let bare = looking(|plan| plan["sensors"][0]["body_radius_mm"] = 0.0.into());
@@ -115,20 +115,20 @@ fn a_continuous_scan_goes_on_from_point_to_point() {
         let text = FLOWING.replacen(from, to, 1);
         proven_from(&plan, &text, Some(&beside())).unwrap_err().reason
     };
-    let rests = |reason| matches!(reason, Reason::RestInScan);
+    let rests = |reason| matches!(reason, RefusalReason::DwellInContinuousScan);
     assert!(rests(refused("N0 G53 G1 X5", "N0 G4 P0.5\nN0 G53 G1 X5")));
     assert!(rests(refused("N0 G53 G1 X0 F60", "N0 G4 P0.001\nN0 G53 G1 X0 F60")));
     let last = "X5 F60\nN0 G53 G1 X0 F60\n";
     assert!(rests(refused(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G4 P0.5\n")));
-    let place = |reason| matches!(reason, Reason::NotAtPoint(_));
+    let place = |reason| matches!(reason, RefusalReason::WrongScanPoint(_));
     assert!(place(refused("X0 F60", "X0.01 F60")));
     assert!(place(refused("N0 G53 G1 X0 F60\n", "")));
     assert!(place(refused("X0 F60", "X0 Y0.1 F60")));
-    let feed = |reason| matches!(reason, Reason::Feed { .. });
+    let feed = |reason| matches!(reason, RefusalReason::WrongFeed { .. });
     assert!(feed(refused("X5 F60", "X5 F59")));
     assert!(feed(refused("X5 F60", "X5 F180")));
-    assert!(matches!(refused(last, "X5 F60\n"), Reason::Unfinished(_)));
-    let off = |reason| matches!(reason, Reason::OffPath);
+    assert!(matches!(refused(last, "X5 F60\n"), RefusalReason::IncompleteStep(_)));
+    let off = |reason| matches!(reason, RefusalReason::OffScanPath);
     assert!(off(refused("N0 G53 G1 X5", "N0 G53 G0 X1\nN0 G53 G1 X5")));
     assert!(off(refused(last, "X5 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 X5 F60\n")));
     assert!(off(refused("N0 G53 G1 X5 F60", "N0 G38.3 X5 F60")));
@@ -179,16 +179,16 @@ const IN_NEST: &str = "N0 G53 G1 Z450 F60\nN0 G53 G1 X0 F60\nN0 G53 G1 Z190 F60\
                        N0 G53 G1 C240 F60\nN0 G4 P0.5\nN0 G53 G1 C360 F60\nN0 G4 P0.5\n";
 
 #[track_caller]
-fn nest_refused(plan: &Plan, from: &str, to: &str) -> Refusal {
+fn nest_refused(plan: &Plan, from: &str, to: &str) -> ProofRefusal {
     assert!(IN_NEST.contains(from), "{from}");
     let text = IN_NEST.replacen(from, to, 1);
-    proven_as(plan, &text, Some(&beside()), Confirmed::default()).unwrap_err()
+    proven_as(plan, &text, Some(&beside()), ConfirmedDirections::default()).unwrap_err()
 }
 
 #[test]
 fn the_ball_in_a_nest_moves_and_the_table_turns_about_it() {
     let plan = nest(0.0, |_| {});
-    for confirmed in [Confirmed::default(), Confirmed::all()] {
+    for confirmed in [ConfirmedDirections::default(), ConfirmedDirections::all()] {
         let proof = proven_as(&plan, IN_NEST, Some(&beside()), confirmed).unwrap();
         assert_eq!((proof.motions, proof.steps.len()), (17, 1));
         // The gap of 1.5 mm, minus the approach: the ball moves 0.1 mm along X towards the sensor, of which the cos
@@ -204,8 +204,9 @@ fn the_ball_in_a_nest_moves_and_the_table_turns_about_it() {
 #[test]
 fn between_the_sensors_the_ball_moves_slowly() {
     let plan = nest(0.0, |_| {});
-    let near = |refusal: Refusal| matches!(refusal.reason, Reason::Near { .. });
-    let feed = |refusal: Refusal| matches!(refusal.reason, Reason::Feed { .. });
+    let near =
+        |refusal: ProofRefusal| matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. });
+    let feed = |refusal: ProofRefusal| matches!(refusal.reason, RefusalReason::WrongFeed { .. });
     // A hold must stop within 0.5 mm: at most 98 mm/min.
     assert!(feed(nest_refused(&plan, "Z180 F60", "Z180 F120")));
     let fast = nest(0.0, |plan| plan["steps"][0]["feed_mm_min"] = 120.0.into());
@@ -219,7 +220,7 @@ fn between_the_sensors_the_ball_moves_slowly() {
             &plan,
             &text.replacen("N0 G53 G1 X0 F60\n", "", 1),
             Some(&in_nest),
-            Confirmed::all(),
+            ConfirmedDirections::all(),
         )
     };
     from_nest("60").unwrap();
@@ -233,10 +234,12 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
     // 5 mm along X move the ball nearer to one sensor by 5 mm · cos 35.26°, more than its gap.
     for at_x in [-5.0, 5.0, -1.4] {
         let refusal = nest_refused(&nest(at_x, |_| {}), "N0 G53 G1 Z450", "N0 G53 G1 Z450");
-        let Reason::Near { between: [one, other], need, .. } = &refusal.reason else {
+        let RefusalReason::ClearanceTooSmall { between: [one, other], min_clearance_mm, .. } =
+            &refusal.reason
+        else {
             panic!("{refusal}")
         };
-        assert_eq!((one.as_str(), *need), ("stylus ball", 0.5), "{other}");
+        assert_eq!((one.as_str(), *min_clearance_mm), ("stylus ball", 0.5), "{other}");
     }
     // Gap 1.5 mm − 1.1 mm · cos 35.26° = 0.6 mm, without the moves by 0.1 mm.
     let off = nest(-1.1, |plan| {
@@ -245,20 +248,21 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
         step["to"] = step["from"].clone();
     });
     let (way_down, _) = IN_NEST.split_once("N0 G53 G1 X0.1").unwrap();
-    proven_as(&off, way_down, Some(&beside()), Confirmed::default()).unwrap();
+    proven_as(&off, way_down, Some(&beside()), ConfirmedDirections::default()).unwrap();
     let post = |x: f64| {
         nest(0.0, |plan| {
             plan["solids"] = json!([{"name": "post", "on": "table", "from_mm": [x, -5.0, 0.0],
                 "to_mm": [x + 10.0, 5.0, 150.0]}]);
         })
     };
-    let prove = |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), Confirmed::default());
+    let prove_programs =
+        |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), ConfirmedDirections::default());
     // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: it is beside the post from 120 mm
     // on.
-    prove(32.3).unwrap();
-    let refusal = prove(31.9).unwrap_err();
+    prove_programs(32.3).unwrap();
+    let refusal = prove_programs(31.9).unwrap_err();
     assert!(
-        matches!(&refusal.reason, Reason::Near { between, .. } if between.contains(&"post".to_owned())),
+        matches!(&refusal.reason, RefusalReason::ClearanceTooSmall { between, .. } if between.contains(&"post".to_owned())),
         "{refusal}"
     );
 }

@@ -8,52 +8,52 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::body::Body;
-use super::gap::{Across, gap};
+use super::body::CollisionBody;
+use super::body_gap::{LateralUncertainty, body_gap};
 use machine::Axis;
 use machine::frame::unit_vector;
-use machine::kinematics::{CarrierMotion, Commands};
+use machine::kinematics::{AxisCommands, CarrierMotion};
 
 /// Accuracy of the smallest clearance of a step, mm.
-pub(super) const FOUND_WITHIN: f64 = 0.02;
+pub(super) const CLEARANCE_TOLERANCE_MM: f64 = 0.02;
 /// Distance below which two bodies count as colliding, mm.
-const RESOLUTION: f64 = 1e-3;
+const COLLISION_RESOLUTION_MM: f64 = 1e-3;
 
 /// A straight motion in joint space.
 #[derive(Debug, Clone, Copy)]
-pub struct Way {
-    pub from: Commands,
-    pub to: Commands,
+pub struct JointPath {
+    pub from: AxisCommands,
+    pub to: AxisCommands,
 }
 
-impl Way {
+impl JointPath {
     /// Whether a rotary axis or the spindle moves.
-    pub fn turns(&self) -> bool {
-        Axis::ALL.iter().any(|axis| !axis.is_linear() && self.moves(*axis))
+    pub fn has_rotation(&self) -> bool {
+        Axis::ALL.iter().any(|axis| !axis.is_linear() && self.moves_axis(*axis))
     }
 
-    fn moves(&self, axis: Axis) -> bool {
+    fn moves_axis(&self, axis: Axis) -> bool {
         self.from[axis as usize] != self.to[axis as usize]
     }
 
-    fn middle(&self, at: f64) -> Commands {
+    fn position_at(&self, at: f64) -> AxisCommands {
         std::array::from_fn(|i| self.from[i] + at * (self.to[i] - self.from[i]))
     }
 
-    fn half(&self, share: f64) -> Commands {
+    fn half_extent(&self, share: f64) -> AxisCommands {
         std::array::from_fn(|i| share * (self.to[i] - self.from[i]).abs())
     }
 }
 
 /// Clearance requirement for two bodies.
 #[derive(Debug, Clone, Copy)]
-pub struct Demand {
+pub struct ClearanceDemand {
     /// Minimum distance of the bodies, mm.
-    pub need: f64,
+    pub min_clearance_mm: f64,
     /// Position uncertainty of one body in all directions, mm.
-    pub grown: f64,
+    pub position_uncertainty_mm: f64,
     /// Position uncertainty across one direction only.
-    pub across: Option<Across>,
+    pub lateral: Option<LateralUncertainty>,
     /// Clearances above this value are ignored, mm.
     pub nearest: f64,
 }
@@ -61,54 +61,64 @@ pub struct Demand {
 /// Returns the smallest clearance, mm, if it is below `demand.nearest`.
 ///
 /// # Errors
-/// The clearance, mm, if the bodies come within `demand.need` or cannot be proven not to.
-pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Option<f64>, f64> {
+/// The clearance, mm, if the bodies come within `demand.min_clearance_mm` or cannot be proven not to.
+pub fn min_distance_on_path(
+    joint_path: &JointPath,
+    one: &CollisionBody,
+    other: &CollisionBody,
+    demand: &ClearanceDemand,
+) -> Result<Option<f64>, f64> {
     let bounds = (one.shape.bounds(), other.shape.bounds());
     let reaches = bounds.0.1 + bounds.1.1;
-    let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
-    let straight = straight(way, one, other);
+    let uncertainty_mm =
+        demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
+    let relative_translation = relative_translation(joint_path, one, other);
     let mut nearest = demand.nearest;
     // Middle and half-length of the parts that are not evaluated yet.
     let mut parts = vec![(0.5, 0.5)];
-    let mut hint = straight.map(|goes| {
-        let at_end = |body: &Body, (centre, _): (Vector3<f64>, f64)| {
-            body.carried.pose(&way.to).transform_point(&centre.into()).coords
+    let mut direction_hint = relative_translation.map(|goes| {
+        let at_end = |body: &CollisionBody, (centre, _): (Vector3<f64>, f64)| {
+            body.carrier_chain.pose(&joint_path.to).transform_point(&centre.into()).coords
         };
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
-        unit_vector(nearest_origin(end - goes, end)).unwrap_or(Vector3::x())
+        unit_vector(nearest_point_to_origin(end - goes, end)).unwrap_or(Vector3::x())
     });
-    let [one_goes, other_goes] = [one, other].map(|body| body.carried.going(&way.from, &way.to));
+    let [one_goes, other_goes] = [one, other]
+        .map(|body| body.carrier_chain.motion_between(&joint_path.from, &joint_path.to));
     while let Some((at, share)) = parts.pop() {
-        let (middle, half) = (way.middle(at), way.half(share));
-        let sweep = |body: &Body, goes: &CarrierMotion| {
+        let (middle, half) = (joint_path.position_at(at), joint_path.half_extent(share));
+        let sweep = |body: &CollisionBody, goes: &CarrierMotion| {
             let (corners, radius) = &body.corners;
-            goes.sweep(&middle, &half, corners, *radius)
+            goes.pose_and_displacement_bound(&middle, &half, corners, *radius)
         };
         let (one_at, one_stray) = sweep(one, &one_goes);
         let (other_at, other_stray) = sweep(other, &other_goes);
         let stray = one_stray + other_stray;
-        let wanted = demand.need.max(nearest - FOUND_WITHIN);
+        let required_mm = demand.min_clearance_mm.max(nearest - CLEARANCE_TOLERANCE_MM);
         let [here, there] = [bounds.0, bounds.1].map(|(centre, _)| Point3::from(centre));
         let centres = nalgebra::distance(&(one_at * here), &(other_at * there));
-        if centres - reaches - loose > wanted + stray {
+        if centres - reaches - uncertainty_mm > required_mm + stray {
             continue;
         }
-        let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
+        let (one_at, other_at) =
+            (one.shape.in_machine_frame(&one_at), other.shape.in_machine_frame(&other_at));
         // Without rotation, the gap across one direction changes linearly along the path.
         let change = |direction: Vector3<f64>| {
-            straight.map_or(stray, |goes| share * goes.dot(&direction).abs())
+            relative_translation.map_or(stray, |goes| share * goes.dot(&direction).abs())
         };
-        let wide = wanted + demand.grown;
+        let wide = required_mm + demand.position_uncertainty_mm;
         let enough = (|direction| wide + change(direction), wide + stray);
-        let found = gap(&one_at, &other_at, hint, demand.across, enough);
-        hint = Some(found.direction);
-        let clearance = found.mm - demand.grown;
-        let change = change(found.direction);
-        if clearance <= demand.need || (stray < RESOLUTION && clearance - change <= demand.need) {
+        let nearest_gap = body_gap(&one_at, &other_at, direction_hint, demand.lateral, enough);
+        direction_hint = Some(nearest_gap.direction);
+        let clearance = nearest_gap.distance_mm - demand.position_uncertainty_mm;
+        let change = change(nearest_gap.direction);
+        if clearance <= demand.min_clearance_mm
+            || (stray < COLLISION_RESOLUTION_MM && clearance - change <= demand.min_clearance_mm)
+        {
             return Err(clearance);
         }
         nearest = nearest.min(clearance);
-        if clearance - change <= wanted && stray >= RESOLUTION {
+        if clearance - change <= required_mm && stray >= COLLISION_RESOLUTION_MM {
             parts.extend([(at + share / 2.0, share / 2.0), (at - share / 2.0, share / 2.0)]);
         }
     }
@@ -116,17 +126,23 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
 }
 
 /// Displacement of the other body relative to the first, mm, machine frame; `None` if either rotates.
-fn straight(way: &Way, one: &Body, other: &Body) -> Option<Vector3<f64>> {
-    let turns = |body: &Body| body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis));
-    let goes = |body: &Body| {
-        body.carried.pose(&way.to).translation.vector
-            - body.carried.pose(&way.from).translation.vector
+fn relative_translation(
+    joint_path: &JointPath,
+    one: &CollisionBody,
+    other: &CollisionBody,
+) -> Option<Vector3<f64>> {
+    let turns = |body: &CollisionBody| {
+        body.carrier_chain.axes().any(|axis| !axis.is_linear() && joint_path.moves_axis(axis))
+    };
+    let goes = |body: &CollisionBody| {
+        body.carrier_chain.pose(&joint_path.to).translation.vector
+            - body.carrier_chain.pose(&joint_path.from).translation.vector
     };
     (!turns(one) && !turns(other)).then(|| goes(other) - goes(one))
 }
 
 /// Point nearest to the origin on the straight line between two points.
-pub(super) fn nearest_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
+pub(super) fn nearest_point_to_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
     let goes = to - from;
     let square = goes.norm_squared();
     let share = if square > 0.0 { (-from.dot(&goes) / square).clamp(0.0, 1.0) } else { 0.0 };

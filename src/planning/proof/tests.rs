@@ -36,31 +36,38 @@ pub(super) fn beside() -> Position {
 pub(super) fn proven_from(
     plan: &Plan,
     lines: &str,
-    stands: Option<&Position>,
-) -> Result<Proof, Refusal> {
-    proven_as(plan, lines, stands, Confirmed::all())
+    position: Option<&Position>,
+) -> Result<Proof, ProofRefusal> {
+    proven_as(plan, lines, position, ConfirmedDirections::all())
 }
 
 pub(super) fn proven_as(
     plan: &Plan,
     lines: &str,
-    stands: Option<&Position>,
-    confirmed: Confirmed,
-) -> Result<Proof, Refusal> {
-    let dialect = Dialect::named("grbl").unwrap();
+    position: Option<&Position>,
+    confirmed: ConfirmedDirections,
+) -> Result<Proof, ProofRefusal> {
+    let dialect = Dialect::from_name("grbl").unwrap();
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
-    let stages = [Staged { steps: &[0], found: None }];
+    let stages = [StageSteps { steps: &[0], found_artefact: None }];
     let programs = &[text];
-    prove(&Request { plan, stages: &stages, stands, confirmed, dialect: &dialect, programs })
+    prove_programs(&ProofRequest {
+        plan,
+        stages: &stages,
+        position,
+        confirmed,
+        dialect: &dialect,
+        programs,
+    })
 }
 
 /// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
 #[track_caller]
-fn refused(plan: &Plan, lines: &str) -> Option<Reason> {
+fn refused(plan: &Plan, lines: &str) -> Option<RefusalReason> {
     let refusal = proven_from(plan, lines, Some(&beside())).unwrap_err();
     assert!(!refusal.remedy().is_empty());
     match refusal.reason {
-        Reason::Unfinished(_) => None,
+        RefusalReason::IncompleteStep(_) => None,
         reason => Some(reason),
     }
 }
@@ -68,7 +75,7 @@ fn refused(plan: &Plan, lines: &str) -> Option<Reason> {
 #[track_caller]
 fn assert_near(plan: &Plan, lines: &str, pair: [&str; 2], expected: f64) {
     match refused(plan, lines) {
-        Some(Reason::Near { between, clearance, .. }) => {
+        Some(RefusalReason::ClearanceTooSmall { between, clearance, .. }) => {
             assert_eq!(between, pair);
             // The first position found that is too near, not necessarily the nearest.
             assert!(clearance <= expected + 0.01, "{clearance}, not {expected}");
@@ -188,12 +195,12 @@ fn contact_must_be_expected_on_the_way_and_not_before() {
         })
     };
     let refusal = proven_from(&reach(51.0, 48.5), &far, Some(&beside())).unwrap_err();
-    assert_eq!((refusal.line, refusal.reason), (6, Reason::NoContact));
+    assert_eq!((refusal.line, refusal.reason), (6, RefusalReason::TouchWithoutContact));
     // The part may be 1 mm nearer: 48 + 1.
     let close = WHOLE.replace("X50", "X48.9");
     let refusal = proven_from(&reach(48.9, 47.0), &close, Some(&beside())).unwrap_err();
     assert_eq!(refusal.line, 5, "{refusal}");
-    assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
+    assert!(matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. }), "{refusal}");
     let close = WHOLE.replace("X50", "X49.1");
     assert!(proven_from(&reach(49.1, 47.0), &close, Some(&beside())).is_ok());
 }
@@ -203,7 +210,7 @@ fn before_it_is_known_where_the_machine_stands_nothing_is_claimed() {
     let blind = "N0 G53 G0 Z300\nN0 G53 G0 B0 C0\nN0 G53 G0 X50 Y0\n";
     let text = WHOLE.replacen("N0 G53 G0 X50\n", blind, 1);
     let proof = proven_from(&plan(|_| {}), &text, None).unwrap();
-    let told = "the way of lines 4 to 6, before it is known where all axes stand";
+    let told = "the path of lines 4 to 6, before the positions of all axes are known";
     assert_eq!(proof.not_looked_at.last().map(String::as_str), Some(told));
     // The same start, but known: inside the zone of the part. Nothing is skipped.
     let inside = beside().with(Axis::X, 48.0).with(Axis::Z, 150.0);
@@ -212,7 +219,7 @@ fn before_it_is_known_where_the_machine_stands_nothing_is_claimed() {
     assert!(refusal.remedy().contains("by hand"), "{}", refusal.remedy());
     // A touch from an unknown position is refused.
     let refusal = proven_from(&plan(|_| {}), "N0 G38.3 X47 Y0 Z170 F30\n", None).unwrap_err();
-    assert_eq!((refusal.line, refusal.reason), (4, Reason::Unknown(Axis::X)));
+    assert_eq!((refusal.line, refusal.reason), (4, RefusalReason::UnknownPosition(Axis::X)));
 }
 
 #[test]
@@ -220,7 +227,9 @@ fn feeds_must_let_the_machine_stop_within_the_overtravel() {
     // 90 mm/s against 1000 mm/s² is 4.05 mm.
     let fast = plan(|plan| plan["probe"]["guarded_feed_mm_min"] = 9000.0.into());
     match refused(&fast, "N0 G38.3 X120 F5400\n") {
-        Some(Reason::Braking { way, .. }) => assert!((way - 4.05).abs() < 1e-9),
+        Some(RefusalReason::BrakingTooLong { distance_mm: way, .. }) => {
+            assert!((way - 4.05).abs() < 1e-9)
+        }
         other => panic!("{other:?}"),
     }
     assert_eq!(refused(&fast, "N0 G38.3 X120 F5360\n"), None);
@@ -234,7 +243,10 @@ fn a_machine_stopped_beside_the_part_may_rise() {
     let plan = plan(|_| {});
     let low = |x: f64| beside().updated_by(&[(Axis::X, x), (Axis::Z, 170.0)].into_iter().collect());
     let refused = |x: f64, lines: &str| {
-        matches!(proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason, Reason::Near { .. })
+        matches!(
+            proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason,
+            RefusalReason::ClearanceTooSmall { .. }
+        )
     };
     assert!(!refused(48.3, "N0 G38.3 Z300 F1500\n"));
     assert!(refused(48.3, "N0 G53 G0 Z300\n"));
@@ -275,7 +287,7 @@ fn what_turns_against_each_other_on_one_side_is_looked_at() {
         let proof = proven_from(&on_cradle(top), &lines, Some(&beside())).unwrap();
         proof.not_looked_at.into_iter().filter(|what| what.contains("against")).collect::<Vec<_>>()
     };
-    let close = "table against cradle: they stand nearer than 2 mm with all axes at zero";
+    let close = "table against cradle: nearer than 2 mm with all axes at zero";
     assert_eq!(told(-41.9), [close]);
     assert_eq!(told(-42.1), [""; 0]);
 }
@@ -318,13 +330,20 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
             "feed_mm_min": 0.0, "sensor": "", "normal": [0.0, 0.0, 0.0], "text": "clean it"});
         plan["steps"].as_array_mut().unwrap().push(prompt);
     });
-    let dialect = Dialect::named("grbl").unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap();
     let proven = |lines: &str| {
         let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
-        let (stages, stands) = ([Staged { steps: &[1, 0], found: None }], beside());
-        let (stages, stands) = (stages.as_slice(), Some(&stands));
-        let (dialect, programs, confirmed) = (&dialect, [text], Confirmed::all());
-        prove(&Request { plan: &plan, stages, stands, confirmed, dialect, programs: &programs })
+        let (stages, position) = ([StageSteps { steps: &[1, 0], found_artefact: None }], beside());
+        let (stages, position) = (stages.as_slice(), Some(&position));
+        let (dialect, programs, confirmed) = (&dialect, [text], ConfirmedDirections::all());
+        prove_programs(&ProofRequest {
+            plan: &plan,
+            stages,
+            position,
+            confirmed,
+            dialect,
+            programs: &programs,
+        })
     };
     let slow = WHOLE.split_once('\n').unwrap().1.replace("F1500", "F300");
     // After the stop, the position is unknown: the program must move all axes, with the careful rules.
@@ -332,9 +351,15 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
     let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
     assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
     let reason = |lines: &str| proven(lines).unwrap_err().reason;
-    assert!(matches!(reason(&format!("{up}{slow}")), Reason::OutOfTurn { expected: Some(1), .. }));
-    assert_eq!(reason(&format!("N1 M0\n{WHOLE}")), Reason::RapidUnconfirmed);
-    assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), Reason::StopsElsewhere);
-    assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), Reason::StopsElsewhere);
-    assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), Reason::MovesInPrompt);
+    assert!(matches!(
+        reason(&format!("{up}{slow}")),
+        RefusalReason::WrongStepOrder { expected: Some(1), .. }
+    ));
+    assert_eq!(reason(&format!("N1 M0\n{WHOLE}")), RefusalReason::RapidBeforeConfirmation);
+    assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), RefusalReason::UnexpectedStop);
+    assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), RefusalReason::UnexpectedStop);
+    assert_eq!(
+        reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")),
+        RefusalReason::MotionInPrompt
+    );
 }

@@ -11,35 +11,35 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::body::{Body, Shape};
-use super::gap::Across;
-use super::refusal::Reason;
+use super::body::{BodyShape, CollisionBody};
+use super::body_gap::LateralUncertainty;
+use super::refusal::RefusalReason;
 use super::scene::Scene;
-use super::sweep::Way;
-use machine::frame::{Pose, across, unit_vector};
-use machine::kinematics::Commands;
+use super::sweep::JointPath;
+use machine::frame::{Pose, perpendicular_directions, unit_vector};
+use machine::kinematics::AxisCommands;
 
 /// Maximum distance between contact and trigger, mm.
-const PRE_TRAVEL: f64 = 0.1;
+const MAX_PRE_TRAVEL_MM: f64 = 0.1;
 /// Number of directions across the touch in which the artefact is shifted.
-const SHIFTS: u32 = 8;
-const HALVINGS: u32 = 40;
+const LATERAL_SHIFT_COUNT: u32 = 8;
+const BISECTION_STEP_COUNT: u32 = 40;
 /// Maximum angle between the expected contact with a ball and the normal of the step, degrees.
-const AIM_DEG: f64 = 25.0;
+const MAX_AIM_ERROR_DEG: f64 = 25.0;
 /// Rounding tolerance of the text, mm.
-const ROUNDING: f64 = 2e-3;
+const TEXT_ROUNDING_MM: f64 = 2e-3;
 
 /// Part of a touch that contact allows.
-pub struct Reach {
+pub struct TouchReach {
     /// Number of the touched body.
     pub body: usize,
-    pub way: Way,
-    pub across: Across,
+    pub joint_path: JointPath,
+    pub lateral: LateralUncertainty,
 }
 
 /// Straight path of the stylus ball in the frame of the artefact: only linear axes move, whether or not they carry
 /// the table.
-struct Line {
+struct BallLine {
     table: Pose,
     from: Vector3<f64>,
     to: Vector3<f64>,
@@ -54,103 +54,118 @@ struct Line {
 /// # Errors
 /// The ball meets no body before the end of the path, or would miss a ball at some position within its uncertainty,
 /// or meets it on another side than the step states.
-pub fn reach(scene: &Scene, way: &Way, braking: f64, normal: [f64; 3]) -> Result<Reach, Reason> {
-    let line = Line::new(scene, way).ok_or(Reason::NoContact)?;
-    let met = scene.touched().filter_map(|(number, body)| {
-        Some((number, body, line.contact(&body.shape, Vector3::zeros())?))
+pub fn touch_reach(
+    scene: &Scene,
+    joint_path: &JointPath,
+    braking: f64,
+    normal: [f64; 3],
+) -> Result<TouchReach, RefusalReason> {
+    let line = BallLine::new(scene, joint_path).ok_or(RefusalReason::TouchWithoutContact)?;
+    let met = scene.touched_bodies().filter_map(|(number, body)| {
+        Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?))
     });
-    let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(Reason::NoContact)?;
+    let (number, body, at) =
+        met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
     if let Some(ball) = body.shape.as_ball() {
-        line.meets_wherever(body, ball, scene.uncertainty)?;
-        line.is_aimed(body, ball.0, at, Vector3::from(normal))?;
+        line.check_never_misses(body, ball, scene.uncertainty)?;
+        line.check_aim(body, ball.0, at, Vector3::from(normal))?;
     }
-    let farthest = line.farthest(&body.shape, at, scene.uncertainty);
-    let end = (farthest + (PRE_TRAVEL + braking) / line.from.metric_distance(&line.to)).min(1.0);
-    let stop = std::array::from_fn(|i| way.from[i] + end * (way.to[i] - way.from[i]));
-    let across = Across { along: line.table.rotation * line.along, by: scene.uncertainty };
-    Ok(Reach { body: number, way: Way { from: way.from, to: stop }, across })
+    let farthest = line.latest_contact_share(&body.shape, at, scene.uncertainty);
+    let end =
+        (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
+    let stop =
+        std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
+    let lateral = LateralUncertainty {
+        direction: line.table.rotation * line.along,
+        amount_mm: scene.uncertainty,
+    };
+    Ok(TouchReach {
+        body: number,
+        joint_path: JointPath { from: joint_path.from, to: stop },
+        lateral,
+    })
 }
 
-impl Line {
-    fn new(scene: &Scene, way: &Way) -> Option<Self> {
-        let (_, artefact) = scene.touched().next()?;
-        let tip = scene.ball()?;
+impl BallLine {
+    fn new(scene: &Scene, joint_path: &JointPath) -> Option<Self> {
+        let (_, artefact) = scene.touched_bodies().next()?;
+        let tip = scene.stylus_ball()?;
         let (centre, radius) = tip.shape.bounds();
-        let ball_at = |commands: &Commands| {
-            let table = artefact.carried.pose(commands);
-            let tool = tip.carried.pose(commands);
+        let ball_at = |commands: &AxisCommands| {
+            let table = artefact.carrier_chain.pose(commands);
+            let tool = tip.carrier_chain.pose(commands);
             table.inverse_transform_point(&tool.transform_point(&centre.into())).coords
         };
-        let (from, to) = (ball_at(&way.from), ball_at(&way.to));
+        let (from, to) = (ball_at(&joint_path.from), ball_at(&joint_path.to));
         let along = unit_vector(to - from)?;
-        Some(Self { table: artefact.carried.pose(&way.from), from, to, along, radius })
+        Some(Self { table: artefact.carrier_chain.pose(&joint_path.from), from, to, along, radius })
     }
 
-    fn at(&self, share: f64) -> Vector3<f64> {
+    fn point_at(&self, share: f64) -> Vector3<f64> {
         self.from + share * (self.to - self.from)
     }
 
     /// Position of the ball, as a share of the path, at which it meets a shape that is displaced by `shift`.
-    fn contact(&self, shape: &Shape, shift: Vector3<f64>) -> Option<f64> {
-        first_contact(|share| shape.distance(self.at(share) - shift) - self.radius)
+    fn contact_share(&self, shape: &BodyShape, shift: Vector3<f64>) -> Option<f64> {
+        first_contact_share(|share| shape.distance(self.point_at(share) - shift) - self.radius)
     }
 
     /// Latest contact with a shape that is displaced across the path; `straight`: contact without displacement.
-    fn farthest(&self, shape: &Shape, straight: f64, uncertainty: f64) -> f64 {
-        let [right, up] = across(self.along);
+    fn latest_contact_share(&self, shape: &BodyShape, straight: f64, uncertainty: f64) -> f64 {
+        let [right, up] = perpendicular_directions(self.along);
         // Contact is a convex function of the displacement: the corners of a polygon around the circle bound it.
-        let corner = uncertainty / (TAU / f64::from(2 * SHIFTS)).cos();
-        (0..SHIFTS).fold(straight, |farthest, k| {
-            let (sin, cos) = (TAU * f64::from(k) / f64::from(SHIFTS)).sin_cos();
-            let shifted = self.contact(shape, corner * (cos * right + sin * up));
+        let corner = uncertainty / (TAU / f64::from(2 * LATERAL_SHIFT_COUNT)).cos();
+        (0..LATERAL_SHIFT_COUNT).fold(straight, |farthest, k| {
+            let (sin, cos) = (TAU * f64::from(k) / f64::from(LATERAL_SHIFT_COUNT)).sin_cos();
+            let shifted = self.contact_share(shape, corner * (cos * right + sin * up));
             farthest.max(shifted.unwrap_or(1.0))
         })
     }
 
     /// Checks that the touch meets the ball at every possible position: all possible positions of its centre are
     /// within the round-ended rod that the touch sweeps.
-    fn meets_wherever(
+    fn check_never_misses(
         &self,
-        body: &Body,
+        body: &CollisionBody,
         (centre, radius): (Vector3<f64>, f64),
         uncertainty: f64,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), RefusalReason> {
         let ahead =
             (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));
         let apart = centre.metric_distance(&(self.from + ahead * self.along));
-        if apart <= radius + self.radius - uncertainty + ROUNDING {
+        if apart <= radius + self.radius - uncertainty + TEXT_ROUNDING_MM {
             return Ok(());
         }
-        Err(Reason::Misses { body: body.name.clone(), uncertainty })
+        Err(RefusalReason::TouchCanMiss { body: body.name.clone(), uncertainty })
     }
 
-    fn is_aimed(
+    fn check_aim(
         &self,
-        body: &Body,
+        body: &CollisionBody,
         centre: Vector3<f64>,
         at: f64,
         normal: Vector3<f64>,
-    ) -> Result<(), Reason> {
-        let meant = self.table.rotation.inverse() * normal;
-        let out = self.at(at) - centre;
+    ) -> Result<(), RefusalReason> {
+        let expected = self.table.rotation.inverse() * normal;
+        let out = self.point_at(at) - centre;
         // Without a normal, the value is NaN, and the touch is refused.
-        let cos = out.dot(&meant) / (out.norm() * meant.norm());
+        let cos = out.dot(&expected) / (out.norm() * expected.norm());
         let off = cos.clamp(-1.0, 1.0).acos().to_degrees();
-        if off <= AIM_DEG {
+        if off <= MAX_AIM_ERROR_DEG {
             return Ok(());
         }
-        Err(Reason::NotAimed { body: body.name.clone(), off })
+        Err(RefusalReason::WrongContactSide { body: body.name.clone(), off })
     }
 }
 
 /// Share of the path at which a distance becomes zero; the distance is convex over the path and positive at its
 /// beginning. `None` if it is positive at the end.
-fn first_contact(free: impl Fn(f64) -> f64) -> Option<f64> {
+fn first_contact_share(free: impl Fn(f64) -> f64) -> Option<f64> {
     if free(1.0) > 0.0 {
         return None;
     }
     let (mut clear, mut met) = (0.0, 1.0);
-    for _ in 0..HALVINGS {
+    for _ in 0..BISECTION_STEP_COUNT {
         let middle = (clear + met) / 2.0;
         if free(middle) > 0.0 { clear = middle } else { met = middle }
     }

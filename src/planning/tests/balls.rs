@@ -5,12 +5,12 @@ use serde_json::{Value, json};
 
 use super::at;
 use crate::*;
-use machine::kinematics::Chain;
+use machine::kinematics::KinematicChain;
 use machine::record::artefact::{Artefact, Ball};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
 
-const SLOW: Approach = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+const SLOW: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
 fn ball(id: &str, centre: [f64; 3], stem: [f64; 3]) -> Value {
     json!({"id": id, "centre_mm": centre, "radius_mm": 10.0, "stem": stem,
@@ -39,7 +39,7 @@ fn plan(topology: &str, balls: &[Value]) -> Plan {
 const TABLE: &str = "w-C-B-X-F-Z-Y-S-t";
 
 fn degrees(axes: &[(Axis, f64)]) -> Position {
-    axes.iter().map(|(axis, degrees)| (*axis, axis.from_edge(*degrees))).collect()
+    axes.iter().map(|(axis, degrees)| (*axis, axis.to_mm_or_rad(*degrees))).collect()
 }
 
 fn indexed(b: f64, c: f64) -> Position {
@@ -53,14 +53,22 @@ fn first(plan: &Plan) -> Ball {
     }
 }
 
-fn touches(plan: &Plan, rotary: &Position, count: usize) -> Result<Vec<Contact>, Unreachable> {
-    let access = Access::new(plan, &plan.artefact).unwrap();
+fn touches(
+    plan: &Plan,
+    rotary: &Position,
+    count: usize,
+) -> Result<Vec<TouchDirection>, BallAccessError> {
+    let access = TouchAccess::new(plan, &plan.artefact).unwrap();
     let task = BallTask { ball: &first(plan), rotary, approach: SLOW, touches: count };
-    access.accessible(&task)
+    access.accessible_touches(&task)
 }
 
-fn steps(plan: &Plan, rotary: &Position, approach: Approach) -> Result<Vec<Step>, Unreachable> {
-    let access = Access::new(plan, &plan.artefact).unwrap();
+fn steps(
+    plan: &Plan,
+    rotary: &Position,
+    approach: BallApproach,
+) -> Result<Vec<Step>, BallAccessError> {
+    let access = TouchAccess::new(plan, &plan.artefact).unwrap();
     let task = BallTask { ball: &first(plan), rotary, approach, touches: 5 };
     access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
 }
@@ -78,7 +86,7 @@ fn paper_five_touches_round_the_ball_and_at_its_pole() {
         let h = 0.5_f64.sqrt();
         let meant = [[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [0.0, 0.0, 1.0]];
         // Position of the stylus ball by the chain: 13 mm plus 0.5 or minus 1 mm from the centre.
-        let chain = Chain::new(&plan.machine).unwrap();
+        let chain = KinematicChain::new(&plan.machine).unwrap();
         let tip = Point::new(1.0, -2.0, -220.0);
         for (step, normal) in steps.iter().zip(meant) {
             assert!((Vector3::from(step.normal) - Vector3::from(normal)).norm() < 1e-12);
@@ -109,7 +117,10 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     // The stem is above the ball: the pole is not accessible.
     let above = touches(&with_stem([0.0, 0.0, 1.0]), &indexed(0.0, 0.0), 5).unwrap_err();
     let (touch, obstacle) = ("pole".to_owned(), "stem of ball 1".to_owned());
-    assert_eq!(above, Unreachable::InTheWay { touch, tool: "stylus ball".to_owned(), obstacle });
+    assert_eq!(
+        above,
+        BallAccessError::ObstacleTooNear { touch, tool: "stylus ball".to_owned(), obstacle }
+    );
     // The same stem, turned below the ball.
     assert_eq!(touches(&with_stem([0.0, 0.0, 1.0]), &indexed(180.0, 0.0), 5).unwrap().len(), 5);
 }
@@ -136,22 +147,22 @@ fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
     let stem = [0.0, 0.0, -1.0];
     let far = plan(TABLE, &[ball("1", [300.0, 0.0, 50.0], stem)]);
     let error = touches(&far, &indexed(0.0, 0.0), 5).unwrap_err();
-    assert!(matches!(error, Unreachable::TooFew { free: 3, .. }), "{error}");
+    assert!(matches!(error, BallAccessError::TooFewTouches { free: 3, .. }), "{error}");
     let low = plan(TABLE, &[ball("1", [0.0, 0.0, -335.0], stem)]);
     let error = touches(&low, &indexed(0.0, 0.0), 5).unwrap_err();
-    assert!(matches!(error, Unreachable::OutOfTravel { axis: Axis::Z, .. }), "{error}");
+    assert!(matches!(error, BallAccessError::OutOfTravel { axis: Axis::Z, .. }), "{error}");
     let near = plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], stem)]);
     let error = touches(&near, &indexed(400.0, 0.0), 5).unwrap_err();
-    assert!(matches!(error, Unreachable::OutOfTravel { axis: Axis::B, .. }), "{error}");
+    assert!(matches!(error, BallAccessError::OutOfTravel { axis: Axis::B, .. }), "{error}");
     let error = touches(&near, &degrees(&[(Axis::B, 0.0)]), 5).unwrap_err();
-    assert_eq!(error, Unreachable::Incomplete { axis: Axis::C });
-    let wide = Approach::Find { uncertainty_mm: 2.0, standoff_mm: 0.5 };
+    assert_eq!(error, BallAccessError::MissingAxisPosition { axis: Axis::C });
+    let wide = BallApproach::Search { uncertainty_mm: 2.0, standoff_mm: 0.5 };
     let error = steps(&near, &indexed(0.0, 0.0), wide).unwrap_err();
-    assert!(matches!(error, Unreachable::TooLong { overtravel: 4.0, .. }), "{error}");
+    assert!(matches!(error, BallAccessError::SearchTooLong { overtravel: 4.0, .. }), "{error}");
     // The artefact may be 0.5 mm off its position.
-    let short = Approach::Slow { standoff_mm: 0.5, search_mm: 0.4 };
+    let short = BallApproach::Measure { standoff_mm: 0.5, search_mm: 0.4 };
     let error = steps(&near, &indexed(0.0, 0.0), short).unwrap_err();
-    assert_eq!(error, Unreachable::TooShort { beyond: 0.4, loose: 0.5 });
+    assert_eq!(error, BallAccessError::SearchTooShort { beyond_mm: 0.4, uncertainty_mm: 0.5 });
 }
 
 /// B in the head: balls are touched only with an upright spindle.
@@ -160,14 +171,14 @@ fn a_tilted_spindle_is_refused() {
     let head = plan("w-A-F-X-Y-Z-B-t", &[ball("1", [0.0, 0.0, 50.0], [0.0, 0.0, -1.0])]);
     let indexed = |a, b| degrees(&[(Axis::A, a), (Axis::B, b)]);
     assert_eq!(touches(&head, &indexed(30.0, 0.0), 5).unwrap().len(), 5);
-    assert_eq!(touches(&head, &indexed(0.0, 30.0), 5).unwrap_err(), Unreachable::Tilted);
+    assert_eq!(touches(&head, &indexed(0.0, 30.0), 5).unwrap_err(), BallAccessError::SpindleTilted);
     let mut tilted = steps(&head, &indexed(0.0, 0.0), SLOW).unwrap().remove(0);
     for place in [&mut tilted.from, &mut tilted.to] {
         place.set(Axis::B, 0.5);
     }
-    let clearance = Clearance::above(&head).unwrap();
-    let refused = touch_block(&head, &tilted, 0, Start::default(), &clearance).unwrap_err();
-    assert_eq!(refused, PlanningError::Tilted { step: 7 });
+    let clearance = SafeHeights::above_plan_artefact(&head).unwrap();
+    let refused = touch_block(&head, &tilted, 0, BlockStart::default(), &clearance).unwrap_err();
+    assert_eq!(refused, PlanningError::SpindleTilted { step: 7 });
 }
 
 #[test]
@@ -188,15 +199,15 @@ fn fifteen_touches_are_spread_over_what_is_free() {
 /// Axis positions with the stylus ball in contact with the ball, by the nominal machine; the first is displaced by
 /// `off`.
 fn readings(plan: &Plan, rotary: &Position, off: f64) -> Vec<Position> {
-    let chain = Chain::new(&plan.machine).unwrap();
+    let chain = KinematicChain::new(&plan.machine).unwrap();
     let found = touches(plan, rotary, 5).unwrap();
     let centre = Vector3::from(first(plan).centre_mm);
-    let place = |(i, contact): (usize, &Contact)| {
+    let place = |(i, contact): (usize, &TouchDirection)| {
         let far = 13.0 + if i == 0 { off } else { 0.0 };
         let table = chain.machine_from_table(rotary, &[]).rotation.inverse();
         let target = Point::from_vec(centre + table * contact.normal * far);
         let tip = Point::new(1.0, -2.0, -220.0);
-        rotary.updated_by(&chain.linear_axes_for(target, tip, rotary, &[]).unwrap())
+        rotary.updated_by(&chain.solve_linear_axes(target, tip, rotary, &[]).unwrap())
     };
     found.iter().enumerate().map(place).collect()
 }
@@ -206,11 +217,11 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     let rotary = indexed(-30.0, 90.0);
     let measured =
-        measured_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
-    let access = Access::new(&plan, &plan.artefact).unwrap();
+        evaluate_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
+    let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let centre = access.centre(&first(&plan), &rotary).unwrap();
     for axis in Axis::LINEAR {
-        assert!((measured.position.at(axis) - centre.at(axis)).abs() < 1e-9);
+        assert!((measured.position.get_or_zero(axis) - centre.get_or_zero(axis)).abs() < 1e-9);
     }
     assert!((measured.diameter_mm - 20.0).abs() < 1e-9 && measured.form_mm < 1e-9);
     // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and 1/4 for the radius; the pole adds 1 in
@@ -225,16 +236,16 @@ fn dirt_and_a_wrong_ball_are_said_in_words() {
     let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     let rotary = indexed(-30.0, 90.0);
     let dirty =
-        measured_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
+        evaluate_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
     let limits = BallLimits { form_mm: 0.015, diameter_mm: 0.2 };
     let words = dirty.check("3", 20.0, &limits).unwrap_err().to_string();
-    assert!(words.starts_with("ball 3 at B −30°, C 90°, S 90°: form 0.0"), "{words}");
-    assert!(words.ends_with("dirt, loose ball or wrong stylus?"), "{words}");
+    assert!(words.starts_with("ball 3 at B −30°, C 90°, S 90°: the form deviation 0.0"), "{words}");
+    assert!(words.ends_with("a loose ball or a wrong stylus"), "{words}");
     let limits = BallLimits { form_mm: 0.2, diameter_mm: 0.01 };
     let words = dirty.check("3", 20.5, &limits).unwrap_err().to_string();
-    assert!(words.contains("not 20.500 mm within 0.010 mm"), "{words}");
+    assert!(words.contains("the expected 20.500 mm by more than 0.010 mm"), "{words}");
     let few = readings(&plan, &rotary, 0.0)[..3].to_vec();
-    let refused = measured_ball("3", &few, &plan.machine, &plan.probe).unwrap_err().to_string();
+    let refused = evaluate_ball("3", &few, &plan.machine, &plan.probe).unwrap_err().to_string();
     assert!(refused.contains("ball 3 at B −30°") && refused.contains("four points"), "{refused}");
 }
 
@@ -253,18 +264,21 @@ fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     ];
     let places: Vec<Position> =
         xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
-    let found = TravelTimes::in_xy(&places, None, &machine).tour(1);
+    let found = TravelTimes::from_xy_positions(&places, None, &machine).visiting_order(1);
     let seconds = |order: &[usize]| -> f64 {
         let pairs = order.windows(2);
-        pairs.map(|pair| time::motion_s(&places[pair[0]], &places[pair[1]], None, &machine)).sum()
+        pairs
+            .map(|pair| time::motion_time_s(&places[pair[0]], &places[pair[1]], None, &machine))
+            .sum()
     };
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(seconds(order)));
     assert!((seconds(&found) - best).abs() < 1e-9, "{found:?}");
     // The same from a given start position, which is not one of the places.
-    let stands = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
-    let found = TravelTimes::in_xy(&places, Some(&stands), &machine).tour(1);
-    let begin = |order: &[usize]| time::motion_s(&stands, &places[order[0]], None, &machine);
+    let position = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
+    let found =
+        TravelTimes::from_xy_positions(&places, Some(&position), &machine).visiting_order(1);
+    let begin = |order: &[usize]| time::motion_time_s(&position, &places[order[0]], None, &machine);
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(begin(order) + seconds(order)));
     assert!((begin(&found) + seconds(&found) - best).abs() < 1e-9, "{found:?}");
@@ -289,8 +303,8 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
         balls.uncertainty_mm = 0.25;
     }
     plan.steps = steps(&plan, rotary, SLOW).unwrap();
-    let clearance = Clearance::above(&plan).unwrap();
-    let chain = Chain::new(&plan.machine).unwrap();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let chain = KinematicChain::new(&plan.machine).unwrap();
     let centre = Vector3::from(first(&plan).centre_mm);
     let off = |at: &Position| {
         let tip = chain.tip_in_table(at, Point::new(1.0, -2.0, -220.0), &[]).mm;
@@ -299,18 +313,19 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
     let mut blocks: Vec<Block> = Vec::new();
     for step in &plan.steps {
         let motions = blocks.iter().flat_map(|block| &block.motions);
-        let stands = Some(end_of(motions, &Position::new())).filter(|_| !blocks.is_empty());
-        let start = Start { stands: stands.as_ref(), confirmed: Confirmed::all() };
+        let position = Some(end_position(motions, &Position::new())).filter(|_| !blocks.is_empty());
+        let start =
+            BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() };
         blocks.push(touch_block(&plan, step, 0, start, &clearance).unwrap());
     }
-    let mut stands = end_of(&blocks[0].motions, &Position::new());
+    let mut position = end_position(&blocks[0].motions, &Position::new());
     let mut ways = Vec::new();
     for motion in blocks[1..].iter().flat_map(|block| &block.motions) {
-        let next = stands.updated_by(&target(motion).unwrap());
+        let next = position.updated_by(&motion_target(motion).unwrap());
         let guarded = matches!(motion, Motion::Guarded { .. });
         assert!(guarded || matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. }));
-        ways.push((guarded, [off(&stands), off(&next)]));
-        stands = next;
+        ways.push((guarded, [off(&position), off(&next)]));
+        position = next;
     }
     ways
 }

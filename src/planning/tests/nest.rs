@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::gcode::{Dialect, Transmission};
-use crate::proof::{StageRequest, Staged, prove_blocks};
+use crate::proof::{StageProofRequest, StageSteps, prove_blocks};
 use machine::record::motion::Motion;
 
 /// Ball of 11 mm radius, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the
@@ -44,14 +44,14 @@ fn scan(id: u32, path: Vec<Position>) -> Step {
 
 /// Checks that all steps of `plan` can be proven from an unconfirmed position.
 #[track_caller]
-fn is_proven(plan: &Plan, blocks: &[Block], stands: &Position) {
+fn is_proven(plan: &Plan, blocks: &[Block], position: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    let request = StageRequest {
+    let request = StageProofRequest {
         plan,
-        stages: &[Staged { steps: &steps, found: None }],
-        stands: Some(stands),
-        confirmed: Confirmed::default(),
-        dialect: &Dialect::named("grbl-m19").unwrap(),
+        stages: &[StageSteps { steps: &steps, found_artefact: None }],
+        position: Some(position),
+        confirmed: ConfirmedDirections::default(),
+        dialect: &Dialect::from_name("grbl-m19").unwrap(),
         transmission: &Transmission::Rows,
         blocks,
     };
@@ -67,23 +67,23 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     let steps =
         vec![scan(0, learn), scan(1, ring), scan(2, turned), scan(3, vec![point(0.0, 0.0, 0.0)])];
     let plan = nest_plan(steps);
-    let clearance = Clearance::above(&plan).unwrap();
-    let mut stands = point(50.0, 120.0, 0.5);
-    let mut confirmed = Confirmed::default();
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let mut position = point(50.0, 120.0, 0.5);
+    let mut confirmed = ConfirmedDirections::default();
     let mut planned = Vec::new();
     for step in &plan.steps {
-        let start = Start { stands: Some(&stands), confirmed };
+        let start = BlockStart { position: Some(&position), confirmed };
         let blocks = step_blocks(&plan, step, 0, start, &clearance).unwrap();
         for block in &blocks {
-            stands = end_of(&block.motions, &stands);
+            position = end_position(&block.motions, &position);
         }
-        confirmed = confirmed.after(step);
+        confirmed = confirmed.after_step(step);
         planned.push(blocks);
     }
     is_proven(&plan, &planned.concat(), &point(50.0, 120.0, 0.5));
     let count = |number: usize| {
         let scan = plan.steps[number].scan.as_ref().unwrap();
-        blocks_out_of_range(scan, planned[number].len())
+        out_of_range_block_count(scan, planned[number].len())
     };
     assert_eq!([0, 1, 2, 3].map(count), [2, 0, 0, 0]);
     let motions = || planned.iter().flatten().flat_map(|block| &block.motions);
@@ -91,10 +91,10 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
         !motions().any(|motion| matches!(motion, Motion::Rapid { .. } | Motion::Guarded { .. }))
     );
     let [up, down, first] = [0, 1, 2].map(|block| &planned[0][block].motions);
-    assert_eq!(up.iter().filter_map(target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
+    assert_eq!(up.iter().filter_map(motion_target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
     // The near ends of the measuring lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is
     // 3 mm above them at 8.2 mm. The last 10 mm are slow in any case.
-    assert_eq!(target(down.last().unwrap()), Some(at(&[(Axis::Z, 190.0)])));
+    assert_eq!(motion_target(down.last().unwrap()), Some(at(&[(Axis::Z, 190.0)])));
     let Motion::Feed { to, feed_mm_min } = &first[0] else { panic!("{first:?}") };
     assert_eq!(*to, at(&[(Axis::Z, 180.0)]));
     // The gap at the near end of the range is 0.5 mm: a hold after 0.3 s, and braking at 1000 mm/s².
@@ -102,7 +102,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     assert!((speed * 0.3 + speed * speed / 2000.0 - 0.5).abs() < 1e-9, "{speed}");
     // From scan to scan, only the axes that must move do so.
     let ways = |number: usize| -> Vec<Position> {
-        planned[number].iter().flat_map(|block| &block.motions).filter_map(target).collect()
+        planned[number].iter().flat_map(|block| &block.motions).filter_map(motion_target).collect()
     };
     let turn = |c: f64| at(&[(Axis::C, c)]);
     let back = at(&[(Axis::Z, 180.0)]);
@@ -118,18 +118,19 @@ fn a_turn_begins_in_an_unconfirmed_nest_but_another_way_begins_above_it() {
         scan(0, vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0)]),
         scan(1, vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)]),
     ]);
-    let clearance = Clearance::above(&plan).unwrap();
-    let stands = point(0.0, 0.0, 0.0);
-    let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+    let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
+    let position = point(0.0, 0.0, 0.0);
+    let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
     let turn = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
     let only = |number: usize| Plan { steps: vec![plan.steps[number].clone()], ..plan.clone() };
-    is_proven(&only(0), &turn, &stands);
+    is_proven(&only(0), &turn, &position);
     let way = step_blocks(&plan, &plan.steps[1], 0, start, &clearance).unwrap();
-    is_proven(&only(1), &way, &stands);
+    is_proven(&only(1), &way, &position);
     let count = |number: usize| {
-        let start = Start { stands: Some(&stands), confirmed: Confirmed::default() };
+        let start =
+            BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[number], 0, start, &clearance).unwrap();
-        blocks_out_of_range(plan.steps[number].scan.as_ref().unwrap(), blocks.len())
+        out_of_range_block_count(plan.steps[number].scan.as_ref().unwrap(), blocks.len())
     };
     assert_eq!([count(0), count(1)], [0, 2]);
 }

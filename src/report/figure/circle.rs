@@ -4,18 +4,21 @@ use std::f64::consts::TAU;
 
 use plotters::prelude::*;
 
-use super::scale::{Ticked, bounds};
-use super::{BAND, FIT, LINE, MARGIN, X_LABELS, Y_LABELS};
-use super::{chart, finite_or_zero, picture};
+use super::scale::{TickedAxis, value_bounds};
+use super::{BAND_OPACITY, FIT_COLOUR, LINE_COLOUR, PICTURE_MARGIN, X_LABEL_HEIGHT, Y_LABEL_WIDTH};
+use super::{draw_axes, draw_picture, finite_or_zero};
 use crate::report::number;
 use machine::record::estimate::CircleFigure;
 
 /// Side of the plot, which is square so that circles are not distorted.
-const PLOT: u32 = 744;
-const SIZE: (u32, u32) = (Y_LABELS + PLOT + 3 * MARGIN, X_LABELS + PLOT + 2 * MARGIN);
+const PLOT_SIDE: u32 = 744;
+const PICTURE_SIZE: (u32, u32) = (
+    Y_LABEL_WIDTH + PLOT_SIDE + 3 * PICTURE_MARGIN,
+    X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN,
+);
 
 /// Draws the figure; `None` if the circle is not finite.
-pub(in crate::report) fn circle(figure: &CircleFigure) -> Option<String> {
+pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
     let [x, y] = figure.centre;
     let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
     let points = figure.x.iter().copied().zip(figure.y.iter().copied());
@@ -25,18 +28,22 @@ pub(in crate::report) fn circle(figure: &CircleFigure) -> Option<String> {
         let angles = (0..=120).map(|n| f64::from(n) * TAU / 120.0);
         angles.map(|angle| (x + rx * angle.cos(), y + ry * angle.sin())).collect()
     };
-    let unit = number::unit(figure.unit);
+    let unit = number::unit_symbol(figure.unit);
     let (x_name, y_name) = (format!("x / {unit}"), format!("y / {unit}"));
-    picture(SIZE, |area| {
-        let axis = |middle: f64| Ticked::round(middle - half..middle + half);
-        let mut chart = chart(area, (axis(x), &x_name), (axis(y), &y_name))?;
-        chart.draw_series([Polygon::new(ellipse(ux, uy), FIT.mix(BAND))])?;
-        chart.draw_series([PathElement::new(points.clone(), LINE.mix(0.5).stroke_width(2))])?;
+    draw_picture(PICTURE_SIZE, |area| {
+        let axis = |middle: f64| TickedAxis::round(middle - half..middle + half);
+        let mut chart = draw_axes(area, (axis(x), &x_name), (axis(y), &y_name))?;
+        chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
+        chart.draw_series([PathElement::new(
+            points.clone(),
+            LINE_COLOUR.mix(0.5).stroke_width(2),
+        )])?;
         let fitted = ellipse(figure.radius, figure.radius);
-        chart.draw_series([PathElement::new(fitted, FIT.stroke_width(3))])?;
+        chart.draw_series([PathElement::new(fitted, FIT_COLOUR.stroke_width(3))])?;
         let cross = [vec![(x - ux, y), (x + ux, y)], vec![(x, y - uy), (x, y + uy)]];
-        chart.draw_series(cross.map(|line| PathElement::new(line, FIT.stroke_width(3))))?;
-        chart.draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE.filled())))?;
+        chart.draw_series(cross.map(|line| PathElement::new(line, FIT_COLOUR.stroke_width(3))))?;
+        chart
+            .draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE_COLOUR.filled())))?;
         Ok(())
     })
 }
@@ -49,6 +56,6 @@ fn half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
     }
     let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
     let away = points.iter().flat_map(|(px, py)| [px - x, py - y]);
-    let (_, reach) = bounds(away.chain([figure.radius, ux, uy]).map(f64::abs))?;
+    let (_, reach) = value_bounds(away.chain([figure.radius, ux, uy]).map(f64::abs))?;
     Some(if reach > 0.0 { 1.15 * reach } else { 1.0 })
 }

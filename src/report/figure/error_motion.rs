@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Sample;
-use super::scale::bounds;
+use super::scale::value_bounds;
 
 /// Centre about which the value of an error motion is taken (ISO 230-7).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,7 +17,7 @@ pub(in crate::report) enum MotionCentre {
 impl MotionCentre {
     /// Centre for the error motion with this symbol, `EXC` to `ECC` of a rotary axis; `None` for any other
     /// function.
-    pub(in crate::report) fn of(symbol: &str) -> Option<Self> {
+    pub(in crate::report) fn from_symbol(symbol: &str) -> Option<Self> {
         let &[b'E', component, axis] = symbol.as_bytes() else { return None };
         let along = match axis {
             b'A' => b'X',
@@ -46,14 +46,14 @@ pub(in crate::report) struct MotionCircles {
 
 impl MotionCircles {
     /// The circles of a curve; `None`: too few angles for the centre.
-    pub(super) fn new(samples: &[Sample], about: MotionCentre) -> Option<Self> {
-        let centre = match about {
+    pub(super) fn new(samples: &[Sample], centre_kind: MotionCentre) -> Option<Self> {
+        let centre = match centre_kind {
             MotionCentre::LeastSquares => least_squares_centre(samples)?,
             MotionCentre::Chart => [0.0, 0.0],
         };
         let circles = Self { centre, inner: 0.0, outer: 0.0 };
         let distances = samples.iter().map(|sample| sample.y - circles.offset(sample.x));
-        let (inner, outer) = bounds(distances)?;
+        let (inner, outer) = value_bounds(distances)?;
         Some(Self { inner, outer, ..circles })
     }
 
@@ -95,16 +95,16 @@ fn least_squares_centre(samples: &[Sample]) -> Option<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{coordinates, inside, wave};
-    use super::super::{error_motion, function};
+    use super::super::{draw_function, error_motion};
     use super::MotionCentre;
-    use machine::record::estimate::{FigureKind, Function};
+    use machine::record::estimate::{EstimatedFunction, FigureKind};
 
     /// A function over whole revolutions in steps of 5°.
-    fn of_angle(symbol: &str, revolutions: u32, value: impl Fn(f64) -> f64) -> Function {
+    fn of_angle(symbol: &str, revolutions: u32, value: impl Fn(f64) -> f64) -> EstimatedFunction {
         let x: Vec<f64> = (0..=72 * revolutions).map(|n| f64::from(5 * n)).collect();
         let y: Vec<f64> = x.iter().map(|x| value(x.to_radians())).collect();
         let u = vec![0.0; x.len()];
-        Function { symbol: symbol.to_owned(), x, y, u, ..wave(FigureKind::Polar, 1) }
+        EstimatedFunction { symbol: symbol.to_owned(), x, y, u, ..wave(FigureKind::Polar, 1) }
     }
 
     /// 2 + 1.5·cos θ − 0.8·sin θ + 0.6·cos 3θ: a circle about (1.5, −0.8) and three lobes of ±0.6 on it.
@@ -136,18 +136,22 @@ mod tests {
             unequal.x.remove(12);
             unequal.y.remove(12);
         });
-        let (_, circles) = error_motion(&Function { u: vec![0.0; 43], ..unequal }).unwrap();
+        let (_, circles) =
+            error_motion(&EstimatedFunction { u: vec![0.0; 43], ..unequal }).unwrap();
         // At unequal angles the lobes are not orthogonal to the circle.
         assert!((circles.centre[0] - 1.5).abs() < 0.3 && circles.value() >= 1.2 - 1e-9);
-        let one_angle = Function { x: vec![45.0; 8], ..wave(FigureKind::Polar, 8) };
-        assert_eq!(error_motion(&Function { symbol: "EXC".to_owned(), ..one_angle }), None);
+        let one_angle = EstimatedFunction { x: vec![45.0; 8], ..wave(FigureKind::Polar, 8) };
+        assert_eq!(
+            error_motion(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }),
+            None
+        );
     }
 
     /// For cos θ + 0.6·cos 3θ the rings are from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
     #[test]
     fn the_circles_of_an_error_motion_touch_the_curve() {
         let motion = of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());
-        let svg = function(&motion, 2.0).unwrap();
+        let svg = draw_function(&motion, 2.0).unwrap();
         let lines: Vec<Vec<f64>> = svg
             .lines()
             .filter(|line| line.contains("stroke=\"#C2571A\""))
@@ -168,7 +172,7 @@ mod tests {
     /// angle.
     #[test]
     fn a_curve_of_two_revolutions_is_closed_after_the_second() {
-        let svg = function(&of_angle("EXC", 2, |turn| (turn / 2.0).sin()), 2.0).unwrap();
+        let svg = draw_function(&of_angle("EXC", 2, |turn| (turn / 2.0).sin()), 2.0).unwrap();
         let curve = svg.lines().find(|line| line.contains("stroke-width=\"4\"")).unwrap();
         let points = coordinates(curve).len() / 2;
         // 144 steps of 5° in chords of at most 2°, each with both ends; the curve closes at 720°.

@@ -5,33 +5,33 @@ use std::f64::consts::TAU;
 
 use plotters::prelude::*;
 
-use super::scale::{Ticked, bounds, round_step};
-use super::{FIT, LINE, Sample, picture};
+use super::scale::{TickedAxis, round_step, value_bounds};
+use super::{FIT_COLOUR, LINE_COLOUR, Sample, draw_picture};
 use crate::report::number;
-use machine::record::estimate::Function;
+use machine::record::estimate::EstimatedFunction;
 
-const SIZE: (u32, u32) = (1400, 640);
+const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of columns; more would show no further detail.
-const MOST_COLUMNS: f64 = 60.0;
+const MAX_COLUMNS: f64 = 60.0;
 
-pub(super) fn histogram(function: &Function, samples: &[Sample]) -> Option<String> {
+pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
     let values: Vec<f64> = samples.iter().map(|sample| sample.y).collect();
-    let columns = Columns::of(&values)?;
+    let columns = HistogramBins::from_values(&values)?;
     let tallest = columns.counts.iter().copied().max()?;
-    let normal = columns.normal(&values);
+    let normal = columns.normal_curve(&values);
     let top = normal.iter().map(|(_, count)| *count).fold(tallest as f64, f64::max);
-    let unit = number::unit(function.unit);
+    let unit = number::unit_symbol(function.unit);
     let x_name = format!("{} / {unit}", number::plain_symbol(&function.symbol));
-    let x_axis = Ticked::round(columns.edge(0)..columns.edge(columns.counts.len()));
-    picture(SIZE, |area| {
-        let y_axis = Ticked::round(0.0..1.08 * top);
-        let mut chart = super::chart(area, (x_axis, &x_name), (y_axis, "count"))?;
+    let x_axis = TickedAxis::round(columns.bin_edge(0)..columns.bin_edge(columns.counts.len()));
+    draw_picture(PICTURE_SIZE, |area| {
+        let y_axis = TickedAxis::round(0.0..1.08 * top);
+        let mut chart = super::draw_axes(area, (x_axis, &x_name), (y_axis, "count"))?;
         chart.draw_series(columns.counts.iter().enumerate().map(|(i, count)| {
-            let corners = [(columns.edge(i), *count as f64), (columns.edge(i + 1), 0.0)];
-            Rectangle::new(corners, LINE.mix(0.6).filled())
+            let corners = [(columns.bin_edge(i), *count as f64), (columns.bin_edge(i + 1), 0.0)];
+            Rectangle::new(corners, LINE_COLOUR.mix(0.6).filled())
         }))?;
         if !are_lengths(samples) {
-            chart.draw_series([PathElement::new(normal, FIT.stroke_width(4))])?;
+            chart.draw_series([PathElement::new(normal, FIT_COLOUR.stroke_width(4))])?;
         }
         Ok(())
     })
@@ -41,22 +41,22 @@ fn are_lengths(samples: &[Sample]) -> bool {
     samples.iter().all(|sample| sample.y >= 0.0)
 }
 
-struct Columns {
+struct HistogramBins {
     first: f64,
     width: f64,
     counts: Vec<usize>,
 }
 
-impl Columns {
+impl HistogramBins {
     /// Columns of a round width, by the rule of Freedman and Diaconis (1981): twice the interquartile range
     /// over the cube root of the count.
-    fn of(values: &[f64]) -> Option<Self> {
+    fn from_values(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
-        let (low, high) = bounds(sorted.iter().copied())?;
+        let (low, high) = value_bounds(sorted.iter().copied())?;
         let at = |quarter: usize| sorted.get(quarter * (sorted.len() - 1) / 4).copied();
         let wanted = 2.0 * (at(3)? - at(1)?) / (sorted.len() as f64).cbrt();
-        let least = (high - low) / MOST_COLUMNS;
+        let least = (high - low) / MAX_COLUMNS;
         // Equal values give one column.
         let alike = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
         let width = [wanted.max(least), alike].into_iter().find(|width| *width > 0.0)?;
@@ -72,12 +72,12 @@ impl Columns {
         Some(Self { first, width, counts })
     }
 
-    fn edge(&self, number: usize) -> f64 {
+    fn bin_edge(&self, number: usize) -> f64 {
         self.first + self.width * number as f64
     }
 
     /// Expected count of a column centred at each position.
-    fn normal(&self, values: &[f64]) -> Vec<(f64, f64)> {
+    fn normal_curve(&self, values: &[f64]) -> Vec<(f64, f64)> {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
@@ -85,7 +85,7 @@ impl Columns {
         if !(sd > 0.0 && sd.is_finite()) {
             return Vec::new();
         }
-        let (low, high) = (self.edge(0), self.edge(self.counts.len()));
+        let (low, high) = (self.bin_edge(0), self.bin_edge(self.counts.len()));
         let at = |step: i32| {
             let x = low + (high - low) * f64::from(step) / 200.0;
             let height = (-0.5 * ((x - mean) / sd).powi(2)).exp() / (sd * TAU.sqrt());
@@ -103,10 +103,10 @@ mod tests {
     fn every_value_is_in_one_column() {
         // Quartiles 1 apart, 8 values: columns 1 wide.
         let values = [0.1, 0.2, 0.9, 1.0, 1.1, 1.15, 1.9, 2.5];
-        let columns = Columns::of(&values).unwrap();
+        let columns = HistogramBins::from_values(&values).unwrap();
         assert_eq!((columns.first, columns.width), (0.0, 1.0));
         assert_eq!(columns.counts, [3, 4, 1]);
-        let normal = columns.normal(&values);
+        let normal = columns.normal_curve(&values);
         // The range covers nearly the whole normal distribution; its tails are not drawn.
         let step = 3.0 / 200.0;
         let area: f64 = normal.iter().map(|(_, count)| count * step).sum();
@@ -115,10 +115,13 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 8.0;
         assert!((top.0 - mean).abs() <= step, "{top:?}");
         for alike in [0.0, -3.0, 1e9] {
-            assert_eq!(Columns::of(&[alike; 5]).unwrap().counts.iter().sum::<usize>(), 5);
+            assert_eq!(
+                HistogramBins::from_values(&[alike; 5]).unwrap().counts.iter().sum::<usize>(),
+                5
+            );
         }
-        assert!(Columns::of(&[]).is_none());
+        assert!(HistogramBins::from_values(&[]).is_none());
         let one_far = [vec![0.0; 1000], vec![1e6]].concat();
-        assert!(Columns::of(&one_far).unwrap().counts.len() <= 61);
+        assert!(HistogramBins::from_values(&one_far).unwrap().counts.len() <= 61);
     }
 }

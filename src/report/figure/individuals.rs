@@ -3,22 +3,25 @@
 
 use plotters::prelude::*;
 
-use super::legend::{self, DASH, Piece};
-use super::scale::{Ticked, bounds, widened};
+use super::legend::{self, DASH_PATTERN, LegendSymbol};
+use super::scale::{TickedAxis, add_margin, value_bounds};
 use super::strip::{self, Temperatures};
-use super::{Area, Drawn, FIT, GRID, INK, LINE, Sample, Y_LABELS, picture};
+use super::{
+    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH,
+    draw_picture,
+};
 use crate::report::number;
 use machine::record::estimate::Unit;
 
-const SIZE: (u32, u32) = (1400, 560);
+const PICTURE_SIZE: (u32, u32) = (1400, 560);
 
 /// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
 /// line is only named in the legend, as the values would be too small to see.
-const MOST_HIGH: f64 = 4.0;
+const MAX_RANGE_RATIO: f64 = 4.0;
 
 /// Chart of one parameter; times in seconds before now, negative.
 #[derive(Debug, Clone, Default)]
-pub struct Individuals {
+pub struct IndividualsChart {
     pub symbol: String,
     /// Time, value and expanded uncertainty, in order of time.
     pub values: Vec<[f64; 3]>,
@@ -32,11 +35,11 @@ pub struct Individuals {
 }
 
 /// Units of time with their lengths in seconds.
-const SPANS: [(f64, &str); 4] =
+const TIME_UNITS: [(f64, &str); 4] =
     [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
 
 /// Data of the chart with its scales.
-struct Scaled {
+struct ScaledChart {
     samples: Vec<Sample>,
     /// First and last time, in units of `scale` seconds.
     time: (f64, f64),
@@ -46,39 +49,43 @@ struct Scaled {
     tolerance: Vec<f64>,
 }
 
-impl Individuals {
+impl IndividualsChart {
     /// Draws the chart; `None` without a finite value.
     pub fn draw(&self, unit: Unit) -> Option<String> {
-        let (scale, word) = self.span();
-        let scaled = self.scaled(scale)?;
-        let told = self.told(unit, &scaled.tolerance);
-        let warmth = strip::range(&self.temperatures);
-        let rows = if told.is_empty() { 0 } else { legend::ROW };
-        let below = if warmth.is_some() { legend::ROW + strip::HEIGHT } else { 0 };
+        let (scale, word) = self.time_unit();
+        let scaled = self.scale_data(scale)?;
+        let legend_entries = self.legend_entries(unit, &scaled.tolerance);
+        let temperature_range = strip::temperature_range(&self.temperatures);
+        let rows = if legend_entries.is_empty() { 0 } else { legend::ROW_HEIGHT };
+        let below =
+            if temperature_range.is_some() { legend::ROW_HEIGHT + strip::STRIP_HEIGHT } else { 0 };
         let x_name = format!("{word} before now");
-        let y_name = format!("{} / {}", number::plain_symbol(&self.symbol), number::unit(unit));
-        let time = Ticked::round(scaled.time.0..scaled.time.1);
-        picture((SIZE.0, SIZE.1 + rows + below), |area| {
+        let y_name =
+            format!("{} / {}", number::plain_symbol(&self.symbol), number::unit_symbol(unit));
+        let time = TickedAxis::round(scaled.time.0..scaled.time.1);
+        draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
-            legend::row(&above, Y_LABELS, &told)?;
-            let (upper, lower) = rest.split_vertically(SIZE.1 as i32);
-            self.chart(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
-            let Some(range) = warmth else { return Ok(()) };
-            let (names, lower) = lower.split_vertically(legend::ROW as i32);
-            legend::row(&names, Y_LABELS, &strip::names(&self.temperatures))?;
-            strip::draw(&lower, &self.temperatures, (time, &x_name, scale), range)
+            legend::draw_legend(&above, Y_LABEL_WIDTH, &legend_entries)?;
+            let (upper, lower) = rest.split_vertically(PICTURE_SIZE.1 as i32);
+            self.draw_chart(&upper, &scaled, (time.clone(), &x_name), &y_name)?;
+            let Some(range) = temperature_range else { return Ok(()) };
+            let (names, lower) = lower.split_vertically(legend::ROW_HEIGHT as i32);
+            legend::draw_legend(&names, Y_LABEL_WIDTH, &strip::legend_entries(&self.temperatures))?;
+            strip::draw_strip(&lower, &self.temperatures, (time, &x_name, scale), range)
         })
     }
 
-    fn scaled(&self, scale: f64) -> Option<Scaled> {
+    fn scale_data(&self, scale: f64) -> Option<ScaledChart> {
         let finite = self.values.iter().filter(|value| value.iter().all(|part| part.is_finite()));
-        let samples: Vec<Sample> =
-            finite.map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half: *half }).collect();
+        let samples: Vec<Sample> = finite
+            .map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half_width: *half })
+            .collect();
         let limits = self.limits.map(|(limits, _)| limits).into_iter().flatten();
-        let ends =
-            samples.iter().flat_map(|sample| [sample.y - sample.half, sample.y + sample.half]);
-        let (mut low, mut high) = bounds(ends.chain(limits))?;
-        let most = MOST_HIGH * (high - low).max(f64::MIN_POSITIVE);
+        let ends = samples
+            .iter()
+            .flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+        let (mut low, mut high) = value_bounds(ends.chain(limits))?;
+        let most = MAX_RANGE_RATIO * (high - low).max(f64::MIN_POSITIVE);
         let mut tolerance: Vec<f64> =
             self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
         // The nearer line first: there may be room for one only.
@@ -92,63 +99,81 @@ impl Individuals {
             }
             fits
         });
-        let time = widened(bounds(samples.iter().map(|sample| sample.x))?);
-        Some(Scaled { samples, time, scale, value: widened((low, high)), tolerance })
+        let time = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
+        Some(ScaledChart { samples, time, scale, value: add_margin((low, high)), tolerance })
     }
 
     /// Entries of the legend.
-    fn told(&self, unit: Unit, drawn: &[f64]) -> Vec<(Piece, String)> {
-        let mut told = Vec::new();
-        told.extend(self.limits.map(|_| (Piece::Band, "control limits".to_owned())));
-        told.extend(self.tolerance.map(|limit| {
+    fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<(LegendSymbol, String)> {
+        let mut legend_entries = Vec::new();
+        legend_entries
+            .extend(self.limits.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
+        legend_entries.extend(self.tolerance.map(|limit| {
             let beyond = match drawn.len() {
                 2 => "",
                 1 => " (one line beyond)",
                 _ => " (beyond)",
             };
-            (Piece::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit(unit)))
+            (
+                LegendSymbol::Dashed,
+                format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)),
+            )
         }));
-        told.extend((!self.steps.is_empty()).then(|| (Piece::ToolSweep, "step".to_owned())));
-        told
+        legend_entries
+            .extend((!self.steps.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
+        legend_entries
     }
 
-    fn chart(&self, area: &Area<'_>, scaled: &Scaled, x: (Ticked, &str), y_name: &str) -> Drawn {
-        let Scaled { samples, time: (first, last), scale, value: (low, high), tolerance } = scaled;
-        let mut chart = super::chart(area, x, (Ticked::round(*low..*high), y_name))?;
+    fn draw_chart(
+        &self,
+        area: &Area<'_>,
+        scaled: &ScaledChart,
+        x: (TickedAxis, &str),
+        y_name: &str,
+    ) -> DrawResult {
+        let ScaledChart { samples, time: (first, last), scale, value: (low, high), tolerance } =
+            scaled;
+        let mut chart = super::draw_axes(area, x, (TickedAxis::round(*low..*high), y_name))?;
         if let Some(([lower, centre, upper], from)) = self.limits {
             let begin = self.values.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
             let band = [(begin, lower), (*last, upper)];
-            chart.draw_series([Rectangle::new(band, GRID.mix(0.4).filled())])?;
+            chart.draw_series([Rectangle::new(band, GRID_COLOUR.mix(0.4).filled())])?;
             for (y, width) in [(lower, 3), (centre, 2), (upper, 3)] {
                 let line = vec![(begin, y), (*last, y)];
-                chart.draw_series([PathElement::new(line, FIT.stroke_width(width))])?;
+                chart.draw_series([PathElement::new(line, FIT_COLOUR.stroke_width(width))])?;
             }
         }
         for y in tolerance {
-            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH);
-            chart.draw_series(DashedLineSeries::new(line, dash, gap, INK.stroke_width(4)))?;
+            let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH_PATTERN);
+            chart.draw_series(DashedLineSeries::new(
+                line,
+                dash,
+                gap,
+                INK_COLOUR.stroke_width(4),
+            ))?;
         }
         for t_s in &self.steps {
             let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
-            chart.draw_series([PathElement::new(line, INK.stroke_width(3))])?;
+            chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
-        let bars = samples.iter().map(|Sample { x, y, half }| {
+        let bars = samples.iter().map(|Sample { x, y, half_width: half }| {
             let ends = vec![(*x, y - half), (*x, y + half)];
-            PathElement::new(ends, LINE.mix(0.5).stroke_width(4))
+            PathElement::new(ends, LINE_COLOUR.mix(0.5).stroke_width(4))
         });
         chart.draw_series(bars)?;
         let joined: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
-        chart.draw_series([PathElement::new(joined.clone(), LINE.stroke_width(2))])?;
-        chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE.filled())))?;
+        chart.draw_series([PathElement::new(joined.clone(), LINE_COLOUR.stroke_width(2))])?;
+        chart
+            .draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
         Ok(())
     }
 
     /// Largest unit of time of which the chart covers at least two.
-    fn span(&self) -> (f64, &'static str) {
+    fn time_unit(&self) -> (f64, &'static str) {
         let [first, last] = [self.values.first(), self.values.last()]
             .map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
         let reach = (last - first).max(-first);
-        SPANS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
+        TIME_UNITS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
     }
 }
 
@@ -160,12 +185,12 @@ mod tests {
     #[test]
     fn values_limits_and_steps_stand_where_they_belong() {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
-        let chart = Individuals {
+        let chart = IndividualsChart {
             symbol: "EX0C".to_owned(),
             values: (0..10).map(value).collect(),
             limits: Some(([-1.0, 0.5, 2.0], 4)),
             steps: vec![-86_400.0 * 6.5],
-            ..Individuals::default()
+            ..IndividualsChart::default()
         };
         let svg = chart.draw(Unit::Um).unwrap();
         assert!(inside(&svg) && svg.contains("days before now"), "{svg}");
@@ -181,10 +206,14 @@ mod tests {
         // The limits begin at the fifth value.
         let begins: f64 = attributes(band, "x")[0].parse().unwrap();
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
-        let none = Individuals { values: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
+        let none = IndividualsChart { values: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
         assert_eq!(none.draw(Unit::Um), None);
-        let soon =
-            Individuals { values: vec![[-30.0, 1.0, 1.0]], limits: None, steps: vec![], ..chart };
+        let soon = IndividualsChart {
+            values: vec![[-30.0, 1.0, 1.0]],
+            limits: None,
+            steps: vec![],
+            ..chart
+        };
         assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
     }
 
@@ -203,18 +232,18 @@ mod tests {
         let lines =
             lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(points);
         let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
-        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW));
+        let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW_HEIGHT));
         lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
     }
 
-    fn days(tolerance: Option<f64>) -> Individuals {
+    fn days(tolerance: Option<f64>) -> IndividualsChart {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
-        Individuals {
+        IndividualsChart {
             symbol: "EX0C".to_owned(),
             values: (0..10).map(value).collect(),
             limits: Some(([-1.0, 0.5, 2.0], 0)),
             tolerance,
-            ..Individuals::default()
+            ..IndividualsChart::default()
         }
     }
 
@@ -249,7 +278,7 @@ mod tests {
         assert!(svg.contains("tolerance ±1000 µm (beyond)"));
         assert!(across(&svg, "#22262B", 4).is_empty());
         let far = days(Some(50.0));
-        let near_one = Individuals {
+        let near_one = IndividualsChart {
             values: far.values.iter().map(|[t, y, half]| [*t, y + 48.0, *half]).collect(),
             limits: None,
             ..far
@@ -274,7 +303,7 @@ mod tests {
             ("nobody".to_owned(), chart.values.iter().map(|value| (value[0], None)).collect()),
         ];
         let plain = chart.draw(Unit::Um).unwrap();
-        let svg = Individuals { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
+        let svg = IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
         assert!(inside(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
         assert!(!plain.contains("temperature"));
         let circles =
@@ -309,7 +338,7 @@ mod tests {
         let nan = vec![("bed".to_owned(), vec![(-1.0, Some(f64::NAN))])];
         let plain = chart.draw(Unit::Um);
         for temperatures in [none, nan] {
-            assert_eq!(Individuals { temperatures, ..chart.clone() }.draw(Unit::Um), plain);
+            assert_eq!(IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um), plain);
         }
     }
 }

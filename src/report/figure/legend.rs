@@ -2,84 +2,94 @@
 
 use plotters::prelude::*;
 
-use super::{Area, Drawn, FIT, GRID, INK, LINE, text_style};
+use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, text_style};
 
 /// Height of the legend row.
-pub(super) const ROW: u32 = 56;
-const FONT: f64 = 30.0;
+pub(super) const ROW_HEIGHT: u32 = 56;
+const FONT_SIZE: f64 = 30.0;
 /// Length of a line sample, and gap between the sample and its name.
-const PIECE: i32 = 70;
-const GAP: i32 = 14;
+const SAMPLE_LENGTH: i32 = 70;
+const SAMPLE_GAP: i32 = 14;
 /// Mean width of a letter, as a share of the font size.
-const LETTER: f64 = 0.54;
-const MARKER: i32 = 9;
+const LETTER_WIDTH_RATIO: f64 = 0.54;
+const MARKER_SIZE: i32 = 9;
 /// Opacity of a shaded area.
-pub(super) const SHADE: f64 = 0.6;
+pub(super) const SHADE_OPACITY: f64 = 0.6;
 /// Length and gap of the dashes of a line.
-pub(super) const DASH: (i32, i32) = (40, 24);
+pub(super) const DASH_PATTERN: (i32, i32) = (40, 24);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Piece {
+pub(super) enum LegendSymbol {
     /// Band between two lines.
     Band,
     Shaded,
     Dashed,
-    ToolSweep,
+    StepMark,
     /// Marker of the thermometer with this number.
     Marker(usize),
 }
 
 /// Draws one row that begins at `left`.
-pub(super) fn row(area: &Area<'_>, left: u32, told: &[(Piece, String)]) -> Drawn {
-    let (mut x, middle) = (left as i32, ROW as i32 / 2);
-    for (piece, words) in told {
-        draw(area, *piece, (x, middle))?;
-        x += PIECE + GAP;
-        let top = middle - (0.6 * FONT) as i32;
-        area.draw_text(words, &text_style(FONT), (x, top))?;
-        x += (LETTER * FONT * words.chars().count() as f64) as i32 + 3 * GAP;
+pub(super) fn draw_legend(
+    area: &Area<'_>,
+    left: u32,
+    entries: &[(LegendSymbol, String)],
+) -> DrawResult {
+    let (mut x, middle) = (left as i32, ROW_HEIGHT as i32 / 2);
+    for (piece, text) in entries {
+        draw_symbol(area, *piece, (x, middle))?;
+        x += SAMPLE_LENGTH + SAMPLE_GAP;
+        let top = middle - (0.6 * FONT_SIZE) as i32;
+        area.draw_text(text, &text_style(FONT_SIZE), (x, top))?;
+        x += (LETTER_WIDTH_RATIO * FONT_SIZE * text.chars().count() as f64) as i32 + 3 * SAMPLE_GAP;
     }
     Ok(())
 }
 
-fn draw(area: &Area<'_>, piece: Piece, (x, y): (i32, i32)) -> Drawn {
+fn draw_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> DrawResult {
     let across = |x: i32, length: i32, y: i32| vec![(x, y), (x + length, y)];
     match piece {
-        Piece::Band => {
-            area.draw(&Rectangle::new([(x, y - 14), (x + PIECE, y + 14)], GRID.mix(0.4).filled()))?;
+        LegendSymbol::Band => {
+            area.draw(&Rectangle::new(
+                [(x, y - 14), (x + SAMPLE_LENGTH, y + 14)],
+                GRID_COLOUR.mix(0.4).filled(),
+            ))?;
             for edge in [y - 14, y + 14] {
-                area.draw(&PathElement::new(across(x, PIECE, edge), FIT.stroke_width(3)))?;
+                area.draw(&PathElement::new(
+                    across(x, SAMPLE_LENGTH, edge),
+                    FIT_COLOUR.stroke_width(3),
+                ))?;
             }
         }
-        Piece::Shaded => {
-            let corners = [(x, y - 14), (x + PIECE, y + 14)];
-            area.draw(&Rectangle::new(corners, GRID.mix(SHADE).filled()))?;
+        LegendSymbol::Shaded => {
+            let corners = [(x, y - 14), (x + SAMPLE_LENGTH, y + 14)];
+            area.draw(&Rectangle::new(corners, GRID_COLOUR.mix(SHADE_OPACITY).filled()))?;
         }
-        Piece::Dashed => {
-            let dash = PIECE * 2 / 5;
-            for begin in [x, x + PIECE - dash] {
-                area.draw(&PathElement::new(across(begin, dash, y), INK.stroke_width(4)))?;
+        LegendSymbol::Dashed => {
+            let dash = SAMPLE_LENGTH * 2 / 5;
+            for begin in [x, x + SAMPLE_LENGTH - dash] {
+                area.draw(&PathElement::new(across(begin, dash, y), INK_COLOUR.stroke_width(4)))?;
             }
         }
-        Piece::ToolSweep => {
-            let line = vec![(x + PIECE / 2, y - 18), (x + PIECE / 2, y + 18)];
-            area.draw(&PathElement::new(line, INK.stroke_width(3)))?;
+        LegendSymbol::StepMark => {
+            let line = vec![(x + SAMPLE_LENGTH / 2, y - 18), (x + SAMPLE_LENGTH / 2, y + 18)];
+            area.draw(&PathElement::new(line, INK_COLOUR.stroke_width(3)))?;
         }
-        Piece::Marker(number) => {
-            area.draw(&PathElement::new(across(x, PIECE, y), LINE.stroke_width(2)))?;
-            marker(area, number, (x + PIECE / 2, y))?;
+        LegendSymbol::Marker(number) => {
+            area.draw(&PathElement::new(across(x, SAMPLE_LENGTH, y), LINE_COLOUR.stroke_width(2)))?;
+            draw_marker(area, number, (x + SAMPLE_LENGTH / 2, y))?;
         }
     }
     Ok(())
 }
 
 /// Draws the marker of the thermometer with this number; markers differ in shape.
-pub(super) fn marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> Drawn {
+pub(super) fn draw_marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> DrawResult {
     match number % 4 {
-        0 => area.draw(&TriangleMarker::new(at, MARKER + 3, LINE.filled()))?,
-        1 => area.draw(&Cross::new(at, MARKER, LINE.stroke_width(3)))?,
-        2 => area.draw(&Circle::new(at, MARKER, LINE.stroke_width(3)))?,
-        _ => area.draw(&Circle::new(at, MARKER - 4, LINE.filled()))?,
+        0 => area.draw(&TriangleMarker::new(at, MARKER_SIZE + 3, LINE_COLOUR.filled()))?,
+        1 => area.draw(&Cross::new(at, MARKER_SIZE, LINE_COLOUR.stroke_width(3)))?,
+        2 => area.draw(&Circle::new(at, MARKER_SIZE, LINE_COLOUR.stroke_width(3)))?,
+        _ => area.draw(&Circle::new(at, MARKER_SIZE - 4, LINE_COLOUR.filled()))?,
     }
     Ok(())
 }

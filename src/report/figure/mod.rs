@@ -3,8 +3,8 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use self::scale::Ticked;
-use machine::record::estimate::{FigureKind, Function};
+use self::scale::TickedAxis;
+use machine::record::estimate::{EstimatedFunction, FigureKind};
 
 mod arrows;
 mod circle;
@@ -24,24 +24,24 @@ mod strip;
 #[cfg(test)]
 mod tests;
 
-pub(super) use arrows::Common;
-pub(super) use circle::circle;
+pub(super) use arrows::ArrowScales;
+pub(super) use circle::draw_circle;
 pub(super) use error_motion::{MotionCentre, MotionCircles};
-pub use individuals::Individuals;
+pub use individuals::IndividualsChart;
 pub use map::ErrorMap;
-pub(super) use matrix::{correlation, matrix};
+pub(super) use matrix::{correlation_coefficient, draw_matrix};
 pub use strip::Temperatures;
 
 /// Colours by their role; the page's style sheet replaces these exact values in dark mode.
-const INK: RGBColor = RGBColor(0x22, 0x26, 0x2B);
-const GRID: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
-const LINE: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
-const FIT: RGBColor = RGBColor(0xC2, 0x57, 0x1A);
-const BAND: f64 = 0.22;
-const FONT: f64 = 36.0;
-const MARGIN: u32 = 24;
-const X_LABELS: u32 = 96;
-const Y_LABELS: u32 = 140;
+const INK_COLOUR: RGBColor = RGBColor(0x22, 0x26, 0x2B);
+const GRID_COLOUR: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
+const LINE_COLOUR: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
+const FIT_COLOUR: RGBColor = RGBColor(0xC2, 0x57, 0x1A);
+const BAND_OPACITY: f64 = 0.22;
+const FONT_SIZE: f64 = 36.0;
+const PICTURE_MARGIN: u32 = 24;
+const X_LABEL_HEIGHT: u32 = 96;
+const Y_LABEL_WIDTH: u32 = 140;
 /// Maximum number of points with marks; more marks would hide the line.
 const MAX_MARKS: usize = 100;
 
@@ -50,43 +50,45 @@ const MAX_MARKS: usize = 100;
 struct Sample {
     x: f64,
     y: f64,
-    half: f64,
+    half_width: f64,
 }
 
-/// Draws `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
-pub(super) fn function(function: &Function, k: f64) -> Option<String> {
-    let samples = samples(function, k);
+/// Draws `draw_function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
+pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<String> {
+    let samples = finite_samples(function, k);
     match function.figure {
-        FigureKind::Curve => curve::curve(function, &samples),
-        FigureKind::Polar => {
-            polar::polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c))
-        }
-        FigureKind::Points => points::points(function, &samples),
-        FigureKind::Histogram => histogram::histogram(function, &samples),
-        FigureKind::Spectrum => spectrum::spectrum(function, &samples),
+        FigureKind::Curve => curve::draw_curve(function, &samples),
+        FigureKind::Polar => polar::draw_polar(
+            function,
+            &samples,
+            motion_circles(function, &samples).map(|(_, c)| c),
+        ),
+        FigureKind::Points => points::draw_points(function, &samples),
+        FigureKind::Histogram => histogram::draw_histogram(function, &samples),
+        FigureKind::Spectrum => spectrum::draw_spectrum(function, &samples),
     }
 }
 
 /// Centre and circles of a polar figure of an error motion.
-pub(super) fn error_motion(function: &Function) -> Option<(MotionCentre, MotionCircles)> {
+pub(super) fn error_motion(function: &EstimatedFunction) -> Option<(MotionCentre, MotionCircles)> {
     let is_polar = function.figure == FigureKind::Polar;
-    is_polar.then(|| motion_circles(function, &samples(function, 0.0))).flatten()
+    is_polar.then(|| motion_circles(function, &finite_samples(function, 0.0))).flatten()
 }
 
 fn motion_circles(
-    function: &Function,
+    function: &EstimatedFunction,
     samples: &[Sample],
 ) -> Option<(MotionCentre, MotionCircles)> {
-    let centre = MotionCentre::of(&function.symbol)?;
+    let centre = MotionCentre::from_symbol(&function.symbol)?;
     Some((centre, MotionCircles::new(samples, centre)?))
 }
 
 /// Finite values of the function.
-fn samples(function: &Function, k: f64) -> Vec<Sample> {
+fn finite_samples(function: &EstimatedFunction, k: f64) -> Vec<Sample> {
     let points = function.x.iter().zip(&function.y);
     points
         .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
-        .map(|((x, y), u)| Sample { x: *x, y: *y, half: finite_or_zero(k * u) })
+        .map(|((x, y), u)| Sample { x: *x, y: *y, half_width: finite_or_zero(k * u) })
         .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
         .collect()
 }
@@ -96,13 +98,13 @@ fn finite_or_zero(value: f64) -> f64 {
 }
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = Result<(), Box<dyn std::error::Error>>;
+type DrawResult = Result<(), Box<dyn std::error::Error>>;
 
 /// Draws a picture by `draw`. The result has no size of its own, so that the page can scale it. `None` only if
 /// the drawing library fails, which is not expected when it writes to memory.
-fn picture(
+fn draw_picture(
     (width, height): (u32, u32),
-    draw: impl for<'a> FnOnce(&Area<'a>) -> Drawn,
+    draw: impl for<'a> FnOnce(&Area<'a>) -> DrawResult,
 ) -> Option<String> {
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
@@ -112,35 +114,35 @@ fn picture(
     drawn.then(|| svg.replacen(&sized, "<svg role=\"img\" aria-label=\"figure\"", 1))
 }
 
-type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticked, Ticked>>;
+type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<TickedAxis, TickedAxis>>;
 
 /// A chart with its axes drawn and named.
-fn chart<'a>(
+fn draw_axes<'a>(
     area: &Area<'a>,
-    (x, x_name): (Ticked, &str),
-    (y, y_name): (Ticked, &str),
+    (x, x_name): (TickedAxis, &str),
+    (y, y_name): (TickedAxis, &str),
 ) -> Result<Chart<'a>, Box<dyn std::error::Error>> {
     let mut chart = ChartBuilder::on(area)
-        .margin(MARGIN)
-        .margin_right(2 * MARGIN)
-        .x_label_area_size(X_LABELS)
-        .y_label_area_size(Y_LABELS)
+        .margin(PICTURE_MARGIN)
+        .margin_right(2 * PICTURE_MARGIN)
+        .x_label_area_size(X_LABEL_HEIGHT)
+        .y_label_area_size(Y_LABEL_WIDTH)
         .build_cartesian_2d(x.clone(), y.clone())?;
     chart
         .configure_mesh()
-        .axis_style(INK)
-        .bold_line_style(GRID)
+        .axis_style(INK_COLOUR)
+        .bold_line_style(GRID_COLOUR)
         .light_line_style(TRANSPARENT)
-        .x_label_formatter(&|value| x.label(*value))
-        .y_label_formatter(&|value| y.label(*value))
+        .x_label_formatter(&|value| x.tick_label(*value))
+        .y_label_formatter(&|value| y.tick_label(*value))
         .x_desc(x_name)
         .y_desc(y_name)
-        .label_style(text_style(FONT))
-        .axis_desc_style(text_style(1.1 * FONT))
+        .label_style(text_style(FONT_SIZE))
+        .axis_desc_style(text_style(1.1 * FONT_SIZE))
         .draw()?;
     Ok(chart)
 }
 
 fn text_style<'a>(size: f64) -> TextStyle<'a> {
-    ("sans-serif", size).into_font().color(&INK)
+    ("sans-serif", size).into_font().color(&INK_COLOUR)
 }

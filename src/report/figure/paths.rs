@@ -3,44 +3,53 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::arrows::{Common, FOOT, PANEL, SIZE, VIEWS, drawable, frame};
-use super::{Area, Drawn, FIT, FONT, INK, LINE, picture, text_style};
-use machine::record::estimate::{Arrow, Arrows};
+use super::arrows::{
+    ArrowScales, PANEL_SIZE, PANEL_VIEWS, PICTURE_SIZE, SCALE_HEIGHT, draw_frame, finite_arrows,
+};
+use super::{
+    Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style,
+};
+use machine::record::estimate::{Arrow, ArrowGroup};
 
 /// Names in the legend, with their positions at the foot of the picture.
-const KEY: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
+const LEGEND_ENTRIES: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
 
-impl Common {
-    /// Draws one group as [`Common::draw`] does, and joins the positions in their order to a closed path.
-    pub(in crate::report) fn draw_path(&self, group: &Arrows) -> Option<String> {
-        picture(SIZE, |area| {
-            for (panel, sides) in VIEWS {
-                frame(area, panel, sides)?;
-                self.joined(
+impl ArrowScales {
+    /// Draws one group as [`ArrowScales::draw`] does, and joins the positions in their order to a closed path.
+    pub(in crate::report) fn draw_path(&self, group: &ArrowGroup) -> Option<String> {
+        draw_picture(PICTURE_SIZE, |area| {
+            for (panel, sides) in PANEL_VIEWS {
+                draw_frame(area, panel, sides)?;
+                self.draw_closed_path(
                     area,
                     group,
-                    |arrow| self.at(panel, sides, arrow, Some([0.0; 3])),
-                    INK,
+                    |arrow| self.picture_position(panel, sides, arrow, Some([0.0; 3])),
+                    INK_COLOUR,
                 )?;
-                self.joined(
+                self.draw_closed_path(
                     area,
                     group,
-                    |arrow| self.at(panel, sides, arrow, arrow.modelled),
-                    FIT,
+                    |arrow| self.picture_position(panel, sides, arrow, arrow.modelled),
+                    FIT_COLOUR,
                 )?;
-                self.joined(area, group, |a| self.at(panel, sides, a, Some(a.vector)), LINE)?;
-                for arrow in drawable(group) {
-                    let at = |vector| self.at(panel, sides, arrow, vector);
+                self.draw_closed_path(
+                    area,
+                    group,
+                    |a| self.picture_position(panel, sides, a, Some(a.vector)),
+                    LINE_COLOUR,
+                )?;
+                for arrow in finite_arrows(group) {
+                    let at = |vector| self.picture_position(panel, sides, arrow, vector);
                     let places = [at(Some([0.0; 3])), at(Some(arrow.vector)), at(arrow.modelled)];
-                    marks(area, places, arrow.flagged)?;
+                    draw_marks(area, places, arrow.flagged)?;
                 }
             }
-            self.scale(area)?;
-            for (number, (text, left)) in KEY.into_iter().enumerate() {
-                let here = (left, PANEL + FOOT / 2);
+            self.draw_scale(area)?;
+            for (number, (text, left)) in LEGEND_ENTRIES.into_iter().enumerate() {
+                let here = (left, PANEL_SIZE + SCALE_HEIGHT / 2);
                 let place = |k: usize| (k == number).then_some(here);
-                marks(area, [place(0), place(1), place(2)], false)?;
-                let style = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Center));
+                draw_marks(area, [place(0), place(1), place(2)], false)?;
+                let style = text_style(FONT_SIZE).pos(Pos::new(HPos::Left, VPos::Center));
                 area.draw(&Text::new(text, (here.0 + 20, here.1), style))?;
             }
             Ok(())
@@ -48,7 +57,7 @@ impl Common {
     }
 
     /// Position in the picture; `None` if the vector is not finite.
-    fn at(
+    fn picture_position(
         &self,
         panel: i32,
         sides: [usize; 2],
@@ -56,21 +65,21 @@ impl Common {
         vector: Option<[f64; 3]>,
     ) -> Option<(i32, i32)> {
         let vector = vector.filter(|vector| vector.iter().all(|part| part.is_finite()))?;
-        let factor = self.factor(vector);
-        let [right, up] =
-            sides.map(|k| self.place * (arrow.at_mm[k] - self.middle[k]) + factor * vector[k]);
-        let middle = PANEL / 2;
-        Some((panel * PANEL + middle + right.round() as i32, middle - up.round() as i32))
+        let factor = self.arrow_scale(vector);
+        let [right, up] = sides
+            .map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + factor * vector[k]);
+        let middle = PANEL_SIZE / 2;
+        Some((panel * PANEL_SIZE + middle + right.round() as i32, middle - up.round() as i32))
     }
 
-    fn joined(
+    fn draw_closed_path(
         &self,
         area: &Area<'_>,
-        group: &Arrows,
-        place: impl Fn(&Arrow) -> Option<(i32, i32)>,
+        group: &ArrowGroup,
+        position_of: impl Fn(&Arrow) -> Option<(i32, i32)>,
         colour: RGBColor,
-    ) -> Drawn {
-        let mut round: Vec<_> = drawable(group).filter_map(place).collect();
+    ) -> DrawResult {
+        let mut round: Vec<_> = finite_arrows(group).filter_map(position_of).collect();
         round.extend(round.first().copied().filter(|_| round.len() > 2));
         area.draw(&PathElement::new(round, colour.mix(0.6).stroke_width(2)))?;
         Ok(())
@@ -78,18 +87,18 @@ impl Common {
 }
 
 /// Marks of the commanded, measured and modelled positions.
-fn marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -> Drawn {
+fn draw_marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -> DrawResult {
     let [commanded, measured, modelled] = places;
     if let Some(at) = commanded {
-        area.draw(&Circle::new(at, 6, INK.filled()))?;
+        area.draw(&Circle::new(at, 6, INK_COLOUR.filled()))?;
     }
     if let Some(at) = modelled {
-        area.draw(&TriangleMarker::new(at, 11, FIT.stroke_width(3)))?;
+        area.draw(&TriangleMarker::new(at, 11, FIT_COLOUR.stroke_width(3)))?;
     }
     if let Some(at) = measured {
-        area.draw(&Circle::new(at, 9, LINE.stroke_width(4)))?;
+        area.draw(&Circle::new(at, 9, LINE_COLOUR.stroke_width(4)))?;
         if flagged {
-            area.draw(&Circle::new(at, 15, FIT.stroke_width(4)))?;
+            area.draw(&Circle::new(at, 15, FIT_COLOUR.stroke_width(4)))?;
         }
     }
     Ok(())
@@ -115,13 +124,13 @@ mod tests {
             arrow(-100.0, [40.0, 0.0, 0.0], None),
             arrow(100.0, [0.0, 10.0, 30.0], Some([0.0, 0.0, 20.0])),
         ];
-        let groups = vec![Arrows { name: "B 0°".to_owned(), arrows }];
+        let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
         let (symbol, figure) = ("deviation".to_owned(), VectorKind::Paths);
         let mut figure = ArrowFigure { symbol, unit: Unit::Um, groups, figure };
-        let common = Common::of(&figure).unwrap();
+        let common = ArrowScales::new(&figure).unwrap();
         // 80 units per 0.040 mm against 140 units per 100 mm.
-        assert!((common.magnified(Unit::Um).unwrap() - 80.0 / 0.040 / 1.4).abs() < 1e-6);
-        assert_eq!(common.magnified(Unit::Urad), None);
+        assert!((common.magnification(Unit::Um).unwrap() - 80.0 / 0.040 / 1.4).abs() < 1e-6);
+        assert_eq!(common.magnification(Unit::Urad), None);
         let svg = common.draw_path(&figure.groups[0]).unwrap();
         let rings = |radius: &str| -> Vec<[String; 2]> {
             let marked = svg.lines().filter(|line| line.contains(&format!(" r=\"{radius}\"")));

@@ -8,36 +8,36 @@ use plotters::coord::types::RangedCoordf64;
 use crate::report::number;
 
 /// Maximum number of tick intervals.
-const STEPS: f64 = 8.0;
+const MAX_TICK_INTERVALS: f64 = 8.0;
 
 /// A straight axis with a tick at every multiple of `step`.
 #[derive(Clone)]
-pub(super) struct Ticked {
+pub(super) struct TickedAxis {
     inner: RangedCoordf64,
     step: f64,
 }
 
-impl Ticked {
-    pub(super) fn every(step: f64, range: Range<f64>) -> Self {
+impl TickedAxis {
+    pub(super) fn with_step(step: f64, range: Range<f64>) -> Self {
         Self { inner: range.into(), step }
     }
 
-    /// An axis with the finest round step that gives at most [`STEPS`] intervals.
+    /// An axis with the finest round step that gives at most [`MAX_TICK_INTERVALS`] intervals.
     pub(super) fn round(range: Range<f64>) -> Self {
-        Self::every(round_step((range.end - range.start) / STEPS), range)
+        Self::with_step(round_step((range.end - range.start) / MAX_TICK_INTERVALS), range)
     }
 
     /// As [`Self::round`], with half the number of intervals, for a shorter axis.
-    pub(super) fn coarse(range: Range<f64>) -> Self {
-        Self::every(round_step((range.end - range.start) / (STEPS / 2.0)), range)
+    pub(super) fn round_coarse(range: Range<f64>) -> Self {
+        Self::with_step(round_step((range.end - range.start) / (MAX_TICK_INTERVALS / 2.0)), range)
     }
 
-    pub(super) fn label(&self, value: f64) -> String {
-        label(value, self.step)
+    pub(super) fn tick_label(&self, value: f64) -> String {
+        tick_label(value, self.step)
     }
 }
 
-impl Ranged for Ticked {
+impl Ranged for TickedAxis {
     type FormatOption = DefaultFormatting;
     type ValueType = f64;
 
@@ -49,7 +49,7 @@ impl Ranged for Ticked {
         let Range { start, end } = self.range();
         let (first, last) = ((start / self.step).ceil(), (end / self.step).floor());
         // An axis is too narrow for ticks if its numbers differ in their last digits only.
-        let count = (last - first).clamp(-1.0, 2.0 * STEPS) as i32;
+        let count = (last - first).clamp(-1.0, 2.0 * MAX_TICK_INTERVALS) as i32;
         (0..=count).map(|n| (first + f64::from(n)) * self.step).collect()
     }
 
@@ -59,8 +59,8 @@ impl Ranged for Ticked {
 }
 
 /// Text of a number on an axis with ticks `step` apart.
-pub(super) fn label(value: f64, step: f64) -> String {
-    number::fixed(value, (-step.log10().floor()).clamp(0.0, 9.0) as usize)
+pub(super) fn tick_label(value: f64, step: f64) -> String {
+    number::format_fixed(value, (-step.log10().floor()).clamp(0.0, 9.0) as usize)
 }
 
 /// The round number (1, 2 or 5 times a power of ten) at or above `step`.
@@ -70,15 +70,15 @@ pub(super) fn round_step(step: f64) -> f64 {
 }
 
 /// Minimum and maximum of `values`; `None` without values.
-pub(super) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
-    values.fold(None, |bounds, value| {
-        let (low, high) = bounds.unwrap_or((value, value));
+pub(super) fn value_bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |value_bounds, value| {
+        let (low, high) = value_bounds.unwrap_or((value, value));
         Some((low.min(value), high.max(value)))
     })
 }
 
 /// The range with a margin on either side; never empty.
-pub(super) fn widened((low, high): (f64, f64)) -> (f64, f64) {
+pub(super) fn add_margin((low, high): (f64, f64)) -> (f64, f64) {
     let span = high - low;
     let room = if span > 0.0 { 0.08 * span } else { low.abs().max(1.0) };
     (low - room, high + room)

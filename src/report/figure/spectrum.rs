@@ -3,49 +3,54 @@
 
 use plotters::prelude::*;
 
-use super::legend::{self, Piece, SHADE};
-use super::scale::{Ticked, bounds, round_step};
-use super::{GRID, INK, LINE, Sample, Y_LABELS, curve, picture};
-use machine::record::estimate::Function;
+use super::legend::{self, LegendSymbol, SHADE_OPACITY};
+use super::scale::{TickedAxis, round_step, value_bounds};
+use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH, curve, draw_picture};
+use machine::record::estimate::EstimatedFunction;
 
-const SIZE: (u32, u32) = (1400, 640);
+const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of ticks of the orders.
 const MAX_TICKS: f64 = 16.0;
 /// Half the width of a bar, in orders: the maximum, and the share of the distance to the nearest order.
 const MAX_HALF_BAR: f64 = 0.3;
 const HALF_BAR_SHARE: f64 = 0.4;
 
-pub(super) fn spectrum(function: &Function, samples: &[Sample]) -> Option<String> {
-    let (_, top) = bounds(samples.iter().map(|sample| sample.y + sample.half))?;
+pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
+    let (_, top) = value_bounds(samples.iter().map(|sample| sample.y + sample.half_width))?;
     let top = if top > 0.0 { 1.08 * top } else { 1.0 };
     let mut orders: Vec<f64> = samples.iter().map(|sample| sample.x).collect();
     orders.sort_by(f64::total_cmp);
     let lost = lost_orders(&orders);
-    let (least, highest) = bounds(orders.iter().copied())?;
+    let (least, highest) = value_bounds(orders.iter().copied())?;
     let from = if least < 1.0 { 0.0 } else { 0.5 };
-    let x_axis = Ticked::every(round_step(highest / MAX_TICKS).max(1.0), from..highest + 0.5);
-    let row = if lost.is_empty() { 0 } else { legend::ROW };
-    let (x_name, y_name) = curve::names(function);
-    picture((SIZE.0, SIZE.1 + row), |area| {
+    let x_axis =
+        TickedAxis::with_step(round_step(highest / MAX_TICKS).max(1.0), from..highest + 0.5);
+    let row = if lost.is_empty() { 0 } else { legend::ROW_HEIGHT };
+    let (x_name, y_name) = curve::axis_names(function);
+    draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + row), |area| {
         let (above, below) = area.split_vertically(row as i32);
         if !lost.is_empty() {
-            legend::row(&above, Y_LABELS, &[(Piece::Shaded, "not identifiable".to_owned())])?;
+            legend::draw_legend(
+                &above,
+                Y_LABEL_WIDTH,
+                &[(LegendSymbol::Shaded, "not identifiable".to_owned())],
+            )?;
         }
-        let y_axis = Ticked::round(0.0..top);
-        let mut chart = super::chart(&below, (x_axis, &x_name), (y_axis, &y_name))?;
+        let y_axis = TickedAxis::round(0.0..top);
+        let mut chart = super::draw_axes(&below, (x_axis, &x_name), (y_axis, &y_name))?;
         let shade = |[from, to]: &[f64; 2]| {
-            Rectangle::new([(*from, 0.0), (*to, top)], GRID.mix(SHADE).filled())
+            Rectangle::new([(*from, 0.0), (*to, top)], GRID_COLOUR.mix(SHADE_OPACITY).filled())
         };
         chart.draw_series(lost.iter().map(shade))?;
         chart.draw_series(samples.iter().map(|Sample { x, y, .. }| {
             let half_bar = half_bar(&orders, *x);
             let corners = [(x - half_bar, 0.0), (x + half_bar, y.max(0.0))];
-            Rectangle::new(corners, LINE.mix(0.6).filled())
+            Rectangle::new(corners, LINE_COLOUR.mix(0.6).filled())
         }))?;
-        let stated = samples.iter().filter(|sample| sample.half > 0.0);
-        chart.draw_series(stated.map(|Sample { x, y, half }| {
+        let stated = samples.iter().filter(|sample| sample.half_width > 0.0);
+        chart.draw_series(stated.map(|Sample { x, y, half_width: half }| {
             let ends = [(*x, (y - half).max(0.0)), (*x, (y + half).max(0.0))];
-            PathElement::new(ends, INK.stroke_width(3))
+            PathElement::new(ends, INK_COLOUR.stroke_width(3))
         }))?;
         Ok(())
     })
@@ -69,12 +74,12 @@ fn half_bar(orders: &[f64], order: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::function;
+    use super::super::draw_function;
     use super::super::tests::{attributes, coordinates, inside, wave};
-    use machine::record::estimate::{FigureKind, Function};
+    use machine::record::estimate::{EstimatedFunction, FigureKind};
 
-    fn spectrum(orders: &[f64]) -> Function {
-        Function {
+    fn draw_spectrum(orders: &[f64]) -> EstimatedFunction {
+        EstimatedFunction {
             symbol: "EXC_spectrum".to_owned(),
             argument: "order".to_owned(),
             argument_unit: String::new(),
@@ -95,7 +100,7 @@ mod tests {
     /// With 2 ± 1 µm at each order, a whisker is as long as its bar is high.
     #[test]
     fn orders_without_an_amplitude_are_shaded() {
-        let svg = function(&spectrum(&[0.5, 1.0, 2.0, 6.0, 8.0]), 2.0).unwrap();
+        let svg = draw_function(&draw_spectrum(&[0.5, 1.0, 2.0, 6.0, 8.0]), 2.0).unwrap();
         let bars = rectangles(&svg, "#1F6FB2");
         assert_eq!(bars.len(), 5);
         let whiskers = svg.lines().filter(|line| line.contains("stroke-width=\"3\""));
@@ -113,7 +118,7 @@ mod tests {
             (three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0
         );
         assert!(svg.contains("not identifiable") && svg.contains("order") && inside(&svg));
-        let all = function(&spectrum(&[1.0, 2.0, 3.0]), 2.0).unwrap();
+        let all = draw_function(&draw_spectrum(&[1.0, 2.0, 3.0]), 2.0).unwrap();
         assert!(!all.contains("not identifiable") && rectangles(&all, "#D5D9DE").is_empty());
         assert!(inside(&all));
     }

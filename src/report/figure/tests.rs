@@ -1,12 +1,12 @@
-use super::scale::bounds;
+use super::scale::value_bounds;
 use super::*;
 use machine::record::estimate::{
-    Arrow, ArrowFigure, Arrows, CircleFigure, Covariance, Unit, VectorKind,
+    Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorKind,
 };
 
-pub(super) fn wave(figure: FigureKind, count: u32) -> Function {
+pub(super) fn wave(figure: FigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
-    Function {
+    EstimatedFunction {
         symbol: "EXC_total".to_owned(),
         argument: "C".to_owned(),
         argument_unit: "deg".to_owned(),
@@ -58,28 +58,29 @@ pub(super) fn inside(svg: &str) -> bool {
 
 #[test]
 fn the_axes_are_named_with_their_units() {
-    let svg = function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
+    let svg = draw_function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
     for text in ["C / °", "E_XC,total / µm", "315", "−4"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
     assert_eq!(svg.matches("<circle").count(), 8);
     assert!(inside(&svg));
-    let svg = function(&wave(FigureKind::Polar, 8), 2.0).unwrap();
+    let svg = draw_function(&wave(FigureKind::Polar, 8), 2.0).unwrap();
     for text in ["0°", "315°", "−2 µm"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
     assert!(inside(&svg));
-    let svg = circle(&ring(3.0)).unwrap();
+    let svg = draw_circle(&ring(3.0)).unwrap();
     assert!(svg.contains("x / µm") && svg.contains("y / µm") && inside(&svg));
 }
 
 /// Two revolutions are two lines, each with its band.
 #[test]
 fn a_further_curve_begins_where_the_argument_falls() {
-    let one = function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
-    let Function { x, y, u, .. } = wave(FigureKind::Curve, 8);
+    let one = draw_function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
+    let EstimatedFunction { x, y, u, .. } = wave(FigureKind::Curve, 8);
     let [x, y, u] = [x, y, u].map(|values| [values.clone(), values].concat());
-    let two = function(&Function { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
+    let two =
+        draw_function(&EstimatedFunction { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
     let added = |element: &str| two.matches(element).count() - one.matches(element).count();
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
 }
@@ -88,14 +89,14 @@ fn a_further_curve_begins_where_the_argument_falls() {
 /// ticks show its width.
 #[test]
 fn the_band_is_k_times_u_wide() {
-    let flat = Function { y: vec![0.0; 8], ..wave(FigureKind::Curve, 8) };
+    let flat = EstimatedFunction { y: vec![0.0; 8], ..wave(FigureKind::Curve, 8) };
     for (k, inside, outside) in [(4.0, ["2", "−2"], "3"), (2.0, ["1.0", "−1.0"], "1.5")] {
-        let svg = function(&flat, k).unwrap();
+        let svg = draw_function(&flat, k).unwrap();
         let band = svg.split("<polygon").nth(1).unwrap();
         let y = |pair: &str| pair.split(',').nth(1).unwrap().parse::<f64>().unwrap();
         let corners = attributes(band, "points")[0].split_whitespace().map(y);
-        let (low, high) = bounds(corners).unwrap();
-        let share = (high - low) / (640.0 - f64::from(X_LABELS + 2 * MARGIN));
+        let (low, high) = value_bounds(corners).unwrap();
+        let share = (high - low) / (640.0 - f64::from(X_LABEL_HEIGHT + 2 * PICTURE_MARGIN));
         assert!((share - 1.0 / 1.16).abs() < 0.01, "{share}");
         let has = |label: &str| svg.contains(&format!(">\n{label}\n<"));
         assert!(inside.into_iter().all(has) && !has(outside), "k = {k}");
@@ -108,7 +109,7 @@ fn points_stand_alone_each_with_its_bar() {
     let mut points = wave(FigureKind::Points, 4);
     points.y = vec![1.0, 2.0, 3.0, 4.0];
     points.u = vec![0.5; 4];
-    let svg = function(&points, 2.0).unwrap();
+    let svg = draw_function(&points, 2.0).unwrap();
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
     let y_of: Vec<f64> = marks.iter().map(|m| attributes(m, "cy")[0].parse().unwrap()).collect();
     let bars = svg.lines().filter(|line| line.contains("<polyline")).rev().take(4);
@@ -126,7 +127,7 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
     let mut function = wave(FigureKind::Polar, 4);
     function.y = vec![0.0, 1.0, 0.0, 0.0];
     function.u = vec![0.0; 4];
-    let svg = super::function(&function, 2.0).unwrap();
+    let svg = super::draw_function(&function, 2.0).unwrap();
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
     let x: Vec<_> = marks.iter().map(|mark| attributes(mark, "cx")[0].to_owned()).collect();
     let y: Vec<_> = marks.iter().map(|mark| attributes(mark, "cy")[0].to_owned()).collect();
@@ -148,22 +149,22 @@ fn strange_numbers_never_reach_the_picture() {
         let mut flat = wave(figure, 8);
         flat.y = vec![5.0; 8];
         flat.u = vec![0.0; 8];
-        assert!(inside(&function(&flat, 2.0).unwrap()));
+        assert!(inside(&draw_function(&flat, 2.0).unwrap()));
         let mut holes = wave(figure, 8);
         (holes.y[1], holes.x[2], holes.u[3]) = (f64::NAN, f64::INFINITY, f64::NAN);
-        assert!(inside(&function(&holes, 2.0).unwrap()));
-        let one = Function { u: Vec::new(), ..wave(figure, 1) };
-        assert!(inside(&function(&one, 2.0).unwrap()));
-        assert_eq!(function(&wave(figure, 0), 2.0), None);
-        let many = function(&wave(figure, 720), 2.0).unwrap();
+        assert!(inside(&draw_function(&holes, 2.0).unwrap()));
+        let one = EstimatedFunction { u: Vec::new(), ..wave(figure, 1) };
+        assert!(inside(&draw_function(&one, 2.0).unwrap()));
+        assert_eq!(draw_function(&wave(figure, 0), 2.0), None);
+        let many = draw_function(&wave(figure, 720), 2.0).unwrap();
         assert!(inside(&many));
         assert_eq!(many.contains("r=\"7\""), figure == FigureKind::Points);
     }
     let mut holes = ring(3.0);
     (holes.x[1], holes.centre_expanded[0]) = (f64::NAN, f64::INFINITY);
-    assert!(inside(&circle(&holes).unwrap()));
-    assert!(inside(&circle(&ring(0.0)).unwrap()));
-    assert_eq!(circle(&ring(f64::NAN)), None);
+    assert!(inside(&draw_circle(&holes).unwrap()));
+    assert!(inside(&draw_circle(&ring(0.0)).unwrap()));
+    assert_eq!(draw_circle(&ring(f64::NAN)), None);
 }
 
 fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
@@ -178,9 +179,9 @@ fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
 fn a_matrix_is_coloured_by_sign_and_strength() {
     let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.25], [0.0, 2.25, 1.0]];
     let three = covariance(3, |i, j| known[i][j]);
-    assert_eq!(correlation(&three, 0, 1), Some(-0.5));
-    assert_eq!(correlation(&three, 2, 1), Some(0.75));
-    let svg = matrix(&three).unwrap();
+    assert_eq!(correlation_coefficient(&three, 0, 1), Some(-0.5));
+    assert_eq!(correlation_coefficient(&three, 2, 1), Some(0.75));
+    let svg = draw_matrix(&three).unwrap();
     let tiles = |opacity: &str, fill: &str| {
         svg.lines().filter(|line| line.contains(opacity) && line.contains(fill)).count()
     };
@@ -196,12 +197,12 @@ fn a_matrix_is_coloured_by_sign_and_strength() {
 fn a_matrix_is_drawn_from_three_names_to_sixty() {
     let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.9 };
     for (count, drawn) in [(0, false), (2, false), (3, true), (60, true), (61, false)] {
-        assert_eq!(matrix(&covariance(count, unit)).is_some(), drawn, "{count}");
+        assert_eq!(draw_matrix(&covariance(count, unit)).is_some(), drawn, "{count}");
     }
     let mut holes = covariance(4, |i, j| if i == j { 0.0 } else { f64::NAN });
     holes.rows.truncate(3);
-    assert_eq!(correlation(&holes, 0, 0), None);
-    assert!(inside(&matrix(&holes).unwrap()));
+    assert_eq!(correlation_coefficient(&holes, 0, 0), None);
+    assert!(inside(&draw_matrix(&holes).unwrap()));
 }
 
 fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
@@ -213,7 +214,7 @@ fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
         flagged: *flagged,
     };
     let arrows = all.iter().enumerate().map(arrow).collect();
-    let groups = vec![Arrows { name: "B 0°".to_owned(), arrows }];
+    let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
     ArrowFigure {
         symbol: "residuals".to_owned(),
         unit: Unit::Um,
@@ -239,7 +240,7 @@ fn arrows_point_where_the_vectors_do() {
         ([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false),
         ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false),
     ]);
-    let common = Common::of(&figure).unwrap();
+    let common = ArrowScales::new(&figure).unwrap();
     let svg = common.draw(&figure.groups[0]).unwrap();
     let expected = [
         (250.0 - 140.0 + 80.0, 250.0),
@@ -253,7 +254,7 @@ fn arrows_point_where_the_vectors_do() {
     ];
     assert_eq!(tips(&svg), expected);
     assert!(svg.contains("2 µm") && ["XY", "XZ", "YZ"].iter().all(|name| svg.contains(name)));
-    assert!(inside(&svg) && !common.cuts(&figure));
+    assert!(inside(&svg) && !common.has_shortened_arrows(&figure));
 }
 
 #[test]
@@ -261,14 +262,14 @@ fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
     let quiet = ([0.0; 3], [0.0, 2.0, 0.0], false);
     let loud = ([50.0, 0.0, 0.0], [0.0, 900.0, 0.0], true);
     let figure = arrows(&[loud, quiet]);
-    let common = Common::of(&figure).unwrap();
-    assert!(common.cuts(&figure));
+    let common = ArrowScales::new(&figure).unwrap();
+    assert!(common.has_shortened_arrows(&figure));
     let svg = common.draw(&figure.groups[0]).unwrap();
     assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
     assert_eq!(svg.matches("r=\"13\"").count(), 3);
     assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
     // An empty figure, and values that are not finite.
-    assert!(Common::of(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
+    assert!(ArrowScales::new(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
     let still = arrows(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
-    assert!(inside(&Common::of(&still).unwrap().draw(&still.groups[0]).unwrap()));
+    assert!(inside(&ArrowScales::new(&still).unwrap().draw(&still.groups[0]).unwrap()));
 }

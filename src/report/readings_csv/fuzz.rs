@@ -1,6 +1,6 @@
 //! Arbitrary bytes as a readings file.
 
-use super::{read, write};
+use super::{read_readings, write_readings};
 use machine::Axis;
 use machine::record::reading::Reading;
 use testing::fuzz::fuzz;
@@ -31,17 +31,18 @@ fn the_readings_reader_bears_anything() {
         "excluded",
         "#",
     ];
-    fuzz("readings-csv", &[FILE], &words, |input| match read(input) {
+    fuzz("readings-csv", &[FILE], &words, |input| match read_readings(input) {
         Err(error) => error.to_string().len(),
         Ok(readings) => {
             let mut again = Vec::new();
-            write(&readings, &[], &mut again).unwrap();
-            let read_again = read(&again).unwrap();
+            write_readings(&readings, &[], &mut again).unwrap();
+            let read_again = read_readings(&again).unwrap();
             assert_eq!(read_again.len(), readings.len());
             for (one, two) in readings.iter().zip(&read_again) {
                 // Degrees are written rounded, so positions agree within the rounding; all other values agree
                 // bit for bit.
-                let near = |axis| (one.position.at(axis) - two.position.at(axis)).abs();
+                let near =
+                    |axis| (one.position.get_or_zero(axis) - two.position.get_or_zero(axis)).abs();
                 let far = |(axis, at): &(Axis, f64)| near(*axis) > 1e-11 + 1e-15 * at.abs();
                 assert!(!one.position.iter().any(|at| far(&at)), "{one:?} {two:?}");
                 assert_eq!(&Reading { position: one.position.clone(), ..two.clone() }, one);

@@ -17,7 +17,7 @@ mod read;
 mod tests;
 
 pub use error::{Problem, ReadingsError};
-pub use read::read;
+pub use read::read_readings;
 
 const FIRST_LINE: &str = "# trued-readings 1";
 
@@ -36,7 +36,7 @@ enum Column {
 
 impl Column {
     /// All columns except the temperatures, in the order in which they are written.
-    fn standard() -> impl Iterator<Item = Column> {
+    fn fixed_columns() -> impl Iterator<Item = Column> {
         let head = [Column::Step, Column::Repeat].into_iter();
         let tail = [Column::Value, Column::Sensor, Column::Time, Column::Flag];
         head.chain(Axis::ALL.into_iter().map(Column::Position)).chain(tail)
@@ -60,11 +60,15 @@ impl Column {
 }
 
 /// Writes `readings` with `comments` (a line each) below the first line. Numbers are printed in the shortest
-/// form that reads back to the same number; degrees are rounded as by [`Axis::to_edge`].
+/// form that reads back to the same number; degrees are rounded as by [`Axis::to_mm_or_deg`].
 ///
 /// # Errors
 /// `out` fails, or a number is not finite (`InvalidData`).
-pub fn write(readings: &[Reading], comments: &[String], mut out: impl Write) -> io::Result<()> {
+pub fn write_readings(
+    readings: &[Reading],
+    comments: &[String],
+    mut out: impl Write,
+) -> io::Result<()> {
     writeln!(out, "{FIRST_LINE}")?;
     for line in comments.iter().flat_map(|comment| comment.lines()) {
         writeln!(out, "# {line}")?;
@@ -72,18 +76,18 @@ pub fn write(readings: &[Reading], comments: &[String], mut out: impl Write) -> 
     let named = readings.iter().flat_map(|row| row.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let temperatures = names.into_iter().map(|name| Column::Temperature(name.to_owned()));
-    let columns: Vec<Column> = Column::standard().chain(temperatures).collect();
+    let columns: Vec<Column> = Column::fixed_columns().chain(temperatures).collect();
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record(columns.iter().map(Column::name))?;
     for reading in readings {
         let fields: io::Result<Vec<String>> =
-            columns.iter().map(|column| field(reading, column)).collect();
+            columns.iter().map(|column| format_field(reading, column)).collect();
         csv.write_record(fields?)?;
     }
     csv.flush()
 }
 
-fn field(reading: &Reading, column: &Column) -> io::Result<String> {
+fn format_field(reading: &Reading, column: &Column) -> io::Result<String> {
     let number = |value: Option<f64>| match value {
         None => Ok(String::new()),
         // The sum turns -0 into 0.
@@ -97,7 +101,7 @@ fn field(reading: &Reading, column: &Column) -> io::Result<String> {
         Column::Step => Ok(reading.step.to_string()),
         Column::Repeat => Ok(reading.repeat.to_string()),
         Column::Position(axis) => {
-            number(reading.position.get(*axis).map(|value| axis.to_edge(value)))
+            number(reading.position.get(*axis).map(|value| axis.to_mm_or_deg(value)))
         }
         Column::Value => number(reading.value_mm),
         Column::Sensor => Ok(reading.sensor.clone()),

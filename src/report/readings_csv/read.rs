@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use csv::StringRecord;
 
 use super::{Column, FIRST_LINE, Problem, ReadingsError};
-use machine::record::reading::{Flag, Reading, Temperatures};
+use machine::record::reading::{Reading, ReadingFlag, Temperatures};
 use machine::{Axis, Position};
 
 /// Reads a whole file. Defaults of missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
@@ -13,61 +13,63 @@ use machine::{Axis, Position};
 ///
 /// # Errors
 /// The first problem in the file, with its line.
-pub fn read(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
-    let text = text(bytes)?;
+pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
+    let text = checked_text(bytes)?;
     let mut rows = csv::ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
         .comment(Some(b'#'))
         .from_reader(text.as_bytes());
-    let Some((line, names)) = next(&mut rows)? else {
-        return Err(at(text.lines().count() as u64, Problem::NoHeader));
+    let Some((line, names)) = next_record(&mut rows)? else {
+        return Err(error_at(text.lines().count() as u64, Problem::NoHeader));
     };
-    let columns = header(&names).map_err(|problem| at(line, problem))?;
+    let columns = parse_header(&names).map_err(|problem| error_at(line, problem))?;
     let mut touches = BTreeMap::new();
     let mut readings = Vec::new();
-    while let Some((line, record)) = next(&mut rows)? {
-        let reading = row(&columns, &record).map_err(|problem| at(line, problem))?;
+    while let Some((line, record)) = next_record(&mut rows)? {
+        let reading = parse_row(&columns, &record).map_err(|problem| error_at(line, problem))?;
         let (step, repeat) = (reading.step, reading.repeat);
         // A sample whose flag explains the missing value is not a touch.
-        let is_touch = matches!(reading.flag, Flag::None | Flag::Excluded);
+        let is_touch = matches!(reading.flag, ReadingFlag::None | ReadingFlag::Excluded);
         if reading.value_mm.is_none()
             && is_touch
             && let Some(first) = touches.insert((step, repeat), line)
         {
-            return Err(at(line, Problem::Duplicate { step, repeat, first }));
+            return Err(error_at(line, Problem::Duplicate { step, repeat, first }));
         }
         readings.push(reading);
     }
     Ok(readings)
 }
 
-fn at(line: u64, problem: Problem) -> ReadingsError {
+fn error_at(line: u64, problem: Problem) -> ReadingsError {
     ReadingsError { line, problem }
 }
 
 /// The file as text, after the checks of the whole file.
-fn text(bytes: &[u8]) -> Result<&str, ReadingsError> {
+fn checked_text(bytes: &[u8]) -> Result<&str, ReadingsError> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let before = bytes.iter().take(error.valid_up_to());
-        at(1 + before.filter(|byte| **byte == b'\n').count() as u64, Problem::NotUtf8)
+        error_at(1 + before.filter(|byte| **byte == b'\n').count() as u64, Problem::NotUtf8)
     })?;
     // Spreadsheet programs write a byte order mark before UTF-8.
     let text = text.trim_start_matches('\u{feff}');
     let first = text.lines().next().unwrap_or_default().trim_end();
     if first != FIRST_LINE {
         let found = first.chars().take(60).collect();
-        return Err(at(1, Problem::FirstLine { found }));
+        return Err(error_at(1, Problem::FirstLine { found }));
     }
     // A truncated line can look complete: 12.3 may be the beginning of 12.345, and an empty flag of `excluded`.
     if !text.ends_with('\n') {
-        return Err(at(text.lines().count() as u64, Problem::CutOff));
+        return Err(error_at(text.lines().count() as u64, Problem::CutOff));
     }
     Ok(text)
 }
 
 /// The next record and the line on which it ends.
-fn next(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
+fn next_record(
+    rows: &mut csv::Reader<&[u8]>,
+) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
     let mut record = StringRecord::new();
     let more = rows.read_record(&mut record);
     // The position of a record includes the comments before it; the position of the reader is after the line
@@ -76,16 +78,16 @@ fn next(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecord)>, Re
     match more {
         Ok(true) => Ok(Some((ended.saturating_sub(1), record))),
         Ok(false) => Ok(None),
-        Err(error) => Err(at(ended, Problem::Csv(error.to_string()))),
+        Err(error) => Err(error_at(ended, Problem::Csv(error.to_string()))),
     }
 }
 
-fn header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
+fn parse_header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
     let mut columns = Vec::new();
     for name in names.iter().map(str::trim) {
-        let column = column(name).ok_or_else(|| Problem::UnknownColumn {
+        let column = parse_column(name).ok_or_else(|| Problem::UnknownColumn {
             name: name.to_owned(),
-            nearest: nearest(name),
+            nearest: nearest_column(name),
         })?;
         if columns.contains(&column) {
             return Err(Problem::RepeatedColumn { name: name.to_owned() });
@@ -99,16 +101,16 @@ fn header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
     }
 }
 
-fn column(name: &str) -> Option<Column> {
+fn parse_column(name: &str) -> Option<Column> {
     let temperature = || name.strip_prefix("temp_")?.strip_suffix("_c");
     let temperature = || temperature().filter(|sensor| !sensor.is_empty());
-    Column::standard()
+    Column::fixed_columns()
         .find(|column| column.name() == name)
         .or_else(|| temperature().map(|sensor| Column::Temperature(sensor.to_owned())))
 }
 
-fn nearest(name: &str) -> String {
-    let known = Column::standard().chain([Column::Temperature("NAME".to_owned())]);
+fn nearest_column(name: &str) -> String {
+    let known = Column::fixed_columns().chain([Column::Temperature("NAME".to_owned())]);
     let likeness = |candidate: &String| strsim::normalized_damerau_levenshtein(name, candidate);
     known
         .map(|column| column.name())
@@ -116,7 +118,7 @@ fn nearest(name: &str) -> String {
         .unwrap_or_default()
 }
 
-fn row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
+fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
     if record.len() != columns.len() {
         return Err(Problem::FieldCount { found: record.len(), expected: columns.len() });
     }
@@ -127,7 +129,7 @@ fn row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
         value_mm: None,
         sensor: String::new(),
         t_s: 0.0,
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Temperatures::default(),
     };
     let mut temperatures_c = BTreeMap::new();
@@ -135,19 +137,19 @@ fn row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
         match column {
             Column::Temperature(_) if text.trim().is_empty() => {}
             Column::Temperature(name) => {
-                temperatures_c.insert(name.clone(), number(column, text)?);
+                temperatures_c.insert(name.clone(), parse_number(column, text)?);
             }
-            _ => set(&mut reading, column, text)?,
+            _ => set_field(&mut reading, column, text)?,
         }
     }
     Ok(Reading { temperatures_c: temperatures_c.into(), ..reading })
 }
 
-fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem> {
+fn set_field(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem> {
     let empty = text.trim().is_empty();
     match column {
-        Column::Step => reading.step = count(column, text)?,
-        Column::Repeat => reading.repeat = if empty { 0 } else { count(column, text)? },
+        Column::Step => reading.step = parse_count(column, text)?,
+        Column::Repeat => reading.repeat = if empty { 0 } else { parse_count(column, text)? },
         Column::Position(axis) if axis.is_linear() && empty => {
             return Err(Problem::Empty { name: column.name() });
         }
@@ -157,22 +159,22 @@ fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem
         Column::Flag => reading.flag = text.trim().parse()?,
         _ if empty => {}
         Column::Position(axis) => {
-            reading.position.set(*axis, axis.from_edge(number(column, text)?));
+            reading.position.set(*axis, axis.to_mm_or_rad(parse_number(column, text)?));
         }
-        Column::Value => reading.value_mm = Some(number(column, text)?),
-        Column::Time => reading.t_s = number(column, text)?,
+        Column::Value => reading.value_mm = Some(parse_number(column, text)?),
+        Column::Time => reading.t_s = parse_number(column, text)?,
         // Temperatures are collected per row.
         Column::Temperature(_) => {}
     }
     Ok(())
 }
 
-fn count(column: &Column, text: &str) -> Result<u32, Problem> {
+fn parse_count(column: &Column, text: &str) -> Result<u32, Problem> {
     let problem = || Problem::NotACount { name: column.name(), text: text.to_owned() };
     text.trim().parse().map_err(|_| problem())
 }
 
-fn number(column: &Column, text: &str) -> Result<f64, Problem> {
+fn parse_number(column: &Column, text: &str) -> Result<f64, Problem> {
     let (name, text) = (column.name(), text.trim().to_owned());
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),

@@ -3,18 +3,18 @@ use std::collections::BTreeMap;
 use rand::RngExt;
 
 use super::*;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Position;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 
 fn text(readings: &[Reading]) -> String {
     let mut bytes = Vec::new();
-    write(readings, &[], &mut bytes).unwrap();
+    write_readings(readings, &[], &mut bytes).unwrap();
     String::from_utf8(bytes).unwrap()
 }
 
 fn problem(rows: &str) -> (u64, Problem) {
-    let error = read(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
+    let error = read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
     (error.line, error.problem)
 }
 
@@ -30,7 +30,7 @@ fn any(step: u32, random: &mut impl RngExt) -> Reading {
     let (c, value, t_s, table) = (number(1), number(3), number(5), number(2));
     let mut temperatures_c = BTreeMap::new();
     if random.random_bool(0.5) {
-        position.set(Axis::C, Axis::C.from_edge(Axis::C.to_edge(c)));
+        position.set(Axis::C, Axis::C.to_mm_or_rad(Axis::C.to_mm_or_deg(c)));
         temperatures_c.insert("table left".to_owned(), table);
     }
     Reading {
@@ -40,18 +40,18 @@ fn any(step: u32, random: &mut impl RngExt) -> Reading {
         value_mm: random.random_bool(0.5).then_some(value),
         sensor: ["probe", "", "laser, \"red\"", " # 2"][random.random_range(0..4)].to_owned(),
         t_s,
-        flag: Flag::ALL[random.random_range(0..Flag::ALL.len())],
+        flag: ReadingFlag::ALL[random.random_range(0..ReadingFlag::ALL.len())],
         temperatures_c: temperatures_c.into(),
     }
 }
 
 #[test]
 fn what_is_written_is_read_back_bit_for_bit() {
-    let mut random = stream(7, &[]);
+    let mut random = seeded_stream(7, &[]);
     for _ in 0..200 {
         let readings: Vec<_> = (0..6).map(|step| any(step, &mut random)).collect();
         let text = text(&readings);
-        let back = read(text.as_bytes()).unwrap();
+        let back = read_readings(text.as_bytes()).unwrap();
         assert_eq!(back, readings, "{text}");
         assert_eq!(self::text(&back), text);
     }
@@ -68,11 +68,11 @@ fn angles_stand_in_degrees() {
         value_mm: None,
         sensor: "probe".to_owned(),
         t_s: 0.1 + 0.2,
-        flag: Flag::Excluded,
+        flag: ReadingFlag::Excluded,
         temperatures_c: BTreeMap::from([("table".to_owned(), 20.5)]).into(),
     };
     let mut bytes = Vec::new();
-    write(&[reading], &["run 3\nof the mill".to_owned()], &mut bytes).unwrap();
+    write_readings(&[reading], &["run 3\nof the mill".to_owned()], &mut bytes).unwrap();
     assert_eq!(
         String::from_utf8(bytes).unwrap(),
         "# trued-readings 1\n# run 3\n# of the mill\n\
@@ -85,7 +85,7 @@ fn angles_stand_in_degrees() {
 fn other_orders_and_fewer_columns_will_do() {
     let file = "\u{feff}# trued-readings 1\r\n# by hand\r\nz_mm, step ,y_mm,x_mm,b_deg\r\n\
                 # in between\r\n\r\n3,7,2,1,90\r\n";
-    let readings = read(file.as_bytes()).unwrap();
+    let readings = read_readings(file.as_bytes()).unwrap();
     let [reading] = readings.as_slice() else { panic!("{readings:?}") };
     let quarter = std::f64::consts::FRAC_PI_2;
     let expected = Position::new()
@@ -94,20 +94,23 @@ fn other_orders_and_fewer_columns_will_do() {
         .with(Axis::Z, 3.0)
         .with(Axis::B, quarter);
     assert_eq!((reading.step, reading.repeat, &reading.position), (7, 0, &expected));
-    assert_eq!((reading.value_mm, reading.t_s, reading.flag), (None, 0.0, Flag::None));
+    assert_eq!((reading.value_mm, reading.t_s, reading.flag), (None, 0.0, ReadingFlag::None));
 }
 
 #[test]
 fn samples_of_a_scan_share_their_step() {
     let rows = "step,x_mm,y_mm,z_mm,value_mm\n1,0,0,0,0.5\n1,1,0,0,0.6\n";
-    assert_eq!(read(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap().len(), 2);
+    assert_eq!(read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap().len(), 2);
 }
 
 #[test]
 fn an_unknown_column_is_named_with_the_nearest_one() {
     let (line, problem) = problem("# note\nstep,x_mm,y_mm,zmm\n");
     assert_eq!(line, 3);
-    assert_eq!(problem.to_string(), "unknown column `zmm`; the nearest known one is `z_mm`");
+    assert_eq!(
+        problem.to_string(),
+        "unknown column `zmm`; the most similar known column is `z_mm`"
+    );
     for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
         let (_, problem) = self::problem(&format!("{name},x_mm,y_mm,z_mm\n"));
         let expected =
@@ -128,7 +131,7 @@ fn a_bad_line_is_said_with_its_number() {
         ("1,0,1e999,2,3,\n", not_finite("1e999")),
         ("1,0,1.2.3,2,3,\n", number("1.2.3")),
         ("-1,0,1,2,3,\n", Problem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
-        ("1,0,1,2,3,range!\n", "range!".parse::<Flag>().unwrap_err().into()),
+        ("1,0,1,2,3,range!\n", "range!".parse::<ReadingFlag>().unwrap_err().into()),
         ("0,0,1,2,3,\n", Problem::Duplicate { step: 0, repeat: 0, first: 4 }),
     ] {
         assert_eq!(problem(&format!("{header}{row}")), (6, expected), "{row}");
@@ -145,12 +148,12 @@ fn number(text: &str) -> Problem {
 
 #[test]
 fn a_cut_anywhere_but_between_lines_is_noticed() {
-    let mut random = stream(11, &[]);
+    let mut random = seeded_stream(11, &[]);
     let readings: Vec<_> = (0..4).map(|step| any(step, &mut random)).collect();
     let whole = text(&readings);
     for cut in 0..whole.len() {
         let cut = &whole.as_bytes()[..cut];
-        match read(cut) {
+        match read_readings(cut) {
             Ok(read) => assert!(cut.ends_with(b"\n") && read == readings[..read.len()]),
             Err(error) => assert!(!cut.ends_with(b"\n") || error.line == 1, "{error}"),
         }
@@ -160,12 +163,12 @@ fn a_cut_anywhere_but_between_lines_is_noticed() {
 #[test]
 fn a_file_that_is_something_else_is_refused() {
     for first in ["", "step,x_mm,y_mm,z_mm\n1,2,3,4\n", "# trued-readings 2\n"] {
-        let error = read(first.as_bytes()).unwrap_err();
+        let error = read_readings(first.as_bytes()).unwrap_err();
         assert!(matches!(error.problem, Problem::FirstLine { .. }), "{error}");
         assert_eq!(error.line, 1);
     }
     let latin1 = [FIRST_LINE.as_bytes(), b"\n# M\xfcller\nstep\n"].concat();
-    let error = read(&latin1).unwrap_err();
+    let error = read_readings(&latin1).unwrap_err();
     assert_eq!((error.line, error.problem), (2, Problem::NotUtf8));
     assert_eq!(problem("# nothing else\n"), (2, Problem::NoHeader));
     let missing = Problem::MissingColumn { name: "y_mm".to_owned() };
@@ -176,8 +179,8 @@ fn a_file_that_is_something_else_is_refused() {
 
 #[test]
 fn a_number_that_is_not_finite_is_not_written() {
-    let mut reading = any(0, &mut stream(1, &[]));
+    let mut reading = any(0, &mut seeded_stream(1, &[]));
     reading.t_s = f64::NAN;
-    let error = write(&[reading], &[], Vec::new()).unwrap_err();
+    let error = write_readings(&[reading], &[], Vec::new()).unwrap_err();
     assert!(error.to_string().contains("t_s"), "{error}");
 }

@@ -3,7 +3,7 @@
 use super::*;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Step, StepKind};
-use methods::{IdentifyError, Refused};
+use methods::{IdentifyError, MethodRefusal};
 use planning::PlanningError;
 
 /// A method that asks the operator to turn the part. Its prompt is at the head of the cycle's first stage, or
@@ -18,9 +18,14 @@ impl Method for Turning {
         self.inner.settings()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
-        let next = self.inner.next(plan, done, readings)?;
-        let Next::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        readings: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        let next = self.inner.next_stage(plan, done, readings)?;
+        let NextStage::Stage { mut stage, mut new_steps } = next else { return Ok(next) };
         if done.len() == 1 {
             let last = new_steps.last().unwrap().clone();
             let prompt = Step {
@@ -37,11 +42,11 @@ impl Method for Turning {
             stage.steps.insert(place, prompt.id);
             new_steps.push(prompt);
         }
-        Ok(Next::Stage { stage, new_steps })
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
     fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+        Err(IdentifyError::IdentificationFailed("nobody asks for it".to_owned()))
     }
 }
 
@@ -101,14 +106,14 @@ async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew(
 async fn a_halt_ends_the_wait_and_without_anybody_nothing_begins() {
     let shop = Shop::new(TWO);
     let (method, _) = shop.method();
-    let nobody = |_| PromptAnswers::nobody();
+    let nobody = |_| PromptAnswers::none();
     let (refused, stored) = shop.runs(method.as_ref(), nobody, |_, _| {}).await;
-    assert!(matches!(refused, Err(RunError::NobodyThere { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(RunError::NoOperator { .. })), "{refused:?}");
     assert_eq!((shop.calls(), stored.summary.state), (vec![], RunState::Failed));
 
     let stops = |halt: Halt| {
         PromptAnswers::new(move |_| {
-            halt.now();
+            halt.trigger();
             None
         })
     };
@@ -123,7 +128,7 @@ async fn a_prompt_behind_a_touch_is_refused_before_anything_moves() {
     let shop = Shop::new("");
     let method = Turning { inner: shop.method().0, late: true };
     let (refused, _) = shop.runs(&method, |_| ada(), |_, _| {}).await;
-    let late = matches!(refused, Err(RunError::Planning(PlanningError::LatePrompt { .. })));
+    let late = matches!(refused, Err(RunError::Planning(PlanningError::PromptAfterMotion { .. })));
     assert!(late && shop.calls().is_empty(), "{refused:?}");
 }
 
@@ -136,7 +141,7 @@ async fn what_was_answered_is_not_asked_again_after_a_stop() {
     let stops = |halt: Halt| {
         PromptAnswers::new(move |asked| {
             if asked.repeat == 1 {
-                halt.now();
+                halt.trigger();
             }
             (asked.repeat == 0).then(|| "Ada".to_owned())
         })
@@ -148,7 +153,7 @@ async fn what_was_answered_is_not_asked_again_after_a_stop() {
     assert_eq!((talk(&stored), stored.summary.state), (first.to_vec(), RunState::Held));
 
     let after_one = |event: &Event, halt: &Halt| match event {
-        Event::ReadingStored { reading } if reading.repeat == 1 => halt.now(),
+        Event::ReadingStored { reading } if reading.repeat == 1 => halt.trigger(),
         _ => {}
     };
     let (held, stored) = shop.goes_on(&method, stored, after_one).await;

@@ -8,8 +8,10 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::setup::{self, MachineFile, Pace, RunHistory};
 use crate::store::{NewRun, StoredRun};
-use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, Look, Prepared};
-use machine::record::motion::Outcome;
+use devices::controllers::{
+    Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl,
+};
+use machine::record::motion::BlockOutcome;
 use planning::proof::ProvenBlock;
 
 type Calls = Arc<Mutex<Vec<&'static str>>>;
@@ -28,20 +30,20 @@ impl Counted {
 }
 
 impl Driver for Counted {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+    async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.count("prepare").prepare().await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         self.count("execute").execute(block).await
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
-        self.count("look").look().await
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+        self.count("look").read_snapshot().await
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.count("introduce").introduce().await
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+        self.count("introduce").identify_device().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
@@ -60,7 +62,7 @@ impl Shop {
     /// `more`: text added to the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let text = crate::setup::built_in("self-calibration").text;
+        let text = crate::setup::built_in_file("self-calibration").text;
         let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let journal = Journal::open(folder.path()).unwrap();
@@ -68,12 +70,12 @@ impl Shop {
     }
 
     fn method(&self) -> (Box<dyn Method>, Plan) {
-        setup::header(&self.file, "self-calibration", None).unwrap()
+        setup::plan_header(&self.file, "self-calibration", None).unwrap()
     }
 
     async fn devices(&self, past: RunHistory<'_>) -> (Devices, Halt) {
-        let mut devices = setup::devices(&self.file, Pace::Fast, past).await.unwrap();
-        let halt = devices.controller.halt();
+        let mut devices = setup::open_devices(&self.file, Pace::Fast, past).await.unwrap();
+        let halt = devices.controller.halt_handle();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
         let counted = |inner| Controller::spawn(Counted { inner, calls }, halt_too);
         let inner = std::mem::replace(&mut devices.controller, dead());
@@ -90,12 +92,12 @@ impl Shop {
     ) -> (Result<(), RunError>, StoredRun) {
         let (_, plan) = self.method();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
-        let id = self.journal.begin(&new).await.unwrap();
+        let id = self.journal.begin_run(&new).await.unwrap();
         let (devices, halt) = self.devices(RunHistory::default()).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
-        let ended = run.asking(answers(halt.clone())).execute().await;
-        (ended, self.journal.load(id).unwrap())
+        let ended = run.with_answers(answers(halt.clone())).execute().await;
+        (ended, self.journal.load_run(id).unwrap())
     }
 
     /// Resumes the run with an operator's acknowledgement, as in another process.
@@ -110,12 +112,12 @@ impl Shop {
             RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
-        let answered = super::prompts::answered(&stored.events);
+        let answered_prompts = super::prompts::answered_prompts(&stored.events);
         let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
         let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut tell);
-        let before = Interrupted { stages, readings, answered, elapsed_s: 60.0 };
-        let ended = run.asking(ada()).resume(before).await;
-        (ended, self.journal.load(id).unwrap())
+        let before = InterruptedRun { stages, readings, answered_prompts, elapsed_s: 60.0 };
+        let ended = run.with_answers(ada()).resume(before).await;
+        (ended, self.journal.load_run(id).unwrap())
     }
 
     fn calls(&self) -> Vec<&'static str> {
@@ -127,20 +129,20 @@ impl Shop {
 fn dead() -> Controller {
     struct Nothing;
     impl Driver for Nothing {
-        async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
-            Err(ControllerError::DriverGone)
+        async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
+            Err(ControllerError::DriverTaskEnded)
         }
-        async fn execute(&mut self, _: ProvenBlock) -> Result<Outcome, ControllerError> {
-            Err(ControllerError::DriverGone)
+        async fn execute(&mut self, _: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+            Err(ControllerError::DriverTaskEnded)
         }
-        async fn look(&mut self) -> Result<Look, ControllerError> {
-            Err(ControllerError::DriverGone)
+        async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+            Err(ControllerError::DriverTaskEnded)
         }
-        async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-            Err(ControllerError::DriverGone)
+        async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+            Err(ControllerError::DriverTaskEnded)
         }
         async fn finish(&mut self) -> Result<(), ControllerError> {
-            Err(ControllerError::DriverGone)
+            Err(ControllerError::DriverTaskEnded)
         }
     }
     Controller::spawn(Nothing, Halt::new(|| {}))

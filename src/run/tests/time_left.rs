@@ -2,7 +2,7 @@
 
 use super::*;
 use machine::record::estimate::Estimate;
-use methods::{IdentifyError, Refused};
+use methods::{IdentifyError, MethodRefusal};
 
 /// Repeats the first stage, as a method does for a measurement outside its limits.
 struct OnceMore {
@@ -14,20 +14,25 @@ impl Method for OnceMore {
         self.inner.settings()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         let inner: Vec<Stage> = done.iter().filter(|stage| stage.repeat < 7).cloned().collect();
-        if matches!(source, Source::Measured(_))
+        if matches!(source, PositionSource::Measured(_))
             && let [first] = done
         {
             let name = format!("{}, once more", first.name);
             let stage = Stage { id: 1000, name, repeat: 7, ..first.clone() };
-            return Ok(Next::Stage { stage, new_steps: Vec::new() });
+            return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
         }
-        self.inner.next(plan, &inner, source)
+        self.inner.next_stage(plan, &inner, source)
     }
 
     fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+        Err(IdentifyError::IdentificationFailed("nobody asks for it".to_owned()))
     }
 }
 
@@ -54,7 +59,7 @@ async fn it_falls_from_step_to_step_and_a_stop_or_a_repetition_loses_nothing_of_
     let stopped_in_the_middle = |event: &Event, halt: &Halt| {
         note(&left, event);
         if left.lock().unwrap().len() == whole.len() / 2 {
-            halt.now();
+            halt.trigger();
         }
     };
     let (held, stored) = shop.runs(&method, |_| ada(), stopped_in_the_middle).await;

@@ -9,73 +9,73 @@ use utoipa_axum::routes;
 
 use super::AppState;
 use super::journal::read_journal;
-use super::openapi::views::{AuditView, ComparisonView, Contract, RunView, SeriesView};
+use super::openapi::views::{AuditView, ComparisonView, DocumentedObject, RunView, SeriesView};
 use super::problem::Problem;
 use super::status::MachineStatus;
-use crate::archive::compare::{Comparison, compare};
+use crate::archive::compare::{Comparison, compare_runs};
 use crate::archive::history::{Series, history};
-use crate::archive::story::story;
-use crate::store::{Audited, Journal, RunId, RunSummary, StoreError, Wanted};
+use crate::archive::run_story::run_story;
+use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError, StoredAuditEntry};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
 /// Maximum and default number of items in a list.
-const PAGE: usize = 200;
+const MAX_LIST_ITEMS: usize = 200;
 
-pub fn routes() -> OpenApiRouter<AppState> {
+pub fn api_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
-        .routes(routes!(machines))
-        .routes(routes!(machine))
-        .routes(routes!(trends))
-        .routes(routes!(audit))
-        .routes(routes!(runs))
-        .routes(routes!(run))
-        .routes(routes!(plan))
-        .routes(routes!(readings))
-        .routes(routes!(estimate))
-        .routes(routes!(compared))
+        .routes(routes!(list_machines))
+        .routes(routes!(get_machine))
+        .routes(routes!(get_trends))
+        .routes(routes!(list_audit_log))
+        .routes(routes!(list_runs))
+        .routes(routes!(get_run))
+        .routes(routes!(get_plan))
+        .routes(routes!(list_readings))
+        .routes(routes!(get_estimate))
+        .routes(routes!(get_comparison))
 }
 
 /// State of all machines.
-#[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<MachineStatus>)))]
-async fn machines(State(web): State<AppState>) -> Json<Vec<MachineStatus>> {
-    Json(web.machines.iter().map(MachineStatus::of).collect())
+#[utoipa::path(get, path = "/api/v1/machines", operation_id = "machines", responses((status = OK, body = Vec<MachineStatus>)))]
+async fn list_machines(State(app): State<AppState>) -> Json<Vec<MachineStatus>> {
+    Json(app.machines.iter().map(MachineStatus::from_machine).collect())
 }
 
 /// State of a machine.
-#[utoipa::path(get, path = "/api/v1/machines/{name}", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
-async fn machine(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/machines/{name}", operation_id = "machine", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
+async fn get_machine(
+    State(app): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Json<MachineStatus>, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    Ok(Json(MachineStatus::of(machine)))
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    Ok(Json(MachineStatus::from_machine(machine)))
 }
 
 /// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
 /// each run; its control limits, its steps and its drifts.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
-async fn trends(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/machines/{name}/trends", operation_id = "trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
+async fn get_trends(
+    State(app): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Json<Vec<Series>>, Problem> {
-    let served = web.machine(&name).is_some();
-    let limits = web.tolerance(&name);
-    let found = read_journal(&web, move |journal| {
+    let served = app.find_machine(&name).is_some();
+    let limits = app.tolerance_limits(&name);
+    let series = read_journal(&app, move |journal| {
         // A machine that is no longer served may still have runs in the journal.
-        match served || journal.machines()?.contains(&name) {
+        match served || journal.machine_names()?.contains(&name) {
             true => Ok(history(journal, &name, &limits)?),
             false => Err(Problem::not_found(&name)),
         }
     });
-    Ok(Json(found.await??))
+    Ok(Json(series.await??))
 }
 
 /// Range of entries of the audit log.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct Earlier {
+struct AuditRange {
     /// Only entries before the one with this `seq`.
     before: Option<i64>,
     limit: Option<usize>,
@@ -84,21 +84,21 @@ struct Earlier {
 /// Range of readings.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct Further {
+struct ReadingRange {
     /// Number of readings to skip.
     after: Option<usize>,
     limit: Option<usize>,
 }
 
-/// Number of items to return, at most [`PAGE`].
-fn most(limit: Option<usize>) -> usize {
-    limit.unwrap_or(PAGE).min(PAGE)
+/// Number of items to return, at most [`MAX_LIST_ITEMS`].
+fn item_limit(limit: Option<usize>) -> usize {
+    limit.unwrap_or(MAX_LIST_ITEMS).min(MAX_LIST_ITEMS)
 }
 
 /// Range of runs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RunsAsked {
+pub(super) struct RunRange {
     /// Only runs older than this one.
     before: Option<i64>,
     /// Only runs newer than this one; without `before`, those that follow it directly.
@@ -106,40 +106,43 @@ pub(super) struct RunsAsked {
     limit: Option<usize>,
 }
 
-impl RunsAsked {
-    pub(super) fn wanted(&self) -> Wanted<'static> {
+impl RunRange {
+    pub(super) fn filter(&self) -> RunFilter<'static> {
         let [before, after] = [self.before, self.after].map(|run| run.map(RunId));
-        Wanted { before, after, ..Wanted::default() }
+        RunFilter { older_than: before, newer_than: after, ..RunFilter::default() }
     }
 
-    pub(super) fn most(&self) -> usize {
-        most(self.limit)
+    pub(super) fn item_limit(&self) -> usize {
+        item_limit(self.limit)
     }
 }
 
 /// Runs, newest first.
-#[utoipa::path(get, path = "/api/v1/runs", params(RunsAsked), responses((status = OK, body = Vec<RunView>)))]
-async fn runs(
-    State(web): State<AppState>,
-    Query(asked): Query<RunsAsked>,
+#[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunRange), responses((status = OK, body = Vec<RunView>)))]
+async fn list_runs(
+    State(app): State<AppState>,
+    Query(range): Query<RunRange>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
     Ok(Json(
-        read_journal(&web, move |journal| journal.some_runs(asked.wanted(), asked.most()))
+        read_journal(&app, move |journal| journal.list_runs(range.filter(), range.item_limit()))
             .await??,
     ))
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.
-#[utoipa::path(get, path = "/api/v1/audit", params(Earlier), responses((status = OK, body = Vec<AuditView>)))]
-async fn audit(
-    State(web): State<AppState>,
-    Query(Earlier { before, limit }): Query<Earlier>,
-) -> Result<Json<Vec<Audited>>, Problem> {
-    Ok(Json(read_journal(&web, move |journal| journal.audits(before, most(limit))).await??))
+#[utoipa::path(get, path = "/api/v1/audit", operation_id = "audit", params(AuditRange), responses((status = OK, body = Vec<AuditView>)))]
+async fn list_audit_log(
+    State(app): State<AppState>,
+    Query(AuditRange { before, limit }): Query<AuditRange>,
+) -> Result<Json<Vec<StoredAuditEntry>>, Problem> {
+    Ok(Json(
+        read_journal(&app, move |journal| journal.audit_entries(before, item_limit(limit)))
+            .await??,
+    ))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
-struct OneRun {
+struct RunDetail {
     #[serde(flatten)]
     #[schema(value_type = RunView)]
     summary: RunSummary,
@@ -152,76 +155,85 @@ struct OneRun {
 }
 
 /// A run and its events.
-#[utoipa::path(get, path = "/api/v1/runs/{run}", params(("run" = i64, Path)), responses((status = OK, body = OneRun)))]
-async fn run(State(web): State<AppState>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
-    let stored = read_journal(&web, move |journal| journal.load(RunId(run))).await??;
-    Ok(Json(OneRun {
+#[utoipa::path(get, path = "/api/v1/runs/{run}", operation_id = "run", params(("run" = i64, Path)), responses((status = OK, body = RunDetail)))]
+async fn get_run(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+) -> Result<Json<RunDetail>, Problem> {
+    let stored = read_journal(&app, move |journal| journal.load_run(RunId(run))).await??;
+    Ok(Json(RunDetail {
         stages: stored.stages.len(),
         steps: stored.plan.steps.len(),
         readings: stored.readings.len(),
-        story: story(&stored),
+        story: run_story(&stored),
         summary: stored.summary,
     }))
 }
 
 /// Plan of a run, as `trued export` writes it.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/plan", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
-async fn plan(State(web): State<AppState>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
-    Ok(Json(read_journal(&web, move |journal| journal.load(RunId(run))).await??.plan))
+#[utoipa::path(get, path = "/api/v1/runs/{run}/plan", operation_id = "plan", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
+async fn get_plan(
+    State(app): State<AppState>,
+    Path(run): Path<i64>,
+) -> Result<Json<Plan>, Problem> {
+    Ok(Json(read_journal(&app, move |journal| journal.load_run(RunId(run))).await??.plan))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
-struct Readings {
+struct ReadingsPage {
     all: usize,
     after: usize,
-    #[schema(value_type = Vec<Contract>)]
+    #[schema(value_type = Vec<DocumentedObject>)]
     readings: Vec<Reading>,
 }
 
 /// Readings of a run, without the first `after`.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Further), responses((status = OK, body = Readings)))]
-async fn readings(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", operation_id = "readings", params(("run" = i64, Path), ReadingRange), responses((status = OK, body = ReadingsPage)))]
+async fn list_readings(
+    State(app): State<AppState>,
     Path(run): Path<i64>,
-    Query(slice): Query<Further>,
-) -> Result<Json<Readings>, Problem> {
-    let (after, most) = (slice.after.unwrap_or(0), most(slice.limit));
-    let some = read_journal(&web, move |journal| journal.some_readings(RunId(run), after, most));
-    let (all, readings) = some.await??;
-    Ok(Json(Readings { all, after, readings }))
+    Query(range): Query<ReadingRange>,
+) -> Result<Json<ReadingsPage>, Problem> {
+    let (after, most) = (range.after.unwrap_or(0), item_limit(range.limit));
+    let query = read_journal(&app, move |journal| journal.list_readings(RunId(run), after, most));
+    let (all, readings) = query.await??;
+    Ok(Json(ReadingsPage { all, after, readings }))
 }
 
 /// Last estimate of a run, as `trued export` writes it.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
-async fn estimate(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", operation_id = "estimate", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
+async fn get_estimate(
+    State(app): State<AppState>,
     Path(run): Path<i64>,
 ) -> Result<Json<Estimate>, Problem> {
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
-        Ok(journal.load(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
+        Ok(journal.load_run(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
     };
-    let found = read_journal(&web, read).await??;
-    found.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
+    let estimate = read_journal(&app, read).await??;
+    estimate.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
 }
 
 /// Runs to compare.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Pair {
+pub(super) struct RunPair {
     a: i64,
     b: i64,
 }
 
 /// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
-#[utoipa::path(get, path = "/api/v1/compare", params(Pair), responses((status = OK, body = ComparisonView)))]
-async fn compared(
-    State(web): State<AppState>,
-    Query(pair): Query<Pair>,
+#[utoipa::path(get, path = "/api/v1/compare", operation_id = "compared", params(RunPair), responses((status = OK, body = ComparisonView)))]
+async fn get_comparison(
+    State(app): State<AppState>,
+    Query(pair): Query<RunPair>,
 ) -> Result<Json<Comparison>, Problem> {
-    Ok(Json(of_two(&web, pair).await?))
+    Ok(Json(compare_pair(&app, pair).await?))
 }
 
 /// Comparison of two runs; the page uses it too.
-pub(super) async fn of_two(web: &AppState, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
-    Ok(read_journal(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
+pub(super) async fn compare_pair(
+    app: &AppState,
+    RunPair { a, b }: RunPair,
+) -> Result<Comparison, Problem> {
+    Ok(read_journal(app, move |journal| compare_runs(journal, RunId(a), RunId(b))).await??)
 }

@@ -1,5 +1,5 @@
 //! Connections of the HTTP server. Their number is limited, and every wait for a request or a response has a time
-//! limit. When all places are taken, a new connection replaces another one, preferably one without a request in
+//! limit. When the maximum number is reached, a new connection replaces another one, preferably one without a request in
 //! progress: of the client with the most connections, the oldest. A new connection has one second to send its
 //! request before it can be replaced, so that a hold arrives however many clients are connected. No connection is
 //! refused, because it might carry a hold.
@@ -34,23 +34,23 @@ use super::access::ClientIdentity;
 use super::problem::Problem;
 
 /// Maximum number of connections, without the fresh ones.
-const PLACES: usize = 256;
+const MAX_CONNECTIONS: usize = 256;
 /// Time for which a new connection without a request counts as fresh; fresh connections use few resources.
-const FRESH: Duration = Duration::from_secs(1);
-const MOST_FRESH: usize = 512;
+const FRESH_DURATION: Duration = Duration::from_secs(1);
+const MAX_FRESH_CONNECTIONS: usize = 512;
 /// Maximum number of connections that receive events.
-const LISTENERS: usize = 64;
+const MAX_EVENT_STREAMS: usize = 64;
 /// Maximum time to receive the head of a request, from the end of the previous request.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(15);
 /// Maximum time for the client to receive a response; after that, the connection is closed. Events continue for as
 /// long as the client receives them.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
-/// Maximum size of the head of a request, bytes; [`FIELDS`] is its maximum number of header fields.
-const LARGEST_HEAD: usize = 16 * 1024;
-const FIELDS: usize = 64;
-/// Size above which a response is large, bytes; [`LARGE_ANSWERS`] is the maximum number of large ones at a time.
+/// Maximum size of the head of a request, bytes; [`MAX_HEADER_FIELDS`] is its maximum number of header fields.
+const MAX_HEAD_BYTES: usize = 16 * 1024;
+const MAX_HEADER_FIELDS: usize = 64;
+/// Size above which a response is large, bytes; [`MAX_LARGE_RESPONSES`] is the maximum number of large ones at a time.
 const LARGE_RESPONSE_BYTES: u64 = 64 * 1024;
-const LARGE_ANSWERS: usize = 16;
+const MAX_LARGE_RESPONSES: usize = 16;
 
 /// State of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -63,26 +63,27 @@ enum ConnectionState {
 }
 
 struct Connection {
-    does: ConnectionState,
-    since: Instant,
+    state: ConnectionState,
+    state_since: Instant,
     /// Address of the client, or its identity once that is known.
-    whose: String,
+    client: String,
     task: Option<AbortHandle>,
 }
 
 impl Connection {
     fn is_fresh(&self, now: Instant) -> bool {
-        self.does == ConnectionState::New && now.saturating_duration_since(self.since) < FRESH
+        self.state == ConnectionState::New
+            && now.saturating_duration_since(self.state_since) < FRESH_DURATION
     }
 }
 
 #[derive(Clone)]
 struct Connections {
-    taken: Arc<Mutex<BTreeMap<u64, Connection>>>,
-    large: Arc<Semaphore>,
+    open_connections: Arc<Mutex<BTreeMap<u64, Connection>>>,
+    large_response_permits: Arc<Semaphore>,
 }
 
-/// A place at the server; dropping it frees the place.
+/// An open connection of the server; dropping the guard removes the connection.
 struct ConnectionGuard {
     connections: Connections,
     number: u64,
@@ -90,94 +91,109 @@ struct ConnectionGuard {
 
 impl Drop for ConnectionGuard {
     fn drop(&mut self) {
-        self.connections.all().remove(&self.number);
+        self.connections.lock_open().remove(&self.number);
     }
 }
 
 impl Connections {
     fn new() -> Self {
-        Self { taken: Arc::default(), large: Arc::new(Semaphore::new(LARGE_ANSWERS)) }
+        Self {
+            open_connections: Arc::default(),
+            large_response_permits: Arc::new(Semaphore::new(MAX_LARGE_RESPONSES)),
+        }
     }
 
-    fn all(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
-        self.taken.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_open(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
+        self.open_connections.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn take(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
-        let mut all = self.all();
-        let is_fresh = |place: &Connection| place.is_fresh(now);
-        let fresh = all.values().filter(|place| is_fresh(place)).count();
+    fn register(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
+        let mut all = self.lock_open();
+        let is_fresh = |connection: &Connection| connection.is_fresh(now);
+        let fresh = all.values().filter(|connection| is_fresh(connection)).count();
         let settled = all.len() - fresh;
-        if fresh >= MOST_FRESH {
-            close(&mut all, is_fresh);
+        if fresh >= MAX_FRESH_CONNECTIONS {
+            close_one(&mut all, is_fresh);
         }
-        for _ in PLACES..=settled {
-            close(&mut all, |place| !is_fresh(place));
+        for _ in MAX_CONNECTIONS..=settled {
+            close_one(&mut all, |connection| !is_fresh(connection));
         }
-        let (does, whose) = (ConnectionState::New, from.to_string());
-        all.insert(number, Connection { does, since: now, whose, task: None });
+        let (state, client) = (ConnectionState::New, from.to_string());
+        all.insert(number, Connection { state, state_since: now, client, task: None });
         drop(all);
         ConnectionGuard { connections: self.clone(), number }
     }
 
-    fn runs(&self, number: u64, task: AbortHandle) {
-        if let Some(place) = self.all().get_mut(&number) {
-            place.task = Some(task);
+    fn set_task(&self, number: u64, task: AbortHandle) {
+        if let Some(connection) = self.lock_open().get_mut(&number) {
+            connection.task = Some(task);
         }
     }
 
-    fn becomes(&self, number: u64, does: ConnectionState) {
-        let mut all = self.all();
-        if let Some(place) = all.get_mut(&number) {
-            (place.does, place.since) = (does, Instant::now());
+    fn set_state(&self, number: u64, state: ConnectionState) {
+        let mut all = self.lock_open();
+        if let Some(connection) = all.get_mut(&number) {
+            (connection.state, connection.state_since) = (state, Instant::now());
         }
-        let tells = |place: &Connection| place.does == ConnectionState::Streaming;
-        if does == ConnectionState::Streaming
-            && all.values().filter(|place| tells(place)).count() > LISTENERS
+        let is_streaming = |connection: &Connection| connection.state == ConnectionState::Streaming;
+        if state == ConnectionState::Streaming
+            && all.values().filter(|connection| is_streaming(connection)).count()
+                > MAX_EVENT_STREAMS
         {
-            close(&mut all, tells);
+            close_one(&mut all, is_streaming);
         }
     }
 
-    fn is_of(&self, number: u64, whose: &str) {
-        if let Some(place) = self.all().get_mut(&number) {
-            whose.clone_into(&mut place.whose);
+    fn set_client(&self, number: u64, client: &str) {
+        if let Some(connection) = self.lock_open().get_mut(&number) {
+            client.clone_into(&mut connection.client);
         }
     }
 
     /// Closes the connections whose client does not receive the response in time.
     fn close_stuck(&self) {
-        let mut all = self.all();
-        let stuck = |place: &Connection| {
-            place.does == ConnectionState::Responding && place.since.elapsed() > RESPONSE_TIMEOUT
+        let mut all = self.lock_open();
+        let is_stuck = |connection: &Connection| {
+            connection.state == ConnectionState::Responding
+                && connection.state_since.elapsed() > RESPONSE_TIMEOUT
         };
-        while close(&mut all, stuck) {}
+        while close_one(&mut all, is_stuck) {}
     }
 }
 
-/// Closes one of the connections for which `may` is true. Candidates are those with the lowest [`ConnectionState`]; of these,
+/// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest [`ConnectionState`]; of these,
 /// the oldest of the client with the most connections is closed. Returns whether one was closed.
-fn close(all: &mut BTreeMap<u64, Connection>, may: impl Fn(&Connection) -> bool) -> bool {
-    let least = all.values().filter(|place| may(place)).map(|place| place.does).min();
+fn close_one(
+    all: &mut BTreeMap<u64, Connection>,
+    is_candidate: impl Fn(&Connection) -> bool,
+) -> bool {
+    let least = all
+        .values()
+        .filter(|connection| is_candidate(connection))
+        .map(|connection| connection.state)
+        .min();
     let mut shares = BTreeMap::new();
-    for (number, place) in all.iter().filter(|(_, p)| Some(p.does) == least && may(p)) {
-        let (count, oldest) = shares.entry(&place.whose).or_insert((0, (place.since, *number)));
-        (*count, *oldest) = (*count + 1, (*oldest).min((place.since, *number)));
+    for (number, connection) in
+        all.iter().filter(|(_, p)| Some(p.state) == least && is_candidate(p))
+    {
+        let (count, oldest) =
+            shares.entry(&connection.client).or_insert((0, (connection.state_since, *number)));
+        (*count, *oldest) = (*count + 1, (*oldest).min((connection.state_since, *number)));
     }
     let largest = shares.into_values().max_by_key(|(count, oldest)| (*count, Reverse(*oldest)));
-    let gone = largest.and_then(|(_, (_, number))| all.remove(&number));
-    let found = gone.is_some();
-    if let Some(task) = gone.and_then(|place| place.task) {
+    let closed = largest.and_then(|(_, (_, number))| all.remove(&number));
+    let was_closed = closed.is_some();
+    if let Some(task) = closed.and_then(|connection| connection.task) {
         task.abort();
     }
-    found
+    was_closed
 }
 
 /// Serves for as long as the process lives.
-pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
+pub async fn accept_connections(listener: TcpListener, router: Router) -> std::io::Result<()> {
     let connections = Connections::new();
-    let mut second = interval(Duration::from_secs(1));
-    second.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    let mut stuck_check = interval(Duration::from_secs(1));
+    stuck_check.set_missed_tick_behavior(MissedTickBehavior::Skip);
     for number in 0.. {
         let (stream, from) = loop {
             tokio::select! {
@@ -186,17 +202,22 @@ pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()>
                     // The client has disconnected already, or no file descriptor is free: retry later.
                     Err(_) => sleep(Duration::from_millis(50)).await,
                 },
-                _ = second.tick() => connections.close_stuck(),
+                _ = stuck_check.tick() => connections.close_stuck(),
             }
         };
-        let taken = connections.take(number, from.ip(), Instant::now());
-        let task = tokio::spawn(connection(stream, from, router.clone(), taken));
-        connections.runs(number, task.abort_handle());
+        let guard = connections.register(number, from.ip(), Instant::now());
+        let task = tokio::spawn(serve_connection(stream, from, router.clone(), guard));
+        connections.set_task(number, task.abort_handle());
     }
     Ok(())
 }
 
-async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: ConnectionGuard) {
+async fn serve_connection(
+    stream: TcpStream,
+    from: SocketAddr,
+    router: Router,
+    guard: ConnectionGuard,
+) {
     // Responses are small and are sent without delay.
     let _ = stream.set_nodelay(true);
     // The kernel limits the time for data in its send buffer (tcp(7), TCP_USER_TIMEOUT, ms).
@@ -204,67 +225,78 @@ async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: 
         set_tcp_user_timeout(&stream, RESPONSE_TIMEOUT.as_millis().try_into().unwrap_or(u32::MAX));
     let router = TowerToHyperService::new(router);
     let service = service_fn(|mut request: hyper::Request<Incoming>| {
-        let (connections, number) = (taken.connections.clone(), taken.number);
-        connections.becomes(number, ConnectionState::Responding);
+        let (connections, number) = (guard.connections.clone(), guard.number);
+        connections.set_state(number, ConnectionState::Responding);
         request.extensions_mut().insert(ConnectInfo(from));
-        let answer = router.call(request);
-        async move { Ok::<_, Infallible>(connections.answers(number, answer.await.into_response())) }
+        let response = router.call(request);
+        async move {
+            Ok::<_, Infallible>(connections.track_response(number, response.await.into_response()))
+        }
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(LARGEST_HEAD);
+    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEAD_BYTES);
     // A client that has closed its sending side may still wait; its request, above all a hold, is executed and logged.
-    http.max_headers(FIELDS).half_close(true);
+    http.max_headers(MAX_HEADER_FIELDS).half_close(true);
     // An error concerns only this connection.
     let _ = http.serve_connection(TokioIo::new(stream), service).await;
 }
 
 impl Connections {
-    fn answers(&self, number: u64, response: Response) -> Response {
-        let kind = response.headers().get(CONTENT_TYPE);
-        let permit = if kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream")) {
-            if let Some(ClientIdentity(whose)) = response.extensions().get() {
-                self.is_of(number, whose);
+    fn track_response(&self, number: u64, response: Response) -> Response {
+        let content_type = response.headers().get(CONTENT_TYPE);
+        let permit = if content_type
+            .is_some_and(|content_type| content_type.as_bytes().starts_with(b"text/event-stream"))
+        {
+            if let Some(ClientIdentity(client)) = response.extensions().get() {
+                self.set_client(number, client);
             }
-            self.becomes(number, ConnectionState::Streaming);
+            self.set_state(number, ConnectionState::Streaming);
             None
         } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
-            match Arc::clone(&self.large).try_acquire_owned() {
+            match Arc::clone(&self.large_response_permits).try_acquire_owned() {
                 Ok(permit) => Some(permit),
-                Err(_) => return self.answers(number, busy().into_response()),
+                Err(_) => {
+                    return self.track_response(number, too_many_large_responses().into_response());
+                }
             }
         } else {
             None
         };
-        let under_way = UnderWay { connections: self.clone(), number, _permit: permit };
-        response.map(|body| Body::new(Followed { body, _under_way: under_way }))
+        let response_guard = ResponseGuard { connections: self.clone(), number, _permit: permit };
+        response.map(|body| Body::new(TrackedBody { body, _guard: response_guard }))
     }
 }
 
-fn busy() -> Problem {
+fn too_many_large_responses() -> Problem {
     let status = axum::http::StatusCode::SERVICE_UNAVAILABLE;
-    Problem::new(status, "busy", "too many large answers are being taken", "ask again in a moment")
+    Problem::new(
+        status,
+        "busy",
+        "too many large responses are in progress",
+        "repeat the request in a few seconds",
+    )
 }
 
 /// Marks a response in progress, until it is received or given up.
-struct UnderWay {
+struct ResponseGuard {
     connections: Connections,
     number: u64,
     _permit: Option<OwnedSemaphorePermit>,
 }
 
-impl Drop for UnderWay {
+impl Drop for ResponseGuard {
     fn drop(&mut self) {
-        self.connections.becomes(self.number, ConnectionState::Idle);
+        self.connections.set_state(self.number, ConnectionState::Idle);
     }
 }
 
 /// A response body that detects its own end.
-struct Followed {
+struct TrackedBody {
     body: Body,
-    _under_way: UnderWay,
+    _guard: ResponseGuard,
 }
 
-impl http_body::Body for Followed {
+impl http_body::Body for TrackedBody {
     type Data = Bytes;
     type Error = axum::Error;
 
@@ -289,38 +321,50 @@ mod tests {
     use super::*;
 
     /// Number of connections of a client, and how many of them receive events.
-    fn of(connections: &Connections, whose: &str) -> (usize, usize) {
-        let all = connections.all();
-        let own = all.values().filter(|place| place.whose == whose);
-        (own.clone().count(), own.filter(|place| place.does == ConnectionState::Streaming).count())
+    fn connection_counts(connections: &Connections, client: &str) -> (usize, usize) {
+        let all = connections.lock_open();
+        let own = all.values().filter(|connection| connection.client == client);
+        (
+            own.clone().count(),
+            own.filter(|connection| connection.state == ConnectionState::Streaming).count(),
+        )
     }
 
     #[test]
     fn whoever_has_the_most_makes_room_and_nobody_else() {
         let (connections, begun) = (Connections::new(), Instant::now());
         let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
-        let taken: Vec<ConnectionGuard> =
-            (0..3).map(|number| connections.take(number, few, begun)).collect();
-        let now = begun + 2 * FRESH;
+        let guard: Vec<ConnectionGuard> =
+            (0..3).map(|number| connections.register(number, few, begun)).collect();
+        let now = begun + 2 * FRESH_DURATION;
         let crowd: Vec<ConnectionGuard> =
-            (10..4000).map(|number| connections.take(number, many, now)).collect();
+            (10..4000).map(|number| connections.register(number, many, now)).collect();
         assert_eq!(
-            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
-            (3, MOST_FRESH)
+            (
+                connection_counts(&connections, "127.0.0.1").0,
+                connection_counts(&connections, "127.0.0.2").0
+            ),
+            (3, MAX_FRESH_CONNECTIONS)
         );
-        let newest = connections.take(4000, few, now);
+        let newest = connections.register(4000, few, now);
         assert_eq!(
-            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
-            (4, MOST_FRESH - 1)
+            (
+                connection_counts(&connections, "127.0.0.1").0,
+                connection_counts(&connections, "127.0.0.2").0
+            ),
+            (4, MAX_FRESH_CONNECTIONS - 1)
         );
         // The connections are not fresh any more.
-        let next = connections.take(4001, few, now + 2 * FRESH);
+        let next = connections.register(4001, few, now + 2 * FRESH_DURATION);
         assert_eq!(
-            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
-            (5, PLACES - 5)
+            (
+                connection_counts(&connections, "127.0.0.1").0,
+                connection_counts(&connections, "127.0.0.2").0
+            ),
+            (5, MAX_CONNECTIONS - 5)
         );
-        drop((taken, crowd, newest, next));
-        assert!(connections.all().is_empty());
+        drop((guard, crowd, newest, next));
+        assert!(connections.lock_open().is_empty());
     }
 
     #[test]
@@ -328,23 +372,35 @@ mod tests {
         let (connections, mut now) = (Connections::new(), Instant::now());
         let from = IpAddr::from([127, 0, 0, 1]);
         let _taken: Vec<ConnectionGuard> =
-            (0..300).map(|number| connections.take(number, from, now)).collect();
-        let listens = |number: u64, whose: &str| {
-            connections.is_of(number, whose);
-            connections.becomes(number, ConnectionState::Streaming);
+            (0..300).map(|number| connections.register(number, from, now)).collect();
+        let listens = |number: u64, client: &str| {
+            connections.set_client(number, client);
+            connections.set_state(number, ConnectionState::Streaming);
         };
         listens(0, "tablet");
-        (1..=LISTENERS as u64 + 2).for_each(|number| listens(number, "crowd"));
-        assert_eq!((of(&connections, "tablet").1, of(&connections, "crowd").1), (1, LISTENERS - 1));
-        connections.becomes(100, ConnectionState::Responding);
+        (1..=MAX_EVENT_STREAMS as u64 + 2).for_each(|number| listens(number, "crowd"));
+        assert_eq!(
+            (
+                connection_counts(&connections, "tablet").1,
+                connection_counts(&connections, "crowd").1
+            ),
+            (1, MAX_EVENT_STREAMS - 1)
+        );
+        connections.set_state(100, ConnectionState::Responding);
         let _more: Vec<ConnectionGuard> = (1000..1600)
             .map(|number| {
-                now += 2 * FRESH;
-                connections.take(number, from, now)
+                now += 2 * FRESH_DURATION;
+                connections.register(number, from, now)
             })
             .collect();
-        assert_eq!(connections.all().len(), PLACES);
-        assert_eq!(connections.all()[&100].does, ConnectionState::Responding);
-        assert_eq!((of(&connections, "tablet").1, of(&connections, "crowd").1), (1, LISTENERS - 1));
+        assert_eq!(connections.lock_open().len(), MAX_CONNECTIONS);
+        assert_eq!(connections.lock_open()[&100].state, ConnectionState::Responding);
+        assert_eq!(
+            (
+                connection_counts(&connections, "tablet").1,
+                connection_counts(&connections, "crowd").1
+            ),
+            (1, MAX_EVENT_STREAMS - 1)
+        );
     }
 }

@@ -19,40 +19,41 @@ use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
 
 /// Minimum time between two events that report changes.
-const EVERY: Duration = Duration::from_millis(100);
+const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
 /// Period of the keep-alive event. By it the server detects a lost client, the page detects a lost server, and
 /// changes that depend on time alone are sent. An SSE comment would only serve the first: a script cannot see it.
-const ALIVE: Duration = Duration::from_secs(5);
+const KEEP_ALIVE_PERIOD: Duration = Duration::from_secs(5);
 
-pub fn routes() -> OpenApiRouter<AppState> {
-    OpenApiRouter::new().routes(routes!(of_machine))
+pub fn event_routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new().routes(routes!(machine_events))
 }
 
 /// Events `standing`: the state of a machine at each change, and every 5 s.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/events", params(("name" = String, Path)), responses((status = OK, body = MachineStatus, content_type = "text/event-stream")))]
-async fn of_machine(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/machines/{name}/events", operation_id = "of_machine", params(("name" = String, Path)), responses((status = OK, body = MachineStatus, content_type = "text/event-stream")))]
+async fn machine_events(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
 ) -> Result<impl IntoResponse, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     // The stream ends when the token is revoked.
-    let told = looks(&machine).take_while(move |()| caller.stands());
-    let events = told.map(move |()| Ok::<_, Infallible>(event(&machine)));
+    let triggers = event_triggers(&machine).take_while(move |()| caller.is_token_valid());
+    let events = triggers.map(move |()| Ok::<_, Infallible>(state_event(&machine)));
     // A proxy that buffers events would make the page treat the server as lost.
     Ok(([("x-accel-buffering", "no")], Sse::new(events)))
 }
 
 /// Triggers of the events: the first at once, then each change and each keep-alive.
-fn looks(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
-    let changes = WatchStream::new(machine.gate.changes()).map(|_| ()).throttle(EVERY);
-    let mut alive = interval_at(Instant::now() + ALIVE, ALIVE);
+fn event_triggers(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
+    let changes = WatchStream::new(machine.gate.changes()).map(|_| ());
+    let changes = changes.throttle(MIN_EVENT_INTERVAL);
+    let mut alive = interval_at(Instant::now() + KEEP_ALIVE_PERIOD, KEEP_ALIVE_PERIOD);
     alive.set_missed_tick_behavior(MissedTickBehavior::Delay);
     changes.merge(IntervalStream::new(alive).map(|_| ()))
 }
 
-fn event(machine: &ServedMachine) -> Event {
+fn state_event(machine: &ServedMachine) -> Event {
     let count = *machine.gate.changes().borrow();
     let event = Event::default().event("standing").id(count.to_string());
-    event.json_data(MachineStatus::of(machine)).unwrap_or_else(|_| Event::default())
+    event.json_data(MachineStatus::from_machine(machine)).unwrap_or_else(|_| Event::default())
 }

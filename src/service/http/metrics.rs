@@ -9,19 +9,20 @@ use axum::routing::get;
 
 use super::AppState;
 
-const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+const OPEN_METRICS_CONTENT_TYPE: &str =
+    "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-pub fn routes() -> Router<AppState> {
-    Router::new().route("/metrics", get(metrics))
+pub fn metrics_routes() -> Router<AppState> {
+    Router::new().route("/metrics", get(serve_metrics))
 }
 
-async fn metrics(State(web): State<AppState>) -> Response {
-    for machine in web.machines.iter() {
+async fn serve_metrics(State(app): State<AppState>) -> Response {
+    for machine in app.machines.iter() {
         let gate = &machine.gate;
-        web.metrics.set_machine(&machine.name, &gate.machine_state(), gate.progress_age());
+        app.metrics.set_machine(&machine.name, &gate.machine_state(), gate.progress_age());
     }
-    match web.metrics.text() {
-        Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS)], text).into_response(),
+    match app.metrics.text() {
+        Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS_CONTENT_TYPE)], text).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }
 }

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use crate::archive::report::ReportError;
 use crate::service::machine_state::Refusal;
-use crate::store::{Fault, StoreError};
+use crate::store::{StoreError, StoreFault};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Problem {
@@ -30,8 +30,8 @@ impl Problem {
     }
 
     pub fn not_found(what: impl std::fmt::Display) -> Self {
-        let remedy = "the pages of machines and of runs list what there is, and so do /api/v1/machines \
-                      and /api/v1/runs";
+        let remedy = "choose an entry of the pages of machines and runs, or of /api/v1/machines and \
+                      /api/v1/runs";
         Self::new(StatusCode::NOT_FOUND, "not-found", format!("there is no {what}"), remedy)
     }
 }
@@ -46,7 +46,7 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match &error.fault {
             // The client does not need the journal's path.
-            Fault::NoRun(run) => Self::not_found(format!("run {run}")),
+            StoreFault::RunNotFound(run) => Self::not_found(format!("run {run}")),
             _ => {
                 let status = StatusCode::INTERNAL_SERVER_ERROR;
                 Self::new(status, "journal", error.to_string(), error.remedy())
@@ -80,19 +80,21 @@ impl From<minijinja::Error> for Problem {
 impl From<Refusal> for Problem {
     fn from(why: Refusal) -> Self {
         let remedy = match why {
-            Refusal::Busy => "wait for the end of the run, or hold it",
+            Refusal::Busy => "wait for the end of the run, or hold the run",
             Refusal::Held | Refusal::PositionLost => {
-                "look at the machine, then acknowledge, or resume the run"
+                "inspect the machine, then acknowledge, or resume the run"
             }
-            Refusal::Failed => "read why in the log, then acknowledge",
+            Refusal::Failed => "read the reason in the log, then acknowledge",
             Refusal::NoSuchCycle => "start one of the cycles of [serve] in the machine file",
             Refusal::TooSoon => "wait for min_interval_s of [serve]",
-            Refusal::Elsewhere => "end the other program that has the machine",
-            Refusal::NothingToAcknowledge => "nothing waits for it",
-            Refusal::AsksPerson => "start it at the page or at a terminal, and answer there",
-            Refusal::NotAsked => "look at the page: it shows what is asked now, if anything is",
+            Refusal::Elsewhere => "end the other program that uses the machine",
+            Refusal::NothingToAcknowledge => "no acknowledgement is needed",
+            Refusal::AsksPerson => {
+                "start the cycle at the page or with `trued run`, and answer its prompts there"
+            }
+            Refusal::NotAsked => "read on the page which prompt is open",
             Refusal::NotReady => "wait until the service is ready",
-            _ => "see to it at the machine, then ask again",
+            _ => "correct the condition at the machine, then repeat the request",
         };
         Self::new(StatusCode::CONFLICT, "refused", why.to_string(), remedy)
     }

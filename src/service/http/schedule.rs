@@ -12,41 +12,45 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::access::Caller;
-use super::actions::{JsonOrForm, to_the_end, truncate_reason};
+use super::actions::{JsonOrForm, run_to_completion, truncate_reason};
 use super::journal::read_journal;
 use super::openapi::views::AgendaView;
-use super::page::for_people;
+use super::page::errors_as_pages;
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::service::machine_state::Refusal;
 use crate::service::schedule_state::{Agenda, agenda, arming};
-use crate::store::Audit;
+use crate::store::AuditEntry;
 
-pub fn routes() -> OpenApiRouter<AppState> {
-    let done =
-        OpenApiRouter::new().routes(routes!(arm)).routes(routes!(disarm)).routes(routes!(due));
+pub fn schedule_routes() -> OpenApiRouter<AppState> {
+    let action_routes = OpenApiRouter::new()
+        .routes(routes!(arm_cycle))
+        .routes(routes!(disarm_cycles))
+        .routes(routes!(report_due));
     // A person who submits an invalid form gets the error as a page.
-    OpenApiRouter::new().routes(routes!(schedule)).merge(done.layer(from_fn(for_people)))
+    OpenApiRouter::new()
+        .routes(routes!(get_schedule))
+        .merge(action_routes.layer(from_fn(errors_as_pages)))
 }
 
 /// Schedule of a machine: the next times, the armings, and the outcome of the last slots, newest first.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
-async fn schedule(
-    State(web): State<AppState>,
+#[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", operation_id = "schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
+async fn get_schedule(
+    State(app): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Json<Agenda>, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    Ok(Json(of(&web, machine).await?))
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    Ok(Json(read_agenda(&app, machine).await?))
 }
 
-async fn of(web: &AppState, machine: &ServedMachine) -> Result<Agenda, Problem> {
+async fn read_agenda(app: &AppState, machine: &ServedMachine) -> Result<Agenda, Problem> {
     let (planned, name) = (machine.gate.machine_state().planned, machine.name.clone());
-    Ok(read_journal(web, move |journal| agenda(journal, planned, &name)).await??)
+    Ok(read_journal(app, move |journal| agenda(journal, planned, &name)).await??)
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Arm {
+struct ArmRequest {
     cycle: u16,
     who: String,
     /// An instant, or a duration from now: `14d`.
@@ -56,32 +60,33 @@ struct Arm {
 }
 
 /// Arm a cycle: it may start unattended at its scheduled times, until the given instant.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", params(("name" = String, Path)), request_body = Arm, responses((status = ACCEPTED, body = AgendaView)))]
-async fn arm(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/arm", operation_id = "arm", params(("name" = String, Path)), request_body = ArmRequest, responses((status = ACCEPTED, body = AgendaView)))]
+async fn arm_cycle(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Arm>,
+    body: JsonOrForm<ArmRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (Arm { cycle, who, until, why }, to_page) = words.split();
-    let who = caller.signs(&who)?;
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (ArmRequest { cycle, who, until, why }, is_form) = body.into_parts();
+    let who = caller.audit_name(&who)?;
     if !machine.cycles.iter().any(|known| known.number == cycle) {
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();
     let arming =
         arming((&name, cycle), (&who, &truncate_reason(&why)), &until, now).map_err(|why| {
-            let remedy = "say until when, such as 14d or 2027-01-31T18:00:00+01:00";
+            let remedy =
+                "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
             Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
         })?;
-    web.journal.arm(&arming).await?;
-    answer(&web, machine, to_page).await
+    app.journal.arm(&arming).await?;
+    respond(&app, machine, is_form).await
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Disarm {
+struct DisarmRequest {
     /// Cycle to disarm; all cycles if absent.
     cycle: Option<u16>,
     who: String,
@@ -90,22 +95,22 @@ struct Disarm {
 }
 
 /// Disarm cycles: they no longer start unattended.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", params(("name" = String, Path)), request_body = Disarm, responses((status = ACCEPTED, body = AgendaView)))]
-async fn disarm(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", operation_id = "disarm", params(("name" = String, Path)), request_body = DisarmRequest, responses((status = ACCEPTED, body = AgendaView)))]
+async fn disarm_cycles(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Disarm>,
+    body: JsonOrForm<DisarmRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (Disarm { cycle, who, why }, to_page) = words.split();
-    web.journal.disarm(&name, cycle, &caller.signs(&who)?, &truncate_reason(&why)).await?;
-    answer(&web, machine, to_page).await
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (DisarmRequest { cycle, who, why }, is_form) = body.into_parts();
+    app.journal.disarm(&name, cycle, &caller.audit_name(&who)?, &truncate_reason(&why)).await?;
+    respond(&app, machine, is_form).await
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Due {
+struct DueCycleRequest {
     cycle: u16,
     who: String,
     #[serde(default)]
@@ -113,47 +118,52 @@ struct Due {
 }
 
 /// Report that a cycle is due now. It starts once, under the conditions of the schedule: armed and ready.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/due", params(("name" = String, Path)), request_body = Due, responses((status = ACCEPTED, body = AgendaView)))]
-async fn due(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/due", operation_id = "due", params(("name" = String, Path)), request_body = DueCycleRequest, responses((status = ACCEPTED, body = AgendaView)))]
+async fn report_due(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Due>,
+    body: JsonOrForm<DueCycleRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (due, to_page) = words.split();
-    let due = Due { who: caller.signs(&due.who)?, ..due };
-    to_the_end(called(web.clone(), machine.clone(), due)).await?;
-    answer(&web, machine, to_page).await
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (due, is_form) = body.into_parts();
+    let due = DueCycleRequest { who: caller.audit_name(&due.who)?, ..due };
+    run_to_completion(request_due_start(app.clone(), machine.clone(), due)).await?;
+    respond(&app, machine, is_form).await
 }
 
-async fn called(web: AppState, machine: ServedMachine, due: Due) -> Result<(), Problem> {
-    let Due { cycle, who, why } = due;
-    let answered = match machine.gate.request_due(cycle, who.clone()) {
-        Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
+async fn request_due_start(
+    app: AppState,
+    machine: ServedMachine,
+    due: DueCycleRequest,
+) -> Result<(), Problem> {
+    let DueCycleRequest { cycle, who, why } = due;
+    let result = match machine.gate.request_due(cycle, who.clone()) {
+        Some(receiver) => receiver.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
         None => Err(Refusal::NotReady.to_string()),
     };
-    let outcome = match &answered {
+    let outcome = match &result {
         Ok(()) => "accepted".to_owned(),
         Err(why) => format!("refused: {why}"),
     };
     let (what, run) = (format!("cycle {cycle} is due"), machine.gate.machine_state().run.into());
     let audit =
-        Audit { who, what, why: truncate_reason(&why), machine: machine.name, run, outcome };
-    web.journal.audit(&audit).await?;
-    answered.map_err(|why| {
-        let remedy = "it stands in the schedule as skipped; see to it, then ask again";
+        AuditEntry { who, what, why: truncate_reason(&why), machine: machine.name, run, outcome };
+    app.journal.add_audit_entry(&audit).await?;
+    result.map_err(|why| {
+        let remedy =
+            "the schedule records the cycle as skipped; remove the cause, then repeat the request";
         Problem::new(StatusCode::CONFLICT, "not-started", why, remedy)
     })
 }
 
-async fn answer(
-    web: &AppState,
+async fn respond(
+    app: &AppState,
     machine: &ServedMachine,
-    to_page: bool,
+    is_form: bool,
 ) -> Result<Response, Problem> {
-    Ok(match to_page {
-        true => Redirect::to(&super::page::address(&machine.name)).into_response(),
-        false => (StatusCode::ACCEPTED, Json(of(web, machine).await?)).into_response(),
+    Ok(match is_form {
+        true => Redirect::to(&super::page::machine_page_path(&machine.name)).into_response(),
+        false => (StatusCode::ACCEPTED, Json(read_agenda(app, machine).await?)).into_response(),
     })
 }

@@ -5,9 +5,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::ServedMachine;
+use super::newest_result::NewestResult;
 use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
-use super::results::NewestResult;
-use crate::run::Asked;
+use crate::run::OpenPrompt;
 use crate::service::machine_state::{Failure, MachineState};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
@@ -40,20 +40,20 @@ pub struct MachineStatus {
     /// While the machine is held: whether another process holds its lock and may move it.
     pub elsewhere: bool,
     /// Open prompt: the run waits until a person has done this.
-    pub asked: Option<Question>,
+    pub asked: Option<PromptStatus>,
     #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
-    pub cycles: Vec<Startable>,
+    pub cycles: Vec<StartableCycle>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Startable {
+pub struct StartableCycle {
     pub number: u16,
     pub method: String,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Question {
+pub struct PromptStatus {
     pub step: u32,
     pub repeat: u32,
     pub text: String,
@@ -64,7 +64,7 @@ pub struct Question {
 }
 
 impl MachineStatus {
-    pub fn of(machine: &ServedMachine) -> Self {
+    pub fn from_machine(machine: &ServedMachine) -> Self {
         let MachineState {
             state,
             progress_percent,
@@ -86,12 +86,12 @@ impl MachineStatus {
         } = machine.gate.machine_state();
         let now = Timestamp::now();
         let cycles = machine.cycles.iter();
-        let cycles = cycles.map(|c| Startable { number: c.number, method: c.method.clone() });
+        let cycles = cycles.map(|c| StartableCycle { number: c.number, method: c.method.clone() });
         Self {
             name: machine.name.clone(),
             state: state.word(),
             late: machine.gate.is_progress_late(),
-            result: NewestResult::of(&newest, machine.verdict_validity, now),
+            result: NewestResult::from_latest(&newest, machine.verdict_validity, now),
             not_identified: newest.not_identified.map(|run| run.0),
             verdict,
             cycle,
@@ -104,7 +104,12 @@ impl MachineStatus {
             refusal: refusal.map(|why| why.to_string()),
             failure,
             elsewhere,
-            asked: asked.map(|Asked { step, repeat, text }| Question { step, repeat, text, live }),
+            asked: asked.map(|OpenPrompt { step, repeat, text }| PromptStatus {
+                step,
+                repeat,
+                text,
+                live,
+            }),
             parameters: deviations,
             cycles: cycles.collect(),
         }

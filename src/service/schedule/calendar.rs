@@ -22,54 +22,59 @@ impl Calendar {
             CronParser::builder().seconds(Seconds::Disallowed).year(Year::Disallowed).build();
         let cron = parser.parse(pattern).map_err(|error| {
             format!(
-                "at = \"{pattern}\" is no pattern of minute, hour, day, month and weekday ({error}): \
-                 \"30 5 * * 1-5\" is 05:30 from Monday to Friday"
+                "at = \"{pattern}\" is not a pattern of minute, hour, day, month and weekday ({error}): for example, \
+                 \"30 5 * * 1-5\" means 05:30 from Monday to Friday"
             )
         })?;
         let zone = TimeZone::get(zone).map_err(|_| {
             format!(
-                "zone = \"{zone}\" is no time zone: say one such as \"Europe/Berlin\", or \"UTC\""
+                "zone = \"{zone}\" is not a known time zone: use a name such as \"Europe/Berlin\" or \"UTC\""
             )
         })?;
         let calendar = Self { cron, zone };
-        let never = calendar.after(Timestamp::now()).next().is_none();
+        let never = calendar.times_after(Timestamp::now()).next().is_none();
         match never {
-            true => Err(format!("at = \"{pattern}\" is never due: no such day comes")),
+            true => Err(format!("at = \"{pattern}\" is never due: the calendar has no such day")),
             false => Ok(calendar),
         }
     }
 
     /// Times after `instant`, without end.
-    pub fn after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
-        let first = Some(self.here(instant));
+    pub fn times_after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
+        let first = Some(self.to_local(instant));
         let next = |last: &Zoned| self.cron.find_next_occurrence(last, false).ok();
         std::iter::successors(first, next).skip(1)
     }
 
-    /// Times after `from` and until `to`, oldest first: only the newest `most` of them, and whether there were more.
-    pub fn between(&self, from: Timestamp, to: Timestamp, most: usize) -> (Vec<Timestamp>, bool) {
+    /// Times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were more.
+    pub fn times_between(
+        &self,
+        from: Timestamp,
+        to: Timestamp,
+        max_count: usize,
+    ) -> (Vec<Timestamp>, bool) {
         if to <= from {
             return (Vec::new(), false);
         }
         // Backwards from the end, so that a window of years costs no more than the requested times.
         let mut inclusive = true;
-        let mut last = self.here(to);
-        let mut found = Vec::new();
+        let mut last = self.to_local(to);
+        let mut times = Vec::new();
         while let Ok(before) = self.cron.find_previous_occurrence(&last, inclusive) {
             let at = before.timestamp();
-            if at <= from || found.len() > most {
+            if at <= from || times.len() > max_count {
                 break;
             }
-            found.push(at);
+            times.push(at);
             (last, inclusive) = (before, false);
         }
-        let more = found.len() > most;
-        found.truncate(most);
-        found.reverse();
-        (found, more)
+        let more = times.len() > max_count;
+        times.truncate(max_count);
+        times.reverse();
+        (times, more)
     }
 
-    fn here(&self, instant: Timestamp) -> Zoned {
+    fn to_local(&self, instant: Timestamp) -> Zoned {
         instant.to_zoned(self.zone.clone())
     }
 }
@@ -78,17 +83,17 @@ impl Calendar {
 mod tests {
     use super::*;
 
-    fn at(text: &str) -> Timestamp {
+    fn timestamp(text: &str) -> Timestamp {
         text.parse().unwrap()
     }
 
-    fn days(pattern: &str, zone: &str, from: &str, to: &str) -> Vec<String> {
+    fn due_times(pattern: &str, zone: &str, from: &str, to: &str) -> Vec<String> {
         let calendar = Calendar::new(pattern, zone).unwrap();
-        let (back, more) = calendar.between(at(from), at(to), 100);
+        let (back, more) = calendar.times_between(timestamp(from), timestamp(to), 100);
         assert!(!more);
-        let forth = calendar.after(at(from)).map(|next| next.timestamp());
-        let forth: Vec<Timestamp> = forth.take_while(|next| *next <= at(to)).collect();
-        assert_eq!(back, forth, "both ways tell the same");
+        let forth = calendar.times_after(timestamp(from)).map(|next| next.timestamp());
+        let forth: Vec<Timestamp> = forth.take_while(|next| *next <= timestamp(to)).collect();
+        assert_eq!(back, forth, "forward and backward search must find the same times");
         back.iter().map(Timestamp::to_string).collect()
     }
 
@@ -98,30 +103,46 @@ mod tests {
 
     #[test]
     fn a_fixed_time_in_the_gap_is_due_once_after_it() {
-        let found =
-            days("30 2 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-29T12:00:00Z");
+        let times = due_times(
+            "30 2 * * *",
+            "Europe/Berlin",
+            "2027-03-26T12:00:00Z",
+            "2027-03-29T12:00:00Z",
+        );
         let requirements = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
-        assert_eq!(found, requirements);
+        assert_eq!(times, requirements);
     }
 
     #[test]
     fn a_fixed_time_that_comes_twice_is_due_once() {
-        let found =
-            days("30 2 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-11-01T12:00:00Z");
+        let times = due_times(
+            "30 2 * * *",
+            "Europe/Berlin",
+            "2027-10-29T12:00:00Z",
+            "2027-11-01T12:00:00Z",
+        );
         let requirements = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
-        assert_eq!(found, requirements);
+        assert_eq!(times, requirements);
     }
 
     #[test]
     fn the_hour_on_the_wall_stays_through_both_changes() {
-        let spring =
-            days("30 5 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-28T12:00:00Z");
+        let spring = due_times(
+            "30 5 * * *",
+            "Europe/Berlin",
+            "2027-03-26T12:00:00Z",
+            "2027-03-28T12:00:00Z",
+        );
         assert_eq!(spring, ["2027-03-27T04:30:00Z", "2027-03-28T03:30:00Z"]);
-        let autumn =
-            days("30 5 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-10-31T12:00:00Z");
+        let autumn = due_times(
+            "30 5 * * *",
+            "Europe/Berlin",
+            "2027-10-29T12:00:00Z",
+            "2027-10-31T12:00:00Z",
+        );
         assert_eq!(autumn, ["2027-10-30T03:30:00Z", "2027-10-31T04:30:00Z"]);
         // A zone with a change of half an hour, in the southern hemisphere.
-        let lord_howe = days(
+        let lord_howe = due_times(
             "15 2 * * *",
             "Australia/Lord_Howe",
             "2027-10-01T12:00:00Z",
@@ -135,8 +156,12 @@ mod tests {
 
     #[test]
     fn every_half_hour_goes_by_the_clock_on_the_wall() {
-        let spring =
-            days("*/30 * * * *", "Europe/Berlin", "2027-03-28T00:00:00Z", "2027-03-28T02:00:00Z");
+        let spring = due_times(
+            "*/30 * * * *",
+            "Europe/Berlin",
+            "2027-03-28T00:00:00Z",
+            "2027-03-28T02:00:00Z",
+        );
         let requirements = [
             "2027-03-28T00:30:00Z",
             "2027-03-28T01:00:00Z",
@@ -144,8 +169,12 @@ mod tests {
             "2027-03-28T02:00:00Z",
         ];
         assert_eq!(spring, requirements);
-        let autumn =
-            days("*/30 2 * * *", "Europe/Berlin", "2027-10-30T23:00:00Z", "2027-10-31T03:00:00Z");
+        let autumn = due_times(
+            "*/30 2 * * *",
+            "Europe/Berlin",
+            "2027-10-30T23:00:00Z",
+            "2027-10-31T03:00:00Z",
+        );
         let requirements = [
             "2027-10-31T00:00:00Z",
             "2027-10-31T00:30:00Z",
@@ -158,12 +187,19 @@ mod tests {
     #[test]
     fn of_a_long_time_the_newest() {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
-        let (found, more) =
-            calendar.between(at("1970-01-01T00:00:00Z"), at("2027-01-01T00:00:30Z"), 3);
+        let (times, more) = calendar.times_between(
+            timestamp("1970-01-01T00:00:00Z"),
+            timestamp("2027-01-01T00:00:30Z"),
+            3,
+        );
         let requirements = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
-        assert_eq!((found, more), (requirements.map(at).to_vec(), true));
+        assert_eq!((times, more), (requirements.map(timestamp).to_vec(), true));
         assert_eq!(
-            calendar.between(at("2027-01-01T00:00:00Z"), at("2027-01-01T00:00:59Z"), 3),
+            calendar.times_between(
+                timestamp("2027-01-01T00:00:00Z"),
+                timestamp("2027-01-01T00:00:59Z"),
+                3
+            ),
             (vec![], false)
         );
     }
@@ -175,7 +211,7 @@ mod tests {
             ("0 30 5 * * *", "UTC", "30 5 * * 1-5"),
             ("61 5 * * *", "UTC", "30 5 * * 1-5"),
             ("30 5 * * *", "Europe/Berlim", "Europe/Berlin"),
-            ("30 5 30 2 *", "UTC", "no such day comes"),
+            ("30 5 30 2 *", "UTC", "no such day"),
         ] {
             let readiness = Calendar::new(pattern, zone).unwrap_err();
             assert!(readiness.contains(words), "{readiness}");

@@ -21,7 +21,7 @@ pub enum ReadinessCondition {
 /// Behaviour if a run is in progress at the time of a slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Overlap {
+pub enum OverlapPolicy {
     /// Waits for the end of the run, until the latest start.
     #[default]
     Wait,
@@ -30,68 +30,81 @@ pub enum Overlap {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ScheduleKeys {
     name: String,
     cycle: u16,
     at: String,
     zone: String,
-    #[serde(default = "latest_min")]
+    #[serde(default = "default_latest_min")]
     latest_min: u32,
     #[serde(default)]
     idle_min: u32,
     #[serde(default)]
     ready: Vec<ReadinessCondition>,
     #[serde(default)]
-    overlap: Overlap,
+    overlap: OverlapPolicy,
 }
 
 /// One schedule, validated.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Entry {
+#[serde(try_from = "ScheduleKeys")]
+pub struct ScheduleEntry {
     pub name: String,
     pub cycle: u16,
     /// Pattern as written in the machine file.
-    pub at: String,
+    pub pattern: String,
     pub zone: String,
     pub calendar: Calendar,
     /// Maximum delay of the start after the scheduled time.
-    pub latest: Duration,
+    pub max_delay: Duration,
     /// Minimum time for which the control must have executed no program.
-    pub idle: Duration,
-    pub ready: Vec<ReadinessCondition>,
-    pub overlap: Overlap,
+    pub min_idle: Duration,
+    pub required_conditions: Vec<ReadinessCondition>,
+    pub overlap: OverlapPolicy,
 }
 
 /// Schedule name of starts that a person or a timer requests.
-pub const BY_CALL: &str = "due";
+pub const DUE_REQUEST_SCHEDULE: &str = "due";
 
-fn latest_min() -> u32 {
+fn default_latest_min() -> u32 {
     30
 }
 
-impl TryFrom<Keys> for Entry {
+impl TryFrom<ScheduleKeys> for ScheduleEntry {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { name, cycle, at, zone, latest_min, idle_min, ready, overlap } = keys;
-        let sound = !name.is_empty() && name.chars().count() <= 60 && name != BY_CALL;
-        if !sound || name.chars().any(char::is_control) {
+    fn try_from(keys: ScheduleKeys) -> Result<Self, String> {
+        let ScheduleKeys { name, cycle, at, zone, latest_min, idle_min, ready, overlap } = keys;
+        let is_valid_name =
+            !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE;
+        if !is_valid_name || name.chars().any(char::is_control) {
             return Err(format!(
-                "name = \"{name}\" of a schedule: a few letters, and not \"{BY_CALL}\""
+                "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE}\""
             ));
         }
         if !(1..=1440).contains(&latest_min) {
-            return Err(format!("latest_min of schedule {name} is {latest_min}; from 1 to 1440"));
+            return Err(format!(
+                "latest_min of schedule {name} is {latest_min}; allowed: 1 to 1440"
+            ));
         }
         if idle_min > 1440 {
-            return Err(format!("idle_min of schedule {name} is {idle_min}; up to 1440"));
+            return Err(format!("idle_min of schedule {name} is {idle_min}; allowed: 0 to 1440"));
         }
         let calendar =
             Calendar::new(&at, &zone).map_err(|why| format!("schedule {name}: {why}"))?;
-        let [latest, idle] =
+        let [max_delay, min_idle] =
             [latest_min, idle_min].map(|min| Duration::from_secs(60 * u64::from(min)));
-        Ok(Self { name, cycle, at, zone, calendar, latest, idle, ready, overlap })
+        Ok(Self {
+            name,
+            cycle,
+            pattern: at,
+            zone,
+            calendar,
+            max_delay,
+            min_idle,
+            required_conditions: ready,
+            overlap,
+        })
     }
 }
 
@@ -99,13 +112,13 @@ impl TryFrom<Keys> for Entry {
 ///
 /// # Errors
 /// A schedule has the name of another one, or an unknown cycle.
-pub fn check(entries: &[Entry], cycles: &[u16]) -> Result<(), String> {
-    for (index, Entry { name, cycle, .. }) in entries.iter().enumerate() {
+pub fn validate_entries(entries: &[ScheduleEntry], cycles: &[u16]) -> Result<(), String> {
+    for (index, ScheduleEntry { name, cycle, .. }) in entries.iter().enumerate() {
         if !cycles.contains(cycle) {
-            return Err(format!("schedule {name} starts cycle {cycle}, which there is not"));
+            return Err(format!("schedule {name} starts cycle {cycle}, which is not configured"));
         }
         if entries.iter().take(index).any(|other| other.name == *name) {
-            return Err(format!("there are two schedules {name}"));
+            return Err(format!("two schedules have the name {name}"));
         }
     }
     Ok(())

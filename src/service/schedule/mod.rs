@@ -8,12 +8,12 @@
 
 pub mod calendar;
 pub mod entry;
-mod judge;
 mod records;
 mod scheduler;
+mod slot_window;
+mod start_decision;
 #[cfg(test)]
 mod tests;
-mod window;
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -21,11 +21,11 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use self::entry::Entry;
+use self::entry::ScheduleEntry;
 use self::scheduler::Scheduler;
 pub use self::scheduler::planned;
 use super::command_gate::CommandGate;
-use super::config::Demand;
+use super::config::StartInterlock;
 use super::schedule_state::DueRequest;
 use super::{Log, ServeError};
 use crate::store::Journal;
@@ -33,45 +33,44 @@ use link::Clock;
 use link::clock::HostClock;
 
 /// Period of the clock checks.
-const TICK: Duration = Duration::from_secs(1);
+const CLOCK_CHECK_PERIOD: Duration = Duration::from_secs(1);
 
 /// Runs the schedule of `machine`, whose lock is held, until the gate ends. On return, the slots that an earlier
 /// service left are recorded.
 ///
 /// # Errors
 /// The journal cannot be written, or the thread cannot be started.
-pub fn start(
+pub fn start_schedule(
     machine: &str,
-    (entries, demand): (&[Entry], &[Demand]),
+    (entries, demand): (&[ScheduleEntry], &[StartInterlock]),
     gate: &CommandGate,
     journal: &Arc<Journal>,
     log: &Log,
 ) -> Result<(), ServeError> {
-    let (due_requests, todo) = channel();
+    let (due_requests, due_receiver) = channel();
     gate.set_due_requests(due_requests);
     let (machine, entries, demand) = (machine.to_owned(), entries.to_vec(), demand.to_vec());
     let (gate, journal, log) = (gate.clone(), Arc::clone(journal), log.clone());
-    let (begun, begins) = channel();
-    let keep = move || match Scheduler::begin(&machine, (&entries, &demand), &gate, &journal, &log)
-    {
+    let (result_sender, result_receiver) = channel();
+    let run = move || match Scheduler::begin(&machine, (&entries, &demand), &gate, &journal, &log) {
         Ok(scheduler) => {
-            let _ = begun.send(Ok(()));
-            attend(scheduler, &todo);
+            let _ = result_sender.send(Ok(()));
+            run_scheduler(scheduler, &due_receiver);
         }
-        Err(error) => drop(begun.send(Err(error))),
+        Err(error) => drop(result_sender.send(Err(error))),
     };
     // The scheduler blocks on the journal, so it needs a thread without a tokio runtime.
-    let thread = std::thread::Builder::new().name("schedule".to_owned()).spawn(keep);
+    let thread = std::thread::Builder::new().name("schedule".to_owned()).spawn(run);
     thread.map_err(ServeError::Thread)?;
-    let died = || ServeError::Thread(std::io::Error::other("that of the schedule has died"));
-    Ok(begins.recv().map_err(|_| died())??)
+    let died = || ServeError::Thread(std::io::Error::other("the thread of the schedule panicked"));
+    Ok(result_receiver.recv().map_err(|_| died())??)
 }
 
-fn attend(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) {
+fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) {
     let clock = HostClock::start();
     loop {
-        let call = match due_requests.recv_timeout(TICK) {
-            Ok(call) => Some(call),
+        let request = match due_requests.recv_timeout(CLOCK_CHECK_PERIOD) {
+            Ok(request) => Some(request),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
         };
@@ -80,8 +79,8 @@ fn attend(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) {
         }
         let (now, now_s) = (Timestamp::now(), clock.now_s());
         scheduler.check_schedules(now, now_s);
-        if let Some(call) = call {
-            scheduler.called(call, now);
+        if let Some(request) = request {
+            scheduler.called(request, now);
         }
     }
 }

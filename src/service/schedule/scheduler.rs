@@ -6,16 +6,16 @@ use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::entry::{BY_CALL, Entry, Overlap, ReadinessCondition};
-use super::judge::{Decision, StartConditions, StartRequirements, judge};
+use super::entry::{DUE_REQUEST_SCHEDULE, OverlapPolicy, ReadinessCondition, ScheduleEntry};
 use super::records::SlotRecords;
-use super::window::{Window, window};
+use super::slot_window::{SlotWindow, find_slots};
+use super::start_decision::{StartConditions, StartDecision, StartRequirements, decide_start};
 use crate::service::Log;
 use crate::service::command_gate::CommandGate;
-use crate::service::config::Demand;
+use crate::service::config::StartInterlock;
 use crate::service::machine_state::State;
 use crate::service::schedule_state::{DueRequest, Planned, Readiness};
-use crate::store::{Journal, Outcome, Slot, StoreError};
+use crate::store::{Journal, ScheduleSlot, SlotOutcome, StoreError};
 
 /// Time within which a second request for a cycle counts as a repetition of the first; the same holds if the clock
 /// was set back.
@@ -24,7 +24,7 @@ const REPEATED_REQUEST_WINDOW: SignedDuration = SignedDuration::from_mins(5);
 const SHOWN_NEXT_TIMES: usize = 3;
 
 struct Track {
-    entry: Entry,
+    entry: ScheduleEntry,
     /// Time of the last slot that the journal has recorded.
     last_recorded: Timestamp,
     /// The due slot that waiting_slot: its time, and the reason why it has not started.
@@ -34,7 +34,7 @@ struct Track {
 pub struct Scheduler {
     records: SlotRecords,
     gate: CommandGate,
-    demand: Vec<Demand>,
+    demand: Vec<StartInterlock>,
     tracks: Vec<Track>,
     last_check: Option<Timestamp>,
     readiness: Option<Readiness>,
@@ -42,7 +42,7 @@ pub struct Scheduler {
     idle_since: Option<f64>,
     idle: Option<Duration>,
     /// The slot whose run is in progress, and the gate's number of accepted starts at its start.
-    under_way: Option<(Slot, u16)>,
+    under_way: Option<(ScheduleSlot, u16)>,
     stopped: bool,
     minute: i64,
 }
@@ -54,24 +54,27 @@ impl Scheduler {
     /// The journal cannot be written.
     pub fn begin(
         machine: &str,
-        (entries, demand): (&[Entry], &[Demand]),
+        (entries, demand): (&[ScheduleEntry], &[StartInterlock]),
         gate: &CommandGate,
         journal: &Arc<Journal>,
         log: &Log,
     ) -> Result<Self, StoreError> {
-        let known = entries.iter().map(|e| (e.name.clone(), format!("{} {}", e.at, e.zone)));
-        let last_recorded = journal.schedules(machine, known.collect(), Timestamp::now()).wait()?;
+        let known = entries.iter().map(|e| (e.name.clone(), format!("{} {}", e.pattern, e.zone)));
+        let last_recorded =
+            journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
         let (machine, journal, log) = (machine.to_owned(), Arc::clone(journal), log.clone());
         let records = SlotRecords { machine, journal, log };
-        for slot in records.recent()?.into_iter().filter(|slot| slot.outcome == Outcome::Started) {
-            records.settle(slot);
+        for slot in
+            records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started)
+        {
+            records.record_end(slot);
         }
         records
             .journal
             .armings(&records.machine)?
             .iter()
-            .for_each(|arming| records.end_if_broken(arming));
-        let track = |(entry, last_recorded): (&Entry, _)| Track {
+            .for_each(|arming| records.end_broken_arming(arming));
+        let track = |(entry, last_recorded): (&ScheduleEntry, _)| Track {
             entry: entry.clone(),
             last_recorded,
             waiting_slot: None,
@@ -102,7 +105,7 @@ impl Scheduler {
         if let Some(last) = self.last_check.filter(|last| now < *last) {
             self.records
                 .log
-                .say(&format!("schedule: the clock was set back, from {last} to {now}"));
+                .info(&format!("schedule: the clock was set back, from {last} to {now}"));
         }
         let mut tracks = std::mem::take(&mut self.tracks);
         let mut changed = false;
@@ -120,16 +123,16 @@ impl Scheduler {
 
     /// Processes one schedule; returns whether anything has changed.
     fn check_track(&mut self, track: &mut Track, now: Timestamp) -> bool {
-        let found = window(&track.entry.calendar, self.last_check, track.last_recorded, now);
+        let found = find_slots(&track.entry.calendar, self.last_check, track.last_recorded, now);
         let before = track.waiting_slot.clone();
         self.missed(track, &found);
         // A waiting slot with a future time is dropped: the clock was set back, and the slot will be due again.
         track.waiting_slot = track.waiting_slot.take().filter(|(at, _)| *at <= now);
         if let Some(at) = found.due {
             if let Some((last, why)) = track.waiting_slot.take() {
-                self.skips(track, last, format!("{why}; the next is due"));
+                self.skips(track, last, format!("{why}; the next slot is due"));
             }
-            let open = at > track.last_recorded || self.records.is_open(&track.entry.name, at);
+            let open = at > track.last_recorded || self.records.may_start(&track.entry.name, at);
             track.waiting_slot = open.then(|| (at, String::new()));
         }
         if let Some((at, why)) = track.waiting_slot.take() {
@@ -138,55 +141,59 @@ impl Scheduler {
         found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot
     }
 
-    fn missed(&self, track: &mut Track, found: &Window) {
+    fn missed(&self, track: &mut Track, found: &SlotWindow) {
         let Track { entry, last_recorded, .. } = track;
-        if found.more {
+        if found.has_more_missed {
             self.records
                 .log
-                .say(&format!("schedule {}: earlier ones were missed as well", entry.name));
+                .info(&format!("schedule {}: earlier slots were missed as well", entry.name));
         }
         let why = match self.last_check {
-            None => "no service was there at its time",
-            Some(_) => "the clock went forward over it, or the service stood still",
+            None => "the service was not running at that time",
+            Some(_) => "the clock was set forward past the slot, or the service was suspended",
         };
         for at in &found.missed {
-            let slot = self.records.slot(&entry.name, entry.cycle, *at, Outcome::Missed);
-            self.records.tell(&Slot { why: why.to_owned(), ..slot });
+            let slot = self.records.new_slot(&entry.name, entry.cycle, *at, SlotOutcome::Missed);
+            self.records.write_and_log(&ScheduleSlot { why: why.to_owned(), ..slot });
             *last_recorded = *at.max(last_recorded);
         }
     }
 
     fn skips(&self, track: &mut Track, at: Timestamp, why: String) {
         let Track { entry, last_recorded, .. } = track;
-        let slot = self.records.slot(&entry.name, entry.cycle, at, Outcome::Skipped);
-        self.records.tell(&Slot { why, ..slot });
+        let slot = self.records.new_slot(&entry.name, entry.cycle, at, SlotOutcome::Skipped);
+        self.records.write_and_log(&ScheduleSlot { why, ..slot });
         *last_recorded = at.max(*last_recorded);
     }
 
     fn decide(&mut self, track: &mut Track, (at, last): (Timestamp, String), now: Timestamp) {
         let entry = &track.entry;
         let requirements = StartRequirements {
-            demand: &self.demand,
-            ready: &entry.ready,
-            idle: entry.idle,
+            required_interlocks: &self.demand,
+            required_conditions: &entry.required_conditions,
+            min_idle: entry.min_idle,
             overlap: entry.overlap,
-            latest: at.saturating_add(entry.latest).unwrap_or(at),
+            latest_start: at.saturating_add(entry.max_delay).unwrap_or(at),
         };
         let waiting_slot = match self.judged(entry.cycle, &requirements, now) {
-            Ok(Decision::Start) => {
+            Ok(StartDecision::Start) => {
                 let (name, cycle) = (entry.name.clone(), entry.cycle);
                 track.last_recorded = track.last_recorded.max(at);
                 // The reason of a failure is in the journal already.
                 return drop(self.start(&name, cycle, at));
             }
-            Ok(Decision::Skip(why)) => return self.skips(track, at, why),
-            Ok(Decision::Wait(why)) => why,
+            Ok(StartDecision::Skip(why)) => return self.skips(track, at, why),
+            Ok(StartDecision::Wait(why)) => why,
             // Without a readable journal nothing starts.
-            Err(error) if now <= requirements.latest => format!("{error}; {}", error.remedy()),
+            Err(error) if now <= requirements.latest_start => {
+                format!("{error}; {}", error.remedy())
+            }
             Err(error) => return self.skips(track, at, error.to_string()),
         };
         if waiting_slot != last {
-            self.records.log.say(&format!("schedule {} of {at} waits: {waiting_slot}", entry.name));
+            self.records
+                .log
+                .info(&format!("schedule {}: slot {at} waits: {waiting_slot}", entry.name));
         }
         track.waiting_slot = Some((at, waiting_slot));
     }
@@ -196,23 +203,31 @@ impl Scheduler {
         cycle: u16,
         requirements: &StartRequirements<'_>,
         now: Timestamp,
-    ) -> Result<Decision, StoreError> {
+    ) -> Result<StartDecision, StoreError> {
         let armings = self.records.journal.armings(&self.records.machine)?;
         let arming = armings.iter().find(|arming| arming.cycle == cycle);
-        arming.into_iter().for_each(|arming| self.records.end_if_broken(arming));
+        arming.into_iter().for_each(|arming| self.records.end_broken_arming(arming));
         let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
         let refused = self.gate.check_start(cycle, interlocks).err();
-        Ok(judge(
+        Ok(decide_start(
             requirements,
-            &StartConditions { now, refused, arming, readiness: self.readiness, idle: self.idle },
+            &StartConditions {
+                now,
+                gate_refusal: refused,
+                arming,
+                readiness: self.readiness,
+                idle_time: self.idle,
+            },
         ))
     }
 
     /// Starts a cycle: first in the journal, then at the gate.
     fn start(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), String> {
-        let slot = self.records.slot(schedule, cycle, at, Outcome::Started);
-        if !self.records.keep(&slot) {
-            return Err("it was decided before, or the journal cannot be written".to_owned());
+        let slot = self.records.new_slot(schedule, cycle, at, SlotOutcome::Started);
+        if !self.records.write(&slot) {
+            return Err(
+                "the slot already has an outcome, or the journal cannot be written".to_owned()
+            );
         }
         let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
         match self.gate.start(cycle, interlocks, &format!("the schedule {schedule}")) {
@@ -221,8 +236,8 @@ impl Scheduler {
                 Ok(())
             }
             Err(refusal) => {
-                let (outcome, why) = (Outcome::Skipped, refusal.to_string());
-                self.records.tell(&Slot { outcome, why: why.clone(), ..slot });
+                let (outcome, why) = (SlotOutcome::Skipped, refusal.to_string());
+                self.records.write_and_log(&ScheduleSlot { outcome, why: why.clone(), ..slot });
                 Err(why)
             }
         }
@@ -231,34 +246,39 @@ impl Scheduler {
     /// Handles the request of a system timer or a person that a cycle is due.
     pub fn called(&mut self, call: DueRequest, now: Timestamp) {
         let DueRequest { cycle, who, answer } = call;
-        self.records.log.say(&format!("schedule: {who} says that cycle {cycle} is due"));
+        self.records.log.info(&format!("schedule: {who} reports that cycle {cycle} is due"));
         // The receiver may have been dropped.
         let _ = answer.send(self.answer(cycle, now));
     }
 
     fn answer(&mut self, cycle: u16, now: Timestamp) -> Result<(), String> {
-        let name = format!("{BY_CALL} {cycle}");
+        let name = format!("{DUE_REQUEST_SCHEDULE} {cycle}");
         // The conditions of all schedules of this cycle apply.
         let of_cycle = self.tracks.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
         let ready: Vec<ReadinessCondition> =
-            of_cycle.clone().flat_map(|entry| entry.ready.clone()).collect();
-        let idle = of_cycle.map(|entry| entry.idle).max().unwrap_or_default();
+            of_cycle.clone().flat_map(|entry| entry.required_conditions.clone()).collect();
+        let idle = of_cycle.map(|entry| entry.min_idle).max().unwrap_or_default();
         let (demand, ready) = (self.demand.as_slice(), ready.as_slice());
-        let requirements =
-            StartRequirements { demand, ready, idle, overlap: Overlap::Skip, latest: now };
+        let requirements = StartRequirements {
+            required_interlocks: demand,
+            required_conditions: ready,
+            min_idle: idle,
+            overlap: OverlapPolicy::Skip,
+            latest_start: now,
+        };
         let decision = self.judged(cycle, &requirements, now).map_err(|error| error.to_string())?;
-        let began = |slot: &&Slot| {
-            let ran = !matches!(slot.outcome, Outcome::Skipped | Outcome::Missed);
+        let began = |slot: &&ScheduleSlot| {
+            let ran = !matches!(slot.outcome, SlotOutcome::Skipped | SlotOutcome::Missed);
             slot.schedule == name && ran && now.duration_since(slot.at) < REPEATED_REQUEST_WINDOW
         };
-        let recent = self.records.recent().map_err(|error| error.to_string())?;
+        let recent = self.records.recent_slots().map_err(|error| error.to_string())?;
         let why = match (recent.iter().find(began), decision) {
-            (Some(slot), _) => format!("it was started already, at {}", slot.at),
-            (None, Decision::Start) => return self.start(&name, cycle, now),
-            (None, Decision::Wait(why) | Decision::Skip(why)) => why,
+            (Some(slot), _) => format!("the cycle was already started at {}", slot.at),
+            (None, StartDecision::Start) => return self.start(&name, cycle, now),
+            (None, StartDecision::Wait(why) | StartDecision::Skip(why)) => why,
         };
-        let slot = self.records.slot(&name, cycle, now, Outcome::Skipped);
-        self.records.tell(&Slot { why: why.clone(), ..slot });
+        let slot = self.records.new_slot(&name, cycle, now, SlotOutcome::Skipped);
+        self.records.write_and_log(&ScheduleSlot { why: why.clone(), ..slot });
         Err(why)
     }
 
@@ -285,7 +305,7 @@ impl Scheduler {
         let ours = machine_state.accepted == accepted;
         if ours && slot.run == 0 && machine_state.run > 0 {
             slot.run = machine_state.run.into();
-            self.records.keep(&slot);
+            self.records.write(&slot);
         }
         match machine_state.state {
             State::Running if ours => self.under_way = Some((slot, accepted)),
@@ -293,7 +313,7 @@ impl Scheduler {
             State::Ending => {}
             _ => {
                 let cycle = slot.cycle;
-                if !self.records.settle(slot) {
+                if !self.records.record_end(slot) {
                     self.records.disarm(None, &format!("the schedule's cycle {cycle} failed"));
                 }
             }
@@ -302,7 +322,7 @@ impl Scheduler {
 
     fn publish(&self, now: Timestamp) {
         let waiting_slot = self.tracks.iter().map(|Track { waiting_slot, .. }| {
-            waiting_slot.as_ref().map(|(at, why)| format!("that of {at} waits: {why}"))
+            waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"))
         });
         let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
         let all = all.map(|(planned, waiting)| Planned { waiting, ..planned });
@@ -311,18 +331,18 @@ impl Scheduler {
 }
 
 /// Schedules with their next times after `now`.
-pub fn planned(entries: &[Entry], now: Timestamp) -> Vec<Planned> {
+pub fn planned(entries: &[ScheduleEntry], now: Timestamp) -> Vec<Planned> {
     entries.iter().map(|entry| of_entry(entry, now)).collect()
 }
 
-fn of_entry(entry: &Entry, now: Timestamp) -> Planned {
+fn of_entry(entry: &ScheduleEntry, now: Timestamp) -> Planned {
     Planned {
         name: entry.name.clone(),
         cycle: entry.cycle,
-        at: entry.at.clone(),
+        at: entry.pattern.clone(),
         zone: entry.zone.clone(),
-        latest_min: entry.latest.as_secs() / 60,
-        next: entry.calendar.after(now).take(SHOWN_NEXT_TIMES).collect(),
+        latest_min: entry.max_delay.as_secs() / 60,
+        next: entry.calendar.times_after(now).take(SHOWN_NEXT_TIMES).collect(),
         waiting: None,
     }
 }

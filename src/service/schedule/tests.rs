@@ -8,20 +8,20 @@ use tokio::sync::oneshot;
 
 use super::scheduler::Scheduler;
 use super::*;
-use crate::run::Rehearsed;
-use crate::service::config::Config;
+use crate::run::RehearsalResult;
+use crate::service::config::ServeConfig;
 use crate::service::machine_state::{CycleEnd, Interlocks, Refusal, State};
 use crate::service::schedule_state::{Planned, Readiness};
 use crate::service::worker_command::WorkerCommand;
-use crate::store::{Arming, Outcome};
+use crate::store::{Arming, SlotOutcome};
 
-const MACHINE: &str = "the mill";
+const MACHINE_NAME: &str = "the mill";
 
-struct Bench {
+struct SchedulerBench {
     folder: tempfile::TempDir,
     journal: Arc<Journal>,
     gate: CommandGate,
-    asks: Receiver<WorkerCommand>,
+    commands: Receiver<WorkerCommand>,
     scheduler: Scheduler,
     readiness: Arc<Mutex<Readiness>>,
     /// Monotonic clock, s.
@@ -32,13 +32,13 @@ fn at(text: &str) -> Timestamp {
     text.parse().unwrap()
 }
 
-fn entries() -> Vec<Entry> {
+fn entries() -> Vec<ScheduleEntry> {
     let text = "name = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\nidle_min = 2\n\
          ready = [\"probe\"]";
     vec![toml::from_str(text).unwrap()]
 }
 
-fn config() -> Config {
+fn config() -> ServeConfig {
     toml::from_str(
         "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
          [http]\nlisten = \"127.0.0.1:0\"\n",
@@ -46,7 +46,7 @@ fn config() -> Config {
     .unwrap()
 }
 
-fn ready() -> Readiness {
+fn full_readiness() -> Readiness {
     let interlocks = Interlocks {
         fresh: true,
         enable: true,
@@ -59,36 +59,36 @@ fn ready() -> Readiness {
 }
 
 /// A new service on the journal in `folder`. `since`: time since which its schedule is known.
-fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
+fn open_bench(folder: tempfile::TempDir, since: Option<&str>) -> SchedulerBench {
     let journal = Arc::new(Journal::open(folder.path()).unwrap());
     if let Some(since) = since {
         let known = vec![("dawn".to_owned(), "30 5 * * * Europe/Berlin".to_owned())];
-        journal.schedules(MACHINE, known, at(since)).wait().unwrap();
+        journal.register_schedules(MACHINE_NAME, known, at(since)).wait().unwrap();
     }
     let log: Log = Log::new(|_, _| {});
-    let (gate, asks) = CommandGate::new(&config(), log.clone());
+    let (gate, commands) = CommandGate::new(&config(), log.clone());
     gate.finish_command(State::Waiting);
-    let readiness = Arc::new(Mutex::new(ready()));
+    let readiness = Arc::new(Mutex::new(full_readiness()));
     let source = Arc::clone(&readiness);
     gate.add_readiness_source(move || *source.lock().unwrap());
-    let demand = config().demand;
+    let demand = config().required_interlocks;
     let scheduler =
-        Scheduler::begin(MACHINE, (&entries(), &demand), &gate, &journal, &log).unwrap();
-    Bench { folder, journal, gate, asks, scheduler, readiness, now_s: 0.0 }
+        Scheduler::begin(MACHINE_NAME, (&entries(), &demand), &gate, &journal, &log).unwrap();
+    SchedulerBench { folder, journal, gate, commands, scheduler, readiness, now_s: 0.0 }
 }
 
 /// Armed for a week from 22 November 2026; due each day at 04:30 UTC.
-fn bench() -> Bench {
-    let bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
+fn armed_bench() -> SchedulerBench {
+    let bench = open_bench(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
     bench.arm("2026-11-22T12:00:00Z");
     bench
 }
 
-impl Bench {
+impl SchedulerBench {
     fn arm(&self, armed: &str) {
         let armed = at(armed);
         let arming = Arming {
-            machine: MACHINE.to_owned(),
+            machine: MACHINE_NAME.to_owned(),
             cycle: 1,
             who: "Ada".to_owned(),
             why: String::new(),
@@ -101,7 +101,7 @@ impl Bench {
     }
 
     /// Checks every 30 s of both clocks, starting at `from`.
-    fn looks(&mut self, from: &str, times: i32) {
+    fn check_every_30_s(&mut self, from: &str, times: i32) {
         for step in 0..times {
             let now = at(from) + jiff::SignedDuration::from_secs((30 * step).into());
             self.now_s += 30.0;
@@ -109,28 +109,28 @@ impl Bench {
         }
     }
 
-    fn starts(&mut self) -> usize {
-        std::iter::from_fn(|| self.asks.try_recv().ok())
+    fn start_count(&mut self) -> usize {
+        std::iter::from_fn(|| self.commands.try_recv().ok())
             .filter(|ask| matches!(ask, WorkerCommand::Start { .. }))
             .count()
     }
 
-    fn slots(&self) -> Vec<(String, Outcome, String)> {
-        let slots = self.journal.slots(MACHINE, 100).unwrap().into_iter();
+    fn slots(&self) -> Vec<(String, SlotOutcome, String)> {
+        let slots = self.journal.newest_slots(MACHINE_NAME, 100).unwrap().into_iter();
         slots.map(|slot| (slot.at.to_string()[8..16].to_owned(), slot.outcome, slot.why)).collect()
     }
 
-    fn one(&self, day: &str, outcome: Outcome, why: &str) {
+    fn assert_only_slot(&self, day: &str, outcome: SlotOutcome, why: &str) {
         let slots = self.slots();
         let [(at, became, words)] = slots.as_slice() else { panic!("{slots:?}") };
         assert!((at.as_str(), *became) == (day, outcome) && words.contains(why), "{slots:?}");
     }
 
     /// Simulates a power cut and a restart.
-    fn again(self) -> Self {
+    fn restart(self) -> Self {
         let Self { folder, journal, scheduler, gate, .. } = self;
         drop((scheduler, gate, journal));
-        open(folder, None)
+        open_bench(folder, None)
     }
 
     fn planned(&self) -> Planned {
@@ -140,144 +140,152 @@ impl Bench {
 
 #[test]
 fn what_is_due_and_armed_and_ready_starts_once() {
-    let mut bench = bench();
-    bench.looks("2026-11-23T04:20:00Z", 21);
+    let mut bench = armed_bench();
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 21);
     assert_eq!(bench.planned().next[0].to_string(), "2026-11-24T05:30:00+01:00[Europe/Berlin]");
-    assert_eq!(bench.starts(), 1);
-    bench.one("23T04:30", Outcome::Started, "");
-    bench.looks("2026-11-23T04:30:30Z", 10);
-    assert_eq!(bench.starts(), 0);
-    // The cycle failed before it had a run: nothing starts until it is armed again.
+    assert_eq!(bench.start_count(), 1);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Started, "");
+    bench.check_every_30_s("2026-11-23T04:30:30Z", 10);
+    assert_eq!(bench.start_count(), 0);
+    // The cycle failed before its run began: nothing starts until it is armed again.
     bench.gate.record_end(CycleEnd::in_state(State::Failed));
-    bench.looks("2026-11-23T04:36:00Z", 1);
-    bench.one("23T04:30", Outcome::Failed, "before it had a run");
+    bench.check_every_30_s("2026-11-23T04:36:00Z", 1);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Failed, "before its run began");
     bench.gate.finish_command(State::Waiting);
-    bench.looks("2026-11-24T04:25:00Z", 20);
-    assert_eq!(bench.starts(), 0);
+    bench.check_every_30_s("2026-11-24T04:25:00Z", 20);
+    assert_eq!(bench.start_count(), 0);
     let slots = bench.slots();
     assert!(
-        slots[0].1 == Outcome::Skipped && slots[0].2.contains("the schedule's cycle 1 failed"),
+        slots[0].1 == SlotOutcome::Skipped && slots[0].2.contains("the schedule's cycle 1 failed"),
         "{slots:?}"
     );
-    let audits = bench.journal.audits(None, 1).unwrap();
+    let audits = bench.journal.audit_entries(None, 1).unwrap();
     assert_eq!(audits[0].audit.what, "cycle 1 is disarmed");
 }
 
 #[test]
 fn what_nobody_has_armed_does_not_start() {
-    let mut bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
-    bench.looks("2026-11-23T04:20:00Z", 21);
-    bench.one("23T04:30", Outcome::Skipped, "nobody has armed");
+    let mut bench = open_bench(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 21);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Skipped, "is not armed");
     // An arming after the slot's time starts nothing.
     bench.arm("2026-11-23T04:31:00Z");
-    bench.looks("2026-11-23T04:31:00Z", 60);
-    assert_eq!((bench.starts(), bench.slots().len()), (0, 1));
+    bench.check_every_30_s("2026-11-23T04:31:00Z", 60);
+    assert_eq!((bench.start_count(), bench.slots().len()), (0, 1));
 }
 
 #[test]
 fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
-    let mut bench = bench();
+    let mut bench = armed_bench();
     bench.readiness.lock().unwrap().interlocks.door = false;
-    bench.looks("2026-11-23T04:20:00Z", 40);
-    assert_eq!(bench.slots(), [], "it waits");
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 40);
+    assert_eq!(bench.slots(), [], "the slot waits");
     assert!(bench.planned().waiting.unwrap().contains("a guard is open"));
-    bench.looks("2026-11-23T04:40:00Z", 50);
-    bench.one("23T04:30", Outcome::Skipped, "latest start is over: not ready: a guard is open");
+    bench.check_every_30_s("2026-11-23T04:40:00Z", 50);
+    bench.assert_only_slot(
+        "23T04:30",
+        SlotOutcome::Skipped,
+        "latest start time has passed: not ready: a guard is open",
+    );
     bench.readiness.lock().unwrap().interlocks.door = true;
-    bench.looks("2026-11-23T05:05:00Z", 20);
-    assert_eq!(bench.starts(), 0);
+    bench.check_every_30_s("2026-11-23T05:05:00Z", 20);
+    assert_eq!(bench.start_count(), 0);
     // The next day, the door closes ten minutes after the slot's time; the machine has been idle before.
     bench.readiness.lock().unwrap().interlocks.door = false;
-    bench.looks("2026-11-24T04:29:00Z", 20);
+    bench.check_every_30_s("2026-11-24T04:29:00Z", 20);
     bench.readiness.lock().unwrap().interlocks.door = true;
-    bench.looks("2026-11-24T04:39:00Z", 1);
-    assert_eq!(bench.starts(), 1);
+    bench.check_every_30_s("2026-11-24T04:39:00Z", 1);
+    assert_eq!(bench.start_count(), 1);
 }
 
 #[test]
 fn a_machine_that_worked_just_now_is_waited_for() {
-    let mut bench = bench();
-    bench.looks("2026-11-23T04:20:00Z", 19);
+    let mut bench = armed_bench();
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 19);
     bench.readiness.lock().unwrap().idle = false;
-    bench.looks("2026-11-23T04:29:30Z", 2);
+    bench.check_every_30_s("2026-11-23T04:29:30Z", 2);
     bench.readiness.lock().unwrap().idle = true;
-    bench.looks("2026-11-23T04:30:30Z", 4);
-    assert_eq!(bench.starts(), 0, "for a minute and a half");
+    bench.check_every_30_s("2026-11-23T04:30:30Z", 4);
+    assert_eq!(bench.start_count(), 0, "the control was idle for only a minute and a half");
     assert!(bench.planned().waiting.unwrap().contains("idle for 1 of 2 minutes"));
-    bench.looks("2026-11-23T04:32:30Z", 1);
-    assert_eq!(bench.starts(), 1);
+    bench.check_every_30_s("2026-11-23T04:32:30Z", 1);
+    assert_eq!(bench.start_count(), 1);
     // Without a report, the conditions do not hold.
-    let mut silent = self::bench();
+    let mut silent = self::armed_bench();
     silent.readiness.lock().unwrap().interlocks.fresh = false;
-    silent.looks("2026-11-23T04:20:00Z", 100);
-    silent.one("23T04:30", Outcome::Skipped, "nobody tells enable, auto, door, probe, idle");
+    silent.check_every_30_s("2026-11-23T04:20:00Z", 100);
+    silent.assert_only_slot(
+        "23T04:30",
+        SlotOutcome::Skipped,
+        "no current report of enable, auto, door, probe, idle",
+    );
 }
 
 #[test]
 fn a_manual_run_is_waited_for() {
-    let mut bench = bench();
-    bench.gate.start(1, ready().interlocks, "Ada").unwrap();
-    assert_eq!(bench.starts(), 1);
-    bench.looks("2026-11-23T04:20:00Z", 40);
-    assert_eq!(bench.starts(), 0);
-    assert!(bench.planned().waiting.unwrap().contains("a run is on"));
+    let mut bench = armed_bench();
+    bench.gate.start(1, full_readiness().interlocks, "Ada").unwrap();
+    assert_eq!(bench.start_count(), 1);
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 40);
+    assert_eq!(bench.start_count(), 0);
+    assert!(bench.planned().waiting.unwrap().contains("a run is in progress"));
     bench.gate.record_end(CycleEnd::in_state(State::Waiting));
-    bench.looks("2026-11-23T04:40:00Z", 6);
-    assert_eq!(bench.starts(), 1, "two minutes after its end");
-    bench.one("23T04:30", Outcome::Started, "");
+    bench.check_every_30_s("2026-11-23T04:40:00Z", 6);
+    assert_eq!(bench.start_count(), 1, "the cycle starts two minutes after the end of the run");
+    bench.assert_only_slot("23T04:30", SlotOutcome::Started, "");
 }
 
 #[test]
 fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
-    let mut bench = bench();
-    bench.looks("2026-11-23T04:20:00Z", 24);
-    assert_eq!(bench.starts(), 1);
-    bench.looks("2026-11-23T04:10:00Z", 30);
+    let mut bench = armed_bench();
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 24);
+    assert_eq!(bench.start_count(), 1);
+    bench.check_every_30_s("2026-11-23T04:10:00Z", 30);
     bench.gate.record_end(CycleEnd::in_state(State::Waiting));
-    bench.looks("2026-11-23T04:25:00.4Z", 30);
-    assert_eq!(bench.starts(), 0);
-    bench.one("23T04:30", Outcome::Failed, "before it had a run");
+    bench.check_every_30_s("2026-11-23T04:25:00.4Z", 30);
+    assert_eq!(bench.start_count(), 0);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Failed, "before its run began");
     // The same holds after a power cut.
-    let mut bench = bench.again();
+    let mut bench = bench.restart();
     bench.arm("2026-11-22T12:00:00Z");
-    bench.looks("2026-11-23T04:10:00.4Z", 60);
-    assert_eq!((bench.starts(), bench.slots().len()), (0, 1));
+    bench.check_every_30_s("2026-11-23T04:10:00.4Z", 60);
+    assert_eq!((bench.start_count(), bench.slots().len()), (0, 1));
 }
 
 #[test]
 fn a_slot_that_was_missed_by_a_wrong_clock_runs_when_its_time_comes() {
-    let mut bench = bench();
-    bench.looks("2026-11-23T04:20:00Z", 2);
-    bench.looks("2026-11-23T06:00:00Z", 1);
-    bench.one("23T04:30", Outcome::Missed, "the clock went forward");
-    assert_eq!(bench.starts(), 0);
-    bench.looks("2026-11-23T04:22:00.4Z", 20);
-    assert_eq!(bench.starts(), 1);
-    bench.one("23T04:30", Outcome::Started, "");
+    let mut bench = armed_bench();
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 2);
+    bench.check_every_30_s("2026-11-23T06:00:00Z", 1);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Missed, "the clock was set forward");
+    assert_eq!(bench.start_count(), 0);
+    bench.check_every_30_s("2026-11-23T04:22:00.4Z", 20);
+    assert_eq!(bench.start_count(), 1);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Started, "");
 }
 
 #[test]
 fn what_a_power_cut_took_is_missed_and_does_not_run() {
-    let mut bench = bench();
-    bench.looks("2026-11-23T04:20:00Z", 2);
-    let mut bench = bench.again();
-    bench.looks("2026-11-23T04:30:10Z", 60);
-    assert_eq!(bench.starts(), 0);
-    bench.one("23T04:30", Outcome::Missed, "no service was there");
+    let mut bench = armed_bench();
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 2);
+    let mut bench = bench.restart();
+    bench.check_every_30_s("2026-11-23T04:30:10Z", 60);
+    assert_eq!(bench.start_count(), 0);
+    bench.assert_only_slot("23T04:30", SlotOutcome::Missed, "the service was not running");
     // A power cut during the run that the schedule started: it is recorded as failed and not run again.
-    bench.looks("2026-11-24T04:25:00Z", 12);
-    assert_eq!(bench.starts(), 1);
-    let mut bench = bench.again();
-    bench.looks("2026-11-24T04:31:00Z", 60);
-    assert_eq!(bench.starts(), 0);
+    bench.check_every_30_s("2026-11-24T04:25:00Z", 12);
+    assert_eq!(bench.start_count(), 1);
+    let mut bench = bench.restart();
+    bench.check_every_30_s("2026-11-24T04:31:00Z", 60);
+    assert_eq!(bench.start_count(), 0);
     let slots = bench.slots();
-    assert_eq!((slots.len(), slots[0].1), (2, Outcome::Failed), "{slots:?}");
+    assert_eq!((slots.len(), slots[0].1), (2, SlotOutcome::Failed), "{slots:?}");
 }
 
 #[test]
 fn a_call_is_judged_alike_and_counts_once() {
-    let mut bench = bench();
-    let call = |bench: &mut Bench, now: &str| {
+    let mut bench = armed_bench();
+    let call = |bench: &mut SchedulerBench, now: &str| {
         bench.now_s += 70.0;
         bench.scheduler.check_schedules(at(now), bench.now_s);
         let (answer, mut readiness) = oneshot::channel();
@@ -297,16 +305,16 @@ fn a_call_is_judged_alike_and_counts_once() {
     let refused = call(&mut bench, "2026-11-23T04:00:20Z").unwrap_err();
     assert!(refused.contains("idle for 1 of 2"), "{refused}");
     assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
-    assert_eq!(bench.starts(), 1);
+    assert_eq!(bench.start_count(), 1);
     bench.gate.record_end(CycleEnd::in_state(State::Waiting));
     bench.arm("2026-11-22T12:00:00Z");
     // The clock is set back, and the timer expires again.
     for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {
         let refused = call(&mut bench, now).unwrap_err();
-        assert!(refused.contains("started already"), "{refused}");
+        assert!(refused.contains("already started"), "{refused}");
     }
     let readiness: Vec<_> = bench.slots().into_iter().map(|(_, outcome, _)| outcome).collect();
-    assert_eq!(readiness.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 6);
+    assert_eq!(readiness.iter().filter(|outcome| **outcome == SlotOutcome::Skipped).count(), 6);
     bench.arm("2026-11-22T12:00:00Z");
     assert_eq!(call(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
 }
@@ -314,13 +322,16 @@ fn a_call_is_judged_alike_and_counts_once() {
 /// A cycle with a prompt starts neither by the schedule nor by a trigger; a person at the page may start it.
 #[test]
 fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
-    let mut bench = bench();
-    bench.gate.rehearsed([(1, Rehearsed { machine_s: 60.0, asks: true })].into());
-    bench.looks("2026-11-23T04:20:00Z", 30);
-    assert_eq!(bench.starts(), 0);
-    let last = bench.journal.slots(MACHINE, 1).unwrap().remove(0);
-    assert!(last.outcome == Outcome::Skipped && last.why.contains("asks a person"), "{last:?}");
-    assert_eq!(bench.gate.start(1, ready().interlocks, "a button"), Err(Refusal::AsksPerson));
-    bench.gate.start(1, Interlocks { person: true, ..ready().interlocks }, "Ada").unwrap();
-    assert_eq!(bench.starts(), 1);
+    let mut bench = armed_bench();
+    bench.gate.rehearsed([(1, RehearsalResult { machine_s: 60.0, has_prompts: true })].into());
+    bench.check_every_30_s("2026-11-23T04:20:00Z", 30);
+    assert_eq!(bench.start_count(), 0);
+    let last = bench.journal.newest_slots(MACHINE_NAME, 1).unwrap().remove(0);
+    assert!(last.outcome == SlotOutcome::Skipped && last.why.contains("has prompts"), "{last:?}");
+    assert_eq!(
+        bench.gate.start(1, full_readiness().interlocks, "a button"),
+        Err(Refusal::AsksPerson)
+    );
+    bench.gate.start(1, Interlocks { person: true, ..full_readiness().interlocks }, "Ada").unwrap();
+    assert_eq!(bench.start_count(), 1);
 }

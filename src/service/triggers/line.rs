@@ -13,52 +13,57 @@ use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::{Interlocks, Refusal, State};
 use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::Inspection;
-use link::{Link, LinkError, Named, Received};
+use link::{LineEvent, Link, LinkConfig, LinkError};
 
 /// Time before a lost port is opened again.
-const AGAIN: Duration = Duration::from_secs(2);
+const REOPEN_DELAY: Duration = Duration::from_secs(2);
 /// Time between two checks whether a started run has its number.
-const POLL: Duration = Duration::from_millis(20);
-const BY: &str = "the line";
+const RUN_NUMBER_POLL_PERIOD: Duration = Duration::from_millis(20);
+const TRIGGER_NAME: &str = "the trigger line";
 /// Time for which a `TELL` stays valid.
-const FRESH: Duration = Duration::from_secs(10);
+const TELL_VALIDITY: Duration = Duration::from_secs(10);
 
 /// Time and content of the last `TELL`.
-type Last = Arc<Mutex<Option<(Instant, Readiness)>>>;
+type LastReadiness = Arc<Mutex<Option<(Instant, Readiness)>>>;
 
 /// Never returns: a lost port is opened again.
-pub async fn attend(named: Named, gate: CommandGate, log: Log) {
+pub async fn serve_line(config: LinkConfig, gate: CommandGate, log: Log) {
     let mut last = String::new();
-    let told = Last::default();
+    let last_readiness = LastReadiness::default();
     loop {
-        if let Err(error) = listen(&named, &gate, &told).await {
+        if let Err(error) = serve_open_line(&config, &gate, &last_readiness).await {
             // An error is logged once, not at every attempt.
-            let told = error.to_string();
-            if told != last {
-                log.fault(&format!("the trigger line: {told}"));
-                last = told;
+            let message = error.to_string();
+            if message != last {
+                log.error(&format!("the trigger line: {message}"));
+                last = message;
             }
         }
-        sleep(AGAIN).await;
+        sleep(REOPEN_DELAY).await;
     }
 }
 
-fn fresh(last: &Last) -> Readiness {
-    let told = *last.lock().unwrap_or_else(PoisonError::into_inner);
-    told.filter(|(when, _)| when.elapsed() <= FRESH)
-        .map_or_else(Readiness::default, |(_, told)| told)
+fn fresh_readiness(last: &LastReadiness) -> Readiness {
+    let report = *last.lock().unwrap_or_else(PoisonError::into_inner);
+    report
+        .filter(|(when, _)| when.elapsed() <= TELL_VALIDITY)
+        .map_or_else(Readiness::default, |(_, readiness)| readiness)
 }
 
-async fn listen(named: &Named, gate: &CommandGate, told: &Last) -> Result<(), LinkError> {
-    let mut link = link::open(&named.address()?).await?;
-    let mut begins = false;
+async fn serve_open_line(
+    config: &LinkConfig,
+    gate: &CommandGate,
+    last_readiness: &LastReadiness,
+) -> Result<(), LinkError> {
+    let mut link = link::open_line_link(&config.address()?).await?;
+    let mut is_starting = false;
     loop {
-        if let Some(received) = link.recv_deadline(Instant::now() + POLL).await? {
-            begins |= answer(&received, &mut link, gate, told)?;
+        if let Some(received) = link.recv_deadline(Instant::now() + RUN_NUMBER_POLL_PERIOD).await? {
+            is_starting |= handle_line(&received, &mut link, gate, last_readiness)?;
         }
         let machine_state = gate.machine_state();
-        if begins && (machine_state.run > 0 || machine_state.state != State::Running) {
-            begins = false;
+        if is_starting && (machine_state.run > 0 || machine_state.state != State::Running) {
+            is_starting = false;
             link.send_line(&match machine_state.run {
                 0 => "FAILED before the run began".to_owned(),
                 run => format!("OK run {run}"),
@@ -68,43 +73,43 @@ async fn listen(named: &Named, gate: &CommandGate, told: &Last) -> Result<(), Li
 }
 
 /// Returns whether a run begins, so that its response is still to be sent.
-fn answer(
-    received: &Received,
+fn handle_line(
+    received: &LineEvent,
     link: &mut Link,
     gate: &CommandGate,
-    told: &Last,
+    last_readiness: &LastReadiness,
 ) -> Result<bool, LinkError> {
-    let Received::Line(line) = received else { return Ok(false) };
+    let LineEvent::Line(line) = received else { return Ok(false) };
     let words: Vec<String> = line.split_whitespace().map(str::to_ascii_uppercase).collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    let said = match words.as_slice() {
+    let response = match words.as_slice() {
         [] => return Ok(false),
-        ["START", cycle, said @ ..] => match (cycle.parse(), inputs(said)) {
-            (Ok(cycle), Some(said)) => match gate.start(cycle, said, BY) {
+        ["START", cycle, words @ ..] => match (cycle.parse(), parse_interlocks(words)) {
+            (Ok(cycle), Some(interlocks)) => match gate.start(cycle, interlocks, TRIGGER_NAME) {
                 Ok(()) => return Ok(true),
                 Err(why) => format!("REFUSED {why}"),
             },
-            _ => unreadable(gate),
+            _ => refuse_unreadable(gate),
         },
-        ["TELL", words @ ..] => match tells(words) {
-            Some(now) => {
-                let mut last = told.lock().unwrap_or_else(PoisonError::into_inner);
+        ["TELL", words @ ..] => match parse_readiness(words) {
+            Some(readiness) => {
+                let mut last = last_readiness.lock().unwrap_or_else(PoisonError::into_inner);
                 // The first `TELL` makes the line a source of readiness; a line that sends only commands is not one.
-                if last.replace((Instant::now(), now)).is_none() {
-                    let told = Arc::clone(told);
-                    gate.add_readiness_source(move || fresh(&told));
+                if last.replace((Instant::now(), readiness)).is_none() {
+                    let last_readiness = Arc::clone(last_readiness);
+                    gate.add_readiness_source(move || fresh_readiness(&last_readiness));
                 }
                 "OK".to_owned()
             }
-            None => unreadable(gate),
+            None => refuse_unreadable(gate),
         },
         ["STOP"] => {
-            let _ = gate.stop(BY);
+            let _ = gate.stop(TRIGGER_NAME);
             "OK".to_owned()
         }
         ["ACK"] => {
             // The reason of a refusal is in the machine state.
-            let _ = gate.acknowledge(Inspection { who: BY, ..Inspection::default() });
+            let _ = gate.acknowledge(Inspection { who: TRIGGER_NAME, ..Inspection::default() });
             "OK".to_owned()
         }
         ["STATE"] => {
@@ -115,43 +120,43 @@ fn answer(
                 machine_state.cycle, machine_state.run, machine_state.progress_percent
             )
         }
-        _ => unreadable(gate),
+        _ => refuse_unreadable(gate),
     };
-    link.send_line(&said)?;
+    link.send_line(&response)?;
     Ok(false)
 }
 
-fn unreadable(gate: &CommandGate) -> String {
-    gate.refuse(Refusal::Unreadable, BY);
+fn refuse_unreadable(gate: &CommandGate) -> String {
+    gate.refuse(Refusal::Unreadable, &format!("request of {TRIGGER_NAME}"));
     format!("REFUSED {}", Refusal::Unreadable)
 }
 
 /// Readiness that the words of a `TELL` report; `None` for an unknown word.
-fn tells(words: &[&str]) -> Option<Readiness> {
-    let mut told = Readiness::default();
-    let mut said = Vec::new();
+fn parse_readiness(words: &[&str]) -> Option<Readiness> {
+    let mut readiness = Readiness::default();
+    let mut interlock_words = Vec::new();
     for word in words {
         match *word {
-            "PROBE" => told.probe = true,
-            "ARTEFACT" => told.artefact = true,
-            "TEMPERATURE" => told.temperature = true,
-            "IDLE" => told.idle = true,
-            word => said.push(word),
+            "PROBE" => readiness.probe = true,
+            "ARTEFACT" => readiness.artefact = true,
+            "TEMPERATURE" => readiness.temperature = true,
+            "IDLE" => readiness.idle = true,
+            word => interlock_words.push(word),
         }
     }
-    Some(Readiness { interlocks: inputs(&said)?, ..told })
+    Some(Readiness { interlocks: parse_interlocks(&interlock_words)?, ..readiness })
 }
 
 /// Interlocks that the words of a line report; `None` for an unknown word.
-fn inputs(words: &[&str]) -> Option<Interlocks> {
-    let mut said = Interlocks { fresh: true, ..Interlocks::default() };
+fn parse_interlocks(words: &[&str]) -> Option<Interlocks> {
+    let mut interlocks = Interlocks { fresh: true, ..Interlocks::default() };
     for word in words {
         match *word {
-            "ENABLE" => said.enable = true,
-            "AUTO" => said.auto = true,
-            "DOOR" => said.door = true,
+            "ENABLE" => interlocks.enable = true,
+            "AUTO" => interlocks.auto = true,
+            "DOOR" => interlocks.door = true,
             _ => return None,
         }
     }
-    Some(said)
+    Some(interlocks)
 }

@@ -4,19 +4,23 @@ pub mod line;
 pub mod modbus;
 
 use super::command_gate::CommandGate;
-use super::config::Config;
+use super::config::ServeConfig;
 use super::{Log, ServeError};
 
 /// Starts the configured triggers. Call it inside a tokio runtime.
 ///
 /// # Errors
 /// An address cannot be listened on, or a thread cannot be started.
-pub fn start(config: &Config, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
+pub fn start_triggers(
+    config: &ServeConfig,
+    gate: &CommandGate,
+    log: &Log,
+) -> Result<(), ServeError> {
     if let Some(modbus) = &config.modbus {
-        modbus::start(modbus, gate, log)?;
+        modbus::start_modbus_server(modbus, gate, log)?;
     }
     if let Some(line) = &config.line {
-        tokio::spawn(line::attend(line.0.clone(), gate.clone(), log.clone()));
+        tokio::spawn(line::serve_line(line.0.clone(), gate.clone(), log.clone()));
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 use machine::Axis;
 
 /// Topology of trunnion tables, after ISO 10791: the rotary axes carry the part, the linear axes the spindle.
-pub(super) fn usual(driven: &[Axis]) -> String {
+pub(super) fn default_topology(driven: &[Axis]) -> String {
     let has = |axis: &Axis| driven.contains(axis);
     let rotary: &[Axis] = match [Axis::A, Axis::B, Axis::C].map(|axis| has(&axis)) {
         [_, true, true] => &[Axis::C, Axis::B],
@@ -23,8 +23,8 @@ pub(super) fn usual(driven: &[Axis]) -> String {
 }
 
 /// Axes that move, sorted; the spindle in brackets is left out.
-pub(super) fn axes(topology: &str) -> Vec<Axis> {
-    let mut axes: Vec<Axis> = letters(topology)
+pub(super) fn moving_axes(topology: &str) -> Vec<Axis> {
+    let mut axes: Vec<Axis> = chain_letters(topology)
         .filter_map(|letter| letter.parse().ok())
         .filter(|axis| *axis != Axis::S)
         .collect();
@@ -32,13 +32,13 @@ pub(super) fn axes(topology: &str) -> Vec<Axis> {
     axes
 }
 
-fn letters(topology: &str) -> impl Iterator<Item = &str> {
+fn chain_letters(topology: &str) -> impl Iterator<Item = &str> {
     let inside = topology.trim_start_matches("V[").trim_end_matches(']');
     inside.split('-')
 }
 
 /// The topology in words, for readers who do not know the notation.
-pub(super) fn in_words(topology: &str) -> String {
+pub(super) fn describe_topology(topology: &str) -> String {
     let told = |letter: &str| match letter {
         "w" => "workpiece".to_owned(),
         "b" | "F" => "bed".to_owned(),
@@ -46,6 +46,6 @@ pub(super) fn in_words(topology: &str) -> String {
         "(C)" | "S" => "spindle".to_owned(),
         axis => axis.to_owned(),
     };
-    let words: Vec<String> = letters(topology).map(told).collect();
+    let words: Vec<String> = chain_letters(topology).map(told).collect();
     words.join(", ")
 }

@@ -25,14 +25,14 @@ const EXPANSION_UM_PER_M_K: f64 = 11.5;
 ///
 /// # Errors
 /// The text cannot be read.
-pub fn fill(
+pub fn fill_defaults(
     document: &Document,
     machine: &mut Machine,
     probe: &mut Probe,
 ) -> Result<Vec<String>, MachineFileError> {
     let mut assumed = Vec::new();
     let mut fill = |path: &[&str], value: &mut f64, size: f64| {
-        let is_stated = document.section(path, |_| Ok(()))?.is_some();
+        let is_stated = document.read_section(path, |_| Ok(()))?.is_some();
         if !is_stated {
             *value = size;
             assumed.push(path.join("."));
@@ -60,7 +60,7 @@ pub fn fill(
 
 /// Fills in the temperature uncertainty of certified lengths and centres of `artefact` without a stated
 /// temperature; appends the keys to `assumed`.
-pub fn fill_temperatures(artefact: &mut Artefact, assumed: &mut Vec<String>) {
+pub fn fill_temperature_defaults(artefact: &mut Artefact, assumed: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
     if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {
         let mut fill = |key: &str, value: &mut Option<f64>, size: f64| {

@@ -1,26 +1,26 @@
 //! Balls in a CSV table beside the machine file: a header of column names in any order, then one line per ball;
 //! `#` begins a comment. Properties that all balls share may be in `[artefact]` instead.
 
-use super::error::{MachineFileError, Place, Problem};
+use super::error::{FileLocation, MachineFileError, Problem};
 use super::hint;
 use machine::record::artefact::Ball;
 
-const NEEDED: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
-const STEM: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];
+const REQUIRED_COLUMNS: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
+const STEM_COLUMNS: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];
 
 /// A ball and its line number (from 1).
-pub type Placed = (Ball, usize);
+pub type NumberedBall = (Ball, usize);
 
 /// Values for columns that a table lacks, or for empty cells.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Common {
+pub struct CommonBallData {
     pub radius_mm: Option<f64>,
     pub stem: Option<[f64; 3]>,
     pub stem_radius_mm: Option<f64>,
     pub stem_length_mm: Option<f64>,
 }
 
-impl Common {
+impl CommonBallData {
     pub const KEYS: [&'static str; 4] = ["radius_mm", "stem", "stem_radius_mm", "stem_length_mm"];
 }
 
@@ -28,13 +28,13 @@ impl Common {
 ///
 /// # Errors
 /// An unknown or missing column, or a value that is no finite number; with file and line.
-pub fn read(
+pub fn read_ball_table(
     file: &str,
     text: &str,
-    common: &Common,
-) -> Result<(Columns, Vec<Placed>), MachineFileError> {
+    common: &CommonBallData,
+) -> Result<(Columns, Vec<NumberedBall>), MachineFileError> {
     let error = |line: usize, problem| {
-        let place = Place { file: file.to_owned(), line: Some(line) };
+        let place = FileLocation { file: file.to_owned(), line: Some(line) };
         MachineFileError::Content { place, problem }
     };
     // A final line end, so that lines can be counted by their ends.
@@ -63,7 +63,8 @@ pub fn read(
                 columns = Some(head.map_err(|problem| error(line, problem))?);
             }
             Some(columns) => {
-                let ball = columns.ball(&record, common).map_err(|problem| error(line, problem))?;
+                let ball =
+                    columns.parse_ball(&record, common).map_err(|problem| error(line, problem))?;
                 balls.push((ball, line));
             }
         }
@@ -72,7 +73,7 @@ pub fn read(
 }
 
 /// Name of the table column for a ball's key.
-pub fn column(key: &str) -> &str {
+pub fn column_of_key(key: &str) -> &str {
     match key {
         "id" => "ball",
         "centre_mm" => "x_mm",
@@ -89,20 +90,20 @@ pub struct Columns {
 
 impl Columns {
     /// Whether the table has a column for a ball's key.
-    pub fn hold(&self, key: &str) -> bool {
-        self.names.iter().any(|name| name == column(key))
+    pub fn has_key(&self, key: &str) -> bool {
+        self.names.iter().any(|name| name == column_of_key(key))
     }
 
-    fn new(head: &csv::StringRecord, common: &Common) -> Result<Self, Problem> {
+    fn new(head: &csv::StringRecord, common: &CommonBallData) -> Result<Self, Problem> {
         let names: Vec<&str> = head.iter().collect();
-        let known = [NEEDED, STEM].concat();
+        let known = [REQUIRED_COLUMNS, STEM_COLUMNS].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
-            let why = format!("is unknown; {}", hint::for_unknown(name, &known));
+            let why = format!("is unknown; {}", hint::unknown_key_hint(name, &known));
             return Err(Problem::Column { column: (*name).to_owned(), why });
         }
         let stated = |name: &str| name == "radius_mm" && common.radius_mm.is_some();
         let lacks = |name: &&&str| !names.contains(name) && !stated(name);
-        if let Some(lacking) = NEEDED.iter().find(lacks) {
+        if let Some(lacking) = REQUIRED_COLUMNS.iter().find(lacks) {
             let why = match *lacking {
                 "radius_mm" => {
                     "is missing; state radius_mm in [artefact] if all balls have the same"
@@ -113,13 +114,17 @@ impl Columns {
         }
         let twice = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
         if let Some(name) = names.iter().find(twice) {
-            let why = "stands twice".to_owned();
+            let why = "occurs twice".to_owned();
             return Err(Problem::Column { column: (*name).to_owned(), why });
         }
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    fn ball(&self, record: &csv::StringRecord, common: &Common) -> Result<Ball, Problem> {
+    fn parse_ball(
+        &self,
+        record: &csv::StringRecord,
+        common: &CommonBallData,
+    ) -> Result<Ball, Problem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())
@@ -135,8 +140,8 @@ impl Columns {
                 },
             }
         };
-        let stands = text("stem_x").or(text("stem_y")).or(text("stem_z")).is_some();
-        let [x, y, z] = if stands { [0.0; 3] } else { common.stem.unwrap_or([0.0, 0.0, -1.0]) };
+        let has_stem = text("stem_x").or(text("stem_y")).or(text("stem_z")).is_some();
+        let [x, y, z] = if has_stem { [0.0; 3] } else { common.stem.unwrap_or([0.0, 0.0, -1.0]) };
         let or_none = |value: Option<f64>| Some(value.unwrap_or(0.0));
         Ok(Ball {
             id: text("ball").unwrap_or_default().to_owned(),

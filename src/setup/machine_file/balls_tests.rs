@@ -45,13 +45,13 @@ fn the_built_in_machine_for_samba_is_that_of_the_paper() {
     assert_eq!(balls.balls.iter().map(|ball| ball.centre_mm).collect::<Vec<_>>(), table);
     assert_eq!((balls.lengths[0].mm, balls.lengths[0].u_mm), (304.8, 1e-4));
     assert!(file.tolerance.is_empty(), "the first command must end with code 0");
-    crate::setup::world(&file).unwrap();
+    crate::setup::build_world(&file).unwrap();
 }
 
 #[test]
 fn the_built_in_truth_is_the_papers_table() {
     let file = MachineFile::embedded_for("samba").unwrap();
-    let truth: simulator::Truth = file.simulated().unwrap().unwrap();
+    let truth: simulator::MachineTruth = file.read_simulated().unwrap().unwrap();
     let table = include_str!("../../../tests/data/paper4-table2.csv");
     let mut count = 0;
     for line in table.lines().filter(|line| !line.starts_with('#')).skip(1) {
@@ -80,7 +80,7 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
         "centre_mm = [-160.0, 160.0, 177.695]",
         "centre_mm = [160.0, 160.0, 190.0]",
         0,
-        "`centre_mm` in [artefact.balls] stands 12.165 mm from ball `3`: the two would touch",
+        "`centre_mm` in [artefact.balls] is 12.165 mm from ball `3`; the two balls would touch",
     );
     refused(
         "centre_mm = [-160.0, -160.0, 75.605]",
@@ -110,11 +110,11 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
         "stem_length_mm = 177.0",
         "stem_length_mm = 6.0",
         0,
-        "`stem_length_mm` in [artefact.balls] is 6; it counts from the ball's centre",
+        "`stem_length_mm` in [artefact.balls] is 6; the length is measured from the centre of the ball",
     );
     // The square of the last one is infinite.
     for stem in ["[0.0, 0.0, 0.0]", "[1e200, 0.0, 0.0]"] {
-        let said = "`stem` in [artefact.balls] must have a direction";
+        let said = "`stem` in [artefact.balls] must be a direction";
         refused("stem = [0.0, 0.0, -1.0]", &format!("stem = {stem}"), 0, said);
     }
     refused(
@@ -139,7 +139,8 @@ fn lengths_that_cannot_be_are_refused_where_they_stand() {
     refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
     refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
     refused("u_mm = 0.0001", "u_mm = -0.1", 0, &(lengths("u_mm") + " is -0.1; the standard"));
-    let apart = lengths("mm") + " is 306.9, but balls `1` and `2` are stated 304.800 mm apart";
+    let apart = lengths("mm")
+        + " is 306.9, but the stated centres of balls `1` and `2` are 304.800 mm apart";
     refused("mm = 304.8\n", "mm = 306.9\n", 0, &apart);
     edited("mm = 304.8\n", "mm = 306.7\n").0.unwrap();
     let warm = lengths("u_temperature_k") + " is -1; it must not be negative";
@@ -185,8 +186,14 @@ fn a_table_beside_the_file_says_the_same() {
     // A stored run keeps its balls after the table is deleted.
     let text = file.text().to_owned();
     let lost = MachineFile::parse("shop.toml", text.clone()).unwrap_err().to_string();
-    assert!(lost.contains("`file` in [artefact] names a file, but there is no folder"), "{lost}");
-    let stored = MachineFile::stored("run 1", text, &file.artefact).unwrap();
+    assert!(
+        lost.contains(
+            "`file` in [artefact] names a file, but the folder of the machine file is not \
+        known"
+        ),
+        "{lost}"
+    );
+    let stored = MachineFile::from_stored("run 1", text, &file.artefact).unwrap();
     assert_eq!(stored.artefact, file.artefact);
     // Columns in another order, and without a stem.
     let few = beside("radius_mm,z_mm,y_mm,x_mm,ball\n6,40,0,-152.4,1\n6,40,0,152.4,2\n").unwrap();
@@ -207,7 +214,7 @@ fn a_table_is_refused_with_its_line_and_column() {
             "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?",
         ),
         ("radius_mm,stem_x", "x_mm,stem_x", "set.csv:2: column `radius_mm` is missing"),
-        ("stem_x", "stem_y", "set.csv:2: column `stem_y` stands twice"),
+        ("stem_x", "stem_y", "set.csv:2: column `stem_y` occurs twice"),
         (
             "152.4,0,40.435",
             "wide,0,40.435",
@@ -219,32 +226,36 @@ fn a_table_is_refused_with_its_line_and_column() {
             "set.csv:4: column `x_mm` is `nan`; it must be a finite",
         ),
         ("152.4,0,40.435", "152.4,,40.435", "set.csv:4: column `y_mm` is empty"),
-        ("2,152.4", "1,152.4", "set.csv:4: column `ball` is `1`, and so is another one's"),
+        ("2,152.4", "1,152.4", "set.csv:4: column `ball` is `1`, as for another ball"),
         (
             "3,160,160,177.835",
             "3,152.4,0,45",
             "set.csv:6: column `x_mm` stands 4.565 mm from ball `2`",
         ),
-        (",2,75\n6", ",2\n6", "set.csv:8: this is no table of comma-separated values: "),
+        (
+            ",2,75\n6",
+            ",2\n6",
+            "set.csv:8: the file is not a valid table of comma-separated values: ",
+        ),
         ("3,160", "a b,160", "set.csv:6: column `ball` is `a b`; it must be one word"),
     ] {
         let message = said(from, to);
         assert!(message.starts_with(expected), "{message}\nis not\n{expected}");
     }
-    assert!(beside("ball,x_mm,y_mm,z_mm,radius_mm\n").unwrap_err().contains("holds no ball"));
+    assert!(beside("ball,x_mm,y_mm,z_mm,radius_mm\n").unwrap_err().contains("contains no ball"));
     let twice = "file = \"set.csv\"\n# id: any";
-    refused("# id: any", twice, 0, "`file` in [artefact] stands beside [[artefact.balls]]");
+    refused("# id: any", twice, 0, "`file` in [artefact] and [[artefact.balls]] are both present");
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/none.toml");
     let text = EMBEDDED_BALLS.replacen("uncertainty_mm = 1.0", "file = \"none.csv\"", 1);
     let start = text.find("\n[[artefact.balls]]").unwrap();
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
     let beside = artefact::ArtefactSource::Folder(path.parent().unwrap());
-    let message = MachineFile::parsed(Document::parse("x.toml", text).unwrap(), beside)
+    let message = MachineFile::from_document(Document::parse("x.toml", text).unwrap(), beside)
         .unwrap_err()
         .to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");
-    assert!(message.contains("beside the machine file"), "{message}");
+    assert!(message.contains("the folder of the machine file"), "{message}");
 }
 
 /// The paper's table contains centres only; shared properties are in [artefact].
@@ -278,10 +289,7 @@ fn what_balls_have_in_common_is_refused_where_it_stands() {
     for (common, why) in [
         ("radius_mm = -6.35\n", "`radius_mm` in [artefact] is -6.35; it must be greater than 0"),
         ("radius_mm = \"6\"\n", "`radius_mm` in [artefact] "),
-        (
-            "stem = [0.0, 0.0, 0.0]\nradius_mm = 6.35\n",
-            "`stem` in [artefact] must have a direction",
-        ),
+        ("stem = [0.0, 0.0, 0.0]\nradius_mm = 6.35\n", "`stem` in [artefact] must be a direction"),
     ] {
         let message = said(common, paper);
         let expected = format!("shop.toml:{key}: {why}");
@@ -292,7 +300,7 @@ fn what_balls_have_in_common_is_refused_where_it_stands() {
     let big = said("radius_mm = 160.0\n", paper);
     assert!(big.starts_with("set.csv:4: column `x_mm` stands"), "{big}");
     let inline = "radius_mm = 6.35\n# id: any";
-    refused("# id: any", inline, 0, "`radius_mm` in [artefact] is what balls in a table have in");
+    refused("# id: any", inline, 0, "`radius_mm` in [artefact] is a common value for the balls");
 }
 
 #[test]

@@ -8,12 +8,12 @@ use serde::Deserialize;
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
 use super::value::Value;
-use devices::controllers::Named;
+use devices::controllers;
 
 use crate::setup::controls;
 use crate::setup::simulated::SimulatedControl;
 
-const SIMULATED: &str = "simulated";
+const SIMULATED_KIND: &str = "simulated";
 
 #[derive(Debug, Clone)]
 pub struct ControllerConfig {
@@ -27,7 +27,7 @@ pub struct ControllerConfig {
 pub enum Control {
     /// Simulated firmware that moves the simulated machine of `[simulated]`.
     Simulated(SimulatedControl),
-    Real(Arc<dyn Named>),
+    Real(Arc<dyn controllers::ControllerConfig>),
 }
 
 impl Control {
@@ -42,31 +42,31 @@ impl Control {
 
 /// Keys of every control.
 #[derive(Deserialize)]
-struct Common {
+struct CommonKeys {
     kind: String,
     #[serde(default)]
     compensations_active: Vec<String>,
 }
 
-const SECTION: [&str; 1] = ["controller"];
+const CONTROLLER_SECTION: [&str; 1] = ["controller"];
 
-pub fn read(document: &Document) -> Result<ControllerConfig, MachineFileError> {
-    let Common { kind, compensations_active } = document.required(&SECTION)?;
-    let known = [&[SIMULATED][..], &controls::KINDS].concat();
+pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineFileError> {
+    let CommonKeys { kind, compensations_active } = document.read_required(&CONTROLLER_SECTION)?;
+    let known = [&[SIMULATED_KIND][..], &controls::CONTROL_KINDS].concat();
     if !known.contains(&kind.as_str()) {
         let key = ["controller", "kind"];
         let why = format!("is `{kind}`; known: {}", known.join(", "));
         return Err(document.error_at(&key, value_problem(&key, why)));
     }
     let own = |keys: Value<'_>| {
-        let keys = keys.without("kind").without("compensations_active");
+        let keys = keys.without_key("kind").without_key("compensations_active");
         match kind.as_str() {
-            SIMULATED => SimulatedControl::deserialize(keys).map(Control::Simulated),
-            real => controls::configure(real, keys).map(Control::Real),
+            SIMULATED_KIND => SimulatedControl::deserialize(keys).map(Control::Simulated),
+            real => controls::configure_control(real, keys).map(Control::Real),
         }
     };
-    let missing = || Problem::MissingSection { section: SECTION.join(".") };
-    let control = document.section(&SECTION, own)?;
-    let control = control.ok_or_else(|| document.error_at(&SECTION, missing()))?;
+    let missing = || Problem::MissingSection { section: CONTROLLER_SECTION.join(".") };
+    let control = document.read_section(&CONTROLLER_SECTION, own)?;
+    let control = control.ok_or_else(|| document.error_at(&CONTROLLER_SECTION, missing()))?;
     Ok(ControllerConfig { control, compensations_active })
 }

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::error::{MachineFileError, Place, Problem};
-use super::value::{Fault, Value, What, read_at};
+use super::error::{FileLocation, MachineFileError, Problem};
+use super::value::{Fault, FaultKind, Value, read_value};
 
 #[derive(Debug, Clone)]
 pub struct Document {
@@ -21,7 +21,7 @@ pub struct Document {
 impl Document {
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
         let document = Self { file: file.to_owned(), text };
-        document.root()?;
+        document.parse_root()?;
         Ok(document)
     }
 
@@ -36,16 +36,16 @@ impl Document {
         &self.text
     }
 
-    fn root(&self) -> Result<DeTable<'_>, MachineFileError> {
+    fn parse_root(&self) -> Result<DeTable<'_>, MachineFileError> {
         DeTable::parse(&self.text).map(Spanned::into_inner).map_err(|error| {
-            let at = error.span().map(|span| span.start);
-            self.error(at, Problem::Syntax(error.message().to_owned()))
+            let offset = error.span().map(|span| span.start);
+            self.error(offset, Problem::Syntax(error.message().to_owned()))
         })
     }
 
     /// Names directly below `path`, in the order of the text. Empty if `path` is not a table.
-    pub fn names(&self, path: &[&str]) -> Result<Vec<String>, MachineFileError> {
-        let mut table = self.root()?;
+    pub fn key_names(&self, path: &[&str]) -> Result<Vec<String>, MachineFileError> {
+        let mut table = self.parse_root()?;
         for key in path {
             match table.remove(*key).map(Spanned::into_inner) {
                 Some(DeValue::Table(inner)) => table = inner,
@@ -59,8 +59,8 @@ impl Document {
     }
 
     /// Checks that every name directly below `path` is one of `known`.
-    pub fn only(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
-        for name in self.names(path)? {
+    pub fn check_known_keys(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
+        for name in self.key_names(path)? {
             if !known.contains(&name.as_str()) {
                 let full = [path, &[name.as_str()]].concat();
                 let prefix = |name: &str| [path, &[name]].concat().join(".");
@@ -75,45 +75,46 @@ impl Document {
     }
 
     /// Passes the value at `path` to `read`; `None` if the file does not contain it.
-    pub fn section<'t, R>(
+    pub fn read_section<'t, R>(
         &'t self,
         path: &[&str],
         read: impl FnOnce(Value<'t>) -> Result<R, Fault>,
     ) -> Result<Option<R>, MachineFileError> {
-        match find(self.root()?, path) {
+        match find_value(self.parse_root()?, path) {
             None => Ok(None),
             Some((_, value)) => {
-                read_at(value, read).map(Some).map_err(|fault| self.place(path, fault))
+                read_value(value, read).map(Some).map_err(|fault| self.to_file_error(path, fault))
             }
         }
     }
 
     /// Passes an empty table to `read`, for a section that the file does not contain.
-    pub fn empty<R>(
+    pub fn read_empty<R>(
         &self,
         path: &[&str],
         read: impl FnOnce(Value<'_>) -> Result<R, Fault>,
     ) -> Result<R, MachineFileError> {
         let nothing = Spanned::new(0..0, DeValue::Table(DeTable::default()));
-        read(Value(nothing)).map_err(|fault| self.place(path, Fault { at: None, ..fault }))
+        read(Value(nothing))
+            .map_err(|fault| self.to_file_error(path, Fault { offset: None, ..fault }))
     }
 
     /// Reads a required section.
-    pub fn required<'t, T: Deserialize<'t>>(
+    pub fn read_required<'t, T: Deserialize<'t>>(
         &'t self,
         path: &[&str],
     ) -> Result<T, MachineFileError> {
-        self.section(path, T::deserialize)?
+        self.read_section(path, T::deserialize)?
             .ok_or_else(|| self.error(None, Problem::MissingSection { section: path.join(".") }))
     }
 
     /// Error at the key `path`, or at its nearest parent in the file.
     pub fn error_at(&self, path: &[&str], problem: Problem) -> MachineFileError {
-        let at = (1..=path.len()).rev().find_map(|depth| {
+        let offset = (1..=path.len()).rev().find_map(|depth| {
             let root = DeTable::parse(&self.text).ok()?.into_inner();
-            find(root, &path[..depth]).map(|(at, _)| at)
+            find_value(root, &path[..depth]).map(|(offset, _)| offset)
         });
-        self.error(at, problem)
+        self.error(offset, problem)
     }
 
     /// Error at `key` of entry `index` of the list `[[path]]`, or at the head of the entry if the key is
@@ -125,12 +126,12 @@ impl Document {
         key: &str,
         problem: Problem,
     ) -> MachineFileError {
-        let list = self.root().ok().and_then(|root| find(root, path));
+        let list = self.parse_root().ok().and_then(|root| find_value(root, path));
         let entry = list.and_then(|(_, value)| match value.into_inner() {
             DeValue::Array(entries) => entries.into_iter().nth(index),
             _ => None,
         });
-        let at = entry.map(|entry| {
+        let offset = entry.map(|entry| {
             let head = entry.span().start;
             match entry.into_inner() {
                 DeValue::Table(table) => {
@@ -140,32 +141,34 @@ impl Document {
                 _ => head,
             }
         });
-        self.error(at, problem)
+        self.error(offset, problem)
     }
 
     /// Error for a fault in the value at `path`.
-    fn place(&self, path: &[&str], fault: Fault) -> MachineFileError {
+    fn to_file_error(&self, path: &[&str], fault: Fault) -> MachineFileError {
         let mut keys: Vec<&str> = path.to_vec();
         keys.extend(fault.path.iter().map(String::as_str));
         let section = keys.join(".");
-        let problem = match fault.what {
-            What::UnknownKey { key, known } => Problem::UnknownKey {
+        let problem = match fault.kind {
+            FaultKind::UnknownKey { key, known } => Problem::UnknownKey {
                 section,
                 key,
                 known: known.iter().map(|&name| name.to_owned()).collect(),
             },
-            What::MissingKey { key } => Problem::MissingKey { section, key: key.to_owned() },
-            What::UnknownValue { value, known } => {
+            FaultKind::MissingKey { key } => Problem::MissingKey { section, key: key.to_owned() },
+            FaultKind::UnknownValue { value, known } => {
                 value_problem(&keys, format!("is `{value}`; known: {}", known.join(", ")))
             }
-            What::Bad(why) => value_problem(&keys, why),
+            FaultKind::InvalidValue(why) => value_problem(&keys, why),
         };
-        self.error(fault.at, problem)
+        self.error(fault.offset, problem)
     }
 
-    fn error(&self, at: Option<usize>, problem: Problem) -> MachineFileError {
-        let line = at.and_then(|at| self.text.get(..at)).map(|head| head.matches('\n').count() + 1);
-        MachineFileError::Content { place: Place { file: self.file.clone(), line }, problem }
+    fn error(&self, offset: Option<usize>, problem: Problem) -> MachineFileError {
+        let line = offset
+            .and_then(|offset| self.text.get(..offset))
+            .map(|head| head.matches('\n').count() + 1);
+        MachineFileError::Content { place: FileLocation { file: self.file.clone(), line }, problem }
     }
 }
 
@@ -180,7 +183,7 @@ pub fn value_problem(keys: &[&str], why: String) -> Problem {
 }
 
 /// Byte offset of the last key of `path`, and its value.
-fn find<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
+fn find_value<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
     let (last, parents) = path.split_last()?;
     for key in parents {
         match table.remove(*key)?.into_inner() {

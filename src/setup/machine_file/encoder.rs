@@ -22,19 +22,19 @@ pub struct Encoder {
 /// # Errors
 /// An axis that does not turn, zero counts, an encoder without a sensor that transmits its count, or such a
 /// sensor without an encoder.
-pub fn read(
+pub fn read_encoder(
     document: &Document,
     machine: &Machine,
     sensors: &[SensorEntry],
 ) -> Result<Option<Encoder>, MachineFileError> {
-    let counts = |entry: &SensorEntry| entry.reached.encoder_round().is_some();
+    let counts = |entry: &SensorEntry| entry.connection.encoder_round().is_some();
     let counting = sensors.iter().position(counts);
-    let encoder: Option<Encoder> = document.section(&["encoder"], Deserialize::deserialize)?;
+    let encoder: Option<Encoder> = document.read_section(&["encoder"], Deserialize::deserialize)?;
     let Some(Encoder { axis, counts_per_turn }) = encoder else {
         return match counting {
             None => Ok(None),
             Some(index) => {
-                let why = "has `encoder_count`; add [encoder] with `axis` and `counts_per_turn`";
+                let why = "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`";
                 let problem =
                     Problem::Section { section: "sensor".to_owned(), why: why.to_owned() };
                 Err(document.error_at_entry(&["sensor"], index, "name", problem))
@@ -49,11 +49,13 @@ pub fn read(
         return refused("axis", format!("is {axis}; it must be a rotary axis of this machine"));
     }
     if counts_per_turn == 0 {
-        let why = "is 0; it is the counts of one turn, negative where it counts the other way";
+        let why = "is 0; write the counts per revolution, negative if the encoder counts down in the \
+            positive direction of the axis";
         return refused("counts_per_turn", why.to_owned());
     }
     if counting.is_none() {
-        let why = "is stated, but no sensor has `encoder_count`: state where its samples hold it";
+        let why = "is present, but no sensor has `encoder_count`: add `encoder_count`, the position of the \
+            count in the samples";
         return refused("axis", why.to_owned());
     }
     Ok(encoder)

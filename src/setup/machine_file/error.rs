@@ -10,21 +10,22 @@ pub enum MachineFileError {
     #[error("{file} cannot be read: {source}; check the path")]
     Read { file: String, source: io::Error },
     #[error(
-        "{file} cannot be read: {source}; check `file` in [artefact]: it is looked for beside the machine file"
+        "{file} cannot be read: {source}; check `file` in [artefact]: the path is relative to the folder of \
+        the machine file"
     )]
     ReadBalls { file: String, source: io::Error },
     #[error("{place}: {problem}")]
-    Content { place: Place, problem: Problem },
+    Content { place: FileLocation, problem: Problem },
 }
 
 /// File name, and the line (from 1) if it is known.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
+pub struct FileLocation {
     pub file: String,
     pub line: Option<usize>,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FileLocation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.line {
             Some(line) => write!(f, "{}:{line}", self.file),
@@ -33,22 +34,22 @@ impl fmt::Display for Place {
     }
 }
 
-/// `section` is written as in the file, without brackets: `axes.X`.
+/// `read_section` is written as in the file, without brackets: `axes.X`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Problem {
-    #[error("this is not TOML: {0}")]
+    #[error("the file is not valid TOML: {0}")]
     Syntax(String),
-    #[error("unknown section [{section}]; {}", hint::for_unknown(section, &borrowed(known)))]
+    #[error("unknown section [{section}]; {}", hint::unknown_key_hint(section, &as_strs(known)))]
     UnknownSection { section: String, known: Vec<String> },
-    #[error("unknown key `{key}` in [{section}]; {}", hint::for_unknown(key, &borrowed(known)))]
+    #[error("unknown key `{key}` in [{section}]; {}", hint::unknown_key_hint(key, &as_strs(known)))]
     UnknownKey { section: String, key: String, known: Vec<String> },
-    #[error("[{section}] lacks the key `{key}`; add it")]
+    #[error("the key `{key}` is missing in [{section}]; add it")]
     MissingKey { section: String, key: String },
     #[error("the section [{section}] is missing; add it")]
     MissingSection { section: String },
     #[error("`{key}` in [{section}] {why}")]
     Value { section: String, key: String, why: String },
-    #[error("this is no table of comma-separated values: {0}")]
+    #[error("the file is not a valid table of comma-separated values: {0}")]
     Table(String),
     #[error("column `{column}` {why}")]
     Column { column: String, why: String },
@@ -56,6 +57,6 @@ pub enum Problem {
     Section { section: String, why: String },
 }
 
-fn borrowed(words: &[String]) -> Vec<&str> {
+fn as_strs(words: &[String]) -> Vec<&str> {
     words.iter().map(String::as_str).collect()
 }

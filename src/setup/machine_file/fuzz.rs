@@ -4,7 +4,7 @@ use super::{MachineFile, balls_csv};
 use crate::setup;
 use machine::artefact;
 use machine::record::artefact::Balls;
-use methods::{METHODS, Source};
+use methods::{METHOD_DESCRIPTIONS, PositionSource};
 use testing::fuzz::fuzz;
 
 const SIMULATED: &[u8] = include_bytes!("../../../config/simulated.toml");
@@ -54,12 +54,16 @@ fn the_table_of_balls_bears_anything() {
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
     fuzz("balls-csv", &[SET], &words, |input| {
-        match balls_csv::read("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
+        match balls_csv::read_ball_table(
+            "set.csv",
+            &String::from_utf8_lossy(input),
+            &Default::default(),
+        ) {
             Err(error) => error.to_string().len(),
             Ok((_, balls)) => {
                 let balls: Vec<_> = balls.into_iter().map(|(ball, _)| ball).collect();
                 assert!(!serde_json::to_string(&balls).unwrap().contains("null"));
-                drop(artefact::check(&Balls { balls, ..Balls::default() }));
+                drop(artefact::check_balls(&Balls { balls, ..Balls::default() }));
                 input.len()
             }
         }
@@ -73,10 +77,10 @@ fn plan(file: &MachineFile) -> usize {
     assert!(!machine.contains("null"), "{machine}");
     let bodies = serde_json::to_string(&(&file.keepout, &file.solids)).unwrap();
     assert!(!bodies.contains("null"), "{bodies}");
-    let Ok((method, plan)) = setup::header(file, METHODS[0].name, None) else {
+    let Ok((method, plan)) = setup::plan_header(file, METHOD_DESCRIPTIONS[0].name, None) else {
         return machine.len();
     };
-    drop(method.next(&plan, &[], Source::Nominal));
-    drop(setup::world(file));
+    drop(method.next_stage(&plan, &[], PositionSource::Nominal));
+    drop(setup::build_world(file));
     machine.len() + bodies.len()
 }

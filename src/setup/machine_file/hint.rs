@@ -1,7 +1,7 @@
 //! The nearest known key and its unit: most wrong keys are typing errors or have a wrong unit.
 
 /// Key suffixes that state a unit, longest first, and the unit as displayed.
-const UNITS: [(&str, &str); 14] = [
+const UNIT_SUFFIXES: [(&str, &str); 14] = [
     ("_um_per_h", "µm/h"),
     ("_um_per_m", "µm/m"),
     ("_mm_min", "mm/min"),
@@ -19,8 +19,8 @@ const UNITS: [(&str, &str); 14] = [
 ];
 
 /// Splits a key into quantity and unit: `radius_mm` → (`radius`, mm).
-fn split(key: &str) -> (&str, Option<&'static str>) {
-    UNITS
+fn split_unit(key: &str) -> (&str, Option<&'static str>) {
+    UNIT_SUFFIXES
         .iter()
         .find_map(|(ending, unit)| key.strip_suffix(ending).map(|stem| (stem, Some(*unit))))
         .unwrap_or((key, None))
@@ -28,9 +28,9 @@ fn split(key: &str) -> (&str, Option<&'static str>) {
 
 /// The key of `known` that was probably meant: the same quantity in another unit, else the key with the
 /// smallest edit distance (at most a third of its letters).
-pub fn nearest<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
-    let (stem, _) = split(key);
-    known.iter().copied().find(|candidate| split(candidate).0 == stem).or_else(|| {
+pub fn nearest_key<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
+    let (stem, _) = split_unit(key);
+    known.iter().copied().find(|candidate| split_unit(candidate).0 == stem).or_else(|| {
         let slips = |candidate: &str| strsim::damerau_levenshtein(key, candidate);
         let best = known.iter().copied().min_by_key(|candidate| slips(candidate))?;
         (slips(best) <= best.chars().count() / 3).then_some(best)
@@ -38,11 +38,11 @@ pub fn nearest<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
 }
 
 /// Hint for an unknown key: `did you mean …?`, or the list of known keys.
-pub fn for_unknown(key: &str, known: &[&str]) -> String {
-    let Some(near) = nearest(key, known) else {
-        return format!("known here: {}", known.join(", "));
+pub fn unknown_key_hint(key: &str, known: &[&str]) -> String {
+    let Some(near) = nearest_key(key, known) else {
+        return format!("known keys: {}", known.join(", "));
     };
-    match (split(near).1, split(key).1) {
+    match (split_unit(near).1, split_unit(key).1) {
         (Some(unit), Some(wrong)) if unit != wrong => {
             format!("did you mean `{near}` (in {unit}, not {wrong})?")
         }
@@ -58,14 +58,20 @@ mod tests {
     #[test]
     fn a_wrong_unit_finds_the_same_quantity() {
         let known = ["kind", "radius_mm", "ball_radius_mm"];
-        assert_eq!(for_unknown("radius_um", &known), "did you mean `radius_mm` (in mm, not µm)?");
-        assert_eq!(for_unknown("ball_radius", &known), "did you mean `ball_radius_mm` (in mm)?");
+        assert_eq!(
+            unknown_key_hint("radius_um", &known),
+            "did you mean `radius_mm` (in mm, not µm)?"
+        );
+        assert_eq!(
+            unknown_key_hint("ball_radius", &known),
+            "did you mean `ball_radius_mm` (in mm)?"
+        );
     }
 
     #[test]
     fn a_slip_finds_its_neighbour_and_nonsense_finds_nothing() {
-        assert_eq!(nearest("topolgy", &["name", "topology"]), Some("topology"));
-        assert_eq!(nearest("banana", &["name", "topology"]), None);
-        assert_eq!(for_unknown("banana", &["name", "tool_mm"]), "known here: name, tool_mm");
+        assert_eq!(nearest_key("topolgy", &["name", "topology"]), Some("topology"));
+        assert_eq!(nearest_key("banana", &["name", "topology"]), None);
+        assert_eq!(unknown_key_hint("banana", &["name", "tool_mm"]), "known keys: name, tool_mm");
     }
 }

@@ -13,7 +13,7 @@ use sha2::{Digest, Sha256};
 use devices::sensors::thermometer;
 use machine::Axis;
 use machine::record::artefact::Artefact;
-use machine::record::estimate::Limit;
+use machine::record::estimate::ParameterLimit;
 use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 use machine::record::sensor::Sensor;
 
@@ -37,18 +37,18 @@ mod tests;
 mod tolerance;
 mod value;
 
-use super::built_in::{BuiltIn, built_in};
-use super::simulated::{Faults, SimulatedControl};
+use super::built_in::{BuiltInFile, built_in_file};
+use super::simulated::{SimulatedControl, SimulatedFaults};
 use artefact::ArtefactSource;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
 pub use encoder::Encoder;
 pub use error::{MachineFileError, Problem};
 use prompt::Prompt;
-pub use sensor::{Reached, SensorEntry};
+pub use sensor::{SensorConnection, SensorEntry};
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 15] = [
+const KNOWN_SECTIONS: [&str; 15] = [
     "machine",
     "axes",
     "controller",
@@ -76,13 +76,13 @@ pub struct MachineFile {
     pub sensors: Vec<SensorEntry>,
     /// Encoder whose count the sensors' samples contain.
     pub encoder: Option<Encoder>,
-    pub thermometers: Vec<thermometer::Entry>,
+    pub thermometers: Vec<thermometer::ThermometerConfig>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
     prompts: Vec<Prompt>,
     /// Limits for the verdict. Empty: no verdict.
-    pub tolerance: Vec<Limit>,
+    pub tolerance: Vec<ParameterLimit>,
     /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
     pub assumed: Vec<String>,
     document: Document,
@@ -91,51 +91,66 @@ pub struct MachineFile {
 impl MachineFile {
     /// The built-in machine file for a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
-        let BuiltIn { file, text } = built_in(method);
+        let BuiltInFile { file, text } = built_in_file(method);
         Self::parse(&file, text.to_owned())
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let beside = ArtefactSource::Folder(path.parent().unwrap_or(Path::new("")));
-        Self::parsed(Document::read(path)?, beside)
+        let source = ArtefactSource::Folder(path.parent().unwrap_or(Path::new("")));
+        Self::from_document(Document::read(path)?, source)
     }
 
     /// Parses `text` without any other file; `file` is the name in errors.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
-        Self::parsed(Document::parse(file, text)?, ArtefactSource::Nothing)
+        Self::from_document(Document::parse(file, text)?, ArtefactSource::TextOnly)
     }
 
     /// The machine file of a stored run, with the artefact of its plan.
-    pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
-        Self::parsed(Document::parse(file, text)?, ArtefactSource::Artefact(artefact))
+    pub fn from_stored(
+        file: &str,
+        text: String,
+        artefact: &Artefact,
+    ) -> Result<Self, MachineFileError> {
+        Self::from_document(Document::parse(file, text)?, ArtefactSource::Artefact(artefact))
     }
 
-    fn parsed(document: Document, beside: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
-        document.only(&[], &SECTIONS)?;
-        let mut machine = machine(&document)?;
-        let mut probe = document.required(&["probe"])?;
-        check::probe(&document, &probe)?;
-        let mut assumed = assumed::fill(&document, &mut machine, &mut probe)?;
+    fn from_document(
+        document: Document,
+        source: ArtefactSource<'_>,
+    ) -> Result<Self, MachineFileError> {
+        document.check_known_keys(&[], &KNOWN_SECTIONS)?;
+        let mut machine = read_machine(&document)?;
+        let mut probe = document.read_required(&["probe"])?;
+        check::check_probe(&document, &probe)?;
+        let mut assumed = assumed::fill_defaults(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> =
-            document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
-        check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
+            document.read_section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
+        check::check_unique_names(
+            &document,
+            "sensor",
+            sensors.iter().map(|entry| &entry.sensor.name),
+        )?;
         sensor::check_ports(&document, &sensors)?;
-        let encoder = encoder::read(&document, &machine, &sensors)?;
-        let thermometers: Vec<thermometer::Entry> =
-            document.section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
-        check::alone(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
+        let encoder = encoder::read_encoder(&document, &machine, &sensors)?;
+        let thermometers: Vec<thermometer::ThermometerConfig> =
+            document.read_section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
+        check::check_unique_names(
+            &document,
+            "thermometer",
+            thermometers.iter().map(|entry| &entry.name),
+        )?;
         let keepout: Vec<Keepout> =
-            document.section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
-        check::keepouts(&document, &keepout)?;
+            document.read_section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
+        check::check_keepouts(&document, &keepout)?;
         let solids: Vec<Solid> =
-            document.section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
-        check::solids(&document, &solids, &machine)?;
-        let mut artefact = artefact::read(&document, beside)?;
-        check::artefact(&document, &artefact)?;
-        assumed::fill_temperatures(&mut artefact, &mut assumed);
-        let prompts = prompt::read(&document, &machine)?;
-        let controller = controller::read(&document)?;
-        let tolerance = tolerance::read(&document)?;
+            document.read_section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
+        check::check_solids(&document, &solids, &machine)?;
+        let mut artefact = artefact::read_artefact(&document, source)?;
+        check::check_artefact(&document, &artefact)?;
+        assumed::fill_temperature_defaults(&mut artefact, &mut assumed);
+        let prompts = prompt::read_prompts(&document, &machine)?;
+        let controller = controller::read_controller(&document)?;
+        let tolerance = tolerance::read_tolerances(&document)?;
         Ok(Self {
             machine,
             controller,
@@ -164,46 +179,50 @@ impl MachineFile {
     }
 
     /// `[simulated]` as the owner's type; `None` if the file has no such section.
-    pub fn simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
-        self.document.section(&["simulated"], T::deserialize)
+    pub fn read_simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
+        self.document.read_section(&["simulated"], T::deserialize)
     }
 
     /// `[serve]` as the owner's type.
     ///
     /// # Errors
     /// The section is missing or invalid.
-    pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
-        self.document.required(&["serve"])
+    pub fn read_serve<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
+        self.document.read_required(&["serve"])
     }
 
     /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
-    pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<Faults, MachineFileError> {
-        let faults = self.document.section(&["simulated", "fault"], |list| control.faults(list))?;
+    pub fn simulated_faults(
+        &self,
+        control: &SimulatedControl,
+    ) -> Result<SimulatedFaults, MachineFileError> {
+        let faults =
+            self.document.read_section(&["simulated", "fault"], |list| control.faults(list))?;
         Ok(faults.unwrap_or_else(|| control.no_faults()))
     }
 
     /// `[method.NAME]`, passed to the method's own reader as a serde deserializer; an empty table if the file
     /// has no such section.
-    pub fn method<R>(
+    pub fn read_method<R>(
         &self,
         name: &str,
         read: impl Fn(Value<'_>) -> Result<R, Fault>,
     ) -> Result<R, MachineFileError> {
-        match self.document.section(&["method", name], &read)? {
+        match self.document.read_section(&["method", name], &read)? {
             Some(settings) => Ok(settings),
-            None => self.document.empty(&["method", name], &read),
+            None => self.document.read_empty(&["method", name], &read),
         }
     }
 
     /// Prompts to the operator before `method` measures with `sensors`.
-    pub fn asks_before(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
+    pub fn prompts_before(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.is_for(method));
-        let of_sensors = match self.controller.control {
-            Control::Real(_) => prompt::of_sensors(sensors),
+        let sensor_prompt = match self.controller.control {
+            Control::Real(_) => prompt::sensor_prompt(sensors),
             // A simulated machine has no operator.
             Control::Simulated(_) => None,
         };
-        asked.map(|prompt| prompt.text.clone()).chain(of_sensors).collect()
+        asked.map(|prompt| prompt.text.clone()).chain(sensor_prompt).collect()
     }
 
     /// The same machine without prompts.
@@ -213,21 +232,21 @@ impl MachineFile {
 
     /// Refuses a `[method.NAME]` or a prompt for an unknown method.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
-        self.document.only(&["method"], known)?;
+        self.document.check_known_keys(&["method"], known)?;
         prompt::check_methods(&self.document, &self.prompts, known)
     }
 }
 
-fn machine(document: &Document) -> Result<Machine, MachineFileError> {
-    if document.names(&["machine"])?.iter().any(|key| key == "axes") {
+fn read_machine(document: &Document) -> Result<Machine, MachineFileError> {
+    if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
         let problem = Problem::UnknownSection {
             section: "machine.axes".to_owned(),
             known: vec!["axes".to_owned()],
         };
         return Err(document.error_at(&["machine", "axes"], problem));
     }
-    let axes: BTreeMap<Axis, AxisSpec> = document.required(&["axes"])?;
-    let machine = Machine { axes, ..document.required(&["machine"])? };
-    check::machine(document, &machine)?;
+    let axes: BTreeMap<Axis, AxisSpec> = document.read_required(&["axes"])?;
+    let machine = Machine { axes, ..document.read_required(&["machine"])? };
+    check::check_machine(document, &machine)?;
     Ok(machine)
 }

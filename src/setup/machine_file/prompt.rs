@@ -2,7 +2,7 @@
 
 use machine::Axis;
 use machine::record::machine::{Homing, Machine};
-use machine::record::sensor::{Mount, Sensor};
+use machine::record::sensor::{Sensor, SensorMount};
 use serde::Deserialize;
 
 use super::document::Document;
@@ -27,41 +27,46 @@ impl Prompt {
 }
 
 /// Prompts of the machine file, then one for the zero of each axis without a homing switch.
-pub fn read(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
+pub fn read_prompts(
+    document: &Document,
+    machine: &Machine,
+) -> Result<Vec<Prompt>, MachineFileError> {
     let prompts: Vec<Prompt> =
-        document.section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
+        document.read_section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
     for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
         let why = match text.chars().count() {
-            _ if text.trim().is_empty() => "must say what is to be done".to_owned(),
-            _ if text.chars().any(char::is_control) => "must stand in one line".to_owned(),
+            _ if text.trim().is_empty() => {
+                "must not be empty: write the instruction for the operator".to_owned()
+            }
+            _ if text.chars().any(char::is_control) => "must be a single line".to_owned(),
             long if long > MAX_PROMPT_CHARS => {
-                format!("has {long} characters; at most {MAX_PROMPT_CHARS} are read at a machine")
+                format!("has {long} characters; the maximum is {MAX_PROMPT_CHARS}")
             }
             _ => continue,
         };
-        return Err(wrong(document, index, "text", why));
+        return Err(prompt_error(document, index, "text", why));
     }
     let unhomed = machine.axes.iter().filter(|(_, spec)| spec.homing == Homing::None);
-    Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_of(*axis))).collect())
+    Ok(prompts.into_iter().chain(unhomed.map(|(axis, _)| zero_mark_prompt(*axis))).collect())
 }
 
-fn zero_of(axis: Axis) -> Prompt {
+fn zero_mark_prompt(axis: Axis) -> Prompt {
     let text = format!(
-        "{axis} has no homing switch. Does it stand at its zero mark when the control shows {axis} 0 in \
-         machine coordinates? If not, correct its zero at the control first."
+        "{axis} has no homing switch. Is {axis} at its zero mark when the control shows {axis} 0 in machine \
+        coordinates? If not, first correct the zero of {axis} at the control."
     );
     Prompt { text, methods: None }
 }
 
 /// Prompt before a method with displacement sensors, if an operator is present. Contact does not stop the
 /// machine then, and no control knows the position of a sensor.
-pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
+pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
     let places = [
-        (Mount::Spindle, "in the spindle"),
-        (Mount::Table, "on the table"),
-        (Mount::Bed, "on the bed"),
+        (SensorMount::Spindle, "in the spindle"),
+        (SensorMount::Table, "on the table"),
+        (SensorMount::Bed, "on the bed"),
     ];
-    let on = |(mount, place): (Mount, &str)| {
+    let on = |(mount, place): (SensorMount, &str)| {
         let there = sensors.iter().filter(|sensor| sensor.mount == mount);
         let names: Vec<String> = there.map(|sensor| format!("`{}`", sensor.name)).collect();
         (!names.is_empty()).then(|| format!("{} {place}", names.join(", ")))
@@ -69,8 +74,9 @@ pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
     let mounted: Vec<String> = places.into_iter().filter_map(on).collect();
     (!mounted.is_empty()).then(|| {
         format!(
-            "{}, uncovered; the artefact where the machine file says; nothing else in the way. No contact stops \
-             the machine: have the stop at hand until the first scan is read.",
+            "Mounted without covers: {}. Place the artefact at its position in the machine file and clear the path. \
+            A contact does not stop the machine: keep the emergency stop within reach until the first scan \
+            is read.",
             mounted.join("; ")
         )
     })
@@ -85,14 +91,15 @@ pub fn check_methods(
     for (index, prompt) in prompts.iter().enumerate() {
         let names = prompt.methods.iter().flatten();
         if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {
-            let why = format!("names `{name}`; there are {}", known.join(", "));
-            return Err(wrong(document, index, "methods", why));
+            let why =
+                format!("contains the unknown method `{name}`; known are {}", known.join(", "));
+            return Err(prompt_error(document, index, "methods", why));
         }
     }
     Ok(())
 }
 
-fn wrong(document: &Document, index: usize, key: &str, why: String) -> MachineFileError {
+fn prompt_error(document: &Document, index: usize, key: &str, why: String) -> MachineFileError {
     let problem = Problem::Value { section: "prompt".to_owned(), key: key.to_owned(), why };
     document.error_at_entry(&["prompt"], index, key, problem)
 }

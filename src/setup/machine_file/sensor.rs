@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use devices::sensors::{Named, Port, can, modbus, serial};
-use machine::record::sensor::{self, Mount, SensorKind};
+use devices::sensors::{SensorConfig, SharedPort, can, modbus, serial};
+use machine::record::sensor::{self, SensorKind, SensorMount};
 
 use super::document::Document;
 use super::error::{MachineFileError, Problem};
@@ -13,23 +13,23 @@ use crate::setup::simulated::SimulatedSensor;
 
 /// A sensor as `[[sensor]]` states it.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
+#[serde(try_from = "SensorKeys")]
 pub struct SensorEntry {
     pub sensor: sensor::Sensor,
     /// Configured sample rate, samples per second.
     pub rate_hz: Option<f64>,
-    pub reached: Reached,
+    pub connection: SensorConnection,
 }
 
 #[derive(Debug, Clone)]
-pub enum Reached {
+pub enum SensorConnection {
     /// A sensor that measures the simulated machine of `[simulated]`.
     Simulated(SimulatedSensor),
-    Real(Arc<dyn Named>),
+    Real(Arc<dyn SensorConfig>),
 }
 
-impl Reached {
-    fn port(&self) -> Option<Port> {
+impl SensorConnection {
+    fn port(&self) -> Option<SharedPort> {
         match self {
             Self::Simulated(_) => None,
             Self::Real(real) => real.port(),
@@ -40,22 +40,22 @@ impl Reached {
     pub fn encoder_round(&self) -> Option<u64> {
         match self {
             Self::Simulated(_) => None,
-            Self::Real(real) => real.encoder_round(),
+            Self::Real(real) => real.encoder_modulus(),
         }
     }
 
     /// Location of the sensor, for display.
-    pub fn at(&self) -> String {
+    pub fn location(&self) -> String {
         match self {
             Self::Simulated(_) => "simulated".to_owned(),
-            Self::Real(real) => real.at(),
+            Self::Real(real) => real.describe_address(),
         }
     }
 }
 
 /// Checks that sensors on one port agree on its settings.
 pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
-    let ports: Vec<_> = sensors.iter().map(|entry| entry.reached.port()).collect();
+    let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.port()).collect();
     for (index, own) in ports.iter().enumerate() {
         let earlier = sensors.iter().zip(&ports).take(index);
         let mut conflicts = earlier
@@ -70,15 +70,15 @@ pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), M
 }
 
 /// Keys of [`sensor::Sensor`], and one table for each interface. A new interface is a line here and in
-/// [`Keys::reached`].
+/// [`SensorKeys::take_connection`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct SensorKeys {
     name: String,
     #[serde(default)]
     kind: SensorKind,
     #[serde(default)]
-    mount: Mount,
+    mount: SensorMount,
     zero_mm: [f64; 3],
     direction: [f64; 3],
     range_mm: [f64; 2],
@@ -94,7 +94,7 @@ struct Keys {
     linearity_um: f64,
     #[serde(default)]
     incidence_um: f64,
-    #[serde(default = "sensor::default_incidence")]
+    #[serde(default = "sensor::default_incidence_limit_deg")]
     incidence_limit_deg: f64,
     can: Option<can::Config>,
     serial: Option<serial::Config>,
@@ -105,33 +105,33 @@ struct Keys {
 /// Maximum deviation of a direction's length from 1.
 const UNIT_VECTOR_TOLERANCE: f64 = 1e-6;
 
-impl Keys {
+impl SensorKeys {
     /// The interface of the sensor.
     ///
     /// # Errors
     /// The entry has none of the tables, or several.
-    fn reached(&mut self) -> Result<Reached, String> {
+    fn take_connection(&mut self) -> Result<SensorConnection, String> {
         let mut ways = Vec::new();
-        ways.extend(self.can.take().map(|can| Reached::Real(Arc::new(can))));
-        ways.extend(self.serial.take().map(|serial| Reached::Real(Arc::new(serial))));
-        ways.extend(self.modbus.take().map(|modbus| Reached::Real(Arc::new(modbus))));
-        ways.extend(self.simulated.take().map(Reached::Simulated));
+        ways.extend(self.can.take().map(|can| SensorConnection::Real(Arc::new(can))));
+        ways.extend(self.serial.take().map(|serial| SensorConnection::Real(Arc::new(serial))));
+        ways.extend(self.modbus.take().map(|modbus| SensorConnection::Real(Arc::new(modbus))));
+        ways.extend(self.simulated.take().map(SensorConnection::Simulated));
         match ways.pop() {
             Some(way) if ways.is_empty() => Ok(way),
             _ => Err(format!(
-                "`{}` needs exactly one of [sensor.can], [sensor.serial], [sensor.modbus] and \
-                 [sensor.simulated]: how it is reached",
+                "`{}` requires exactly one of the sections [sensor.can], [sensor.serial], [sensor.modbus] \
+                and [sensor.simulated] for its connection",
                 self.name
             )),
         }
     }
 }
 
-impl TryFrom<Keys> for SensorEntry {
+impl TryFrom<SensorKeys> for SensorEntry {
     type Error = String;
 
-    fn try_from(mut keys: Keys) -> Result<Self, String> {
-        let reached = keys.reached()?;
+    fn try_from(mut keys: SensorKeys) -> Result<Self, String> {
+        let connection = keys.take_connection()?;
         let sensor = sensor::Sensor {
             name: keys.name,
             kind: keys.kind,
@@ -147,30 +147,36 @@ impl TryFrom<Keys> for SensorEntry {
             incidence_um: keys.incidence_um,
             incidence_limit_deg: keys.incidence_limit_deg,
         };
-        check(&sensor)?;
+        check_sensor(&sensor)?;
         if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
             return Err(format!(
-                "`rate_hz` is {hz}; it is how many samples a second the sensor gives"
+                "`rate_hz` is {hz}; it must be between 0.001 and 1000000 samples per second"
             ));
         }
-        Ok(Self { sensor, rate_hz: keys.rate_hz, reached })
+        Ok(Self { sensor, rate_hz: keys.rate_hz, connection })
     }
 }
 
-fn check(sensor: &sensor::Sensor) -> Result<(), String> {
+fn check_sensor(sensor: &sensor::Sensor) -> Result<(), String> {
     if sensor.name.is_empty() || sensor.name == "probe" {
-        return Err("`name` must be one of its own; `probe` is the touch probe".to_owned());
+        return Err(
+            "`name` must not be empty, and must not be `probe`, the name of the touch probe"
+                .to_owned(),
+        );
     }
     let square: f64 = sensor.direction.iter().map(|part| part * part).sum();
     if (square.sqrt() - 1.0).abs() > UNIT_VECTOR_TOLERANCE {
         return Err(format!(
-            "`direction` is {} long; it must be a unit vector, [0.0, 0.0, -1.0] looks down",
+            "`direction` has the length {}; it must be a unit vector, such as [0.0, 0.0, -1.0] for a sensor \
+            that measures downwards",
             square.sqrt()
         ));
     }
     let [least, greatest] = sensor.range_mm;
     if least >= greatest {
-        return Err("`range_mm` must be [least, greatest] with the least below".to_owned());
+        return Err(
+            "`range_mm` must be [minimum, maximum] with the minimum below the maximum".to_owned()
+        );
     }
     let sizes = [
         ("stand_off_mm", sensor.stand_off_mm),
@@ -184,7 +190,7 @@ fn check(sensor: &sensor::Sensor) -> Result<(), String> {
         return Err(format!("`{key}` must not be negative"));
     }
     if !(0.0..90.0).contains(&sensor.incidence_limit_deg) || sensor.incidence_limit_deg == 0.0 {
-        return Err("`incidence_limit_deg` must lie between 0 and 90".to_owned());
+        return Err("`incidence_limit_deg` must be between 0 and 90".to_owned());
     }
     Ok(())
 }

@@ -92,7 +92,7 @@ fn slips_in_keys_sections_and_words_are_named_with_their_line() {
 
     let at = line("", "[axes.B]");
     let expected =
-        format!("shop.toml:{at}: unknown key `Q` in [axes]; known here: X, Y, Z, A, B, C, S");
+        format!("shop.toml:{at}: unknown key `Q` in [axes]; known keys: X, Y, Z, A, B, C, S");
     refused("[axes.B]", "[axes.Q]", &expected);
 }
 
@@ -110,11 +110,11 @@ fn types_and_missing_keys_have_lines() {
     refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
 
     let at = line("", "[axes.B]");
-    let expected = format!("shop.toml:{at}: [axes.B] lacks the key `min`; add it");
+    let expected = format!("shop.toml:{at}: the key `min` is missing in [axes.B]; add it");
     refused("min = -110.0", "", &expected);
 
     let at = line("", "[artefact]");
-    let expected = format!("shop.toml:{at}: [artefact] lacks the key `radius_mm`; add it");
+    let expected = format!("shop.toml:{at}: the key `radius_mm` is missing in [artefact]; add it");
     refused("radius_mm = 45.0", "", &expected);
 
     let without = EMBEDDED.split("[artefact]").next().unwrap().to_owned();
@@ -145,14 +145,16 @@ fn impossible_values_are_refused() {
         "[axes.B]",
         "[axes.A]",
         &format!(
-            "shop.toml:{topology}: `topology` in [machine] names B, but there is no [axes.B]: add its limits"
+            "shop.toml:{topology}: `topology` in [machine] contains B, but the section [axes.B] is missing: \
+            add the section with the limits of the axis"
         ),
     );
     refused(
         "[axes.B]\n",
         "[axes.A]\nmin = 0\nmax = 1\n[axes.B]\n",
         &format!(
-            "shop.toml:{at}: `A` in [axes] stands here, but the topology `V[w-C-B-b-Y-X-Z-(C)-t]` has no such axis"
+            "shop.toml:{at}: `A` in [axes] is present, but the topology `V[w-C-B-b-Y-X-Z-(C)-t]` has no \
+            such axis"
         ),
     );
 }
@@ -163,7 +165,10 @@ fn a_box_turned_inside_out_is_refused() {
         "{EMBEDDED}\n[[keepout]]\nname = \"setter\"\nmin_mm = [1, 0, 0]\nmax_mm = [0, 1, 1]\n"
     );
     let error = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
-    assert!(error.contains("`setter`: each min_mm must be below its max_mm"), "{error}");
+    assert!(
+        error.contains("the box `setter` is not valid: each min_mm must be below its max_mm"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -186,11 +191,11 @@ fn links_are_checked() {
         "a port is needed"
     );
     let baud = "kind = \"grbl\"\ntcp = \"10.0.0.7:23\"\nbaud = 9600";
-    assert!(error(strip(baud)).contains("a TCP link has no baud rate"));
+    assert!(error(strip(baud)).contains("remove it from a TCP link"));
     let message = error(controller("kind = \"fanuc\"\n"));
     assert!(message.contains("is `fanuc`; known: simulated, grbl, linuxcnc"), "{message}");
     let message = error(strip("kind = \"linuxcnc\""));
-    assert!(message.contains("[controller] lacks the key `program_dir`"), "{message}");
+    assert!(message.contains("the key `program_dir` is missing in [controller]"), "{message}");
 }
 
 #[test]
@@ -238,7 +243,8 @@ fn other_rooms_read_their_own_sections() {
     let with = |keys: &str| {
         MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap()
     };
-    let read = |file: &MachineFile| file.method("some", |section| Settings::deserialize(section));
+    let read =
+        |file: &MachineFile| file.read_method("some", |section| Settings::deserialize(section));
     let silent = MachineFile::embedded_for("self-calibration").unwrap();
     assert_eq!(read(&silent).unwrap(), Settings { angles: 8, shape: Shape::Round });
     let oval = read(&with("angles = 12\nshape = { kind = \"oval\", flat_mm = 1 }")).unwrap();
@@ -275,16 +281,19 @@ fn the_simulated_truth_is_handed_out_and_may_be_absent() {
         seed: u64,
     }
     let file = MachineFile::embedded_for("self-calibration").unwrap();
-    assert_eq!(file.simulated::<Seed>().unwrap().unwrap().seed, 1);
+    assert_eq!(file.read_simulated::<Seed>().unwrap().unwrap().seed, 1);
     let real = EMBEDDED.split("[simulated]").next().unwrap().to_owned();
-    assert!(MachineFile::parse("x", real).unwrap().simulated::<Seed>().unwrap().is_none());
+    assert!(MachineFile::parse("x", real).unwrap().read_simulated::<Seed>().unwrap().is_none());
 }
 
 #[test]
 fn broken_toml_and_missing_files_are_errors_with_a_place() {
     let message = edited("name = ", "name ").unwrap_err().to_string();
     let at = line("[machine]", "name");
-    assert!(message.starts_with(&format!("shop.toml:{at}: this is not TOML: ")), "{message}");
+    assert!(
+        message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")),
+        "{message}"
+    );
     let message = MachineFile::read(Path::new("no/such.toml")).unwrap_err().to_string();
     assert!(message.contains("no/such.toml cannot be read"), "{message}");
     assert!(message.contains("check the path"), "{message}");
@@ -302,7 +311,7 @@ fn switches_of_probe_and_clamps_are_checked_with_their_place() {
     let file = with("[axes.C]", clamp).unwrap();
     assert_eq!(file.machine.axes[&Axis::C].clamp.as_ref().unwrap().wait_s, 0.5);
     for (after, line, said) in [
-        ("[axes.X]", clamp, "`clamp` in [axes.X] belongs to A, B or C"),
+        ("[axes.X]", clamp, "`clamp` in [axes.X] is allowed for the axes A, B and C only"),
         ("[axes.C]", r#"clamp = { close = "M65 P3", opn = "M64 P3" }"#, "opn"),
         ("[probe]", "settle_s = -1.0", "`settle_s` in [probe] is -1; it must be from 0 to 10 s"),
         ("[probe]", "live_check = \"nobody\"", "known: touch, person"),
@@ -322,21 +331,21 @@ fn solids_and_the_stylus_must_be_possible() {
         "name = \"table\"",
         &solid(
             "name",
-            "is `table`, and so is another one's: give each its own",
+            "is `table`, which occurs twice: use different names",
             at("spindle nose", "name = \"table\""),
         ),
     );
     refused(
         "on = \"B\"",
         "on = \"A\"",
-        &solid("on", "is A, an axis that this machine does not have", at("cradle", "on")),
+        &solid("on", "is A, but this machine has no axis A", at("cradle", "on")),
     );
     refused(
         "to_mm = [170.0, 130.0, -45.0]",
         "to_mm = [170.0, 130.0, -110.0]",
         &solid(
             "to_mm",
-            "makes a box without thickness: the corners must differ in x, y and z",
+            "describes a box of zero thickness: the corners must differ in x, y and z",
             at("cradle", "to_mm"),
         ),
     );
@@ -354,7 +363,8 @@ fn solids_and_the_stylus_must_be_possible() {
         "stem_radius_mm = 1.5",
         "stem_radius_mm = 3.0",
         &format!(
-            "shop.toml:{stem}: `stem_radius_mm` in [probe] must be less than ball_radius_mm: the ball has to touch first"
+            "shop.toml:{stem}: `stem_radius_mm` in [probe] must be less than ball_radius_mm, so that the \
+            ball touches before the stem"
         ),
     );
     let body = line("[probe]", "body_length_mm");
@@ -362,7 +372,8 @@ fn solids_and_the_stylus_must_be_possible() {
         "stem_length_mm = 95.0",
         "stem_length_mm = 0.0",
         &format!(
-            "shop.toml:{body}: `body_length_mm` in [probe] needs stem_length_mm, the distance from the ball to the body"
+            "shop.toml:{body}: `body_length_mm` in [probe] requires stem_length_mm, the distance from the \
+            ball to the body"
         ),
     );
 }
@@ -374,10 +385,10 @@ fn a_person_confirms_the_zero_of_an_axis_without_a_homing_switch() {
         EMBEDDED.replace(&header, &(header.clone() + "homing = \"none\"\n"))
     };
     let file = MachineFile::parse("shop.toml", stated("C")).unwrap();
-    let [prompt] = &file.asks_before("samba", &[])[..] else { panic!("one prompt") };
+    let [prompt] = &file.prompts_before("samba", &[])[..] else { panic!("one prompt") };
     assert!(prompt.contains("C has no homing switch"), "{prompt}");
     let refused = MachineFile::parse("shop.toml", stated("X")).unwrap_err().to_string();
-    assert!(refused.contains("only A, B or C"), "{refused}");
+    assert!(refused.contains("the axes A, B and C only"), "{refused}");
 }
 
 #[test]
@@ -385,14 +396,17 @@ fn who_is_asked_what_before_which_method() {
     let with = |more: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n{more}"));
     let two = "[[prompt]]\ntext = \"clean\"\n[[prompt]]\ntext = \"cap off\"\nmethods = [\"laser-r-test\"]\n";
     let file = with(two).unwrap();
-    assert_eq!(file.asks_before("samba", &[]), ["clean"]);
-    assert_eq!(file.asks_before("laser-r-test", &[]), ["clean", "cap off"]);
-    assert!(file.without_prompts().asks_before("laser-r-test", &[]).is_empty());
+    assert_eq!(file.prompts_before("samba", &[]), ["clean"]);
+    assert_eq!(file.prompts_before("laser-r-test", &[]), ["clean", "cap off"]);
+    assert!(file.without_prompts().prompts_before("laser-r-test", &[]).is_empty());
     let refused = file.check_method_names(&["samba"]).unwrap_err().to_string();
-    assert!(refused.contains("`methods` in [prompt] names `laser-r-test`"), "{refused}");
+    assert!(
+        refused.contains("`methods` in [prompt] contains the unknown method `laser-r-test`"),
+        "{refused}"
+    );
     let long = "x".repeat(201);
     for (text, words) in
-        [(" ", "must say"), ("a\\tb", "one line"), (long.as_str(), "201 characters")]
+        [(" ", "must not be empty"), ("a\\tb", "a single line"), (long.as_str(), "201 characters")]
     {
         let refused = with(&format!("[[prompt]]\ntext = \"{text}\"\n")).unwrap_err().to_string();
         assert!(refused.contains("`text` in [prompt]") && refused.contains(words), "{refused}");

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use super::document::{Document, value_problem};
 use super::error::MachineFileError;
-use machine::record::estimate::{Limit, Unit};
+use machine::record::estimate::{ParameterLimit, Unit};
 
-const UNITS: [(&str, Unit); 5] = [
+const UNIT_SUFFIXES: [(&str, Unit); 5] = [
     ("_um_per_m", Unit::UmPerM),
     ("_urad", Unit::Urad),
     ("_um", Unit::Um),
@@ -15,14 +15,14 @@ const UNITS: [(&str, Unit); 5] = [
 ];
 
 /// Limits in the order of their keys; none without `[tolerance]`.
-pub fn read(document: &Document) -> Result<Vec<Limit>, MachineFileError> {
-    if document.names(&["tolerance"])?.is_empty() {
+pub fn read_tolerances(document: &Document) -> Result<Vec<ParameterLimit>, MachineFileError> {
+    if document.key_names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());
     }
-    let raw: BTreeMap<String, f64> = document.required(&["tolerance"])?;
+    let raw: BTreeMap<String, f64> = document.read_required(&["tolerance"])?;
     raw.iter()
         .map(|(key, &limit)| {
-            limit_of(key, limit).map_err(|why| {
+            parse_limit(key, limit).map_err(|why| {
                 let path = ["tolerance", key.as_str()];
                 document.error_at(&path, value_problem(&path, why))
             })
@@ -30,8 +30,8 @@ pub fn read(document: &Document) -> Result<Vec<Limit>, MachineFileError> {
         .collect()
 }
 
-fn limit_of(key: &str, limit: f64) -> Result<Limit, String> {
-    let (symbol, unit) = UNITS
+fn parse_limit(key: &str, limit: f64) -> Result<ParameterLimit, String> {
+    let (symbol, unit) = UNIT_SUFFIXES
         .iter()
         .find_map(|(ending, unit)| Some((key.strip_suffix(ending)?, *unit)))
         .filter(|(symbol, _)| !symbol.is_empty())
@@ -39,5 +39,5 @@ fn limit_of(key: &str, limit: f64) -> Result<Limit, String> {
     if limit <= 0.0 {
         return Err(format!("is {limit}; a limit must be greater than 0"));
     }
-    Ok(Limit { symbol: symbol.to_owned(), unit, limit })
+    Ok(ParameterLimit { symbol: symbol.to_owned(), unit, limit })
 }

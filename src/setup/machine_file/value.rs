@@ -16,32 +16,32 @@ use toml::de::{DeTable, DeValue};
 
 /// Kind of fault in a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum What {
+pub enum FaultKind {
     UnknownKey { key: String, known: &'static [&'static str] },
     MissingKey { key: &'static str },
     UnknownValue { value: String, known: &'static [&'static str] },
-    Bad(String),
+    InvalidValue(String),
 }
 
 /// A fault with its location: the path of keys and the byte offset in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
-    pub what: What,
+    pub kind: FaultKind,
     pub path: Vec<String>,
-    pub at: Option<usize>,
+    pub offset: Option<usize>,
 }
 
 impl Fault {
-    fn new(what: What) -> Self {
-        Self { what, path: Vec::new(), at: None }
+    fn new(kind: FaultKind) -> Self {
+        Self { kind, path: Vec::new(), offset: None }
     }
 
-    fn placed(mut self, at: usize) -> Self {
-        self.at.get_or_insert(at);
+    fn with_offset(mut self, offset: usize) -> Self {
+        self.offset.get_or_insert(offset);
         self
     }
 
-    fn below(mut self, key: &str) -> Self {
+    fn within_key(mut self, key: &str) -> Self {
         self.path.insert(0, key.to_owned());
         self
     }
@@ -49,7 +49,7 @@ impl Fault {
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {:?}", self.path.join("."), self.what)
+        write!(f, "{}: {:?}", self.path.join("."), self.kind)
     }
 }
 
@@ -57,11 +57,11 @@ impl std::error::Error for Fault {}
 
 impl Error for Fault {
     fn custom<T: fmt::Display>(message: T) -> Self {
-        Self::new(What::Bad(message.to_string()))
+        Self::new(FaultKind::InvalidValue(message.to_string()))
     }
 
     fn invalid_type(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
-        Self::custom(format_args!("must be {}, not {found}", in_words(expected)))
+        Self::custom(format_args!("must be {}, not {found}", describe_expected(expected)))
     }
 
     fn invalid_length(length: usize, expected: &dyn Expected) -> Self {
@@ -69,20 +69,20 @@ impl Error for Fault {
     }
 
     fn unknown_variant(value: &str, known: &'static [&'static str]) -> Self {
-        Self::new(What::UnknownValue { value: value.to_owned(), known })
+        Self::new(FaultKind::UnknownValue { value: value.to_owned(), known })
     }
 
     fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
-        Self::new(What::UnknownKey { key: key.to_owned(), known })
+        Self::new(FaultKind::UnknownKey { key: key.to_owned(), known })
     }
 
     fn missing_field(key: &'static str) -> Self {
-        Self::new(What::MissingKey { key })
+        Self::new(FaultKind::MissingKey { key })
     }
 }
 
 /// The expected type in words that a machinist understands, not `f64`.
-fn in_words(expected: &dyn Expected) -> String {
+fn describe_expected(expected: &dyn Expected) -> String {
     match expected.to_string().as_str() {
         "f32" | "f64" => "a number".to_owned(),
         "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, not negative".to_owned(),
@@ -97,7 +97,7 @@ pub struct Value<'i>(pub Spanned<DeValue<'i>>);
 
 impl<'de> Value<'de> {
     /// The table without one of its keys.
-    pub fn without(mut self, key: &str) -> Self {
+    pub fn without_key(mut self, key: &str) -> Self {
         if let DeValue::Table(table) = self.0.get_mut() {
             table.remove(key);
         }
@@ -126,7 +126,7 @@ impl<'de> Value<'de> {
                 elements.end()?;
                 Ok(value)
             }
-            DeValue::Table(table) => visitor.visit_map(Entries::new(table)),
+            DeValue::Table(table) => visitor.visit_map(TableEntries::new(table)),
         }
     }
 }
@@ -135,8 +135,8 @@ impl<'de> Deserializer<'de> for Value<'de> {
     type Error = Fault;
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
-        let at = self.0.span().start;
-        Self::visit(self.0.into_inner(), visitor).map_err(|fault| fault.placed(at))
+        let offset = self.0.span().start;
+        Self::visit(self.0.into_inner(), visitor).map_err(|fault| fault.with_offset(offset))
     }
 
     fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
@@ -157,15 +157,17 @@ impl<'de> Deserializer<'de> for Value<'de> {
         _variants: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Fault> {
-        let at = self.0.span().start;
+        let offset = self.0.span().start;
         match self.0.into_inner() {
             DeValue::String(text) => visitor.visit_enum(text.into_deserializer()),
             DeValue::Table(table) => {
-                visitor.visit_enum(MapAccessDeserializer::new(Entries::new(table)))
+                visitor.visit_enum(MapAccessDeserializer::new(TableEntries::new(table)))
             }
-            other => Err(Fault::custom(format_args!("must be a word, not a {}", other.type_str()))),
+            other => {
+                Err(Fault::custom(format_args!("must be a string, not a {}", other.type_str())))
+            }
         }
-        .map_err(|fault: Fault| fault.placed(at))
+        .map_err(|fault: Fault| fault.with_offset(offset))
     }
 
     forward_to_deserialize_any! {
@@ -184,73 +186,76 @@ impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
 
 /// Reads `value`, and adds the location to a fault without one. A tagged or flattened type is read from serde's
 /// own buffer without locations: its unknown key is searched for in the text.
-pub fn read_at<'i, T>(
+pub fn read_value<'i, T>(
     value: Spanned<DeValue<'i>>,
     read: impl FnOnce(Value<'i>) -> Result<T, Fault>,
 ) -> Result<T, Fault> {
-    let at = value.span().start;
+    let offset = value.span().start;
     let mut keys = Vec::new();
-    keys_below(value.get_ref(), &mut keys);
-    read(Value(value)).map_err(|fault| match &fault.what {
-        What::UnknownKey { key, .. } => {
-            let found = keys.iter().find(|(name, _)| name == key).map_or(at, |(_, at)| *at);
-            fault.placed(found)
+    collect_keys(value.get_ref(), &mut keys);
+    read(Value(value)).map_err(|fault| match &fault.kind {
+        FaultKind::UnknownKey { key, .. } => {
+            let found =
+                keys.iter().find(|(name, _)| name == key).map_or(offset, |(_, offset)| *offset);
+            fault.with_offset(found)
         }
-        _ => fault.placed(at),
+        _ => fault.with_offset(offset),
     })
 }
 
-fn keys_below(value: &DeValue<'_>, keys: &mut Vec<(String, usize)>) {
+fn collect_keys(value: &DeValue<'_>, keys: &mut Vec<(String, usize)>) {
     match value {
         DeValue::Table(table) => {
             for (key, value) in table {
                 keys.push((key.get_ref().to_string(), key.span().start));
-                keys_below(value.get_ref(), keys);
+                collect_keys(value.get_ref(), keys);
             }
         }
-        DeValue::Array(array) => array.iter().for_each(|value| keys_below(value.get_ref(), keys)),
+        DeValue::Array(array) => array.iter().for_each(|value| collect_keys(value.get_ref(), keys)),
         _ => {}
     }
 }
 
 /// Entries of a table in the order of the text, so that the first error is the topmost.
-struct Entries<'i> {
-    rest: std::vec::IntoIter<(Spanned<Cow<'i, str>>, Spanned<DeValue<'i>>)>,
+struct TableEntries<'i> {
+    remaining: std::vec::IntoIter<(Spanned<Cow<'i, str>>, Spanned<DeValue<'i>>)>,
     value: Option<(String, Spanned<DeValue<'i>>)>,
 }
 
-impl<'de> Entries<'de> {
+impl<'de> TableEntries<'de> {
     fn new(table: DeTable<'de>) -> Self {
         let mut entries: Vec<_> = table.into_iter().collect();
         entries.sort_by_key(|(key, _)| key.span().start);
-        Self { rest: entries.into_iter(), value: None }
+        Self { remaining: entries.into_iter(), value: None }
     }
 }
 
-impl<'de> MapAccess<'de> for Entries<'de> {
+impl<'de> MapAccess<'de> for TableEntries<'de> {
     type Error = Fault;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(
         &mut self,
         seed: K,
     ) -> Result<Option<K::Value>, Fault> {
-        let Some((key, value)) = self.rest.next() else { return Ok(None) };
-        let at = key.span().start;
+        let Some((key, value)) = self.remaining.next() else { return Ok(None) };
+        let offset = key.span().start;
         let key = key.into_inner();
         self.value = Some((key.to_string(), value));
         seed.deserialize(key.into_deserializer()).map(Some).map_err(|fault: Fault| {
-            let what = match fault.what {
-                What::UnknownValue { value, known } => What::UnknownKey { key: value, known },
+            let kind = match fault.kind {
+                FaultKind::UnknownValue { value, known } => {
+                    FaultKind::UnknownKey { key: value, known }
+                }
                 other => other,
             };
-            Fault { what, ..fault }.placed(at)
+            Fault { kind, ..fault }.with_offset(offset)
         })
     }
 
     fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Fault> {
         let Some((key, value)) = self.value.take() else {
-            return Err(Fault::custom("a value was asked for before its key"));
+            return Err(Fault::custom("a value was requested before its key"));
         };
-        read_at(value, |value| seed.deserialize(value)).map_err(|fault| fault.below(&key))
+        read_value(value, |value| seed.deserialize(value)).map_err(|fault| fault.within_key(&key))
     }
 }

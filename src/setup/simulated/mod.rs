@@ -6,5 +6,5 @@ mod sensor_wire;
 #[cfg(test)]
 mod tests;
 
-pub use control::{Bench, Faults, Served, SimulatedControl};
-pub use sensor::{SimulatedSensor, View};
+pub use control::{ServedControl, SimulatedControl, SimulatedFaults, SimulationSetup};
+pub use sensor::{SimulatedSensor, WorldView};

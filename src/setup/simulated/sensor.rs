@@ -4,27 +4,27 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use devices::sensors::{Sensor, SensorError, can};
 use link::Clock;
-use link::can::Can;
+use link::can::CanReceiver;
 use machine::record::sensor;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
-use simulator::sensors::modbus::Measures;
-use simulator::sensors::serial::Format;
-use simulator::sensors::{Sense, can as simulated_can};
-use simulator::{Sensed, World};
+use simulator::sensors::modbus::SampleTiming;
+use simulator::sensors::serial::OutputFormat;
+use simulator::sensors::{SampleSource, can as simulated_can};
+use simulator::{SensorOutput, SimulatedWorld};
 
-use super::sensor_wire::{self, Wire, data_sheet};
+use super::sensor_wire::{self, Wire, parse_data_sheet};
 
 /// `[sensor.simulated]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
-    #[serde(default)]
-    speaks: Speaks,
-    #[serde(default = "memory")]
+struct SensorKeys {
+    #[serde(default, rename = "speaks")]
+    protocol: Protocol,
+    #[serde(default = "default_wire")]
     wire: String,
     /// Sample rate, samples per second.
-    #[serde(default = "usual_rate", deserialize_with = "rate")]
+    #[serde(default = "default_rate_hz", deserialize_with = "parse_rate_hz")]
     rate_hz: f64,
 }
 
@@ -32,50 +32,56 @@ struct Keys {
 /// sensor that sends unsolicited samples over another wire measures in wall time: the world's time advances
 /// with it, and a run is not reproducible.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
+#[serde(try_from = "SensorKeys")]
 pub struct SimulatedSensor {
-    way: Way,
+    interface: SensorInterface,
     rate_hz: f64,
 }
 
 #[derive(Debug, Clone)]
-enum Way {
+enum SensorInterface {
     /// In memory, or on the CAN interface of this name.
     Can(String),
-    Serial(Format, Wire),
+    Serial(OutputFormat, Wire),
     Modbus(Wire),
 }
 
-impl TryFrom<Keys> for SimulatedSensor {
+impl TryFrom<SensorKeys> for SimulatedSensor {
     type Error = String;
 
     /// Converts the keys.
     ///
     /// # Errors
     /// The sensor does not support the wire.
-    fn try_from(Keys { speaks, wire, rate_hz }: Keys) -> Result<Self, String> {
-        let way = match speaks {
-            Speaks::Can => Way::Can(wire),
-            Speaks::Serial => Way::Serial(Format::Text, Wire::of(&wire)?),
-            Speaks::SerialFrames => Way::Serial(Format::Frames, Wire::of(&wire)?),
-            Speaks::Modbus => Way::Modbus(Wire::of(&wire)?.beyond_memory()?),
+    fn try_from(SensorKeys { protocol, wire, rate_hz }: SensorKeys) -> Result<Self, String> {
+        let interface = match protocol {
+            Protocol::Can => SensorInterface::Can(wire),
+            Protocol::Serial => {
+                SensorInterface::Serial(OutputFormat::Text, Wire::from_name(&wire)?)
+            }
+            Protocol::SerialFrames => {
+                SensorInterface::Serial(OutputFormat::Frames, Wire::from_name(&wire)?)
+            }
+            Protocol::Modbus => {
+                SensorInterface::Modbus(Wire::from_name(&wire)?.require_external()?)
+            }
         };
-        Ok(Self { way, rate_hz })
+        Ok(Self { interface, rate_hz })
     }
 }
 
-fn rate<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
+fn parse_rate_hz<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
     let hz = f64::deserialize(keys)?;
     if (0.1..=1e5).contains(&hz) {
         return Ok(hz);
     }
-    Err(D::Error::custom(format!("`rate_hz` is {hz}; it lies between 0.1 and 100000")))
+    Err(D::Error::custom(format!("`rate_hz` is {hz}; it must be between 0.1 and 100000")))
 }
 
 /// Registry: a new simulated sensor is a line here and in the match below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Speaks {
+enum Protocol {
     #[default]
     Can,
     /// Lines of text.
@@ -86,21 +92,21 @@ enum Speaks {
 
 impl Default for SimulatedSensor {
     fn default() -> Self {
-        Self { way: Way::Can(memory()), rate_hz: usual_rate() }
+        Self { interface: SensorInterface::Can(default_wire()), rate_hz: default_rate_hz() }
     }
 }
 
-fn memory() -> String {
+fn default_wire() -> String {
     "memory".to_owned()
 }
 
-fn usual_rate() -> f64 {
+fn default_rate_hz() -> f64 {
     1000.0
 }
 
 /// World and clock of a simulated sensor.
-pub struct View {
-    pub world: Arc<Mutex<World>>,
+pub struct WorldView {
+    pub world: Arc<Mutex<SimulatedWorld>>,
     pub clock: Arc<dyn Clock>,
 }
 
@@ -109,49 +115,55 @@ impl SimulatedSensor {
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
-    pub async fn open(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
+    pub async fn open(
+        &self,
+        sensor: &sensor::Sensor,
+        view: WorldView,
+    ) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
-        let (sense, clock) = (self.sense(sensor, &view), view.clock.clone());
-        match &self.way {
-            Way::Can(wire) => self.on_can(wire, sensor, view),
-            Way::Serial(format, wire) => {
+        let (sense, clock) = (self.sample_source(sensor, &view), view.clock.clone());
+        match &self.interface {
+            SensorInterface::Can(wire) => self.open_can(wire, sensor, view),
+            SensorInterface::Serial(format, wire) => {
                 let at = (*format, *wire);
-                let driver = sensor_wire::serial(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver =
+                    sensor_wire::open_serial(at, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
-            Way::Modbus(wire) => {
-                let at = (Measures::WhenRead, *wire);
-                let driver = sensor_wire::modbus(at, sense, self.rate_hz, sensor, clock).await?;
+            SensorInterface::Modbus(wire) => {
+                let at = (SampleTiming::WhenRead, *wire);
+                let driver =
+                    sensor_wire::open_modbus(at, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
         }
     }
 
     /// Source of samples; each sample advances the world by one period.
-    fn sense(&self, sensor: &sensor::Sensor, view: &View) -> Sense {
+    fn sample_source(&self, sensor: &sensor::Sensor, view: &WorldView) -> SampleSource {
         let (name, world, period_s) = (sensor.name.clone(), view.world.clone(), 1.0 / self.rate_hz);
         Box::new(move || {
             let mut world = world.lock().unwrap_or_else(PoisonError::into_inner);
-            world.sense(&name, period_s).unwrap_or(Sensed::NoEcho)
+            world.sample_after(&name, period_s).unwrap_or(SensorOutput::NoEcho)
         })
     }
 
-    fn on_can(
+    fn open_can(
         &self,
         wire: &str,
         sensor: &sensor::Sensor,
-        view: View,
+        view: WorldView,
     ) -> Result<Sensor, SensorError> {
-        let (sense, clock) = (self.sense(sensor, &view), view.clock);
+        let (sense, clock) = (self.sample_source(sensor, &view), view.clock);
         let sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
-        let config: can::Config = data_sheet(&sheet)?;
-        if wire == memory() {
-            let frames = simulated_can::frames(sense, clock.clone());
-            let bus = Can::on_demand("the simulated sensor", frames);
-            return Ok(config.over(bus, sensor, clock, None));
+        let config: can::Config = parse_data_sheet(&sheet)?;
+        if wire == default_wire() {
+            let frames = simulated_can::frame_source(sense, clock.clone());
+            let bus = CanReceiver::on_demand("the simulated sensor", frames);
+            return Ok(config.spawn_sensor(bus, sensor, clock, None));
         }
-        let bus = config.listen(clock.clone())?;
-        let served = simulated_can::push(wire, sense, self.rate_hz, clock.clone())?;
-        Ok(config.over(bus, sensor, clock, Some(served)))
+        let bus = config.open_bus(clock.clone())?;
+        let served = simulated_can::send_periodically(wire, sense, self.rate_hz, clock.clone())?;
+        Ok(config.spawn_sensor(bus, sensor, clock, Some(served)))
     }
 }

@@ -3,14 +3,16 @@
 use std::sync::Arc;
 
 use devices::sensors::SensorError;
-use devices::sensors::modbus::{self, Registers};
-use devices::sensors::serial::{self, Serial};
+use devices::sensors::modbus::{self, ModbusSensorDriver};
+use devices::sensors::serial::{self, SerialDriver};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use serde::de::DeserializeOwned;
-use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_pty, serve_on_tcp};
-use simulator::sensors::serial::{Format, REQUEST, on_demand, send_on_pty, send_on_tcp};
-use simulator::sensors::{Sense, serial as simulated_serial};
+use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_on_tcp};
+use simulator::sensors::serial::{
+    OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand,
+};
+use simulator::sensors::{SampleSource, serial as simulated_serial};
 
 /// Wire between the daemon and a simulated sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,12 +28,12 @@ impl Wire {
     ///
     /// # Errors
     /// An unknown name.
-    pub fn of(name: &str) -> Result<Self, String> {
+    pub fn from_name(name: &str) -> Result<Self, String> {
         match name {
             "memory" => Ok(Self::Memory),
             "pty" => Ok(Self::Pty),
             "tcp" => Ok(Self::Tcp),
-            _ => Err(format!("`wire` is `{name}`; it is `memory`, `pty` or `tcp`")),
+            _ => Err(format!("`wire` is `{name}`; it must be `memory`, `pty` or `tcp`")),
         }
     }
 
@@ -39,10 +41,11 @@ impl Wire {
     ///
     /// # Errors
     /// `Memory`: registers are served over TCP or a pseudo-terminal only.
-    pub fn beyond_memory(self) -> Result<Self, String> {
+    pub fn require_external(self) -> Result<Self, String> {
         match self {
             Self::Memory => {
-                Err("`speaks = \"modbus\"` needs `wire = \"tcp\"` or `wire = \"pty\"`".to_owned())
+                Err("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`"
+                    .to_owned())
             }
             other => Ok(other),
         }
@@ -53,10 +56,10 @@ impl Wire {
 ///
 /// # Errors
 /// None in practice: tests open each configuration.
-pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
-    toml::from_str(keys).map_err(|error| SensorError::UnexpectedDevice {
+pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
+    toml::from_str(keys).map_err(|error| SensorError::InvalidData {
         text: error.to_string(),
-        remedy: "report it".to_owned(),
+        remedy: "report this fault to the developers".to_owned(),
     })
 }
 
@@ -65,27 +68,27 @@ pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorErr
 ///
 /// # Errors
 /// The wire or the driver cannot be opened.
-pub async fn serial(
-    (format, wire): (Format, Wire),
-    sense: Sense,
+pub async fn open_serial(
+    (format, wire): (OutputFormat, Wire),
+    sense: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
-) -> Result<Serial, SensorError> {
+) -> Result<SerialDriver, SensorError> {
     let (at, keep) = match wire {
         Wire::Memory => {
             let sheet = simulated_serial::data_sheet(format);
             let config: serial::Config =
-                data_sheet(&format!("serial = \"memory\"\n{REQUEST}{sheet}"))?;
-            let flow = on_demand(format, sense);
-            return Ok(Serial::over(flow, config, sensor, clock, rate_hz));
+                parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
+            let flow = serve_on_demand(format, sense);
+            return Ok(SerialDriver::from_stream(flow, config, sensor, clock, rate_hz));
         }
         Wire::Pty => send_on_pty(format, sense, rate_hz)?,
         Wire::Tcp => send_on_tcp(format, sense, rate_hz)?,
     };
     let sheet = simulated_serial::data_sheet(format);
-    let config: serial::Config = data_sheet(&format!("{}{sheet}", at.to_toml()))?;
-    let serial = Serial::open(config, sensor, clock, SharedPorts::default()).await;
+    let config: serial::Config = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
+    let serial = SerialDriver::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
     drop(keep);
     serial
@@ -95,29 +98,29 @@ pub async fn serial(
 /// runtime.
 ///
 /// # Errors
-/// The wire or the driver cannot be opened; the wire is in memory (see [`Wire::beyond_memory`]).
-pub async fn modbus(
-    (measures, wire): (Measures, Wire),
-    sense: Sense,
+/// The wire or the driver cannot be opened; the wire is in memory (see [`Wire::require_external`]).
+pub async fn open_modbus(
+    (measures, wire): (SampleTiming, Wire),
+    sense: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
     clock: Arc<dyn Clock>,
-) -> Result<Registers, SensorError> {
+) -> Result<ModbusSensorDriver, SensorError> {
     let (at, keep) = match wire {
         Wire::Memory => {
-            return Err(SensorError::UnexpectedDevice {
-                text: "registers are not served in memory".to_owned(),
-                remedy: "take `wire = \"tcp\"`".to_owned(),
+            return Err(SensorError::InvalidData {
+                text: "simulated Modbus registers are not available in memory".to_owned(),
+                remedy: "use `wire = \"tcp\"`".to_owned(),
             });
         }
         Wire::Pty => serve_on_pty(measures, sense, rate_hz)?,
         Wire::Tcp => serve_on_tcp(measures, sense, rate_hz)?,
     };
-    let parity = if matches!(at, link::Named::Tcp(_)) { "" } else { "parity = \"none\"\n" };
+    let parity = if matches!(at, link::LinkConfig::Tcp(_)) { "" } else { "parity = \"none\"\n" };
     let keys = format!("{}{parity}rate_hz = {rate_hz}\n{DATA_SHEET}", at.to_toml());
-    let config: modbus::Config = data_sheet(&keys)?;
-    let simulated_hz = (measures == Measures::WhenRead).then_some(rate_hz);
-    let registers = Registers::open(config, sensor, clock, simulated_hz).await;
+    let config: modbus::Config = parse_data_sheet(&keys)?;
+    let simulated_hz = (measures == SampleTiming::WhenRead).then_some(rate_hz);
+    let registers = ModbusSensorDriver::open(config, sensor, clock, simulated_hz).await;
     drop(keep);
     registers
 }

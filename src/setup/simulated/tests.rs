@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use devices::sensors::{Driver, Sample};
+use devices::sensors::{Sample, SensorDriver};
 use link::clock::HostClock;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor::Sensor;
 use serde_json::json;
-use simulator::Sensed;
-use simulator::sensors::Sense;
-use simulator::sensors::modbus::Measures;
-use simulator::sensors::serial::Format;
+use simulator::SensorOutput;
+use simulator::sensors::SampleSource;
+use simulator::sensors::modbus::SampleTiming;
+use simulator::sensors::serial::OutputFormat;
 
 use super::SimulatedSensor;
 use super::sensor_wire::{self, Wire};
@@ -28,7 +28,7 @@ fn clock() -> Arc<HostClock> {
 
 /// Value in µm (0 without a value), flag, and number of missing samples before it.
 fn sample_um(sample: &Sample) -> (i64, &'static str, u32) {
-    assert_eq!(sample.value_mm.is_some(), sample.flag == Flag::None);
+    assert_eq!(sample.value_mm.is_some(), sample.flag == ReadingFlag::None);
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
     (um, sample.flag.as_str(), sample.missing)
 }
@@ -40,15 +40,15 @@ fn without_gap(sample: &Sample) -> (i64, &'static str) {
 }
 
 /// Cycles through the values 0 to 9 and the samples without a value.
-fn sense() -> Sense {
+fn sense() -> SampleSource {
     let mut place = 0_u32;
     Box::new(move || {
         place += 1;
         match place % 13 {
-            10 => Sensed::NoEcho,
-            11 => Sensed::OutOfRange(12.5),
-            12 => Sensed::Saturated,
-            digit => Sensed::Distance(f64::from(digit) - 4.87654),
+            10 => SensorOutput::NoEcho,
+            11 => SensorOutput::OutOfRange(12.5),
+            12 => SensorOutput::Saturated,
+            digit => SensorOutput::Distance(f64::from(digit) - 4.87654),
         }
     })
 }
@@ -63,12 +63,12 @@ fn expected(place: u32) -> (i64, &'static str) {
 
 #[tokio::test]
 async fn a_serial_sensor_in_memory_measures_on_request() {
-    for format in [Format::Text, Format::Frames] {
+    for format in [OutputFormat::Text, OutputFormat::Frames] {
         let at = (format, Wire::Memory);
         let mut serial =
-            sensor_wire::serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+            sensor_wire::open_serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
-        assert!(serial.on_demand());
+        assert!(serial.is_on_demand());
         // The first sample was taken by `prepare`.
         for place in 2..200 {
             let (um, flag, missing) = sample_um(&serial.next().await.unwrap());
@@ -79,12 +79,14 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_serial_sensor_on_a_wire_sends_by_itself() {
-    for (format, wire) in [(Format::Text, Wire::Tcp), (Format::Frames, Wire::Pty)] {
+    for (format, wire) in [(OutputFormat::Text, Wire::Tcp), (OutputFormat::Frames, Wire::Pty)] {
         let mut serial =
-            sensor_wire::serial((format, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
+            sensor_wire::open_serial((format, wire), sense(), 1000.0, &sensor(), clock())
+                .await
+                .unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
-        assert!(!serial.on_demand());
-        serial.forget().await.unwrap();
+        assert!(!serial.is_on_demand());
+        serial.discard_old_samples().await.unwrap();
         let mut samples = Vec::new();
         for _ in 0..100 {
             samples.push(sample_um(&serial.next().await.unwrap()));
@@ -104,20 +106,20 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
         let sense = move || {
             place += 1;
             match place {
-                4 => Sensed::NoEcho,
-                5 => Sensed::OutOfRange(11.0),
-                6 => Sensed::Saturated,
-                _ => Sensed::Distance(-0.5 * f64::from(place)),
+                4 => SensorOutput::NoEcho,
+                5 => SensorOutput::OutOfRange(11.0),
+                6 => SensorOutput::Saturated,
+                _ => SensorOutput::Distance(-0.5 * f64::from(place)),
             }
         };
         let clock = Arc::new(HostClock::start());
-        let at = (Measures::WhenRead, wire);
+        let at = (SampleTiming::WhenRead, wire);
         let mut registers =
-            sensor_wire::modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
-        assert!(registers.on_demand());
+            sensor_wire::open_modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+        assert!(registers.is_on_demand());
         // One sample at the start, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
-        registers.forget().await.unwrap();
+        registers.discard_old_samples().await.unwrap();
         let expected = [(-1500, ""), (0, "range"), (0, "range"), (0, "saturated"), (-3500, "")];
         for expected in expected {
             assert_eq!(without_gap(&registers.next().await.unwrap()), expected, "{wire:?}");
@@ -130,15 +132,15 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
     let mut place = 0;
     let sense = move || {
         place += 1;
-        Sensed::Distance(f64::from(place % 1000) * 0.01)
+        SensorOutput::Distance(f64::from(place % 1000) * 0.01)
     };
     let clock = Arc::new(HostClock::start());
-    let at = (Measures::AtItsRate, Wire::Tcp);
+    let at = (SampleTiming::AtFixedRate, Wire::Tcp);
     let mut registers =
-        sensor_wire::modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+        sensor_wire::open_modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
     let prepared = registers.prepare().await.unwrap();
-    assert!(!registers.on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
-    registers.forget().await.unwrap();
+    assert!(!registers.is_on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
+    registers.discard_old_samples().await.unwrap();
     let mut last = 0;
     for _ in 0..20 {
         let (um, flag) = without_gap(&registers.next().await.unwrap());
@@ -150,8 +152,10 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
 #[test]
 fn a_wire_that_a_simulated_sensor_does_not_have_is_refused_with_the_file() {
     let refused = |keys: &str| toml::from_str::<SimulatedSensor>(keys).unwrap_err().to_string();
-    assert!(refused("speaks = \"modbus\"").contains("needs `wire = \"tcp\"`"));
-    assert!(refused("speaks = \"modbus\"\nwire = \"memory\"").contains("needs `wire = \"tcp\"`"));
+    assert!(refused("speaks = \"modbus\"").contains("requires `wire = \"tcp\"`"));
+    assert!(
+        refused("speaks = \"modbus\"\nwire = \"memory\"").contains("requires `wire = \"tcp\"`")
+    );
     assert!(refused("speaks = \"serial\"\nwire = \"udp\"").contains("`wire` is `udp`"));
     for sound in
         ["", "wire = \"vcan0\"", "speaks = \"modbus\"\nwire = \"pty\"", "speaks = \"serial\""]

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::{Contact, Probed, Speed, World};
+use crate::{Contact, ProbeResult, SimulatedWorld, Speed};
 use machine::{Axis, Position};
 
 /// Action that a line requests. Positions are machine coordinates of the axes that move.
@@ -13,11 +13,11 @@ pub enum Job {
         to: Position,
         feed_mm_min: Option<f64>,
     },
-    /// `strict`: a miss is an alarm (G38.2). `n`: the line's number.
+    /// `alarms_on_miss`: a miss is an alarm (G38.2). `n`: the line's number.
     Probe {
         to: Position,
         feed_mm_min: f64,
-        strict: bool,
+        alarms_on_miss: bool,
         n: u32,
     },
     Orient {
@@ -32,14 +32,14 @@ pub enum Job {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum ProbeInputFault {
     #[default]
-    No,
-    Closed,
-    Open,
+    NoFault,
+    StuckClosed,
+    StuckOpen,
     /// An obstacle is in the path of the next probing move.
-    Early,
-    /// The stylus is brushed during the next rapid or turn (`Brush`), or now (`Brushed`: the number of further
+    Obstacle,
+    /// The stylus is brushed during the next rapid or turn (`BrushPending`), or now (`Brushed`: the number of further
     /// reports that read closed).
-    Brush,
+    BrushPending,
     Brushed(u8),
 }
 
@@ -58,45 +58,53 @@ impl Job {
 
 impl ProbeInputFault {
     /// Whether the probe input reads closed.
-    pub fn tripped(self, world: &World) -> bool {
+    pub fn is_probe_closed(self, world: &SimulatedWorld) -> bool {
         match self {
-            Self::Closed | Self::Brushed(_) => true,
-            Self::Open => false,
-            Self::No | Self::Early | Self::Brush => world.tripped(),
+            Self::StuckClosed | Self::Brushed(_) => true,
+            Self::StuckOpen => false,
+            Self::NoFault | Self::Obstacle | Self::BrushPending => world.is_probe_closed(),
         }
     }
 
     /// State after a report has shown the probe input.
-    pub fn told(self) -> Self {
+    pub fn after_report(self) -> Self {
         match self {
-            Self::Brushed(0..=1) => Self::No,
+            Self::Brushed(0..=1) => Self::NoFault,
             Self::Brushed(left) => Self::Brushed(left - 1),
-            sham => sham,
+            probe_fault => probe_fault,
         }
     }
 
-    fn probe(self, world: &mut World, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
-        let way = |share: f64| {
+    fn probe(
+        self,
+        world: &mut SimulatedWorld,
+        to: &Position,
+        feed_mm_min: f64,
+        n: u32,
+    ) -> ProbeResult {
+        let point_at_share = |share: f64| {
             let from = world.position();
             to.iter()
-                .map(|(axis, end)| (axis, from.at(axis) + share * (end - from.at(axis))))
+                .map(|(axis, end)| {
+                    (axis, from.get_or_zero(axis) + share * (end - from.get_or_zero(axis)))
+                })
                 .collect()
         };
-        let end: Position = match self {
-            ProbeInputFault::No
-            | ProbeInputFault::Closed
-            | ProbeInputFault::Brush
+        let end_position: Position = match self {
+            ProbeInputFault::NoFault
+            | ProbeInputFault::StuckClosed
+            | ProbeInputFault::BrushPending
             | ProbeInputFault::Brushed(_) => {
                 return world.probe(to, feed_mm_min, n);
             }
-            ProbeInputFault::Open => to.clone(),
-            ProbeInputFault::Early => way(0.4),
+            ProbeInputFault::StuckOpen => to.clone(),
+            ProbeInputFault::Obstacle => point_at_share(0.4),
         };
-        let moved = world.travel(&end, Speed::Feed { mm_min: feed_mm_min });
+        let moved = world.travel(&end_position, Speed::Feed { mm_min: feed_mm_min });
         let contact = Contact { position: world.position(), t_s: world.time_s() };
-        Probed {
-            contact: (self == ProbeInputFault::Early).then_some(contact),
-            crashed: moved.crashed,
+        ProbeResult {
+            contact: (self == ProbeInputFault::Obstacle).then_some(contact),
+            has_crashed: moved.has_crashed,
             duration_s: moved.duration_s,
         }
     }
@@ -112,46 +120,46 @@ pub enum Pace {
 }
 
 /// A running job. Times are host times since a zero that the owner defines.
-pub struct Active {
+pub struct ActiveJob {
     job: Job,
     from: Position,
-    begun: Duration,
-    pub ends: Duration,
+    start_time: Duration,
+    pub end_time: Duration,
     /// Position at the end of the job unless it is held.
-    end: Position,
+    end_position: Position,
 }
 
-impl Active {
+impl ActiveJob {
     /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
-    pub fn begin(
+    pub fn start(
         job: Job,
-        world: &World,
-        sham: ProbeInputFault,
+        world: &SimulatedWorld,
+        probe_fault: ProbeInputFault,
         pace: Pace,
         now: Duration,
     ) -> Self {
         let from = world.position();
-        let (end, takes) = match pace {
+        let (end_position, duration) = match pace {
             Pace::Fast => (Position::new(), Duration::ZERO),
             Pace::Real => {
                 let mut copy = world.clone();
-                job.run(&mut copy, sham);
+                job.run(&mut copy, probe_fault);
                 let seconds = (copy.time_s() - world.time_s()).max(0.0);
                 (copy.position(), Duration::from_secs_f64(seconds))
             }
         };
-        Self { job, from, begun: now, ends: now + takes, end }
+        Self { job, from, start_time: now, end_time: now + duration, end_position }
     }
 
     /// Ends the job.
-    pub fn finish(&self, world: &mut World, sham: ProbeInputFault) -> Done {
-        self.job.run(world, sham)
+    pub fn finish(&self, world: &mut SimulatedWorld, probe_fault: ProbeInputFault) -> JobResult {
+        self.job.run(world, probe_fault)
     }
 
     /// Stops the job at its current position; returns the remaining job.
-    pub fn hold(self, world: &mut World, now: Duration) -> Job {
+    pub fn hold(self, world: &mut SimulatedWorld, now: Duration) -> Job {
         let (at, fraction) = (self.position(now), self.fraction(now));
-        self.job.run_in_part(world, &at, fraction);
+        self.job.run_partially(world, &at, fraction);
         match self.job {
             Job::Dwell { seconds } => Job::Dwell { seconds: seconds * (1.0 - fraction) },
             job => job,
@@ -159,15 +167,15 @@ impl Active {
     }
 
     /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
-    pub fn is_waited_for(&self) -> bool {
-        self.job.is_waited_for()
+    pub fn is_acknowledged_at_end(&self) -> bool {
+        self.job.is_acknowledged_at_end()
     }
 
     /// Share of the duration that has passed.
     fn fraction(&self, now: Duration) -> f64 {
-        let whole = (self.ends - self.begun).as_secs_f64();
+        let whole = (self.end_time - self.start_time).as_secs_f64();
         if whole > 0.0 {
-            (now.saturating_sub(self.begun).as_secs_f64() / whole).min(1.0)
+            (now.saturating_sub(self.start_time).as_secs_f64() / whole).min(1.0)
         } else {
             1.0
         }
@@ -175,18 +183,18 @@ impl Active {
 
     pub fn position(&self, now: Duration) -> Position {
         let fraction = self.fraction(now);
-        let between = |(axis, from): (_, f64)| {
-            let to = self.end.get(axis).unwrap_or(from);
+        let interpolate = |(axis, from): (_, f64)| {
+            let to = self.end_position.get(axis).unwrap_or(from);
             (axis, from + fraction * (to - from))
         };
-        self.from.iter().map(between).collect()
+        self.from.iter().map(interpolate).collect()
     }
 }
 
 /// Result of a job.
-pub enum Done {
-    Moved { crashed: bool },
-    Probed { contact: Option<Contact>, crashed: bool, strict: bool },
+pub enum JobResult {
+    Moved { has_crashed: bool },
+    Probed { contact: Option<Contact>, has_crashed: bool, alarms_on_miss: bool },
     Waited,
 }
 
@@ -199,34 +207,38 @@ impl Job {
     }
 
     /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
-    pub fn is_waited_for(&self) -> bool {
+    pub fn is_acknowledged_at_end(&self) -> bool {
         !matches!(self, Job::Travel { .. })
     }
 
-    fn run(&self, world: &mut World, sham: ProbeInputFault) -> Done {
+    fn run(&self, world: &mut SimulatedWorld, probe_fault: ProbeInputFault) -> JobResult {
         match self {
             Job::Travel { to, feed_mm_min } => {
                 let speed = feed_mm_min.map_or(Speed::Rapid, |mm_min| Speed::Feed { mm_min });
-                Done::Moved { crashed: world.travel(to, speed).crashed }
+                JobResult::Moved { has_crashed: world.travel(to, speed).has_crashed }
             }
-            Job::Probe { to, feed_mm_min, strict, n } => {
-                let probed = sham.probe(world, to, *feed_mm_min, *n);
-                Done::Probed { contact: probed.contact, crashed: probed.crashed, strict: *strict }
+            Job::Probe { to, feed_mm_min, alarms_on_miss, n } => {
+                let probed = probe_fault.probe(world, to, *feed_mm_min, *n);
+                JobResult::Probed {
+                    contact: probed.contact,
+                    has_crashed: probed.has_crashed,
+                    alarms_on_miss: *alarms_on_miss,
+                }
             }
             Job::Orient { s } => {
                 world.orient(*s);
-                Done::Waited
+                JobResult::Waited
             }
             Job::Dwell { seconds } => {
                 world.dwell(*seconds);
-                Done::Waited
+                JobResult::Waited
             }
         }
     }
 
     /// Runs the job up to the share `fraction` of its duration, at which the position is `at`.
-    fn run_in_part(&self, world: &mut World, at: &Position, fraction: f64) {
-        let part = |to: &Position| at.only(|axis| to.get(axis).is_some());
+    fn run_partially(&self, world: &mut SimulatedWorld, at: &Position, fraction: f64) {
+        let part = |to: &Position| at.filter_axes(|axis| to.get(axis).is_some());
         match self {
             Job::Travel { to, feed_mm_min: None } => {
                 world.travel(&part(to), Speed::Rapid);
@@ -235,7 +247,7 @@ impl Job {
             | Job::Probe { to, feed_mm_min: mm_min, .. } => {
                 world.travel(&part(to), Speed::Feed { mm_min: *mm_min });
             }
-            Job::Orient { .. } => world.orient(at.at(Axis::S)),
+            Job::Orient { .. } => world.orient(at.get_or_zero(Axis::S)),
             Job::Dwell { seconds } => world.dwell(seconds * fraction),
         }
     }

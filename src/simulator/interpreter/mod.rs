@@ -2,17 +2,17 @@
 //! each line. The transport (a serial protocol, registers) belongs to the firmware; the reader that the proof uses
 //! shares no code with this module.
 
+mod apply_word;
 mod job;
 mod line;
 mod modal;
-mod sort;
 mod words;
 
 use std::collections::BTreeMap;
 
-pub use job::{Active, Done, Job, Pace, ProbeInputFault};
-use modal::Modal;
-pub use words::{Code, is_blank};
+pub use job::{ActiveJob, Job, JobResult, Pace, ProbeInputFault};
+use modal::ModalState;
+pub use words::{GrblErrorCode, is_blank};
 
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
@@ -22,15 +22,15 @@ use machine::{Axis, Position};
 pub struct Interpreter {
     axes: Vec<Axis>,
     limits: BTreeMap<Axis, (f64, f64)>,
-    modal: Modal,
+    modal: ModalState,
 }
 
 /// Action that a line requests.
 #[derive(Debug, Clone)]
 pub enum LineAction {
     /// No motion.
-    Nothing,
-    Do(Job),
+    NoMotion,
+    Execute(Job),
     /// A target beyond the limits of travel.
     OutOfTravel,
 }
@@ -38,12 +38,12 @@ pub enum LineAction {
 impl Interpreter {
     /// Interpreter for the control of `machine`: its travel and all its axes except S, which the control can
     /// only orient.
-    pub fn of(machine: &Machine) -> Self {
-        let turning = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
-        let limits: BTreeMap<Axis, (f64, f64)> = turning
-            .map(|(axis, spec)| (*axis, (axis.from_edge(spec.min), axis.from_edge(spec.max))))
+    pub fn for_machine(machine: &Machine) -> Self {
+        let controlled_axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
+        let limits: BTreeMap<Axis, (f64, f64)> = controlled_axes
+            .map(|(axis, spec)| (*axis, (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max))))
             .collect();
-        Self { axes: limits.keys().copied().collect(), limits, modal: Modal::default() }
+        Self { axes: limits.keys().copied().collect(), limits, modal: ModalState::default() }
     }
 
     /// Axis words, in the order of the reports.
@@ -55,14 +55,18 @@ impl Interpreter {
     ///
     /// # Errors
     /// Grbl's error code for the line; a line in error does not change the modal state.
-    pub fn line(&mut self, line: &str, here: &Position) -> Result<LineAction, Code> {
-        let words = words::words(line)?;
-        Ok(match self.modal.block(&words, here, &self.axes)? {
-            None => LineAction::Nothing,
+    pub fn interpret_line(
+        &mut self,
+        line: &str,
+        here: &Position,
+    ) -> Result<LineAction, GrblErrorCode> {
+        let words = words::parse_words(line)?;
+        Ok(match self.modal.interpret_words(&words, here, &self.axes)? {
+            None => LineAction::NoMotion,
             Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => {
                 LineAction::OutOfTravel
             }
-            Some(job) => LineAction::Do(job),
+            Some(job) => LineAction::Execute(job),
         })
     }
 
@@ -79,10 +83,10 @@ impl Interpreter {
     /// Whether `to` is within the travel of all axes.
     pub fn within_limits(&self, to: &Position) -> bool {
         // The tolerance covers the rounding of the text.
-        let within = |(axis, value): (Axis, f64)| {
+        let is_within = |(axis, value): (Axis, f64)| {
             let limits = self.limits.get(&axis);
             limits.is_none_or(|(min, max)| (min - 1e-6..=max + 1e-6).contains(&value))
         };
-        to.iter().all(within)
+        to.iter().all(is_within)
     }
 }

@@ -3,193 +3,218 @@
 use machine::{Axis, Position};
 
 use super::job::Job;
-use super::line::{Line, Motion, Once};
-use super::words::{Code, Word};
+use super::line::{LineWords, MotionMode, NonModalCode};
+use super::words::{GrblErrorCode, Word};
 
 const MM_PER_INCH: f64 = 25.4;
-const SLOTS: usize = 6;
+const COORDINATE_SYSTEM_COUNT: usize = 6;
 
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Modal {
-    motion: Motion,
-    pub(super) inches: bool,
-    pub(super) relative: bool,
+pub(super) struct ModalState {
+    motion: MotionMode,
+    pub(super) uses_inches: bool,
+    pub(super) is_relative: bool,
     pub(super) plane: u32,
-    pub(super) slot: usize,
+    pub(super) coordinate_system: usize,
     feed_mm_min: Option<f64>,
-    offsets: [Position; SLOTS],
+    offsets: [Position; COORDINATE_SYSTEM_COUNT],
     /// Offset set by G92.
-    shift: Position,
+    g92_offset: Position,
 }
 
-impl Default for Modal {
+impl Default for ModalState {
     fn default() -> Self {
         Self {
-            motion: Motion::Rapid,
-            inches: false,
-            relative: false,
+            motion: MotionMode::Rapid,
+            uses_inches: false,
+            is_relative: false,
             plane: 17,
-            slot: 0,
+            coordinate_system: 0,
             feed_mm_min: None,
             offsets: Default::default(),
-            shift: Position::new(),
+            g92_offset: Position::new(),
         }
     }
 }
 
-impl Modal {
+impl ModalState {
     /// The answer to `$G`, without the brackets.
     pub(super) fn report(&self) -> String {
         let motion = match self.motion {
-            Motion::Rapid => "G0",
-            Motion::Feed => "G1",
-            Motion::Probe { strict: true } => "G38.2",
-            Motion::Probe { strict: false } => "G38.3",
-            Motion::Off => "G80",
+            MotionMode::Rapid => "G0",
+            MotionMode::Feed => "G1",
+            MotionMode::Probe { alarms_on_miss: true } => "G38.2",
+            MotionMode::Probe { alarms_on_miss: false } => "G38.3",
+            MotionMode::Off => "G80",
         };
-        let units = if self.inches { 20 } else { 21 };
-        let distance = if self.relative { 91 } else { 90 };
-        let (slot, plane, feed) = (54 + self.slot, self.plane, self.feed_mm_min.unwrap_or(0.0));
+        let units = if self.uses_inches { 20 } else { 21 };
+        let distance = if self.is_relative { 91 } else { 90 };
+        let (coordinate_system, plane, feed) =
+            (54 + self.coordinate_system, self.plane, self.feed_mm_min.unwrap_or(0.0));
         format!(
-            "GC:{motion} G{slot} G{plane} G{units} G{distance} G94 G49 G98 G50 M5 M9 T0 F{feed:.0} S0."
+            "GC:{motion} G{coordinate_system} G{plane} G{units} G{distance} G94 G49 G98 G50 M5 M9 T0 F{feed:.0} S0."
         )
     }
 
     /// The answer to `$#`: names and offsets.
     pub(super) fn offsets(&self) -> Vec<(String, Position)> {
-        let slots = self.offsets.iter().enumerate();
-        slots
-            .map(|(slot, offset)| (format!("G{}", 54 + slot), offset.clone()))
-            .chain([("G92".to_owned(), self.shift.clone())])
+        let coordinate_systems = self.offsets.iter().enumerate();
+        coordinate_systems
+            .map(|(coordinate_system, offset)| {
+                (format!("G{}", 54 + coordinate_system), offset.clone())
+            })
+            .chain([("G92".to_owned(), self.g92_offset.clone())])
             .collect()
     }
 
     /// Action that `words` request of a control at `here`; a line in error does not change the modal state.
-    pub(super) fn block(
+    pub(super) fn interpret_words(
         &mut self,
         words: &[Word],
         here: &Position,
         axes: &[Axis],
-    ) -> Result<Option<Job>, Code> {
+    ) -> Result<Option<Job>, GrblErrorCode> {
         let mut next = self.clone();
-        let mut line = Line::default();
+        let mut line = LineWords::default();
         for word in words {
-            next.sort(*word, &mut line, axes)?;
+            next.apply_word(*word, &mut line, axes)?;
         }
-        let act = next.act(&mut line, here)?;
+        let job = next.line_job(&mut line, here)?;
         if !line.values.is_empty() {
             return Err(36);
         }
         *self = next;
-        Ok(act)
+        Ok(job)
     }
 
-    fn act(&mut self, line: &mut Line, here: &Position) -> Result<Option<Job>, Code> {
-        let n = line.value('N').unwrap_or(0.0) as u32;
+    fn line_job(
+        &mut self,
+        line: &mut LineWords,
+        here: &Position,
+    ) -> Result<Option<Job>, GrblErrorCode> {
+        let n = line.take_value('N').unwrap_or(0.0) as u32;
         if let Some(feed) = line.feed {
-            self.feed_mm_min = Some(if self.inches { feed * MM_PER_INCH } else { feed });
+            self.feed_mm_min = Some(if self.uses_inches { feed * MM_PER_INCH } else { feed });
         }
         if let Some(motion) = line.motion {
             self.motion = motion;
         }
-        if line.ends {
+        if line.ends_program {
             let offsets = self.offsets.clone();
             *self = Self { offsets, ..Self::default() };
         }
-        match line.once {
-            Some(Once::Dwell) => {
-                let seconds = line.value('P').ok_or(28)?;
+        match line.non_modal {
+            Some(NonModalCode::Dwell) => {
+                let seconds = line.take_value('P').ok_or(28)?;
                 return Ok(Some(Job::Dwell { seconds }));
             }
-            Some(Once::SetOffset) => return self.set_offset(line, here).map(|()| None),
-            Some(Once::Shift) => {
+            Some(NonModalCode::SetOffset) => return self.set_offset(line, here).map(|()| None),
+            Some(NonModalCode::SetG92Offset) => {
                 if line.axes.is_empty() {
                     return Err(26);
                 }
                 for (axis, value) in &line.axes {
-                    let slot = self.offsets[self.slot].at(*axis);
-                    self.shift.set(*axis, here.at(*axis) - slot - self.length(*axis, *value));
+                    let coordinate_system = self.offsets[self.coordinate_system].get_or_zero(*axis);
+                    self.g92_offset.set(
+                        *axis,
+                        here.get_or_zero(*axis)
+                            - coordinate_system
+                            - self.internal_value(*axis, *value),
+                    );
                 }
                 return Ok(None);
             }
-            Some(Once::ShiftOff) => self.shift = Position::new(),
-            Some(Once::MachineCoordinates) | None => {}
+            Some(NonModalCode::ClearG92Offset) => self.g92_offset = Position::new(),
+            Some(NonModalCode::MachineCoordinates) | None => {}
         }
-        if line.output {
-            line.value('P').ok_or(28)?;
+        if line.has_output {
+            line.take_value('P').ok_or(28)?;
             return Ok(None);
         }
-        if line.orient {
-            let degrees = line.value('R').ok_or(28)?;
-            return Ok(Some(Job::Orient { s: Axis::S.from_edge(degrees) }));
+        if line.has_orient {
+            let degrees = line.take_value('R').ok_or(28)?;
+            return Ok(Some(Job::Orient { s: Axis::S.to_mm_or_rad(degrees) }));
         }
-        self.motion_act(line, here, n)
+        self.motion_job(line, here, n)
     }
 
-    fn motion_act(&self, line: &Line, here: &Position, n: u32) -> Result<Option<Job>, Code> {
-        let machine = line.once == Some(Once::MachineCoordinates);
-        if machine && !matches!(self.motion, Motion::Rapid | Motion::Feed) {
+    fn motion_job(
+        &self,
+        line: &LineWords,
+        here: &Position,
+        n: u32,
+    ) -> Result<Option<Job>, GrblErrorCode> {
+        let machine = line.non_modal == Some(NonModalCode::MachineCoordinates);
+        if machine && !matches!(self.motion, MotionMode::Rapid | MotionMode::Feed) {
             return Err(30);
         }
         if line.axes.is_empty() {
-            let probing = matches!(line.motion, Some(Motion::Probe { .. }));
+            let probing = matches!(line.motion, Some(MotionMode::Probe { .. }));
             return if probing { Err(26) } else { Ok(None) };
         }
         let to = self.target(line, here, machine);
         match self.motion {
-            Motion::Off => Err(31),
-            Motion::Rapid => Ok(Some(Job::Travel { to, feed_mm_min: None })),
-            Motion::Feed => Ok(Some(Job::Travel { to, feed_mm_min: Some(self.feed()?) })),
-            Motion::Probe { .. } if here.updated_by(&to) == *here => Err(33),
-            Motion::Probe { strict } => {
-                Ok(Some(Job::Probe { to, feed_mm_min: self.feed()?, strict, n }))
+            MotionMode::Off => Err(31),
+            MotionMode::Rapid => Ok(Some(Job::Travel { to, feed_mm_min: None })),
+            MotionMode::Feed => Ok(Some(Job::Travel { to, feed_mm_min: Some(self.feed()?) })),
+            MotionMode::Probe { .. } if here.updated_by(&to) == *here => Err(33),
+            MotionMode::Probe { alarms_on_miss } => {
+                Ok(Some(Job::Probe { to, feed_mm_min: self.feed()?, alarms_on_miss, n }))
             }
         }
     }
 
-    fn feed(&self) -> Result<f64, Code> {
+    fn feed(&self) -> Result<f64, GrblErrorCode> {
         self.feed_mm_min.filter(|feed| *feed > 0.0).ok_or(22)
     }
 
-    fn target(&self, line: &Line, here: &Position, machine: bool) -> Position {
-        let place = |(axis, value): &(Axis, f64)| {
-            let length = self.length(*axis, *value);
+    fn target(&self, line: &LineWords, here: &Position, machine: bool) -> Position {
+        let target_on_axis = |(axis, value): &(Axis, f64)| {
+            let length = self.internal_value(*axis, *value);
             let origin = if machine {
                 0.0
-            } else if self.relative {
-                here.at(*axis)
+            } else if self.is_relative {
+                here.get_or_zero(*axis)
             } else {
-                self.offsets[self.slot].at(*axis) + self.shift.at(*axis)
+                self.offsets[self.coordinate_system].get_or_zero(*axis)
+                    + self.g92_offset.get_or_zero(*axis)
             };
             (*axis, origin + length)
         };
-        line.axes.iter().map(place).collect()
+        line.axes.iter().map(target_on_axis).collect()
     }
 
     /// Value of a word in the active units, converted to mm or rad.
-    fn length(&self, axis: Axis, value: f64) -> f64 {
-        if axis.is_linear() && self.inches { value * MM_PER_INCH } else { axis.from_edge(value) }
+    fn internal_value(&self, axis: Axis, value: f64) -> f64 {
+        if axis.is_linear() && self.uses_inches {
+            value * MM_PER_INCH
+        } else {
+            axis.to_mm_or_rad(value)
+        }
     }
 
     /// `G10 L2 Pn` sets an offset; `G10 L20 Pn` sets it so that the current position has the given values.
-    fn set_offset(&mut self, line: &mut Line, here: &Position) -> Result<(), Code> {
-        let (kind, slot) = (line.value('L').ok_or(28)?, line.value('P').ok_or(28)?);
+    fn set_offset(&mut self, line: &mut LineWords, here: &Position) -> Result<(), GrblErrorCode> {
+        let (kind, coordinate_system) =
+            (line.take_value('L').ok_or(28)?, line.take_value('P').ok_or(28)?);
         if line.axes.is_empty() {
             return Err(26);
         }
-        let slot = match slot {
-            0.0 => self.slot,
-            p if p.fract() == 0.0 && (1.0..=SLOTS as f64).contains(&p) => p as usize - 1,
+        let coordinate_system = match coordinate_system {
+            0.0 => self.coordinate_system,
+            p if p.fract() == 0.0 && (1.0..=COORDINATE_SYSTEM_COUNT as f64).contains(&p) => {
+                p as usize - 1
+            }
             _ => return Err(29),
         };
         for (axis, value) in &line.axes {
-            let length = self.length(*axis, *value);
+            let length = self.internal_value(*axis, *value);
             let offset = match kind {
                 2.0 => length,
-                20.0 => here.at(*axis) - self.shift.at(*axis) - length,
+                20.0 => here.get_or_zero(*axis) - self.g92_offset.get_or_zero(*axis) - length,
                 _ => return Err(20),
             };
-            self.offsets[slot].set(*axis, offset);
+            self.offsets[coordinate_system].set(*axis, offset);
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 //! (grblHAL `errors.h`).
 
 /// Error code of Grbl.
-pub type Code = u8;
+pub type GrblErrorCode = u8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Word {
@@ -11,8 +11,8 @@ pub(super) struct Word {
 }
 
 /// The words of one line; comments `(..)` and `;..` are dropped.
-pub(super) fn words(line: &str) -> Result<Vec<Word>, Code> {
-    let code = bare(line);
+pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
+    let code = strip_comments(line);
     let mut rest = code.as_str();
     let mut words = Vec::new();
     while let Some(letter) = rest.chars().next() {
@@ -30,7 +30,7 @@ pub(super) fn words(line: &str) -> Result<Vec<Word>, Code> {
     Ok(words)
 }
 
-fn bare(line: &str) -> String {
+fn strip_comments(line: &str) -> String {
     let mut in_comment = false;
     let mut bare = String::new();
     for character in line.chars() {
@@ -47,5 +47,5 @@ fn bare(line: &str) -> String {
 
 /// Whether the line contains nothing to execute.
 pub fn is_blank(line: &str) -> bool {
-    matches!(bare(line).as_str(), "" | "%")
+    matches!(strip_comments(line).as_str(), "" | "%")
 }

@@ -5,10 +5,10 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::Sense;
-use crate::Sensed;
+use super::SampleSource;
+use crate::SensorOutput;
 use link::Clock;
-use link::can::{CanError, CanSender, Frame, Id};
+use link::can::{CanError, CanFrame, CanId, CanSender};
 
 /// The data sheet, as keys of `[sensor.can]`.
 pub const DATA_SHEET: &str = r#"
@@ -24,38 +24,41 @@ status = [
 length = 6
 "#;
 
-const ID: u32 = 0x181;
+const FRAME_ID: u32 = 0x181;
 const COUNTS_PER_MM: f64 = 100_000.0;
-const MOST_COUNTS: f64 = 8_388_607.0;
-const NO_ECHO: u8 = 1;
-const OUT_OF_RANGE: u8 = 2;
-const SATURATED: u8 = 4;
+const MAX_COUNTS: f64 = 8_388_607.0;
+const STATUS_NO_ECHO: u8 = 1;
+const STATUS_OUT_OF_RANGE: u8 = 2;
+const STATUS_SATURATED: u8 = 4;
 
 /// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first. Without a
 /// distance the sensor sends zero.
-fn bytes(count: u16, sensed: Sensed) -> [u8; 6] {
+fn frame_bytes(count: u16, sensed: SensorOutput) -> [u8; 6] {
     let (mm, status) = match sensed {
-        Sensed::Distance(mm) => (mm, 0),
-        Sensed::NoEcho => (0.0, NO_ECHO),
-        Sensed::OutOfRange(mm) => (mm, OUT_OF_RANGE),
-        Sensed::Saturated => (0.0, SATURATED),
+        SensorOutput::Distance(mm) => (mm, 0),
+        SensorOutput::NoEcho => (0.0, STATUS_NO_ECHO),
+        SensorOutput::OutOfRange(mm) => (mm, STATUS_OUT_OF_RANGE),
+        SensorOutput::Saturated => (0.0, STATUS_SATURATED),
     };
     let counts = (mm * COUNTS_PER_MM).round();
-    let status = if counts.abs() > MOST_COUNTS { status | OUT_OF_RANGE } else { status };
-    let counts = counts.clamp(-MOST_COUNTS, MOST_COUNTS) as i32;
+    let status = if counts.abs() > MAX_COUNTS { status | STATUS_OUT_OF_RANGE } else { status };
+    let counts = counts.clamp(-MAX_COUNTS, MAX_COUNTS) as i32;
     let [high, low] = count.to_be_bytes();
     let [_, first, second, third] = counts.to_be_bytes();
     [high, low, first, second, third, status]
 }
 
 /// Frames one after the other, one for each call.
-pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<Frame> + Send {
+pub fn frame_source(
+    mut sense: SampleSource,
+    clock: Arc<dyn Clock>,
+) -> impl FnMut() -> Option<CanFrame> + Send {
     let mut count = 0_u16;
     move || {
         let sensed = sense();
         count = count.wrapping_add(1);
-        let id = Id::new(ID, false).ok()?;
-        Some(Frame::new(clock.now_s(), id, &bytes(count, sensed)))
+        let id = CanId::new(FRAME_ID, false).ok()?;
+        Some(CanFrame::new(clock.now_s(), id, &frame_bytes(count, sensed)))
     }
 }
 
@@ -64,27 +67,27 @@ pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option
 ///
 /// # Errors
 /// The interface cannot be opened.
-pub fn push(
+pub fn send_periodically(
     interface: &str,
-    sense: Sense,
+    sense: SampleSource,
     rate_hz: f64,
     clock: Arc<dyn Clock>,
 ) -> Result<Arc<()>, CanError> {
-    let outlet = CanSender::open(interface)?;
-    let life = Arc::new(());
-    let listener = Arc::downgrade(&life);
-    let next = frames(sense, clock);
+    let sender = CanSender::open(interface)?;
+    let keep_alive = Arc::new(());
+    let listener = Arc::downgrade(&keep_alive);
+    let next = frame_source(sense, clock);
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     thread::Builder::new()
         .name("simulated sensor".to_owned())
-        .spawn(move || send(&outlet, next, period, &listener))
-        .map_err(|source| CanError::Open { interface: interface.to_owned(), source })?;
-    Ok(life)
+        .spawn(move || send_frames(&sender, next, period, &listener))
+        .map_err(|source| CanError::OpenFailed { interface: interface.to_owned(), source })?;
+    Ok(keep_alive)
 }
 
-fn send(
-    outlet: &CanSender,
-    mut next: impl FnMut() -> Option<Frame>,
+fn send_frames(
+    sender: &CanSender,
+    mut next: impl FnMut() -> Option<CanFrame>,
     period: Duration,
     listener: &Weak<()>,
 ) {
@@ -93,6 +96,6 @@ fn send(
         due += period;
         thread::sleep(due.saturating_duration_since(Instant::now()));
         let Some(frame) = next() else { return };
-        let _ = outlet.send(&frame);
+        let _ = sender.send(&frame);
     }
 }

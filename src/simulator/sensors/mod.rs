@@ -6,4 +6,4 @@ pub mod modbus;
 pub mod serial;
 mod serve;
 
-pub use serve::{Sense, Served};
+pub use serve::{SampleSource, ServedSensor};

@@ -13,8 +13,8 @@ use tokio::time::{MissedTickBehavior, interval};
 use tokio_modbus::server::{Service, rtu, tcp};
 use tokio_modbus::{ExceptionCode, Request, Response, SlaveRequest};
 
-use super::serve::{Sense, Served, on_pty, on_tcp};
-use crate::Sensed;
+use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
+use crate::SensorOutput;
 use link::LinkError;
 
 const COUNTS_PER_MM: f64 = 1e5;
@@ -32,21 +32,25 @@ status = [
 
 /// When the sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Measures {
+pub enum SampleTiming {
     /// When its registers are read: simulated time stops in between.
     WhenRead,
     /// At the sensor's rate, in wall time.
-    AtItsRate,
+    AtFixedRate,
 }
 
 /// Serves a sensor on a pseudo-terminal (RTU, any unit), `rate_hz` samples per second.
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
-    let sensor = SimulatedSensor::new(measures, sense);
-    let measuring = sensor.clone().at_rate(rate_hz);
-    on_pty(move |device| async move {
+pub fn serve_on_pty(
+    timing: SampleTiming,
+    sense: SampleSource,
+    rate_hz: f64,
+) -> Result<ServedSensor, LinkError> {
+    let sensor = SimulatedSensor::new(timing, sense);
+    let measuring = sensor.clone().measure_at_rate(rate_hz);
+    serve_pty(move |device| async move {
         let serve = rtu::Server::new(device).serve_forever(sensor);
         tokio::select! { _ = serve => {}, () = measuring => {} }
     })
@@ -56,10 +60,14 @@ pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Se
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn serve_on_tcp(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
-    let sensor = SimulatedSensor::new(measures, sense);
-    let measuring = sensor.clone().at_rate(rate_hz);
-    on_tcp(move |listener| async move {
+pub fn serve_on_tcp(
+    timing: SampleTiming,
+    sense: SampleSource,
+    rate_hz: f64,
+) -> Result<ServedSensor, LinkError> {
+    let sensor = SimulatedSensor::new(timing, sense);
+    let measuring = sensor.clone().measure_at_rate(rate_hz);
+    serve_tcp(move |listener| async move {
         let connected = move |stream: TcpStream, _| {
             let sensor = sensor.clone();
             async move { stream.set_nodelay(true).map(|()| Some((sensor, stream))) }
@@ -69,27 +77,28 @@ pub fn serve_on_tcp(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Se
     })
 }
 
-struct Inner {
+struct Registers {
     words: [u16; 4],
-    sense: Sense,
+    sense: SampleSource,
 }
 
 #[derive(Clone)]
 struct SimulatedSensor {
-    inner: Arc<Mutex<Inner>>,
-    measures: Measures,
+    inner: Arc<Mutex<Registers>>,
+    timing: SampleTiming,
 }
 
 impl SimulatedSensor {
     /// A sensor that has taken its first sample.
-    fn new(measures: Measures, sense: Sense) -> Self {
-        let sensor = Self { inner: Arc::new(Mutex::new(Inner { words: [0; 4], sense })), measures };
+    fn new(timing: SampleTiming, sense: SampleSource) -> Self {
+        let sensor =
+            Self { inner: Arc::new(Mutex::new(Registers { words: [0; 4], sense })), timing };
         sensor.measure();
         sensor
     }
 
-    async fn at_rate(self, rate_hz: f64) {
-        if self.measures == Measures::WhenRead {
+    async fn measure_at_rate(self, rate_hz: f64) {
+        if self.timing == SampleTiming::WhenRead {
             std::future::pending::<()>().await;
         }
         let mut ticks = interval(Duration::from_secs_f64(1.0 / rate_hz));
@@ -104,10 +113,10 @@ impl SimulatedSensor {
     fn measure(&self) {
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         let (mm, status) = match (inner.sense)() {
-            Sensed::Distance(mm) => (mm, 0),
-            Sensed::NoEcho => (0.0, 1),
-            Sensed::OutOfRange(mm) => (mm, 2),
-            Sensed::Saturated => (0.0, 4),
+            SensorOutput::Distance(mm) => (mm, 0),
+            SensorOutput::NoEcho => (0.0, 1),
+            SensorOutput::OutOfRange(mm) => (mm, 2),
+            SensorOutput::Saturated => (0.0, 4),
         };
         let number = (mm * COUNTS_PER_MM).round() as i32 as u32;
         let [_, count, ..] = inner.words;
@@ -129,7 +138,7 @@ impl Service for SimulatedSensor {
         if first + count > 4 {
             return ready(Err(ExceptionCode::IllegalDataAddress));
         }
-        if self.measures == Measures::WhenRead {
+        if self.timing == SampleTiming::WhenRead {
             self.measure();
         }
         let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);

@@ -11,15 +11,15 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::time::{MissedTickBehavior, interval};
 
-use super::serve::{Sense, Served, on_pty, on_tcp};
-use crate::Sensed;
+use super::serve::{SampleSource, ServedSensor, serve_pty, serve_tcp};
+use crate::SensorOutput;
 use link::{ByteStreamHandle, LinkError};
 
 /// Buffer of the in-process wire.
 const WIRE_BYTES: usize = 4096;
 const COUNTS_PER_MM: f64 = 1e5;
 
-const TEXT: &str = r#"
+const TEXT_DATA_SHEET: &str = r#"
 [line]
 end = "\r\n"
 prefix = "D"
@@ -37,7 +37,7 @@ codes = [
 ]
 "#;
 
-const FRAMES: &str = r#"
+const FRAME_DATA_SHEET: &str = r#"
 [frame]
 sync = [0xAA, 0x55]
 length = 7
@@ -54,46 +54,54 @@ checksum = { kind = "crc16-modbus", order = "little" }
 
 /// Output format of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum OutputFormat {
     Text,
     Frames,
 }
 
 /// The data sheet of `format`, as keys of `[sensor.serial]`.
-pub fn data_sheet(format: Format) -> &'static str {
+pub fn data_sheet(format: OutputFormat) -> &'static str {
     match format {
-        Format::Text => TEXT,
-        Format::Frames => FRAMES,
+        OutputFormat::Text => TEXT_DATA_SHEET,
+        OutputFormat::Frames => FRAME_DATA_SHEET,
     }
 }
 
-/// Request that makes [`on_demand`] send a sample, as a key of `[sensor.serial]`.
-pub const REQUEST: &str = "request = \"M\\n\"\n";
+/// Request that makes [`serve_on_demand`] send a sample, as a key of `[sensor.serial]`.
+pub const REQUEST_KEY: &str = "request = \"M\\n\"\n";
 
 /// A sensor inside this process that sends one sample for each line end it receives. Call inside a tokio
 /// runtime.
-pub fn on_demand(format: Format, sense: Sense) -> ByteStreamHandle {
+pub fn serve_on_demand(format: OutputFormat, sense: SampleSource) -> ByteStreamHandle {
     let (near, far) = tokio::io::duplex(WIRE_BYTES);
-    tokio::spawn(SimulatedSensor { format, count: 0, sense }.answer(far));
-    ByteStreamHandle::over("the simulated sensor", near)
+    tokio::spawn(SimulatedSensor { format, count: 0, sense }.serve_requests(far));
+    ByteStreamHandle::from_stream("the simulated sensor", near)
 }
 
 /// Serves a sensor on a pseudo-terminal, which sends continuously until its client disconnects.
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn send_on_pty(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+pub fn send_on_pty(
+    format: OutputFormat,
+    sense: SampleSource,
+    rate_hz: f64,
+) -> Result<ServedSensor, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
-    on_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
+    serve_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
 }
 
 /// Serves a sensor on a TCP port, which sends continuously to one client after the other.
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn send_on_tcp(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
+pub fn send_on_tcp(
+    format: OutputFormat,
+    sense: SampleSource,
+    rate_hz: f64,
+) -> Result<ServedSensor, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
-    on_tcp(move |listener| async move {
+    serve_tcp(move |listener| async move {
         while let Ok((stream, _)) = listener.accept().await {
             drop(sensor.send(stream, rate_hz).await);
         }
@@ -101,30 +109,33 @@ pub fn send_on_tcp(format: Format, sense: Sense, rate_hz: f64) -> Result<Served,
 }
 
 struct SimulatedSensor {
-    format: Format,
+    format: OutputFormat,
     count: u16,
-    sense: Sense,
+    sense: SampleSource,
 }
 
 impl SimulatedSensor {
     /// One sample in the output format.
-    fn say(&mut self) -> Vec<u8> {
+    fn sample_bytes(&mut self) -> Vec<u8> {
         let sensed = (self.sense)();
         self.count = self.count.wrapping_add(1);
         match self.format {
-            Format::Text => text(sensed, self.count),
-            Format::Frames => frame(sensed, self.count),
+            OutputFormat::Text => text_line(sensed, self.count),
+            OutputFormat::Frames => binary_frame(sensed, self.count),
         }
     }
 
     /// Sends a sample for each line end received.
-    async fn answer(mut self, mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
+    async fn serve_requests(
+        mut self,
+        mut stream: impl AsyncRead + AsyncWrite + Unpin,
+    ) -> io::Result<()> {
         let mut buffer = [0; 64];
         loop {
             let count = stream.read(&mut buffer).await?;
-            let asked = buffer.get(..count).unwrap_or_default();
-            for _ in asked.iter().filter(|byte| **byte == b'\n') {
-                stream.write_all(&self.say()).await?;
+            let request = buffer.get(..count).unwrap_or_default();
+            for _ in request.iter().filter(|byte| **byte == b'\n') {
+                stream.write_all(&self.sample_bytes()).await?;
             }
             if count == 0 {
                 return Ok(());
@@ -138,27 +149,27 @@ impl SimulatedSensor {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Burst);
         loop {
             ticks.tick().await;
-            stream.write_all(&self.say()).await?;
+            stream.write_all(&self.sample_bytes()).await?;
         }
     }
 }
 
-fn text(sensed: Sensed, count: u16) -> Vec<u8> {
+fn text_line(sensed: SensorOutput, count: u16) -> Vec<u8> {
     let value = match sensed {
-        Sensed::Distance(mm) => format!("{mm:+.5}"),
-        Sensed::NoEcho => "NOECHO".to_owned(),
-        Sensed::OutOfRange(_) => "RANGE".to_owned(),
-        Sensed::Saturated => "SATURATED".to_owned(),
+        SensorOutput::Distance(mm) => format!("{mm:+.5}"),
+        SensorOutput::NoEcho => "NOECHO".to_owned(),
+        SensorOutput::OutOfRange(_) => "RANGE".to_owned(),
+        SensorOutput::Saturated => "SATURATED".to_owned(),
     };
     format!("D{value},{count};\r\n").into_bytes()
 }
 
-fn frame(sensed: Sensed, count: u16) -> Vec<u8> {
+fn binary_frame(sensed: SensorOutput, count: u16) -> Vec<u8> {
     let (mm, status) = match sensed {
-        Sensed::Distance(mm) => (mm, 0),
-        Sensed::NoEcho => (0.0, 1),
-        Sensed::OutOfRange(mm) => (mm, 2),
-        Sensed::Saturated => (0.0, 4),
+        SensorOutput::Distance(mm) => (mm, 0),
+        SensorOutput::NoEcho => (0.0, 1),
+        SensorOutput::OutOfRange(mm) => (mm, 2),
+        SensorOutput::Saturated => (0.0, 4),
     };
     let mut body = ((mm * COUNTS_PER_MM).round() as i32).to_be_bytes().to_vec();
     body.extend(count.to_be_bytes());

@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
-use super::super::balls::Balls;
+use super::super::balls::TrueBalls;
 use super::contact::{ERRORS, TIP, ball_by_products, by_products, closed_form, solve, tip};
 use super::*;
-use machine::frame::across;
+use machine::frame::perpendicular_directions;
 use machine::record::artefact::Artefact;
 
 const TWO: &str = "
@@ -39,11 +39,12 @@ fn rotary([b, c, s]: [f64; 3]) -> Position {
 fn assert_touch(bench: &Bench, [start, end]: [&Position; 2], expected: f64) {
     let mut world = bench.world();
     world.travel(start, Speed::Rapid);
-    let probed = world.probe(&end.only(Axis::is_linear), 60.0, 1);
+    let probed = world.probe(&end.filter_axes(Axis::is_linear), 60.0, 1);
     let contact = probed.contact.expect("contact").position;
     for axis in Axis::LINEAR {
-        let expected = start.at(axis) + expected * (end.at(axis) - start.at(axis));
-        let error = (contact.at(axis) - expected).abs();
+        let expected =
+            start.get_or_zero(axis) + expected * (end.get_or_zero(axis) - start.get_or_zero(axis));
+        let error = (contact.get_or_zero(axis) - expected).abs();
         assert!(error <= 1e-9, "{axis}: {error:e}");
     }
 }
@@ -58,7 +59,7 @@ fn on_sphere(from: Vector3<f64>, to: Vector3<f64>, centre: Vector3<f64>, radius:
 #[test]
 fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
     let mut bench = spoilt();
-    bench.truth.ball = toml::from_str::<Truth>(
+    bench.truth.ball = toml::from_str::<MachineTruth>(
         "[[ball]]\nid = 'high'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
     )
     .unwrap()
@@ -68,7 +69,7 @@ fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
         let others = rotary(pose);
         for approach in [Vector3::new(0.4, 0.3, 1.0), Vector3::new(-1.0, 0.2, 0.1), Vector3::y()] {
             let outward = approach.normalize();
-            let aside = across(outward)[0] * 1.5;
+            let aside = perpendicular_directions(outward)[0] * 1.5;
             let start = solve(centre + outward * 14.0 + aside, &others);
             let end = solve(centre + outward * 5.0 + aside, &others);
             let [from, to] = [&start, &end].map(ball_by_products);
@@ -85,7 +86,7 @@ fn a_stem_is_felt_where_it_stands() {
     let middle = HIGH + along * 90.0;
     for pose in POSES {
         let others = rotary(pose);
-        let outward = across(along)[0];
+        let outward = perpendicular_directions(along)[0];
         let start = solve(middle + outward * 9.0 + along * 4.0, &others);
         let end = solve(middle + outward * 4.0, &others);
         let [from, to] = [&start, &end].map(ball_by_products);
@@ -95,11 +96,11 @@ fn a_stem_is_felt_where_it_stands() {
     let mut world = bench.world();
     let others = rotary(POSES[0]);
     let below = HIGH + along * (160.0 + BALL + 0.1);
-    let aside = across(along)[0] * 20.0;
+    let aside = perpendicular_directions(along)[0] * 20.0;
     world.travel(&solve(below + aside, &others), Speed::Rapid);
-    let end = solve(below - aside, &others).only(Axis::is_linear);
+    let end = solve(below - aside, &others).filter_axes(Axis::is_linear);
     assert_eq!(world.probe(&end, 60.0, 1).contact, None);
-    let higher = solve(below - along * 0.2 - aside, &others).only(Axis::is_linear);
+    let higher = solve(below - along * 0.2 - aside, &others).filter_axes(Axis::is_linear);
     world.travel(&solve(below + aside - along * 0.2, &others), Speed::Rapid);
     assert!(world.probe(&higher, 60.0, 1).contact.is_some());
 }
@@ -111,7 +112,7 @@ fn sag_bends_the_table_as_declared() {
         let sag = format!(
             "[[sag]]\naxis = 'B'\nlaw = '{law}'\num = [3.0, -40.0, 20.0]\nurad = [0.0, 0.0, 300.0]"
         );
-        bench.truth.sag = toml::from_str::<Truth>(&sag).unwrap().sag;
+        bench.truth.sag = toml::from_str::<MachineTruth>(&sag).unwrap().sag;
         // The start follows from the nominal pose; the contact must be where the pose with sag predicts it.
         let others = rotary([-60.0, 35.0, 0.0]);
         let bent = |q: &Position| {
@@ -138,7 +139,7 @@ fn sag_bends_the_table_as_declared() {
 fn a_ball_that_comes_loose_stands_off_from_then_on() {
     let mut bench = Bench::balls(TWO);
     let moves = "[[ball_moves]]\nball = 'low'\nat_s = 3600.0\nby_mm = [0.02, 0.0, -0.01]";
-    bench.truth.ball_moves = toml::from_str::<Truth>(moves).unwrap().ball_moves;
+    bench.truth.ball_moves = toml::from_str::<MachineTruth>(moves).unwrap().ball_moves;
     let mut world = bench.world();
     let low = Vector3::new(120.0, -30.0, 50.0);
     let mut touch = |outward: Vector3<f64>, centre: Vector3<f64>| {
@@ -149,7 +150,7 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
         world.travel(&at(13.0), Speed::Rapid);
         let contact = world.probe(&at(7.0), 60.0, 1).contact.unwrap();
         world.travel(&at(13.0), Speed::Rapid);
-        let [x, y, z] = Axis::LINEAR.map(|axis| contact.position.at(axis));
+        let [x, y, z] = Axis::LINEAR.map(|axis| contact.position.get_or_zero(axis));
         let found = (Vector3::new(x, y, z - 100.0) - centre).dot(&outward);
         world.dwell(4000.0);
         found
@@ -163,15 +164,15 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
 }
 
 /// The balls as drawn from the seed.
-fn drawn(truth: &Truth, seed: u64, text: &str) -> Balls {
+fn drawn(truth: &MachineTruth, seed: u64, text: &str) -> TrueBalls {
     let Artefact::Balls(stated) = Bench::balls(text).artefact else { panic!() };
-    Balls::new(&stated, &Truth { seed, ..truth.clone() }).unwrap()
+    TrueBalls::new(&stated, &MachineTruth { seed, ..truth.clone() }).unwrap()
 }
 
 #[test]
 fn places_diameters_and_form_have_the_declared_magnitude() {
     let truth = "ball_offset_mm = 0.3\nball_diameter_um = 4.0\nball_form_um = 0.5";
-    let truth: Truth = toml::from_str(truth).unwrap();
+    let truth: MachineTruth = toml::from_str(truth).unwrap();
     const SEEDS: u64 = 2000;
     let mut squares = [0.0; 6];
     for seed in 0..SEEDS {
@@ -199,7 +200,7 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
 
 #[test]
 fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
-    let truth: Truth = toml::from_str("ball_form_um = 200.0").unwrap();
+    let truth: MachineTruth = toml::from_str("ball_form_um = 200.0").unwrap();
     let balls = drawn(&truth, 4, TWO);
     let centre = balls.centre(1, 0.0);
     // Radius of the surface along a direction, by bisection.
@@ -227,7 +228,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     {
         let nearest = balls.nearest(centre + point, 0.0);
         let start = point.normalize();
-        let [a, b] = across(start);
+        let [a, b] = perpendicular_directions(start);
         let steps = || (-400..=400).map(|i| f64::from(i) * 2.5e-4);
         let dense = steps()
             .flat_map(|i| steps().map(move |j| (start + a * i + b * j).normalize()))
@@ -254,7 +255,7 @@ const BAR: &str = "
 
 #[test]
 fn certified_lengths_are_as_true_as_their_certificates() {
-    let truth: Truth = toml::from_str("ball_offset_mm = 0.1").unwrap();
+    let truth: MachineTruth = toml::from_str("ball_offset_mm = 0.1").unwrap();
     const SEEDS: u64 = 2000;
     let mut draws = [Vec::new(), Vec::new()];
     for seed in 0..SEEDS {
@@ -272,9 +273,9 @@ fn certified_lengths_are_as_true_as_their_certificates() {
         let variance = found.iter().map(|d| (d - average).powi(2)).sum::<f64>() / SEEDS as f64;
         assert!((variance / (sd * sd) - 1.0).abs() < 0.12, "{variance}");
     }
-    let wrong: Truth = toml::from_str("length_error_um_per_m = 300.0").unwrap();
-    let [right, off] = [Truth::default(), wrong].map(|truth| drawn(&truth, 5, BAR));
-    let apart = |balls: &Balls| balls.centre(0, 0.0).metric_distance(&balls.centre(1, 0.0));
+    let wrong: MachineTruth = toml::from_str("length_error_um_per_m = 300.0").unwrap();
+    let [right, off] = [MachineTruth::default(), wrong].map(|truth| drawn(&truth, 5, BAR));
+    let apart = |balls: &TrueBalls| balls.centre(0, 0.0).metric_distance(&balls.centre(1, 0.0));
     assert!((apart(&off) / apart(&right) - 1.0 - 300e-6).abs() < 1e-12);
 }
 
@@ -286,15 +287,17 @@ fn the_stylus_is_off_by_what_is_declared() {
     world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0).with(Axis::S, PI), Speed::Rapid);
     let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
     // 20 µm lower, and 30 µm to the side: 0.03²/22 mm.
-    let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
+    let z = contact.position.get_or_zero(Axis::Z) - 100.0 - HIGH.z;
     assert!((z - 0.020 - (121.0_f64 - 0.03 * 0.03).sqrt()).abs() < 1e-9);
 }
 
 #[test]
 fn a_truth_of_another_artefact_is_refused_by_name() {
     let said = |text: &str, bench: Bench| {
-        let truth: Truth = toml::from_str(text).unwrap();
-        World::new(&bench.machine, &bench.probe, &bench.artefact, &truth).unwrap_err().to_string()
+        let truth: MachineTruth = toml::from_str(text).unwrap();
+        SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &truth)
+            .unwrap_err()
+            .to_string()
     };
     let balls = || Bench::balls(TWO);
     assert!(said("roughness_um = 1.0", balls()).contains("roughness_um is for an artefact"));
@@ -318,9 +321,9 @@ fn drift_moves_the_table_along_the_spindle_too() {
     world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0), Speed::Rapid);
     world.dwell(7200.0);
     let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
-    let moved = super::super::drawn::Drift::draw(11, 40.0).table(contact.t_s);
-    let across = 121.0 - moved.xy().norm_squared();
-    let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
-    assert!((z - moved.z - across.sqrt()).abs() < 1e-9);
+    let moved = super::super::random_draws::Drift::draw(11, 40.0).table_displacement(contact.t_s);
+    let perpendicular_directions = 121.0 - moved.xy().norm_squared();
+    let z = contact.position.get_or_zero(Axis::Z) - 100.0 - HIGH.z;
+    assert!((z - moved.z - perpendicular_directions.sqrt()).abs() < 1e-9);
     assert!(moved.z.abs() > 1e-3);
 }

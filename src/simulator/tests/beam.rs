@@ -3,7 +3,7 @@
 
 use nalgebra::{Vector3, Vector4};
 
-use super::super::drawn;
+use super::super::random_draws;
 use super::contact::{ERRORS, TIP, by_products, solve};
 use super::*;
 use machine::record::sensor::Sensor;
@@ -28,19 +28,19 @@ fn bench(truth: &str) -> Bench {
     bench
 }
 
-fn look(bench: &Bench, at: &Position) -> Sensed {
+fn look(bench: &Bench, at: &Position) -> SensorOutput {
     look_with(bench, &down(), at)
 }
 
-fn look_with(bench: &Bench, sensor: &Sensor, at: &Position) -> Sensed {
+fn look_with(bench: &Bench, sensor: &Sensor, at: &Position) -> SensorOutput {
     let mut world = bench.world().with_sensors(std::slice::from_ref(sensor)).unwrap();
     world.travel(at, Speed::Rapid);
-    world.sense("laser", 0.0).unwrap()
+    world.sample_after("laser", 0.0).unwrap()
 }
 
 #[track_caller]
-fn assert_says(said: Sensed, expected: f64) {
-    let Sensed::Distance(distance) = said else { panic!("{said:?}") };
+fn assert_says(said: SensorOutput, expected: f64) {
+    let SensorOutput::Distance(distance) = said else { panic!("{said:?}") };
     assert!((distance - expected).abs() <= 1e-9, "{distance} {expected}");
 }
 
@@ -52,18 +52,18 @@ fn an_ideal_sensor_says_the_distance_along_its_beam() {
     // Right triangle 6, 8, 10 mm.
     assert_says(look(&bench, &ball_at(6.0, 0.0, 65.0)), 7.0);
     assert_says(look(&bench, &ball_at(0.0, -6.0, 65.0)), 7.0);
-    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 75.0)), Sensed::OutOfRange(15.0));
-    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), Sensed::OutOfRange(-12.0));
-    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), Sensed::NoEcho);
-    assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), Sensed::NoEcho);
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 75.0)), SensorOutput::OutOfRange(15.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), SensorOutput::OutOfRange(-12.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), SensorOutput::NoEcho);
+    assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), SensorOutput::NoEcho);
     // The front of the sensor is 50 mm behind the zero point, and the surface may come up to it; inside the ball
     // there is no echo.
-    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), Sensed::OutOfRange(-25.0));
-    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), Sensed::NoEcho);
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), SensorOutput::OutOfRange(-25.0));
+    assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), SensorOutput::NoEcho);
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
-    assert_eq!(world.sense("lazer", 1.0), None);
+    assert_eq!(world.sample_after("lazer", 1.0), None);
     assert_eq!(world.time_s(), 0.0);
-    world.sense("laser", 0.25).unwrap();
+    world.sample_after("laser", 0.25).unwrap();
     assert_eq!(world.time_s(), 0.25);
 }
 
@@ -73,11 +73,11 @@ fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
     let at = |deg: f64| ball_at(0.0, R * deg.to_radians().sin(), 65.0);
     let expected = |deg: f64| 15.0 - R * deg.to_radians().cos();
     assert_says(look(&limited, &at(29.99)), expected(29.99));
-    assert_eq!(look(&limited, &at(30.01)), Sensed::NoEcho);
+    assert_eq!(look(&limited, &at(30.01)), SensorOutput::NoEcho);
     assert_says(look(&limited, &at(6.01)), expected(6.01));
-    assert_eq!(look(&limited, &at(5.99)), Sensed::Saturated);
+    assert_eq!(look(&limited, &at(5.99)), SensorOutput::Saturated);
     assert_says(look(&bench(""), &at(39.99)), expected(39.99));
-    assert_eq!(look(&bench(""), &at(40.01)), Sensed::NoEcho);
+    assert_eq!(look(&bench(""), &at(40.01)), SensorOutput::NoEcho);
 }
 
 #[test]
@@ -99,7 +99,7 @@ fn a_beam_leans_and_stands_off_as_the_truth_says() {
     assert_says(seen, 7.0);
     // For a beam along Y the second direction across is Z: the beam tilts upwards, over the top of the ball.
     let up = look_with(&bench("tilt_urad = [0.0, 20000.0]"), &aside, &ball_at(0.0, 12.0, 56.0));
-    let Sensed::Distance(up) = up else { panic!("{up:?}") };
+    let SensorOutput::Distance(up) = up else { panic!("{up:?}") };
     assert!((7.08..7.13).contains(&up), "{up}");
 }
 
@@ -122,12 +122,12 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
     bench.machine.tool_mm = TIP;
     bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
     bench.truth.ball_form_um = 40.0;
-    bench.truth.ball = toml::from_str::<Truth>(
+    bench.truth.ball = toml::from_str::<MachineTruth>(
         "[[ball]]\nid = '1'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
     )
     .unwrap()
     .ball;
-    let oval = drawn::ball(0, 0).oval * 0.040;
+    let oval = random_draws::draw_ball(0, 0).oval * 0.040;
     let centre = Vector3::new(0.2, -0.1, 50.3);
     let gap = |point: Vector3<f64>| {
         let u = (point - centre).normalize();
@@ -168,7 +168,7 @@ fn every_switch_of_the_electronics_does_what_it_says() {
     assert_says(look(&bench("lean_um = [100.0, 4.0]"), &ball_at(0.0, 6.0, 65.0)), 7.003);
     // The mean of R − √(R² − r²) over a disc of radius a.
     let spot = look(&bench("spot_mm = 0.2"), &top);
-    let Sensed::Distance(spot) = spot else { panic!("{spot:?}") };
+    let SensorOutput::Distance(spot) = spot else { panic!("{spot:?}") };
     let mean = 0.1_f64.powi(2) / (4.0 * R) + 0.1_f64.powi(4) / (24.0 * R.powi(3));
     assert!((spot - 5.0 - mean).abs() <= 2e-9, "{spot}");
 }
@@ -178,8 +178,8 @@ fn what_is_only_declared_is_drawn_from_the_seed() {
     let samples = |bench: &Bench, sensor: Sensor, count: usize| -> Vec<f64> {
         let mut world = bench.world().with_sensors(&[sensor]).unwrap();
         world.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
-        let says = |_| match world.sense("laser", 1e-3).unwrap() {
-            Sensed::Distance(distance) => distance - 3.0,
+        let says = |_| match world.sample_after("laser", 1e-3).unwrap() {
+            SensorOutput::Distance(distance) => distance - 3.0,
             other => panic!("{other:?}"),
         };
         (0..count).map(says).collect()
@@ -196,9 +196,9 @@ fn what_is_only_declared_is_drawn_from_the_seed() {
     assert!(quiet.iter().all(|v| v.abs() < 1e-9), "{quiet:?}");
     // After a pause no noise value repeats.
     let mut later = bench("").world().with_sensors(&[noisy]).unwrap();
-    later.pass(1.0, []);
+    later.advance(1.0, []);
     later.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
-    let Some(Sensed::Distance(again)) = later.sense("laser", 0.0) else { panic!() };
+    let Some(SensorOutput::Distance(again)) = later.sample_after("laser", 0.0) else { panic!() };
     assert!(seen.iter().all(|v| (v + 3.0 - again).abs() > 1e-12));
     // The curve has the declared standard deviation over machines at every distance.
     let curved = |seed| {
@@ -215,7 +215,7 @@ fn a_sensor_samples_by_its_own_clock() {
     let moments = |truth: &str| -> Vec<f64> {
         let mut world = bench(truth).world().with_sensors(&[down()]).unwrap();
         let moment = |_| {
-            world.sense("laser", 1e-3).unwrap();
+            world.sample_after("laser", 1e-3).unwrap();
             world.time_s()
         };
         (0..4000).map(moment).collect()
@@ -246,19 +246,19 @@ fn a_late_sensor_tells_of_an_earlier_moment() {
     let mut world = began();
     let moved = world.travel(&end, speed).duration_s;
     assert!((moved - 0.61).abs() < 1e-9, "{moved}");
-    assert_says(world.sense("laser", 0.0).unwrap(), depth(4.05));
-    assert_says(world.sense("laser", 0.2).unwrap(), depth(6.0));
-    assert_says(world.sense("laser", 5.0).unwrap(), depth(6.0));
+    assert_says(world.sample_after("laser", 0.0).unwrap(), depth(4.05));
+    assert_says(world.sample_after("laser", 0.2).unwrap(), depth(6.0));
+    assert_says(world.sample_after("laser", 5.0).unwrap(), depth(6.0));
     // The same during a move: the current axis positions are displayed, the earlier ones are measured.
     let mut world = began();
-    let passing = world.sense_on_the_way("laser", &end, speed, 0.01);
+    let passing = world.sample_during_move("laser", &end, speed, 0.01);
     assert!(passing.len() >= 60);
-    let at = |n: usize| (passing[n - 1].position.at(Axis::X), passing[n - 1].sensed);
+    let at = |n: usize| (passing[n - 1].position.get_or_zero(Axis::X), passing[n - 1].output);
     assert!((at(50).0 - 4.95).abs() < 1e-9, "{:?}", at(50));
     assert_says(at(50).1, depth(2.95));
     assert_says(at(15).1, depth(0.0));
     assert_says(at(21).1, depth(0.05));
-    assert!((world.position().at(Axis::X) - 6.0).abs() < 1e-12);
+    assert!((world.position().get_or_zero(Axis::X) - 6.0).abs() < 1e-12);
     assert!((world.time_s() - passing[59].t_s).abs() < 0.011);
 }
 
@@ -268,7 +268,7 @@ fn the_table_drifts_under_the_beam() {
     bench.machine.drift_um_per_h = 30.0;
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
     world.travel(&ball_at(0.0, 0.0, 65.0), Speed::Rapid);
-    let said = world.sense("laser", 3600.0).unwrap();
+    let said = world.sample_after("laser", 3600.0).unwrap();
     let drift = Vector3::from(world.true_drift_mm(world.time_s()));
     assert!(drift.z.abs() > 1e-3, "{drift:?}");
     let sideways2 = drift.x.powi(2) + drift.y.powi(2);
@@ -313,5 +313,5 @@ fn sensors_that_cannot_be_are_refused_by_name() {
     assert!(refused("", &[blind]).contains("direction"));
     let narrow = Sensor { range_mm: [5.0, 5.0], ..down() };
     assert!(refused("", &[narrow]).contains("range_mm"));
-    assert!(toml::from_str::<Truth>("[[sensor]]\nname = 'a'\ntilt = 3").is_err());
+    assert!(toml::from_str::<MachineTruth>("[[sensor]]\nname = 'a'\ntilt = 3").is_err());
 }

@@ -30,15 +30,15 @@ fn sensors() -> [Sensor; 3] {
     ]
 }
 
-fn world(truth: &str) -> World {
+fn world(truth: &str) -> SimulatedWorld {
     bench(truth).world().with_sensors(&sensors()).unwrap()
 }
 
 /// Readings of the three sensors with C at this angle, mm.
-fn at(world: &mut World, degrees: f64) -> [f64; 3] {
+fn at(world: &mut SimulatedWorld, degrees: f64) -> [f64; 3] {
     world.travel(&Position::new().with(Axis::C, degrees.to_radians()), Speed::Rapid);
-    ["low", "high", "face"].map(|name| match world.sense(name, 0.0) {
-        Some(Sensed::Distance(mm)) => mm,
+    ["low", "high", "face"].map(|name| match world.sample_after(name, 0.0) {
+        Some(SensorOutput::Distance(mm)) => mm,
         other => panic!("{other:?}"),
     })
 }
@@ -75,13 +75,13 @@ fn the_stage_turns_the_artefact_and_its_faults_turn_it_wrongly() {
     let truth = "[datum_cylinder]\nsection_form = [{ section = 2, n = 3, cos_um = 2.0 }]\n\
                  [stage]\nfaults = [{ mounting = 2, off_deg = 20.0 }]";
     let mut world = world(truth);
-    world.mount(40.0);
+    world.mount_artefact(40.0);
     // The artefact's −40° direction faces the sensor: cos −120°.
     assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
-    world.mount(40.0);
+    world.mount_artefact(40.0);
     assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
     // The second mounting: −60°, and its index error of −20°.
-    world.mount(60.0);
+    world.mount_artefact(60.0);
     let expected = -0.002 * (3.0_f64 * -80.0).to_radians().cos();
     assert_near(at(&mut world, 0.0), [0.0, expected, 0.0]);
 }
@@ -93,12 +93,12 @@ fn mountings_draw_what_is_declared_and_repeat_with_the_seed() {
     let first = at(&mut one, 0.0);
     assert_near(first, [0.0; 3]);
     let moved = [36.0, 72.0].map(|turn_deg| {
-        one.mount(turn_deg);
+        one.mount_artefact(turn_deg);
         at(&mut one, 0.0)
     });
     assert!(moved[0] != moved[1] && moved.iter().all(|[low, ..]| low.abs() < 0.01), "{moved:?}");
     let mut other = world(truth);
-    [36.0, 72.0].into_iter().for_each(|turn_deg| other.mount(turn_deg));
+    [36.0, 72.0].into_iter().for_each(|turn_deg| other.mount_artefact(turn_deg));
     assert_near(at(&mut other, 0.0), moved[1]);
 }
 
@@ -114,7 +114,7 @@ fn a_leaning_cylinder_stands_off_by_its_height() {
 fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
     let motion = "[[rotary_motion]]\naxis = 'C'\nlinear_um = 1.0\nmax_order = 20\n";
     let mut world = world(&format!("seed = 5\n{motion}"));
-    let motion_x = |world: &World, degrees: f64| {
+    let motion_x = |world: &SimulatedWorld, degrees: f64| {
         world.true_rotary_motion(Axis::C, Axis::X, degrees.to_radians())
     };
     let mut largest = 0.0_f64;
@@ -154,10 +154,10 @@ fn the_bed_does_not_move_with_the_spindle() {
     let mut world = bench("").world().with_sensors(&[bed, spindle]).unwrap();
     let mut report = |z: f64| {
         world.travel(&Position::new().with(Axis::Z, z), Speed::Rapid);
-        ["low", "spindle"].map(|name| world.sense(name, 0.0).unwrap())
+        ["low", "spindle"].map(|name| world.sample_after(name, 0.0).unwrap())
     };
-    assert_eq!(report(0.0), [Sensed::Distance(0.0); 2]);
-    assert_eq!(report(200.0), [Sensed::Distance(0.0), Sensed::NoEcho]);
+    assert_eq!(report(0.0), [SensorOutput::Distance(0.0); 2]);
+    assert_eq!(report(200.0), [SensorOutput::Distance(0.0), SensorOutput::NoEcho]);
 }
 
 #[test]
@@ -174,10 +174,10 @@ fn a_saturated_sensor_stays_at_its_limit() {
 fn what_no_cylinder_has_is_refused() {
     let refused = |truth: &str| {
         let Bench { machine, probe, artefact, truth } = bench(truth);
-        World::new(&machine, &probe, &artefact, &truth).err()
+        SimulatedWorld::new(&machine, &probe, &artefact, &truth).err()
     };
     let stray = "[datum_cylinder]\nsection_form = [{ section = 3, n = 2 }]";
-    assert_eq!(refused(stray), Some(WorldError::DatumCylinder));
+    assert_eq!(refused(stray), Some(SimulatedWorldError::InvalidDatumCylinder));
     let linear = "[[rotary_motion]]\naxis = 'X'\nlinear_um = 1.0";
-    assert_eq!(refused(linear), Some(WorldError::Magnitude));
+    assert_eq!(refused(linear), Some(SimulatedWorldError::InvalidMagnitude));
 }

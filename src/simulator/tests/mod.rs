@@ -14,7 +14,7 @@ pub(super) struct Bench {
     pub machine: Machine,
     pub probe: Probe,
     pub artefact: Artefact,
-    pub truth: Truth,
+    pub truth: MachineTruth,
 }
 
 /// Radius of the part, of the ball, and of the ball centre's circle, mm.
@@ -37,7 +37,7 @@ impl Bench {
             machine: toml::from_str(&machine).unwrap(),
             probe: toml::from_str(&format!("ball_radius_mm = {BALL}")).unwrap(),
             artefact: toml::from_str(&artefact).unwrap(),
-            truth: Truth::default(),
+            truth: MachineTruth::default(),
         }
     }
 
@@ -51,8 +51,8 @@ impl Bench {
         self.machine.axes.get_mut(&axis).unwrap()
     }
 
-    pub fn world(&self) -> World {
-        World::new(&self.machine, &self.probe, &self.artefact, &self.truth).unwrap()
+    pub fn world(&self) -> SimulatedWorld {
+        SimulatedWorld::new(&self.machine, &self.probe, &self.artefact, &self.truth).unwrap()
     }
 }
 
@@ -63,17 +63,17 @@ pub(super) fn ball_at(x: f64, y: f64, z: f64) -> Position {
 
 /// Touches at half height from outside along the direction `phi` (rad), with the spindle at `s`. Returns the
 /// displayed radius of the ball (along phi) and the time.
-pub(super) fn touch(world: &mut World, phi: f64, s: f64, n: u32) -> (f64, f64) {
+pub(super) fn touch(world: &mut SimulatedWorld, phi: f64, s: f64, n: u32) -> (f64, f64) {
     let at = |radius: f64, z: f64| ball_at(radius * phi.cos(), radius * phi.sin(), z);
     let clear = Speed::Feed { mm_min: 6000.0 };
     let lifted = world.position().with(Axis::Z, 300.0);
-    assert!(!world.travel(&lifted, Speed::Rapid).touched);
+    assert!(!world.travel(&lifted, Speed::Rapid).has_touched);
     world.orient(s);
     for to in [at(60.0, 200.0), at(60.0, 50.0)] {
-        assert!(!world.travel(&to, clear).crashed);
+        assert!(!world.travel(&to, clear).has_crashed);
     }
     let contact = world.probe(&at(40.0, 50.0), 30.0, n).contact.unwrap();
     world.travel(&at(60.0, 50.0), clear);
-    let (x, y) = (contact.position.at(Axis::X), contact.position.at(Axis::Y));
+    let (x, y) = (contact.position.get_or_zero(Axis::X), contact.position.get_or_zero(Axis::Y));
     (x * phi.cos() + y * phi.sin(), contact.t_s)
 }

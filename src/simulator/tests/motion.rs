@@ -4,14 +4,14 @@ use std::f64::consts::PI;
 
 use super::*;
 
-fn rapid(world: &mut World, to: &Position) -> Travel {
+fn rapid(world: &mut SimulatedWorld, to: &Position) -> MoveResult {
     world.travel(to, Speed::Rapid)
 }
 
 #[test]
 fn regress_time_is_that_of_the_slowest_axis() {
     let mut world = Bench::ideal().world();
-    let up = world.position().at(Axis::Z);
+    let up = world.position().get_or_zero(Axis::Z);
     // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
     let long = rapid(&mut world, &Position::new().with(Axis::X, 100.0));
     assert!((long.duration_s - 1.1).abs() < 1e-12);
@@ -28,34 +28,34 @@ fn regress_time_is_that_of_the_slowest_axis() {
     world.dwell(2.5);
     let sum = 1.1 + short.duration_s + 3.1 + feed.duration_s + 2.5;
     assert!((world.time_s() - sum).abs() < 1e-9);
-    assert_eq!(world.position().at(Axis::Z), up);
+    assert_eq!(world.position().get_or_zero(Axis::Z), up);
 }
 
 #[test]
 fn regress_the_machine_brakes_after_contact() {
     let mut world = Bench::ideal().world();
     for to in [ball_at(60.0, 0.0, 200.0), ball_at(60.0, 0.0, 50.0)] {
-        assert!(!rapid(&mut world, &to).touched);
+        assert!(!rapid(&mut world, &to).has_touched);
     }
     let before = world.time_s();
     let probed = world.probe(&ball_at(0.0, 0.0, 50.0), 300.0, 7);
     let contact = probed.contact.unwrap();
-    assert!((contact.position.at(Axis::X) - CIRCLE).abs() < 1e-9);
+    assert!((contact.position.get_or_zero(Axis::X) - CIRCLE).abs() < 1e-9);
     // 12 mm at 5 mm/s, and half of the 5 ms ramp before; then braking over v²/2a.
     assert!((contact.t_s - before - 2.4 - 0.0025).abs() < 1e-9);
-    assert!((world.position().at(Axis::X) - (CIRCLE - 0.0125)).abs() < 1e-9);
+    assert!((world.position().get_or_zero(Axis::X) - (CIRCLE - 0.0125)).abs() < 1e-9);
     assert!((probed.duration_s - 2.4075).abs() < 1e-9);
-    assert!(world.tripped() && !probed.crashed);
+    assert!(world.is_probe_closed() && !probed.has_crashed);
     // Leaving contact does not count as a new contact.
-    assert!(!rapid(&mut world, &ball_at(49.0, 0.0, 50.0)).touched);
-    assert!(!world.tripped());
+    assert!(!rapid(&mut world, &ball_at(49.0, 0.0, 50.0)).has_touched);
+    assert!(!world.is_probe_closed());
     assert_eq!(world.probe(&ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
-    assert_eq!(world.position().at(Axis::X), 48.5);
+    assert_eq!(world.position().get_or_zero(Axis::X), 48.5);
 }
 
 /// A touch at 300 mm/min that begins `gap` mm before contact. Returns how far beyond contact it is latched (mm),
 /// when (s), and how far beyond contact the axis comes to rest (mm).
-fn late_touch(latch: Latch, gap: f64, n: u32) -> (f64, f64, f64) {
+fn late_touch(latch: LatchDelay, gap: f64, n: u32) -> (f64, f64, f64) {
     let mut bench = Bench::ideal();
     bench.truth.latch = latch;
     let mut world = bench.world();
@@ -64,28 +64,28 @@ fn late_touch(latch: Latch, gap: f64, n: u32) -> (f64, f64, f64) {
     }
     let before = world.time_s();
     let contact = world.probe(&ball_at(CIRCLE - 1.0, 0.0, 50.0), 300.0, n).contact.unwrap();
-    let rest = world.position().at(Axis::X);
-    (CIRCLE - contact.position.at(Axis::X), contact.t_s - before, CIRCLE - rest)
+    let rest = world.position().get_or_zero(Axis::X);
+    (CIRCLE - contact.position.get_or_zero(Axis::X), contact.t_s - before, CIRCLE - rest)
 }
 
 #[test]
 fn a_late_latch_is_the_feed_times_the_delay_further_on_and_braking_begins_there() {
-    let delay = Latch { delay_ms: 4.0, scan_ms: 0.0 };
+    let delay = LatchDelay { delay_ms: 4.0, scan_ms: 0.0 };
     let (beyond, time, rest) = late_touch(delay, 12.0, 1);
     assert!((beyond - 0.02).abs() < 1e-9, "{beyond}");
     assert!((time - 2.4 - 0.0025 - 0.004).abs() < 1e-9);
     assert!((rest - 0.02 - 0.0125).abs() < 1e-9);
     // Contact 0.5 µm after the start comes after 1 ms, while the axis still accelerates.
-    let (beyond, time, _) = late_touch(Latch { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
+    let (beyond, time, _) = late_touch(LatchDelay { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
     assert!((time - 0.003).abs() < 1e-9 && (beyond - (0.0045 - 0.0005)).abs() < 1e-9);
     // A latch after the end of the move keeps the end position.
-    let (beyond, _, rest) = late_touch(Latch { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
+    let (beyond, _, rest) = late_touch(LatchDelay { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
     assert!((beyond - 1.0).abs() < 1e-9 && (rest - 1.0).abs() < 1e-9);
 }
 
 #[test]
 fn a_scan_notices_contact_anywhere_within_it() {
-    let scan = Latch { delay_ms: 1.0, scan_ms: 10.0 };
+    let scan = LatchDelay { delay_ms: 1.0, scan_ms: 10.0 };
     let waited: Vec<f64> = (0..400).map(|n| late_touch(scan, 12.0, n).0 / 5.0 * 1e3).collect();
     let mean = waited.iter().sum::<f64>() / 400.0;
     let square = waited.iter().map(|ms| (ms - mean).powi(2)).sum::<f64>() / 399.0;
@@ -107,7 +107,7 @@ fn regress_too_fast_a_touch_crashes() {
         rapid(&mut world, &to);
     }
     // At 20 mm/s the braking distance is 4 mm.
-    assert!(world.probe(&ball_at(0.0, 0.0, 50.0), 1200.0, 1).crashed);
+    assert!(world.probe(&ball_at(0.0, 0.0, 50.0), 1200.0, 1).has_crashed);
 }
 
 #[test]
@@ -116,20 +116,20 @@ fn regress_contact_on_the_way_of_an_index_move_is_reported() {
     bench.truth.centre_offset_mm = [-2.0, 0.0];
     let mut world = bench.world();
     for to in [ball_at(CIRCLE - 1.0, 0.0, 200.0), ball_at(CIRCLE - 1.0, 0.0, 50.0)] {
-        assert!(!rapid(&mut world, &to).touched);
+        assert!(!rapid(&mut world, &to).has_touched);
     }
     // Half a turn moves the part 3 mm into the ball; a full turn moves it out again.
     let turned = rapid(&mut world, &Position::new().with(Axis::C, PI));
-    assert!(turned.touched && !turned.crashed && world.tripped());
-    assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).touched);
+    assert!(turned.has_touched && !turned.has_crashed && world.is_probe_closed());
+    assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).has_touched);
     let round = rapid(&mut world, &Position::new().with(Axis::C, 0.0));
-    assert!(round.touched && !world.tripped());
+    assert!(round.has_touched && !world.is_probe_closed());
     // Straight through the part: deflected beyond the overtravel of the stylus.
     let through = rapid(&mut world, &ball_at(-60.0, 0.0, 50.0));
-    assert!(through.touched && through.crashed && !world.tripped());
+    assert!(through.has_touched && through.has_crashed && !world.is_probe_closed());
     // Above the part: no contact.
     for to in [ball_at(-60.0, 0.0, 104.0), ball_at(60.0, 0.0, 104.0)] {
-        assert!(!rapid(&mut world, &to).touched);
+        assert!(!rapid(&mut world, &to).has_touched);
     }
 }
 
@@ -145,10 +145,12 @@ fn regress_the_display_shows_whole_steps_and_the_truth_does_not() {
     let mut world = bench.world();
     assert!((touch(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
     world.travel(&ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
-    assert!((world.position().at(Axis::X) - 60.0).abs() < 1e-12);
+    assert!((world.position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
     // The rounded position would be in contact; the ball itself is not.
     world.travel(&ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
-    assert!(!world.tripped() && (world.position().at(Axis::X) - 48.012).abs() < 1e-12);
+    assert!(
+        !world.is_probe_closed() && (world.position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12
+    );
 }
 
 #[test]
@@ -174,9 +176,9 @@ fn regress_a_retract_within_the_backlash_does_not_free_the_stylus() {
         rapid(&mut world, &to);
     }
     world.probe(&ball_at(40.0, 0.0, 50.0), 30.0, 1);
-    let rest = world.position().at(Axis::X);
-    assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).touched);
-    assert!(world.tripped());
-    assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).touched);
-    assert!(!world.tripped());
+    let rest = world.position().get_or_zero(Axis::X);
+    assert!(rapid(&mut world, &Position::new().with(Axis::X, rest + 0.019)).has_touched);
+    assert!(world.is_probe_closed());
+    assert!(!rapid(&mut world, &Position::new().with(Axis::X, rest + 0.021)).has_touched);
+    assert!(!world.is_probe_closed());
 }

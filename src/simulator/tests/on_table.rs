@@ -62,7 +62,7 @@ fn a_sensor_on_the_table_measures_the_sphere_in_the_spindle() {
             let from = own - zero;
             let (near, squared) = (from.dot(along), from.norm_squared());
             let expected = near - (near * near - squared + 121.0).sqrt();
-            let Some(Sensed::Distance(found)) = world.sense(&sensor.name, 0.0) else {
+            let Some(SensorOutput::Distance(found)) = world.sample_after(&sensor.name, 0.0) else {
                 panic!("{} at {degrees}", sensor.name)
             };
             assert!(

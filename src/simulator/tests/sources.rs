@@ -2,8 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::super::drawn::{Drift, Lobing, stylus_offset, touch_deviate};
 use super::super::linear_errors::LinearErrors;
+use super::super::random_draws::{Drift, Lobing, draw_stylus_offset, draw_touch_scatter};
 use super::*;
 use nalgebra::Vector3;
 
@@ -22,7 +22,7 @@ fn assert_moment(found: f64, expected: f64, scale: f64) {
 #[test]
 fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
     let draws: Vec<f64> = (0..400)
-        .flat_map(|n| (0..10).map(move |occurrence| touch_deviate(5, n, occurrence)))
+        .flat_map(|n| (0..10).map(move |occurrence| draw_touch_scatter(5, n, occurrence)))
         .collect();
     let count = draws.len() as f64;
     let moment = |power| draws.iter().map(|d| d.powi(power)).sum::<f64>() / count;
@@ -35,8 +35,9 @@ fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
 
 #[test]
 fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
-    let at =
-        |seed, phi: f64| Lobing::draw(seed, 2.0, &[]).at(Vector3::new(phi.cos(), phi.sin(), 0.0));
+    let at = |seed, phi: f64| {
+        Lobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0))
+    };
     for phi in [0.0, 1.0, 4.0] {
         assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
         assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
@@ -45,9 +46,9 @@ fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
         let found = mean(|seed| at(seed, phi) * at(seed, phi + 1.0));
         assert_moment(found, 4.0 * correlation, 4.0);
     }
-    assert_moment(mean(|seed| stylus_offset(seed, 3.0).x.powi(2)), 9.0, 9.0);
-    assert_moment(mean(|seed| stylus_offset(seed, 3.0).y.powi(2)), 9.0, 9.0);
-    assert_moment(mean(|seed| stylus_offset(seed, 3.0).x * at(seed, 0.0)), 0.0, 6.0);
+    assert_moment(mean(|seed| draw_stylus_offset(seed, 3.0).x.powi(2)), 9.0, 9.0);
+    assert_moment(mean(|seed| draw_stylus_offset(seed, 3.0).y.powi(2)), 9.0, 9.0);
+    assert_moment(mean(|seed| draw_stylus_offset(seed, 3.0).x * at(seed, 0.0)), 0.0, 6.0);
 }
 
 /// A stationary function minus its value at zero: Cov = σ²(ρ(a−b) − ρ(a) − ρ(b) + 1).
@@ -56,7 +57,7 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
     let (sigma, length) = (1.5, 60.0);
     let rho = |d: f64| (-d * d / (2.0 * length * length)).exp();
     let draw = |seed| LinearErrors::draw(seed, [[sigma, length], [0.5, 200.0], [2.0, 100.0]]);
-    let on_x = |seed, x| draw(seed).at([x, 0.0, 0.0]);
+    let on_x = |seed, x| draw(seed).deviation_at([x, 0.0, 0.0]);
     let variance = sigma * sigma;
     for (a, b) in [(40.0, 40.0), (-48.0, 48.0), (100.0, 130.0), (20.0, 300.0)] {
         let expected = variance * (rho(a - b) - rho(a) - rho(b) + 1.0);
@@ -69,17 +70,17 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
         assert_moment(mean(|s| on_x(s, a).x * on_x(s, b).y), 0.0, 2.0 * variance);
         assert_moment(mean(|s| on_x(s, a).x * on_x(s, b).z), 0.0, 2.0 * variance);
     }
-    let y = mean(|seed| draw(seed).at([0.0, 500.0, 0.0]).y.powi(2));
+    let y = mean(|seed| draw(seed).deviation_at([0.0, 500.0, 0.0]).y.powi(2));
     assert_moment(y, 2.0 * 0.25 * (1.0 - (-500.0_f64.powi(2) / 8e4).exp()), 0.5);
     for direction in 0..3 {
-        let z = mean(|seed| draw(seed).at([0.0, 0.0, 400.0])[direction].powi(2));
+        let z = mean(|seed| draw(seed).deviation_at([0.0, 0.0, 400.0])[direction].powi(2));
         assert_moment(z, 2.0 * 4.0 * (1.0 - (-400.0_f64.powi(2) / 2e4).exp()), 8.0);
     }
-    assert!(draw(1).at([0.0; 3]).norm() < 1e-15);
+    assert!(draw(1).deviation_at([0.0; 3]).norm() < 1e-15);
     // The table that the world uses agrees with the sum of cosines, inside and outside of its range.
     let table = draw(1).tabulated([250.0; 3]);
     for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
-        let off = (table.at([x, -x, x]) - draw(1).at([x, -x, x])).norm();
+        let off = (table.deviation_at([x, -x, x]) - draw(1).deviation_at([x, -x, x])).norm();
         assert!(off < 1e-5 * (sigma + 0.5 + 2.0), "{off} at {x}");
     }
 }
@@ -92,7 +93,7 @@ fn regress_linear_error_motions_move_the_true_position() {
     let drawn = LinearErrors::draw(9, [[3e-3, 200.0], [0.0, 1.0], [0.0, 1.0]]);
     let found = touch(&mut bench.world(), PI, 0.0, 1).0;
     // Displayed −x where x + E_XX(x) reaches the part; the lateral shift by E_YX changes it by far less than 1 nm.
-    let expected = CIRCLE + drawn.at([-CIRCLE, 0.0, 0.0]).x;
+    let expected = CIRCLE + drawn.deviation_at([-CIRCLE, 0.0, 0.0]).x;
     assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
     assert!((found - CIRCLE).abs() > 1e-4);
 }
@@ -103,7 +104,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     bench.truth.seed = 3;
     bench.probe.stylus_offset_um = 20.0;
     let mut world = bench.world();
-    let offset = stylus_offset(3, 0.020);
+    let offset = draw_stylus_offset(3, 0.020);
     // The ball is `offset` beyond the command; the lateral part acts in second order only.
     for (s, phi, beyond) in [
         (0.0, 0.0, offset.x),
@@ -121,7 +122,8 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     // The same point of the ball has the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
-    let lobing = Lobing::draw(3, 0.005, &[]).at(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    let lobing =
+        Lobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((CIRCLE - plain - lobing).abs() < 1e-9);
 }
 
@@ -137,7 +139,7 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
         for (number, phi) in [0.0, FRAC_PI_2, PI, -FRAC_PI_2].into_iter().enumerate() {
             let (found, t_s) = touch(&mut world, phi, 0.0, number as u32);
             let [x, y] = world.true_axis_mm(Axis::C, 50.0, t_s);
-            let expected = CIRCLE + x * phi.cos() + y * phi.sin() + drift.radius(t_s);
+            let expected = CIRCLE + x * phi.cos() + y * phi.sin() + drift.radius_growth(t_s);
             // A centre 0.1 mm to the side shortens the chord by 0.1 µm.
             assert!((found - expected).abs() < 2e-4, "{found} instead of {expected}");
         }
@@ -145,9 +147,13 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
     // The time constant is 2 h: after it the rate is 1/e of the initial rate.
     let at = |hours: f64| world.true_axis_mm(Axis::C, 50.0, hours * 3600.0)[0];
     assert!((at(2.0) / at(4.0) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-9);
-    assert!((at(1e-3) - drift.table(3.6).x).abs() < 1e-12);
-    assert_moment(mean(|s| (Drift::draw(s, 40.0).table(3.6).x / 40e-6).powi(2)), 1.0, 1.0);
-    assert_moment(mean(|s| (Drift::draw(s, 40.0).radius(3.6) / 40e-6).powi(2)), 1.0, 1.0);
+    assert!((at(1e-3) - drift.table_displacement(3.6).x).abs() < 1e-12);
+    assert_moment(
+        mean(|s| (Drift::draw(s, 40.0).table_displacement(3.6).x / 40e-6).powi(2)),
+        1.0,
+        1.0,
+    );
+    assert_moment(mean(|s| (Drift::draw(s, 40.0).radius_growth(3.6) / 40e-6).powi(2)), 1.0, 1.0);
 }
 
 #[test]
@@ -164,7 +170,7 @@ fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
     for (n, radius) in order([3, 1, 4, 2]) {
         assert!((radius - forward[&n]).abs() < 1e-9);
         // Positive scatter triggers late, by the draw of (seed, n, 0).
-        assert!((radius - (CIRCLE - 1e-3 * touch_deviate(77, n, 0))).abs() < 1e-9);
+        assert!((radius - (CIRCLE - 1e-3 * draw_touch_scatter(77, n, 0))).abs() < 1e-9);
     }
     let mut world = bench.world();
     let twice = [0, 1].map(|_| touch(&mut world, 1.0, 0.0, 1).0);
@@ -178,19 +184,20 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
     let refused = |key: &str| {
         let mut bench = Bench::ideal();
         bench.truth.errors.insert(key.to_owned(), 1.0);
-        let error = World::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
+        let error =
+            SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
         error.unwrap_err().to_string()
     };
-    assert!(refused("EX0C_urad").contains("EX0C_urad: the unit behind the symbol must be _um"));
+    assert!(refused("EX0C_urad").contains("EX0C_urad: the unit after the symbol must be _um"));
     assert!(refused("EX0C").contains("EX0C"));
     assert!(refused("EXQ7_um").contains("EXQ7"));
     assert!(refused("EX0A_um").contains("EX0A"));
-    let unknown = toml::from_str::<Truth>("centre_offset_um = [1, 2]").unwrap_err();
+    let unknown = toml::from_str::<MachineTruth>("centre_offset_um = [1, 2]").unwrap_err();
     assert!(unknown.to_string().contains("centre_offset_mm"));
     let mut bench = Bench::ideal();
     bench.truth.radius_offset_mm = -RADIUS;
-    let error = World::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
-    assert_eq!(error.unwrap_err(), WorldError::Artefact);
+    let error = SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
+    assert_eq!(error.unwrap_err(), SimulatedWorldError::InvalidArtefact);
 }
 
 /// T = begins + warms·(1 − e^(−t/2 h)), rounded to 0.01 K, with the declared scatter, and reproducible.
@@ -222,8 +229,8 @@ fn a_thermometer_follows_how_warm_it_is_and_comes_back() {
     again.dwell(3.0);
     assert_eq!(again.temperature_c("bed"), Some(said[0]));
     let stray = bench.world().with_thermometers(&["spindle"]).unwrap_err();
-    assert!(matches!(stray, WorldError::NoThermometer { .. }), "{stray}");
+    assert!(matches!(stray, SimulatedWorldError::UnknownThermometer { .. }), "{stray}");
     bench.truth.thermometer[0].noise_k = -1.0;
     let bad = bench.world().with_thermometers(&["bed"]).unwrap_err();
-    assert!(matches!(bad, WorldError::Thermometer { .. }), "{bad}");
+    assert!(matches!(bad, SimulatedWorldError::InvalidThermometer { .. }), "{bad}");
 }

@@ -10,7 +10,7 @@ use super::{estimate, new_run, reading, stage, step};
 use crate::store::*;
 use machine::record::event::Event;
 
-const JOURNAL: &str = "journal.sqlite";
+const JOURNAL_FILE_NAME: &str = "journal.sqlite";
 
 /// All files in `dir` by name. `-shm` contains locks of connections and no data.
 fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
@@ -29,7 +29,7 @@ fn refused_unchanged(dir: &Path, words: &[&str]) {
     let copied = backup(dir, &to.path().join("copy.sqlite")).unwrap_err();
     assert_eq!(files(dir), before, "backup: {copied}");
     assert_eq!(files(to.path()), BTreeMap::new(), "{copied}");
-    let path = dir.join(JOURNAL).display().to_string();
+    let path = dir.join(JOURNAL_FILE_NAME).display().to_string();
     for error in [opened, copied] {
         let told = format!("{error} {}", error.remedy());
         assert!(words.iter().chain([&path.as_str()]).all(|word| told.contains(word)), "{told}");
@@ -39,7 +39,10 @@ fn refused_unchanged(dir: &Path, words: &[&str]) {
 /// A database of another program, made by these statements.
 fn foreign(statements: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    Connection::open(dir.path().join(JOURNAL)).unwrap().execute_batch(statements).unwrap();
+    Connection::open(dir.path().join(JOURNAL_FILE_NAME))
+        .unwrap()
+        .execute_batch(statements)
+        .unwrap();
     dir
 }
 
@@ -68,9 +71,9 @@ fn a_database_of_another_program_is_refused_unchanged() {
 #[test]
 fn a_database_with_a_log_is_refused_unchanged() {
     let (dir, copy) = (foreign("PRAGMA journal_mode = WAL"), tempfile::tempdir().unwrap());
-    let open = Connection::open(dir.path().join(JOURNAL)).unwrap();
+    let open = Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap();
     open.execute_batch("CREATE TABLE bookmarks (url TEXT)").unwrap();
-    for name in [JOURNAL, "journal.sqlite-wal", "journal.sqlite-shm"] {
+    for name in [JOURNAL_FILE_NAME, "journal.sqlite-wal", "journal.sqlite-shm"] {
         std::fs::copy(dir.path().join(name), copy.path().join(name)).unwrap();
     }
     assert!(!files(copy.path())["journal.sqlite-wal"].is_empty());
@@ -80,23 +83,23 @@ fn a_database_with_a_log_is_refused_unchanged() {
 #[test]
 fn an_empty_file_becomes_a_journal() {
     let dir = tempfile::tempdir().unwrap();
-    std::fs::write(dir.path().join(JOURNAL), "").unwrap();
-    Journal::open(dir.path()).unwrap().begin(&new_run()).wait().unwrap();
+    std::fs::write(dir.path().join(JOURNAL_FILE_NAME), "").unwrap();
+    Journal::open(dir.path()).unwrap().begin_run(&new_run()).wait().unwrap();
 }
 
 /// A journal with rows in each of its tables.
 fn journal() -> (tempfile::TempDir, RunId) {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
-    journal.stage(run, &stage(0, vec![0, 1]), &[step(0), step(1)]).wait().unwrap();
-    journal.reading(run, &reading(0)).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
+    journal.add_stage(run, &stage(0, vec![0, 1]), &[step(0), step(1)]).wait().unwrap();
+    journal.add_reading(run, &reading(0)).wait().unwrap();
     let sample = |number| Reading { step: 1, repeat: 0, ..reading(number) };
-    journal.scan(run, &[sample(1), sample(2)]).wait().unwrap();
-    journal.event(run, &Event::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
-    let estimate_sha256 = journal.estimate(run, &estimate(0.1)).wait().unwrap();
+    journal.add_scan(run, &[sample(1), sample(2)]).wait().unwrap();
+    journal.add_event(run, &Event::Held { reason: "Ctrl-C".to_owned() }).wait().unwrap();
+    let estimate_sha256 = journal.add_estimate(run, &estimate(0.1)).wait().unwrap();
     let (who, remark) = ("Ada".to_owned(), "as ever".to_owned());
-    journal.sign(run, &Signature { who, remark, estimate_sha256 }).wait().unwrap();
+    journal.add_signature(run, &Signature { who, remark, estimate_sha256 }).wait().unwrap();
     let now = Timestamp::now();
     let (machine, schedule, why) = ("mill".to_owned(), "weekly".to_owned(), String::new());
     let arming = Arming {
@@ -111,12 +114,19 @@ fn journal() -> (tempfile::TempDir, RunId) {
     };
     journal.arm(&arming).wait().unwrap();
     journal
-        .schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now)
+        .register_schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now)
         .wait()
         .unwrap();
-    let slot =
-        Slot { machine, schedule, cycle: 1, at: now, outcome: Outcome::Started, why, run: 0 };
-    assert!(journal.slot(&slot).wait().unwrap());
+    let slot = ScheduleSlot {
+        machine,
+        schedule,
+        cycle: 1,
+        at: now,
+        outcome: SlotOutcome::Started,
+        why,
+        run: 0,
+    };
+    assert!(journal.store_slot(&slot).wait().unwrap());
     (dir, run)
 }
 
@@ -127,18 +137,23 @@ fn rows_that_are_changed_stay_sound() {
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Held).wait().unwrap();
     journal.set_state(run, RunState::Running).wait().unwrap();
-    journal.event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
+    journal.add_event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     journal.remove_scan_samples(run).unwrap();
     assert_eq!(journal.disarm("mill", None, "Ada", "").wait().unwrap(), 1);
-    let slot = journal.slots("mill", 1).unwrap().remove(0);
-    assert!(journal.slot(&Slot { outcome: Outcome::Ran, run: run.0, ..slot }).wait().unwrap());
-    let other = journal.begin(&new_run()).wait().unwrap();
+    let slot = journal.newest_slots("mill", 1).unwrap().remove(0);
+    assert!(
+        journal
+            .store_slot(&ScheduleSlot { outcome: SlotOutcome::Ran, run: run.0, ..slot })
+            .wait()
+            .unwrap()
+    );
+    let other = journal.begin_run(&new_run()).wait().unwrap();
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
     assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [other]);
     drop(journal);
     backup(dir.path(), &dir.path().join("copy.sqlite")).unwrap();
-    assert!(Journal::open(dir.path()).unwrap().load(run).is_ok());
+    assert!(Journal::open(dir.path()).unwrap().load_run(run).is_ok());
 }
 
 /// One changed value in a row of each table, as by a failing disk. Page and number stay well-formed.
@@ -163,8 +178,8 @@ fn a_damaged_row_is_refused() {
     let (sound, run) = journal();
     for (table, change, is_verified_at_opening) in DAMAGES {
         let dir = tempfile::tempdir().unwrap();
-        let path = dir.path().join(JOURNAL);
-        std::fs::copy(sound.path().join(JOURNAL), &path).unwrap();
+        let path = dir.path().join(JOURNAL_FILE_NAME);
+        std::fs::copy(sound.path().join(JOURNAL_FILE_NAME), &path).unwrap();
         let raw = Connection::open(&path).unwrap();
         raw.execute_batch(&format!(
             "DROP TRIGGER audit_stands; DROP TRIGGER signatures_stand; UPDATE {table} SET {change};
@@ -183,7 +198,7 @@ fn a_damaged_row_is_refused() {
         let copied = backup(dir.path(), &to).unwrap_err().to_string();
         assert!(copied.contains("damaged") && copied.contains(&row), "{copied}");
         assert_eq!(files(dir.path()), before, "{table}");
-        let read = Journal::open(dir.path()).unwrap().load(run).unwrap_err().to_string();
+        let read = Journal::open(dir.path()).unwrap().load_run(run).unwrap_err().to_string();
         assert!(read.contains("damaged") && read.contains(&row), "{read}");
     }
 }
@@ -192,7 +207,7 @@ fn a_damaged_row_is_refused() {
 #[test]
 fn a_damaged_file_is_refused_unchanged() {
     let (sound, _) = journal();
-    let sound = std::fs::read(sound.path().join(JOURNAL)).unwrap();
+    let sound = std::fs::read(sound.path().join(JOURNAL_FILE_NAME)).unwrap();
     let find = |text: &str| sound.windows(text.len()).position(|some| some == text.as_bytes());
     let changed = |at: usize, byte: u8| {
         let mut bytes = sound.clone();
@@ -203,7 +218,7 @@ fn a_damaged_file_is_refused_unchanged() {
     // Byte 63 is part of the format number in the header of the file.
     for damaged in [changed(config + 1, b'x'), changed(63, 3), sound[..sound.len() / 2].to_vec()] {
         let dir = tempfile::tempdir().unwrap();
-        std::fs::write(dir.path().join(JOURNAL), damaged).unwrap();
+        std::fs::write(dir.path().join(JOURNAL_FILE_NAME), damaged).unwrap();
         refused_unchanged(dir.path(), &["damaged"]);
     }
 }
@@ -214,12 +229,12 @@ fn a_damaged_estimate_is_no_result() {
     let (dir, run) = journal();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
-    assert!(journal.newest("mill").unwrap().result.is_some());
-    let raw = Connection::open(dir.path().join(JOURNAL)).unwrap();
+    assert!(journal.newest_results("mill").unwrap().result.is_some());
+    let raw = Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap();
     let change =
         "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
     raw.execute(change, []).unwrap();
-    assert!(matches!(journal.newest("mill").unwrap_err().fault, Fault::Damaged(_)));
-    let all = journal.measured("mill", 9, |_| panic!("a damaged estimate was read"));
-    assert!(matches!(all.unwrap_err().fault, Fault::Damaged(_)));
+    assert!(matches!(journal.newest_results("mill").unwrap_err().fault, StoreFault::Damaged(_)));
+    let all = journal.visit_measured_runs("mill", 9, |_| panic!("a damaged estimate was read"));
+    assert!(matches!(all.unwrap_err().fault, StoreFault::Damaged(_)));
 }

@@ -20,26 +20,26 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     drop(old);
     let journal = Journal::open(dir.path()).unwrap();
     let before = journal.runs().unwrap()[0].clone();
-    let new = NewRun { plan: journal.load(before.id).unwrap().plan, ..new_run() };
-    let run = journal.begin(&new).wait().unwrap();
+    let new = NewRun { plan: journal.load_run(before.id).unwrap().plan, ..new_run() };
+    let run = journal.begin_run(&new).wait().unwrap();
     let felt = |step: u32, felt: &[(&str, f64)]| {
         let all: BTreeMap<_, _> = felt.iter().map(|(n, c)| ((*n).to_owned(), *c)).collect();
         Reading { temperatures_c: all.into(), ..reading(step) }
     };
-    journal.reading(run, &felt(0, &[("bed", 20.0), ("spindle", 30.0)])).wait().unwrap();
-    journal.reading(run, &felt(2, &[("bed", 20.5)])).wait().unwrap();
-    journal.scan(run, &vec![felt(4, &[("bed", 21.75), ("spindle", 31.0)]); 9]).wait().unwrap();
-    journal.reading(run, &felt(6, &[])).wait().unwrap();
-    journal.estimate(run, &estimate(0.1)).wait().unwrap();
+    journal.add_reading(run, &felt(0, &[("bed", 20.0), ("spindle", 30.0)])).wait().unwrap();
+    journal.add_reading(run, &felt(2, &[("bed", 20.5)])).wait().unwrap();
+    journal.add_scan(run, &vec![felt(4, &[("bed", 21.75), ("spindle", 31.0)]); 9]).wait().unwrap();
+    journal.add_reading(run, &felt(6, &[])).wait().unwrap();
+    journal.add_estimate(run, &estimate(0.1)).wait().unwrap();
     journal.set_state(run, RunState::Held).wait().unwrap();
     let measured = || {
         let mut all = Vec::new();
-        journal.measured(&before.machine, 100, |it| all.push(it)).unwrap();
+        journal.visit_measured_runs(&before.machine, 100, |it| all.push(it)).unwrap();
         all
     };
     assert_eq!(measured(), []);
     // The first run is finished as by an older version, the second as by this one.
-    journal.estimate(before.id, &estimate(0.1)).wait().unwrap();
+    journal.add_estimate(before.id, &estimate(0.1)).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     let known = measured();
     let means = known.iter().map(|it| it.temperatures_c.iter().collect::<Vec<_>>());
@@ -59,13 +59,13 @@ fn an_older_journal_is_brought_up_to_date() {
     drop(old);
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.runs().unwrap()[0].id;
-    let stored = journal.load(run).unwrap();
+    let stored = journal.load_run(run).unwrap();
     assert_eq!((stored.readings.len(), stored.measured_until), (1, None));
     journal.set_state(run, RunState::Closed).wait().unwrap();
-    let next = journal.begin(&new_run()).wait().unwrap();
+    let next = journal.begin_run(&new_run()).wait().unwrap();
     assert!(next > run);
-    let error = journal.reading(RunId(77), &reading(0)).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
+    let error = journal.add_reading(RunId(77), &reading(0)).wait().unwrap_err();
+    assert!(matches!(error.fault, StoreFault::RunNotFound(RunId(77))), "{error}");
 }
 
 /// An older program would continue to write rows without checksums.
@@ -74,7 +74,7 @@ fn an_older_journal_that_is_open_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
-    assert!(matches!(fault(dir.path()), Fault::Busy));
+    assert!(matches!(fault(dir.path()), StoreFault::Locked));
     old.execute("UPDATE runs SET state = 'failed'", []).unwrap();
     drop(old);
     assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap()[0].state, RunState::Failed);
@@ -97,12 +97,12 @@ fn many_may_bring_an_older_journal_up_to_date_at_once() {
 fn the_lock_says_who_and_proves_that_a_run_is_dead() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let mill = journal.begin(&new_run()).wait().unwrap();
-    let held = journal.begin(&new_run()).wait().unwrap();
+    let mill = journal.begin_run(&new_run()).wait().unwrap();
+    let held = journal.begin_run(&new_run()).wait().unwrap();
     journal.set_state(held, RunState::Held).wait().unwrap();
     let mut other = new_run();
     other.plan.machine.name = "lathe".to_owned();
-    let lathe = journal.begin(&other).wait().unwrap();
+    let lathe = journal.begin_run(&other).wait().unwrap();
 
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
     let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
@@ -140,7 +140,7 @@ fn many_open_a_new_journal() {
     let dir = tempfile::tempdir().unwrap();
     let opened: Vec<_> = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..8)
-            .map(|_| scope.spawn(|| Journal::open(dir.path())?.begin(&new_run()).wait()))
+            .map(|_| scope.spawn(|| Journal::open(dir.path())?.begin_run(&new_run()).wait()))
             .collect();
         handles.into_iter().map(|handle| handle.join().unwrap()).collect()
     });
@@ -156,15 +156,15 @@ fn a_strange_file_is_left_as_it_is() {
     let path = dir.path().join("journal.sqlite");
     std::fs::write(&path, "not a database, but a shopping list of some length").unwrap();
     let before = std::fs::read(&path).unwrap();
-    assert!(matches!(fault(dir.path()), Fault::Damaged(_)));
+    assert!(matches!(fault(dir.path()), StoreFault::Damaged(_)));
     assert_eq!(std::fs::read(&path).unwrap(), before);
 
     std::fs::remove_file(&path).unwrap();
     drop(Journal::open(dir.path()).unwrap());
     Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
-    assert!(matches!(fault(dir.path()), Fault::Newer { found: 99, .. }));
+    assert!(matches!(fault(dir.path()), StoreFault::NewerFormat { found: 99, .. }));
 }
 
-fn fault(dir: &Path) -> Fault {
+fn fault(dir: &Path) -> StoreFault {
     Journal::open(dir).map(drop).unwrap_err().fault
 }

@@ -23,12 +23,12 @@ fn names(dir: &Path) -> Vec<String> {
 fn a_copy_is_whole_whoever_writes_meanwhile() {
     let (dir, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     let (acknowledged, end) = (AtomicU32::new(0), AtomicU32::new(u32::MAX));
     std::thread::scope(|scope| {
         scope.spawn(|| {
             for step in (0..).take_while(|step| *step < end.load(Ordering::SeqCst)) {
-                journal.reading(run, &reading(step)).wait().unwrap();
+                journal.add_reading(run, &reading(step)).wait().unwrap();
                 acknowledged.store(step + 1, Ordering::SeqCst);
             }
         });
@@ -41,7 +41,7 @@ fn a_copy_is_whole_whoever_writes_meanwhile() {
             std::fs::create_dir(file.parent().unwrap()).unwrap();
             assert_eq!(backup(dir.path(), &file).unwrap().newest, Some(run));
             assert_eq!(names(file.parent().unwrap()), ["journal.sqlite"]);
-            let copied = Journal::open(file.parent().unwrap()).unwrap().load(run).unwrap();
+            let copied = Journal::open(file.parent().unwrap()).unwrap().load_run(run).unwrap();
             assert!(copied.readings.len() >= before, "{} of {before}", copied.readings.len());
             assert!(copied.readings.iter().zip(0..).all(|(kept, step)| *kept == reading(step)));
         }
@@ -54,22 +54,22 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("copy.sqlite");
     let missing = backup(dir.path(), &file).unwrap_err();
-    assert!(matches!(missing.fault, Fault::Missing), "{missing}");
+    assert!(matches!(missing.fault, StoreFault::JournalMissing), "{missing}");
     let state = dir.path().join("state");
     drop(Journal::open(&state).unwrap());
     std::fs::write(dir.path().join("copy.sqlite.part"), "half of one").unwrap();
     assert_eq!(backup(&state, &file).unwrap(), BackupContent { newest: None, has_checksums: true });
     let exists = backup(&state, &file).unwrap_err();
-    assert!(matches!(exists.fault, Fault::Exists), "{exists}");
+    assert!(matches!(exists.fault, StoreFault::FileExists), "{exists}");
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
     // Invalid pages: the copy is verified before it gets its name.
-    Journal::open(&state).unwrap().begin(&new_run()).wait().unwrap();
+    Journal::open(&state).unwrap().begin_run(&new_run()).wait().unwrap();
     let journal = state.join("journal.sqlite");
     let mut bytes = std::fs::read(&journal).unwrap();
     bytes[4096 + 8..3 * 4096].fill(0xa5);
     std::fs::write(&journal, bytes).unwrap();
     let damaged = backup(&state, &dir.path().join("second.sqlite")).unwrap_err();
-    assert!(matches!(damaged.fault, Fault::Damaged(_)), "{damaged}");
+    assert!(matches!(damaged.fault, StoreFault::Damaged(_)), "{damaged}");
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
 }
 
@@ -123,13 +123,13 @@ fn a_new_journal_has_nothing_to_keep() {
 }
 
 fn scanned(journal: &Journal, state: RunState, with_estimate: bool) -> RunId {
-    let run = journal.begin(&new_run()).wait().unwrap();
-    journal.reading(run, &reading(0)).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
+    journal.add_reading(run, &reading(0)).wait().unwrap();
     for step in [1, 3, 5] {
-        journal.scan(run, &[reading(step), reading(step)]).wait().unwrap();
+        journal.add_scan(run, &[reading(step), reading(step)]).wait().unwrap();
     }
     if with_estimate {
-        journal.estimate(run, &estimate(0.1)).wait().unwrap();
+        journal.add_estimate(run, &estimate(0.1)).wait().unwrap();
     }
     journal.set_state(run, state).wait().unwrap();
     run
@@ -146,7 +146,7 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
         scanned(&journal, RunState::Interrupted, false),
         scanned(&journal, RunState::Closed, true),
     ];
-    let audit = Audit {
+    let audit = AuditEntry {
         who: "Ada".to_owned(),
         what: "start of cycle 1".to_owned(),
         why: String::new(),
@@ -154,23 +154,23 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
         run: old.0,
         outcome: "accepted".to_owned(),
     };
-    journal.audit(&audit).wait().unwrap();
-    let before: Vec<_> = kept.iter().map(|run| journal.load(*run).unwrap()).collect();
-    let was = journal.load(old).unwrap();
+    journal.add_audit_entry(&audit).wait().unwrap();
+    let before: Vec<_> = kept.iter().map(|run| journal.load_run(*run).unwrap()).collect();
+    let was = journal.load_run(old).unwrap();
     let now = Timestamp::now();
     let earlier = now - std::time::Duration::from_secs(3600);
     assert!(journal.runs_with_expired_samples(earlier).unwrap().is_empty());
     assert_eq!(journal.runs_with_expired_samples(now).unwrap(), [old]);
     assert_eq!(journal.remove_scan_samples(old).unwrap(), 3);
     assert_eq!(journal.remove_scan_samples(old).unwrap(), 0);
-    let is = journal.load(old).unwrap();
+    let is = journal.load_run(old).unwrap();
     assert_eq!(is.readings, [reading(0)]);
     assert_eq!((&is.estimates, &is.plan, &is.config), (&was.estimates, &was.plan, &was.config));
     let told: Vec<_> = is.events.into_iter().map(|(_, event)| event).collect();
     assert_eq!(told, [Event::SamplesRemoved { scans: 3 }]);
-    let after: Vec<_> = kept.iter().map(|run| journal.load(*run).unwrap()).collect();
+    let after: Vec<_> = kept.iter().map(|run| journal.load_run(*run).unwrap()).collect();
     assert_eq!(before, after);
-    assert_eq!(journal.audits(None, 9).unwrap().len(), 1);
+    assert_eq!(journal.audit_entries(None, 9).unwrap().len(), 1);
 }
 
 /// Pages are newest first, without duplicates or omissions.
@@ -180,14 +180,14 @@ fn the_audit_log_is_read_by_pages() {
     let journal = Journal::open(dir.path()).unwrap();
     let text = String::new;
     let (who, why, machine, outcome) = (text(), text(), text(), text());
-    let mut audit = Audit { who, what: text(), why, machine, run: 0, outcome };
+    let mut audit = AuditEntry { who, what: text(), why, machine, run: 0, outcome };
     for number in 0..7 {
         audit.what = number.to_string();
-        journal.audit(&audit).wait().unwrap();
+        journal.add_audit_entry(&audit).wait().unwrap();
     }
     let (mut pages, mut before) = (Vec::new(), None);
     loop {
-        let page = journal.audits(before, 3).unwrap();
+        let page = journal.audit_entries(before, 3).unwrap();
         let Some(last) = page.last() else { break };
         before = Some(last.seq);
         pages.push(page.iter().map(|one| one.audit.what.clone()).collect::<Vec<_>>().concat());

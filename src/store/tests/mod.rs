@@ -10,7 +10,7 @@ use rusqlite::Connection;
 use super::*;
 use machine::record::estimate::Parameter;
 use machine::record::plan::{Step, StepKind};
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::{Axis, Position};
 
 fn plan() -> Plan {
@@ -37,7 +37,7 @@ fn step(id: u32) -> Step {
         stage: 0,
         kind: StepKind::Touch,
         label: format!("1a/{id}"),
-        from: Position::new().with(Axis::X, 50.1).with(Axis::C, Axis::C.from_edge(45.0)),
+        from: Position::new().with(Axis::X, 50.1).with(Axis::C, Axis::C.to_mm_or_rad(45.0)),
         to: Position::new().with(Axis::X, 44.0),
         feed_mm_min: 30.0,
         sensors: vec!["probe".to_owned()],
@@ -62,7 +62,7 @@ fn reading(step: u32) -> Reading {
         value_mm: (step % 2 == 1).then_some(angle.sqrt()),
         sensor: "probe".to_owned(),
         t_s: angle.exp(),
-        flag: Flag::ALL[step as usize % Flag::ALL.len()],
+        flag: ReadingFlag::ALL[step as usize % ReadingFlag::ALL.len()],
         temperatures_c: BTreeMap::from([("table".to_owned(), 20.0 + angle / 3.0)]).into(),
     }
 }
@@ -107,20 +107,20 @@ fn everything_comes_back_after_reopening() {
     let stages = [stage(0, vec![0, 1]), stage(1, vec![2, 0])];
     let readings: Vec<_> = (0..9).map(reading).collect();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
-    journal.stage(run, &stages[0], &[step(0), step(1)]).wait().unwrap();
-    journal.stage(run, &stages[1], &[step(2)]).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
+    journal.add_stage(run, &stages[0], &[step(0), step(1)]).wait().unwrap();
+    journal.add_stage(run, &stages[1], &[step(2)]).wait().unwrap();
     for reading in &readings {
-        journal.reading(run, reading).wait().unwrap();
+        journal.add_reading(run, reading).wait().unwrap();
     }
     for event in &events {
-        journal.event(run, event).wait().unwrap();
+        journal.add_event(run, event).wait().unwrap();
     }
-    let hash = journal.estimate(run, &estimate(0.1 + 0.2)).wait().unwrap();
+    let hash = journal.add_estimate(run, &estimate(0.1 + 0.2)).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     drop(journal);
 
-    let stored = Journal::open(dir.path()).unwrap().load(run).unwrap();
+    let stored = Journal::open(dir.path()).unwrap().load_run(run).unwrap();
     assert_eq!(stored.config, new_run().config);
     assert_eq!(stored.plan.steps, [step(0), step(1), step(2)]);
     assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, plan());
@@ -151,10 +151,10 @@ fn paper_sha256_of_abc() {
 fn a_new_identification_adds_a_row() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
-    let first = journal.estimate(run, &estimate(1.0)).wait().unwrap();
-    let second = journal.estimate(run, &estimate(2.0)).wait().unwrap();
-    let stored = journal.load(run).unwrap().estimates;
+    let run = journal.begin_run(&new_run()).wait().unwrap();
+    let first = journal.add_estimate(run, &estimate(1.0)).wait().unwrap();
+    let second = journal.add_estimate(run, &estimate(2.0)).wait().unwrap();
+    let stored = journal.load_run(run).unwrap().estimates;
     let hashes: Vec<_> = stored.iter().map(|row| row.sha256.clone()).collect();
     assert_eq!(hashes, [first, second]);
     assert_eq!(stored[0].estimate, estimate(1.0));
@@ -164,10 +164,10 @@ fn a_new_identification_adds_a_row() {
 async fn an_acknowledged_reading_is_seen_by_others() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).await.unwrap();
+    let run = journal.begin_run(&new_run()).await.unwrap();
     let other = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     for id in 0..5 {
-        journal.reading(run, &reading(id)).await.unwrap();
+        journal.add_reading(run, &reading(id)).await.unwrap();
         let last: u32 =
             other.query_row("SELECT max(step) FROM readings", [], |row| row.get(0)).unwrap();
         assert_eq!(last, id);
@@ -178,7 +178,7 @@ async fn an_acknowledged_reading_is_seen_by_others() {
 fn every_commit_is_synced_to_a_write_ahead_log() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let pragmas = journal.submit(|connection| {
+    let pragmas = journal.submit_job(|connection| {
         let synchronous: i64 =
             connection.pragma_query_value(None, "synchronous", |row| row.get(0))?;
         let mode: String = connection.pragma_query_value(None, "journal_mode", |row| row.get(0))?;
@@ -192,29 +192,29 @@ fn every_commit_is_synced_to_a_write_ahead_log() {
 fn a_full_disk_is_said_and_loses_nothing_acknowledged() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     limit_pages(&journal, "SELECT page_count FROM pragma_page_count");
     let mut acknowledged = Vec::new();
     let full = loop {
         let next = reading(acknowledged.len() as u32);
-        match journal.reading(run, &next).wait() {
+        match journal.add_reading(run, &next).wait() {
             Ok(()) => acknowledged.push(next),
             Err(error) => break error,
         }
     };
-    assert!(matches!(full.fault, Fault::Full), "{full}");
-    assert!(full.to_string().contains("full") && full.remedy().contains("make room"));
+    assert!(matches!(full.fault, StoreFault::DiskFull), "{full}");
+    assert!(full.to_string().contains("full") && full.remedy().contains("free space"));
     assert!(!acknowledged.is_empty(), "the limit must bite in mid-run");
-    assert_eq!(journal.load(run).unwrap().readings, acknowledged);
+    assert_eq!(journal.load_run(run).unwrap().readings, acknowledged);
 
     limit_pages(&journal, "SELECT 1000000");
     acknowledged.push(reading(acknowledged.len() as u32));
-    journal.reading(run, acknowledged.last().unwrap()).wait().unwrap();
-    assert_eq!(journal.load(run).unwrap().readings, acknowledged);
+    journal.add_reading(run, acknowledged.last().unwrap()).wait().unwrap();
+    assert_eq!(journal.load_run(run).unwrap().readings, acknowledged);
 }
 
 fn limit_pages(journal: &Journal, select: &'static str) {
-    let limited = journal.submit(move |connection| {
+    let limited = journal.submit_job(move |connection| {
         let pages: i64 = connection.query_row(select, [], |row| row.get(0))?;
         connection.pragma_update_and_check(None, "max_page_count", pages, |row| {
             assert_eq!(row.get::<_, i64>(0)?, pages);
@@ -229,31 +229,31 @@ fn limit_pages(journal: &Journal, select: &'static str) {
 fn what_cannot_be_kept_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     let nan = Reading { value_mm: Some(f64::NAN), ..reading(0) };
     let hot = Reading {
         temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(),
         ..reading(0)
     };
     for bad in [nan, hot] {
-        let error = journal.reading(run, &bad).wait().unwrap_err();
-        assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+        let error = journal.add_reading(run, &bad).wait().unwrap_err();
+        assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
     }
-    let error = journal.estimate(run, &estimate(f64::NAN)).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+    let error = journal.add_estimate(run, &estimate(f64::NAN)).wait().unwrap_err();
+    assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
     let nobody = RunId(77);
     for error in [
-        journal.reading(nobody, &reading(0)).wait().unwrap_err(),
-        journal.stage(nobody, &stage(0, vec![]), &[]).wait().unwrap_err(),
+        journal.add_reading(nobody, &reading(0)).wait().unwrap_err(),
+        journal.add_stage(nobody, &stage(0, vec![]), &[]).wait().unwrap_err(),
         journal.set_state(nobody, RunState::Held).wait().unwrap_err(),
-        journal.load(nobody).unwrap_err(),
+        journal.load_run(nobody).unwrap_err(),
     ] {
-        assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
+        assert!(matches!(error.fault, StoreFault::RunNotFound(RunId(77))), "{error}");
     }
     // A step of the plan is never overwritten, and the stage that tried leaves no row.
-    journal.stage(run, &stage(0, vec![0]), &[step(0)]).wait().unwrap();
-    journal.stage(run, &stage(1, vec![0]), &[step(0)]).wait().unwrap_err();
-    let stored = journal.load(run).unwrap();
+    journal.add_stage(run, &stage(0, vec![0]), &[step(0)]).wait().unwrap();
+    journal.add_stage(run, &stage(1, vec![0]), &[step(0)]).wait().unwrap_err();
+    let stored = journal.load_run(run).unwrap();
     assert_eq!((stored.stages.len(), stored.readings.len(), stored.estimates.len()), (1, 0, 0));
 }
 
@@ -261,19 +261,20 @@ fn what_cannot_be_kept_is_refused() {
 fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     let touch = reading(2);
-    journal.reading(run, &touch).wait().unwrap();
-    let error = journal.reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::Doubled { step: 2, repeat: 1 }), "{error}");
+    journal.add_reading(run, &touch).wait().unwrap();
+    let error =
+        journal.add_reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
+    assert!(matches!(error.fault, StoreFault::DuplicateTouch { step: 2, repeat: 1 }), "{error}");
     let again = Reading { repeat: 1000, ..touch.clone() };
-    journal.reading(run, &again).wait().unwrap();
-    let other = journal.begin(&new_run()).wait().unwrap();
-    journal.reading(other, &touch).wait().unwrap();
+    journal.add_reading(run, &again).wait().unwrap();
+    let other = journal.begin_run(&new_run()).wait().unwrap();
+    journal.add_reading(other, &touch).wait().unwrap();
     for _ in 0..2 {
-        journal.reading(run, &reading(3)).wait().unwrap();
+        journal.add_reading(run, &reading(3)).wait().unwrap();
     }
-    let stored = journal.load(run).unwrap();
+    let stored = journal.load_run(run).unwrap();
     assert_eq!(stored.readings, [touch, again, reading(3), reading(3)]);
     assert!(stored.measured_until.is_some_and(|kept| kept >= stored.summary.started));
 }
@@ -282,7 +283,7 @@ fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
 fn a_scan_is_there_whole_and_once_bit_for_bit() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     let sample = |number: u32| Reading {
         step: 4,
         repeat: 1,
@@ -294,16 +295,16 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
     // Every flag, with and without a value.
     let samples: Vec<Reading> = (0..12).map(sample).collect();
     let (before, after) = (reading(2), reading(5));
-    journal.reading(run, &before).wait().unwrap();
-    journal.scan(run, &samples).wait().unwrap();
-    journal.reading(run, &after).wait().unwrap();
-    let error = journal.scan(run, &samples[..1]).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::Doubled { step: 4, repeat: 1 }), "{error}");
+    journal.add_reading(run, &before).wait().unwrap();
+    journal.add_scan(run, &samples).wait().unwrap();
+    journal.add_reading(run, &after).wait().unwrap();
+    let error = journal.add_scan(run, &samples[..1]).wait().unwrap_err();
+    assert!(matches!(error.fault, StoreFault::DuplicateTouch { step: 4, repeat: 1 }), "{error}");
     let nan = Reading { value_mm: Some(f64::NAN), ..sample(1) };
-    let error = journal.scan(run, &[Reading { step: 6, ..nan }]).wait().unwrap_err();
-    assert!(matches!(error.fault, Fault::NotFinite { .. }), "{error}");
+    let error = journal.add_scan(run, &[Reading { step: 6, ..nan }]).wait().unwrap_err();
+    assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
     drop(journal);
-    let stored = Journal::open(dir.path()).unwrap().load(run).unwrap();
+    let stored = Journal::open(dir.path()).unwrap().load_run(run).unwrap();
     assert_eq!(stored.readings, [&[before][..], &samples, &[after]].concat());
 }
 
@@ -311,12 +312,12 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
 fn interruptions_join_the_plan_and_its_hash() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     for gap_s in [12.5, 12.5, 40.0] {
-        journal.event(run, &Event::Resumed { gap_s }).wait().unwrap();
-        journal.event(run, &Event::Held { reason: "again".to_owned() }).wait().unwrap();
+        journal.add_event(run, &Event::Resumed { gap_s }).wait().unwrap();
+        journal.add_event(run, &Event::Held { reason: "again".to_owned() }).wait().unwrap();
     }
-    let stored = journal.load(run).unwrap();
+    let stored = journal.load_run(run).unwrap();
     assert_eq!(stored.plan.gaps_s, [12.5, 40.0]);
     assert_eq!(sha256(&stored.plan).unwrap(), stored.summary.plan_sha256);
 }

@@ -9,7 +9,7 @@ use machine::record::reading::Reading;
 fn some_readings_are_those_of_all() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let run = journal.begin(&new_run()).wait().unwrap();
+    let run = journal.begin_run(&new_run()).wait().unwrap();
     let scan = |step: u32, count: u32| -> Vec<Reading> {
         let (first, samples) = (reading(step), (0..count).map(|number| reading(number + 20)));
         samples
@@ -21,21 +21,21 @@ fn some_readings_are_those_of_all() {
             })
             .collect()
     };
-    journal.reading(run, &reading(0)).wait().unwrap();
-    journal.scan(run, &scan(1, 7)).wait().unwrap();
-    journal.reading(run, &reading(2)).wait().unwrap();
-    journal.scan(run, &scan(3, 4)).wait().unwrap();
-    let whole = journal.load(run).unwrap().readings;
+    journal.add_reading(run, &reading(0)).wait().unwrap();
+    journal.add_scan(run, &scan(1, 7)).wait().unwrap();
+    journal.add_reading(run, &reading(2)).wait().unwrap();
+    journal.add_scan(run, &scan(3, 4)).wait().unwrap();
+    let whole = journal.load_run(run).unwrap().readings;
     assert_eq!(whole.len(), 13);
     for after in 0..15 {
         for most in 0..15 {
-            let (all, some) = journal.some_readings(run, after, most).unwrap();
+            let (all, some) = journal.list_readings(run, after, most).unwrap();
             let wanted: Vec<_> = whole.iter().skip(after).take(most).cloned().collect();
             assert!(all == 13 && some == wanted, "{after} {most}: {some:?}");
         }
     }
-    let missing = journal.some_readings(RunId(7), 0, 1).unwrap_err();
-    assert!(matches!(missing.fault, Fault::NoRun(RunId(7))), "{missing}");
+    let missing = journal.list_readings(RunId(7), 0, 1).unwrap_err();
+    assert!(matches!(missing.fault, StoreFault::RunNotFound(RunId(7))), "{missing}");
 }
 
 /// Finished runs only, with the last identification.
@@ -44,25 +44,25 @@ fn the_newest_result_is_that_of_the_newest_finished_run() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |state| {
-        let run = journal.begin(&new_run()).wait().unwrap();
-        journal.estimate(run, &estimate(run.0 as f64)).wait().unwrap();
+        let run = journal.begin_run(&new_run()).wait().unwrap();
+        journal.add_estimate(run, &estimate(run.0 as f64)).wait().unwrap();
         journal.set_state(run, state).wait().unwrap();
         run
     };
-    assert_eq!(journal.newest("mill").unwrap(), NewestRuns::default());
+    assert_eq!(journal.newest_results("mill").unwrap(), NewestRuns::default());
     let (first, second) = (run(RunState::Finished), run(RunState::Finished));
     run(RunState::Held);
-    journal.estimate(first, &estimate(8.0)).wait().unwrap();
-    journal.estimate(second, &estimate(9.0)).wait().unwrap();
-    let newest = journal.newest("mill").unwrap().result.unwrap();
+    journal.add_estimate(first, &estimate(8.0)).wait().unwrap();
+    journal.add_estimate(second, &estimate(9.0)).wait().unwrap();
+    let newest = journal.newest_results("mill").unwrap().result.unwrap();
     assert_eq!((newest.run, newest.parameters[0].value), (second, 9.0));
-    assert_eq!(Some(newest.ended), journal.load(second).unwrap().summary.ended);
-    assert_eq!(journal.newest("lathe").unwrap(), NewestRuns::default());
-    let held = Wanted { state: Some(RunState::Held), ..Wanted::default() };
-    assert_eq!(journal.some_runs(held, 9).unwrap().len(), 1);
-    let other = Wanted { machine: Some("lathe"), ..Wanted::default() };
-    assert_eq!(journal.some_runs(other, 9).unwrap(), []);
-    let all: Vec<_> = journal.some_runs(Wanted::default(), 9).unwrap();
+    assert_eq!(Some(newest.ended), journal.load_run(second).unwrap().summary.ended);
+    assert_eq!(journal.newest_results("lathe").unwrap(), NewestRuns::default());
+    let held = RunFilter { state: Some(RunState::Held), ..RunFilter::default() };
+    assert_eq!(journal.list_runs(held, 9).unwrap().len(), 1);
+    let other = RunFilter { machine: Some("lathe"), ..RunFilter::default() };
+    assert_eq!(journal.list_runs(other, 9).unwrap(), []);
+    let all: Vec<_> = journal.list_runs(RunFilter::default(), 9).unwrap();
     assert_eq!(all.into_iter().rev().collect::<Vec<_>>(), journal.runs().unwrap());
 }
 
@@ -73,34 +73,34 @@ fn a_measured_run_is_finished_by_its_estimate() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let measured = || {
-        let run = journal.begin(&new_run()).wait().unwrap();
+        let run = journal.begin_run(&new_run()).wait().unwrap();
         journal.set_state(run, RunState::NotIdentified).wait().unwrap();
         run
     };
     let (old, first) = (measured(), measured());
-    journal.estimate(first, &estimate(1.0)).wait().unwrap();
+    journal.add_estimate(first, &estimate(1.0)).wait().unwrap();
     let newest = || {
-        let NewestRuns { result, not_identified } = journal.newest("mill").unwrap();
+        let NewestRuns { result, not_identified } = journal.newest_results("mill").unwrap();
         (result.map(|newest| newest.run), not_identified)
     };
     assert_eq!(newest(), (Some(first), None));
     let second = measured();
     assert_eq!(newest(), (Some(first), Some(second)));
-    assert_eq!(journal.not_identified("mill").unwrap(), [old, second]);
-    assert_eq!(journal.not_identified("lathe").unwrap(), []);
+    assert_eq!(journal.runs_without_estimate("mill").unwrap(), [old, second]);
+    assert_eq!(journal.runs_without_estimate("lathe").unwrap(), []);
     let states = || journal.runs().unwrap().iter().map(|run| run.state).collect::<Vec<_>>();
     let (open, done) = (RunState::NotIdentified, RunState::Finished);
     assert_eq!(states(), [open, done, open]);
     let listed = |state| {
-        let wanted = Wanted { state: Some(state), ..Wanted::default() };
-        let runs = journal.some_runs(wanted, 9).unwrap();
+        let wanted = RunFilter { state: Some(state), ..RunFilter::default() };
+        let runs = journal.list_runs(wanted, 9).unwrap();
         runs.iter().map(|run| run.id).collect::<Vec<_>>()
     };
     assert_eq!((listed(open), listed(done)), (vec![second, old], vec![first]));
-    let ended = journal.load(second).unwrap().summary.ended;
-    journal.estimate(second, &estimate(2.0)).wait().unwrap();
+    let ended = journal.load_run(second).unwrap().summary.ended;
+    journal.add_estimate(second, &estimate(2.0)).wait().unwrap();
     assert_eq!((newest(), states()), ((Some(second), None), vec![open, done, done]));
     // A later identification does not change the end of the measurement.
-    assert_eq!(journal.load(second).unwrap().summary.ended, ended);
+    assert_eq!(journal.load_run(second).unwrap().summary.ended, ended);
     assert_eq!(serde_json::to_value(open).unwrap(), open.as_str());
 }

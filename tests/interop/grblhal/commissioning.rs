@@ -4,9 +4,11 @@
 use std::process::Output;
 
 use libtest_mimic::Failed;
-use machine::record::question::{Answer, Question, Seen, Stylus};
-use trued::commissioning::{Answering, Check, Finding, Person, Stop, Summary, Verdict};
-use trued::setup::{MachineFile, Pace, Site};
+use machine::record::question::{Answer, ObservedMotion, Question, StylusState};
+use trued::commissioning::{
+    AnswerFuture, Check, Finding, OperatorInterface, Stop, Summary, Verdict,
+};
+use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
 use super::cycle::{FIRST_UM, SHORT, measured, near_the_truth};
@@ -41,19 +43,19 @@ impl Operator<'_> {
     }
 }
 
-impl Person for Operator<'_> {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+impl OperatorInterface for Operator<'_> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let done = match question {
-            Question::Stylus(stylus) => self.deflect(*stylus == Stylus::Deflected),
-            Question::Released { .. } => self.release(),
+            Question::StylusState(stylus) => self.deflect(*stylus == StylusState::Deflected),
+            Question::HoldReleased { .. } => self.release(),
             _ => Ok(()),
         };
         let answer = match (done, question) {
             (Err(fault), _) => {
                 self.fault = Some(fault);
-                Answer::Nobody
+                Answer::NoOperator
             }
-            (Ok(()), Question::Jogged { .. }) => Answer::Saw(Seen::AsSaid),
+            (Ok(()), Question::ObservedJog { .. }) => Answer::Motion(ObservedMotion::AsAnnounced),
             (Ok(()), Question::RetractDirection { .. }) => Answer::No,
             (Ok(()), _) => Answer::Yes,
         };
@@ -86,14 +88,14 @@ fn checked(desk: &Desk, rig: &mut Rig) -> Result<Summary, Failed> {
     let text = std::fs::read_to_string(desk.machine())?;
     let file = MachineFile::parse("machine.toml", text)?;
     let (summary, fault) = run(async {
-        let site = Site::new(&file)?;
+        let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
         let mut operator = Operator { rig, stylus_is_deflected: false, fault: None };
         let mut report = |_: &Finding| {};
         let at = (&file, &site, Pace::Real);
         let check = Check::new(at, &journal, &mut operator, Stop::default(), &mut report);
-        let summary = check.through().await;
+        let summary = check.run_all_parts().await;
         Ok((summary, operator.fault))
     })?;
     fault.map_or(Ok(summary), Err)

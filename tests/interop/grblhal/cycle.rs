@@ -68,7 +68,7 @@ fn planned_s(desk: &Desk) -> Result<f64, Failed> {
     let machine = desk.machine().display().to_string();
     let output = desk.command(&["plan", "self-calibration", "--machine", &machine]).output()?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned() + &complaint(&output);
-    let time = said.split_once("machine time about ").ok_or(said.clone())?.1;
+    let time = said.split_once("machine time: about ").ok_or(said.clone())?.1;
     let words: Vec<&str> = time.lines().next().unwrap_or_default().split_whitespace().collect();
     let mut seconds = 0.0;
     for pair in words.chunks_exact(2) {

@@ -3,8 +3,8 @@
 use libtest_mimic::Failed;
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, Question};
-use trued::commissioning::{Answering, Check, Finding, Person, Stop, Verdict};
-use trued::setup::{MachineFile, Pace, Site};
+use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop, Verdict};
+use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
 use super::desk::Desk;
@@ -17,12 +17,12 @@ struct Operator {
     z_mm: Vec<f64>,
 }
 
-impl Person for Operator {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+impl OperatorInterface for Operator {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let answer = match question {
-            Question::Shows(_) => Answer::Yes,
+            Question::DisplayedPosition(_) => Answer::Yes,
             Question::RetractDirection { position, .. } => {
-                self.z_mm.push(position.at(Axis::Z));
+                self.z_mm.push(position.get_or_zero(Axis::Z));
                 Answer::Retract(AxisDirection { axis: Axis::Z, is_positive: true })
             }
             _ => Answer::No,
@@ -43,13 +43,13 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
     let text = std::fs::read_to_string(desk.machine())?;
     let file = MachineFile::parse("machine.toml", text)?;
     let (summary, operator) = run(async {
-        let site = Site::new(&file)?;
+        let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
         let (mut person, mut tell) = (Operator::default(), |_: &Finding| {});
         let at = (&file, &site, Pace::Real);
         let check = Check::new(at, &journal, &mut person, Stop::default(), &mut tell);
-        let summary = check.through().await;
+        let summary = check.run_all_parts().await;
         Ok((summary, person))
     })?;
     let after = rig.stands()?;
@@ -60,8 +60,8 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         && [0, 1, 3, 4].iter().all(|joint| (after[*joint] - before[*joint]).abs() < 0.01);
     let told = summary.to_string();
     // The machine position may differ from the display: the check ends.
-    let ends = told.contains("out of contact: the probe reads open")
-        && told.contains("axes    not looked at")
+    let ends = told.contains("the stylus is out of contact and the probe reads open")
+        && told.contains("axes    not checked")
         && summary.count(Verdict::Failed) == 1;
     if is_led_out && ends {
         return Ok(());

@@ -147,7 +147,7 @@ pub fn emergency_stop() -> Result<(), Failed> {
         when: TRAVELLING,
         happens: |rig| rig.emergency_stop(),
         error: "the emergency stop was pressed",
-        remedy: "release the stop, switch it on",
+        remedy: "release the emergency stop, switch the machine on",
         seconds: 1.0,
     })
 }
@@ -168,8 +168,8 @@ pub fn killed_task() -> Result<(), Failed> {
         &Fault {
             when: TRAVELLING,
             happens: |rig| rig.task("-KILL"),
-            error: "the control has stopped working: it takes no command, and what it shows is old",
-            remedy: "press its emergency stop, start the control anew",
+            error: "the control has stopped working: the control accepts no command, and its status is out of date",
+            remedy: "press the emergency stop, restart the control",
             seconds: 6.0,
         },
     )
@@ -179,8 +179,8 @@ pub fn frozen_task() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.task("-STOP"),
-        error: "the control has stopped working: it takes no command, and what it shows is old",
-        remedy: "press its emergency stop",
+        error: "the control has stopped working: the control accepts no command, and its status is out of date",
+        remedy: "press the emergency stop",
         seconds: 6.0,
     })
 }
@@ -192,7 +192,7 @@ pub fn killed_linuxcncrsh() -> Result<(), Failed> {
             when: TOUCHING,
             happens: |rig| rig.rsh("-KILL"),
             error: "is lost",
-            remedy: "the state of the machine is unknown: look at it",
+            remedy: "the state of the machine is unknown",
             seconds: 2.0,
         },
     )
@@ -202,8 +202,8 @@ pub fn silent_linuxcncrsh() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.rsh("-STOP"),
-        error: "no answer to `get ",
-        remedy: "the state of the machine is unknown: look at it",
+        error: "no reply to `get ",
+        remedy: "the state of the machine is unknown",
         seconds: 6.0,
     })
 }
@@ -214,7 +214,7 @@ pub fn stuck_probe() -> Result<(), Failed> {
         &Fault {
             when: TOUCHING,
             happens: |rig| rig.make_true("stuck", 1.0),
-            error: "the probe reads closed although the stylus should be free",
+            error: "the probe reads closed where the stylus must be free",
             remedy: "check the probe's battery, cable and polarity",
             seconds: 3.0,
         },
@@ -223,12 +223,12 @@ pub fn stuck_probe() -> Result<(), Failed> {
 
 pub fn missing_part() -> Result<(), Failed> {
     resumable_after(
-        "no contact up to the end",
+        "no contact before the end",
         &Fault {
             when: TRAVELLING,
             happens: |rig| rig.remove_part(),
-            error: "no contact up to the end of the touch",
-            remedy: "is the part where the machine file says",
+            error: "no contact before the end of the probing move",
+            remedy: "check the position and size of the part in the machine file",
             seconds: 6.0,
         },
     )
@@ -238,8 +238,8 @@ pub fn pause_at_the_machine() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.press("program.pause"),
-        error: "the machine is held at the control: pause was pressed",
-        remedy: "nothing goes on by itself",
+        error: "the program is paused at the control: pause was pressed",
+        remedy: "nothing continues by itself",
         seconds: 2.0,
     })
 }
@@ -249,7 +249,7 @@ pub fn no_feed() -> Result<(), Failed> {
         when: TRAVELLING,
         happens: |rig| rig.no_feed(),
         // Between two programs, or during a move.
-        error: "the feed override stands at 0 %",
+        error: "the feed override is 0 %",
         remedy: "",
         seconds: 4.0,
     })
@@ -259,8 +259,8 @@ pub fn soft_limit() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.limit_x(40.0),
-        error: "the control refuses to leave its travel",
-        remedy: "make [axes] min and max as narrow as the control's limits",
+        error: "the target is outside the travel limits of the control",
+        remedy: "set [axes] min and max to the limits of the control",
         seconds: 30.0,
     })
 }
@@ -269,8 +269,8 @@ pub fn foreign_contact() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.foreign_contact(),
-        error: "the probe touched something during a move that should be free",
-        remedy: "trued check leads it out; then check the part's position and the fixtures",
+        error: "unexpected contact during a positioning move",
+        remedy: "run `trued check`, which retracts it; then check the position of the part, the fixtures",
         seconds: 3.0,
     })
 }

@@ -36,7 +36,7 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
             let hit = halt.clone();
             let person = std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_millis(delay_ms));
-                hit.now();
+                hit.trigger();
             });
             let held = driver.execute(proven(&driver, &far)).await;
             person.join().map_err(|_| "the halt panicked")?;
@@ -107,7 +107,7 @@ async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant,
     let person = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(700));
         let asked = Instant::now();
-        halt.now();
+        halt.trigger();
         asked
     });
     let held = driver.execute(proven(driver, &Block { step: 1, repeat: 0, motions })).await;

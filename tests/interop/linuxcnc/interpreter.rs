@@ -7,14 +7,14 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::{Mutex, PoisonError};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
-use planning::Clearance;
-use planning::gcode::rs274::{Kind, ReadMotion, read};
-use planning::gcode::{Dialect, Program};
+use planning::SafeHeights;
+use planning::gcode::rs274::{MotionKind, ReadMotion, read_program};
+use planning::gcode::{Dialect, ProgramHeader};
 use rand::RngExt;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
@@ -91,7 +91,7 @@ impl Standing {
 
 /// Checks that LinuxCNC's `theirs` and our reading of `ours` are the same motions; returns their number.
 fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
-    let ours = read(ours, Some("G59.3"))?;
+    let ours = read_program(ours, Some("G59.3"))?;
     let mut calls = canonical(theirs)?.into_iter();
     let (mut at, mut slack) = (vec![0.0; 6], vec![PRINTED; 6]);
     let mut standing = Standing::default();
@@ -99,12 +99,12 @@ fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
         let (name, numbers) = standing.next(&mut calls).ok_or("LinuxCNC ends before us")?;
         let differ = |why: String| Failed::from(format!("{motion:?}: {name} {numbers:?}: {why}"));
         let expected = match motion.kind {
-            Kind::Rapid => "STRAIGHT_TRAVERSE",
-            Kind::Feed => "STRAIGHT_FEED",
-            Kind::Probe { .. } => "STRAIGHT_PROBE",
-            Kind::Dwell { .. } => "DWELL",
-            Kind::Orient { .. } => "ORIENT_SPINDLE",
-            Kind::Stop => "PROGRAM_STOP",
+            MotionKind::Rapid => "STRAIGHT_TRAVERSE",
+            MotionKind::Feed => "STRAIGHT_FEED",
+            MotionKind::Probe { .. } => "STRAIGHT_PROBE",
+            MotionKind::Dwell { .. } => "DWELL",
+            MotionKind::Orient { .. } => "ORIENT_SPINDLE",
+            MotionKind::Stop => "PROGRAM_STOP",
         };
         if name != expected {
             return Err(differ(format!("{expected} was expected")));
@@ -132,22 +132,22 @@ fn same_numbers(
 ) -> Result<(), String> {
     let near = |ours: f64, theirs: f64, tolerance: f64| (ours - theirs).abs() <= tolerance;
     match motion.kind {
-        Kind::Dwell { seconds } => {
+        MotionKind::Dwell { seconds } => {
             return if near(seconds, numbers[0], PRINTED) { Ok(()) } else { Err("dwell".into()) };
         }
-        Kind::Orient { s } => {
-            let same = near(Axis::S.to_edge(s), numbers[1], PRINTED);
+        MotionKind::Orient { s } => {
+            let same = near(Axis::S.to_mm_or_deg(s), numbers[1], PRINTED);
             return if same { Ok(()) } else { Err("orientation".into()) };
         }
         _ => {}
     }
     for (i, axis) in AXES.into_iter().enumerate() {
-        let named = motion.target.get(axis).map(|value| axis.to_edge(value));
+        let named = motion.target.get(axis).map(|value| axis.to_mm_or_deg(value));
         let (expected, tolerance) = named.map_or((at[i], slack[i]), |value| (value, PRINTED));
         if !near(expected, numbers[i], tolerance) {
             return Err(format!("{axis} should be {expected}"));
         }
-        let probing = matches!(motion.kind, Kind::Probe { .. });
+        let probing = matches!(motion.kind, MotionKind::Probe { .. });
         slack[i] = if probing && named.is_some() { PROBE_BACK_OFF } else { PRINTED };
         at[i] = numbers[i];
     }
@@ -155,13 +155,13 @@ fn same_numbers(
 }
 
 fn some(rng: &mut impl RngExt, axes: &[Axis]) -> Position {
-    axes.iter().map(|axis| (*axis, axis.from_edge(rng.random_range(-150.0..150.0)))).collect()
+    axes.iter().map(|axis| (*axis, axis.to_mm_or_rad(rng.random_range(-150.0..150.0)))).collect()
 }
 
 /// A touch as in the cycle, with arbitrary numbers.
 fn block(step: u32) -> Block {
     use Axis::*;
-    let rng = &mut stream(7, &[u64::from(step)]);
+    let rng = &mut seeded_stream(7, &[u64::from(step)]);
     let mut feed = |high: f64| rng.random_range(1.0..high);
     let feeds = [feed(3000.0), feed(60.0), feed(1000.0)];
     let motions = vec![
@@ -178,10 +178,10 @@ fn block(step: u32) -> Block {
 }
 
 fn program(blocks: &[Block]) -> Result<String, Failed> {
-    let dialect = Dialect::named("linuxcnc")?;
-    let program = Program { title: "peer test", axes: &AXES, log: Some("/var/tmp/none.log") };
-    let text = dialect.program(&program, blocks)?;
-    dialect.proves(&text, blocks)?;
+    let dialect = Dialect::from_name("linuxcnc")?;
+    let program = ProgramHeader { title: "peer test", axes: &AXES, log: Some("/var/tmp/none.log") };
+    let text = dialect.render_program(&program, blocks)?;
+    dialect.check_program(&text, blocks)?;
     Ok(text)
 }
 
@@ -206,7 +206,7 @@ pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
         let whole = plan(file, &["--gcode", "linuxcnc"])?;
         let plan: Plan = serde_json::from_str(&plan(file, &["--json"])?)?;
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-        let (blocks, _) = planning::blocks(&plan, &Clearance::above(&plan)?)?;
+        let (blocks, _) = planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan)?)?;
         let motions = |blocks: &[Block]| blocks.iter().map(|b| b.motions.len()).sum::<usize>();
         let read = agree(&whole, &whole)?;
         eprintln!("{file}: {} touches, {read} motions", blocks.len());
@@ -215,8 +215,9 @@ pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
         }
         for block in &blocks {
             let blocks = std::slice::from_ref(block);
-            let program = Program { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
-            let text = Dialect::named("linuxcnc")?.program(&program, blocks)?;
+            let program =
+                ProgramHeader { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
+            let text = Dialect::from_name("linuxcnc")?.render_program(&program, blocks)?;
             if agree(&text, &text)? != motions(blocks) {
                 return Err(text.into());
             }

@@ -4,11 +4,11 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use devices::controllers::linuxcnc::{LinuxCnc, Settings, log_name};
+use devices::controllers::linuxcnc::{LinuxCnc, LinuxCncSettings, result_log_path};
 use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
 use link::Address;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
 use planning::proof::{ProvenBlock, for_tests, prove_modes};
@@ -28,14 +28,14 @@ pub async fn open(rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
 
 /// Opens the driver over another port, behind which the traffic is observed.
 pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
-    let settings = Settings {
+    let settings = LinuxCncSettings {
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
         axes: AXES.to_vec(),
         ini: Some(rig_ini()),
     };
-    let log = log_name(&rig.directory);
-    let modes = prove_modes(&Dialect::named("linuxcnc")?, "rig", AXES, Some(&log))?;
+    let log = result_log_path(&rig.directory);
+    let modes = prove_modes(&Dialect::from_name("linuxcnc")?, "rig", AXES, Some(&log))?;
     Ok(LinuxCnc::open(settings, modes).await?)
 }
 
@@ -43,7 +43,7 @@ const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 /// The block as it is sent to the rig, without a collision check.
 pub fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
-    let dialect = Dialect::named("linuxcnc").expect("its templates");
+    let dialect = Dialect::from_name("linuxcnc").expect("its templates");
     for_tests::proven_block(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
 
@@ -75,7 +75,7 @@ pub fn touch(step: u32, angle: f64, c: f64, from: f64, to: f64) -> Block {
 }
 
 pub fn expect(
-    result: Result<Outcome, ControllerError>,
+    result: Result<BlockOutcome, ControllerError>,
     wanted: fn(&ControllerError) -> bool,
 ) -> Result<(), Failed> {
     match result {
@@ -93,12 +93,14 @@ async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
         let outcome = driver.execute(proven(driver, &touch(quarter, angle, c, 48.6, 46.0))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         eprintln!("touch {quarter}: {touch:?} in {:.2} s", started.elapsed().as_secs_f64());
-        if (touch.at(Axis::Z) - 50.0).abs() > 1e-4 || (touch.at(Axis::C) - c).abs() > 1e-6 {
+        if (touch.get_or_zero(Axis::Z) - 50.0).abs() > 1e-4
+            || (touch.get_or_zero(Axis::C) - c).abs() > 1e-6
+        {
             return Err(format!("{touch:?}").into());
         }
         at.push(touch);
     }
-    let middle = |axis, i: usize| (at[i].at(axis) + at[i + 2].at(axis)) / 2.0;
+    let middle = |axis, i: usize| (at[i].get_or_zero(axis) + at[i + 2].get_or_zero(axis)) / 2.0;
     Ok([middle(Axis::X, 0), middle(Axis::Y, 1)])
 }
 
@@ -168,7 +170,7 @@ pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
         // In contact: the driver accepts only a retract.
         driver.prepare().await?;
         let again = driver.execute(proven(&driver, &touch(4, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(again, |error| matches!(error, ControllerError::StillTripped { step: 4 }))?;
+        expect(again, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))?;
         driver.prepare().await?;
         let out = vec![Motion::BackOff { to: xy(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
         driver.execute(proven(&driver, &Block { step: 5, repeat: 0, motions: out })).await?;
@@ -206,11 +208,11 @@ pub fn a_probe_that_does_not_open_or_close_is_found() -> Result<(), Failed> {
         rig.make_true("dead", 0.0)?;
         rig.make_true("stuck", 1.0)?;
         let stuck = driver.execute(proven(&driver, &touch(3, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 3 }))?;
+        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 3 }))?;
         driver.prepare().await?;
         let stuck =
             driver.execute(proven(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
-        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 4 }))
+        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))
     })
 }
 
@@ -273,7 +275,7 @@ pub fn a_limit_is_told_in_the_controls_words() -> Result<(), Failed> {
         let refused = driver.execute(proven(&driver, &Block { step: 2, repeat: 0, motions })).await;
         expect(
             refused,
-            |error| matches!(error, ControllerError::OutOfTravel { step: 2, said } if said.contains("limit")),
+            |error| matches!(error, ControllerError::OutOfTravel { step: 2, message } if message.contains("limit")),
         )
     })
 }
@@ -289,7 +291,7 @@ pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
         let outcome = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await?;
-        let x = outcome.touch.ok_or("no touch")?.at(Axis::X);
+        let x = outcome.touch.ok_or("no touch")?.get_or_zero(Axis::X);
         if (x - (48.0 + 0.170 - 0.0121)).abs() > 0.001 {
             return Err(format!("touched at {x}").into());
         }

@@ -74,7 +74,7 @@ pub fn not_when_the_part_has_moved() -> Result<(), Failed> {
     let output = desk.resume()?.wait_with_output()?;
     let said = complaint(&output);
     eprintln!("{said}");
-    let refused = "the machine does not stand as it stood before the stop";
+    let refused = "the references have shifted since the stop";
     if output.status.success() || !said.contains(refused) {
         return Err(said.into());
     }

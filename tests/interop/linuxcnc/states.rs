@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use devices::controllers::{ControllerError, Driver as _, Prepared};
+use devices::controllers::{ControllerError, Driver as _, PreparedControl};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
@@ -11,7 +11,7 @@ use tokio::time::sleep;
 use super::machine::{expect, open, proven, run, touch, xy, z};
 use super::rig::{Rig, rig};
 
-fn refused(prepared: Result<Prepared, ControllerError>, words: &str) -> Result<(), Failed> {
+fn refused(prepared: Result<PreparedControl, ControllerError>, words: &str) -> Result<(), Failed> {
     match prepared {
         Err(ControllerError::NotReady { state, .. }) if state.contains(words) => Ok(()),
         other => Err(format!("{other:?}").into()),
@@ -32,7 +32,7 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
     rig.person()?.mdi("G53 G0 X10 Y-20 Z150 B5 C400")?;
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
-        let stands = driver.prepare().await?.stands;
+        let stands = driver.prepare().await?.position;
         let truth: Position = [
             (Axis::X, 10.0),
             (Axis::Y, -20.0),
@@ -42,7 +42,10 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
         ]
         .into_iter()
         .collect();
-        let off = truth.iter().map(|(axis, at)| (stands.at(axis) - at).abs()).fold(0.0, f64::max);
+        let off = truth
+            .iter()
+            .map(|(axis, at)| (stands.get_or_zero(axis) - at).abs())
+            .fold(0.0, f64::max);
         if off < 1e-6 && stands.iter().count() == 5 {
             return Ok(());
         }
@@ -55,14 +58,14 @@ pub fn it_introduces_itself() -> Result<(), Failed> {
     let rig = rig()?;
     let (identity, b) = run(async {
         let (mut driver, _halt) = open(&rig).await?;
-        let said = driver.introduce().await?;
+        let said = driver.identify_device().await?;
         Ok((said.identity, said.axes.get(&Axis::B).copied()))
     })?;
     let most = b.and_then(|b| b.max).ok_or("no limit of B")?;
     rig.person()?.mdi(&format!("G53 G0 X0 Y0 Z150 B{most}"))?;
     let stands = run(async {
         let (mut driver, _halt) = open(&rig).await?;
-        Ok(driver.prepare().await?.stands.at(Axis::B))
+        Ok(driver.prepare().await?.position.get_or_zero(Axis::B))
     })?;
     rig.person()?.mdi("G53 G0 B0")?;
     let beyond = (stands - most.to_radians()).abs();
@@ -81,13 +84,13 @@ pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
         rig.tool_centre_point(true)?;
         let at_zero = driver.prepare().await;
         rig.tool_centre_point(false)?;
-        refused(at_zero, "its kinematics compensate the rotary axes: motion.switchkins-type is 1")?;
+        refused(at_zero, "the kinematics compensate the rotary axes: motion.switchkins-type is 1")?;
         driver.prepare().await?;
         driver.execute(proven(&driver, &touch(1, 0.0, 0.6, 48.6, 46.0))).await?;
         rig.tool_centre_point(true)?;
         let compensated = open(&rig).await?.0.prepare().await;
         rig.tool_centre_point(false)?;
-        refused(compensated, "the axes do not stand where their joints stand")?;
+        refused(compensated, "the positions of axes and joints differ")?;
         driver.prepare().await?;
         Ok(())
     })
@@ -151,7 +154,7 @@ pub fn another_speed_is_refused() -> Result<(), Failed> {
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         rig.person()?.say("set feed_override 80")?;
-        refused(driver.prepare().await, "the feed override stands at 80 %")?;
+        refused(driver.prepare().await, "the feed override is 80 %")?;
         rig.person()?.say("set feed_override 100")?;
         driver.prepare().await?;
         rig.person()?.say("set feed_override 120")?;
@@ -185,9 +188,9 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
         (
             |rig| rig.no_feed(),
             |rig| rig.person()?.say("set feed_override 100").map(drop),
-            "the feed override stands at 0 %",
+            "the feed override is 0 %",
         ),
-        (|rig| rig.feed_hold(true), |rig| rig.feed_hold(false), "nothing moves: a feed hold"),
+        (|rig| rig.feed_hold(true), |rig| rig.feed_hold(false), "does not move: a feed hold"),
     ];
     for (step, (holds, lets_go, words)) in (0..).zip(hands) {
         run(async {
@@ -202,7 +205,7 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
             let (held, since) = tokio::join!(driver.execute(proven(&driver, &block)), hand);
             eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
             let error = held.err().ok_or("it ended")?;
-            if !matches!(&error, ControllerError::Paused { how } if how.contains(words)) {
+            if !matches!(&error, ControllerError::Paused { reason } if reason.contains(words)) {
                 return Err(format!("{error:?}").into());
             }
             let stands = rig.stands()?;
@@ -262,7 +265,7 @@ pub fn nothing_moves_between_back_off_and_open_probe() -> Result<(), Failed> {
         };
         let (stuck, done) = tokio::join!(driver.execute(proven(&driver, &block)), sticks);
         done?;
-        expect(stuck, |error| matches!(error, ControllerError::StillTripped { step: 1 }))?;
+        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 1 }))?;
         let at = rig.stands()?;
         if (at[0] - 50.0).abs() < 1e-3 && (at[2] - 50.0).abs() < 1e-3 {
             return Ok(());

@@ -8,7 +8,7 @@ use machine::record::event::Event;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position};
-use methods::{IdentifyError, Method, Next, Refused, Source};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, RunHistory};
@@ -68,7 +68,7 @@ impl Passes {
             for (axis, id) in [(Axis::X, 0), (Axis::Y, 1)] {
                 let over = |by: f64| {
                     let middle = Position::new().with(Axis::X, 80.0).with(Axis::Y, 0.0);
-                    let at = middle.at(axis) + by;
+                    let at = middle.get_or_zero(axis) + by;
                     let at = middle.with(axis, at).with(Axis::Z, 200.0);
                     at.with(Axis::B, 0.0).with(Axis::C, 0.0)
                 };
@@ -102,30 +102,35 @@ impl Method for Passes {
         serde_json::json!({})
     }
 
-    fn next(&self, _: &Plan, done: &[Stage], _: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        _: &Plan,
+        done: &[Stage],
+        _: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
-            return Ok(Next::Done);
+            return Ok(NextStage::Done);
         }
         let new_steps = Self::steps();
         let steps = new_steps.iter().map(|step| step.id).collect();
         let stage = Stage { id: 0, name: "passes".to_owned(), repeat: 0, steps, found: None };
-        Ok(Next::Stage { stage, new_steps })
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
     fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+        Err(IdentifyError::IdentificationFailed("nobody asks for it".to_owned()))
     }
 }
 
 /// Runs [`Passes`] on the machine of `desk`.
 async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
     let file = MachineFile::read(&desk.machine())?;
-    let devices = setup::devices(&file, Pace::Real, RunHistory::default()).await?;
+    let devices = setup::open_devices(&file, Pace::Real, RunHistory::default()).await?;
     let journal = Journal::open(desk.machine().parent().ok_or("no folder")?)?;
-    let mut plan = setup::without_steps(&file, "laser-r-test", serde_json::json!({}));
+    let mut plan = setup::plan_without_steps(&file, "laser-r-test", serde_json::json!({}));
     plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).await?;
+    let id = journal.begin_run(&new).await?;
     let mut tell = |event: &Event| {
         if let Event::Announced { text } = event {
             eprintln!("{text}");
@@ -133,7 +138,7 @@ async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>
     };
     let mut run = Run::new(id, &Passes, &devices, &journal, plan, &mut tell);
     let ended = run.execute().await;
-    Ok((run.readings, run.moved, ended))
+    Ok((run.readings, run.has_moved, ended))
 }
 
 /// Readings of one step, in the order of time.

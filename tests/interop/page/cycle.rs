@@ -54,7 +54,7 @@ pub fn held_and_signed() {
     look::at(&browser, "unknown");
 
     browser.send("/start", &[("who", "Ada")]);
-    glance(&browser, "waits: a person is asked");
+    glance(&browser, "waiting: a prompt is open");
     browser.until("#asked .question", |text| text == "part and stylus are clean");
     look::at(&browser, "asked");
     browser.send("/answer", &[("who", "Ada")]);
@@ -80,7 +80,7 @@ pub fn held_and_signed() {
     // Touches from before the hold count.
     measured(&browser, 18);
     look::at(&browser, "measuring");
-    glance(&browser, "true");
+    glance(&browser, "in tolerance");
     assert_eq!(shop.states(), ["finished"]);
     assert_eq!(shop.json(&["runs", "--json"])[0]["started"], before["started"]);
     look::at(&browser, "true");
@@ -100,13 +100,13 @@ pub fn held_and_signed() {
 
     assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    let asked = "a person was asked: part and stylus are clean";
+    let asked = "prompt for the operator: part and stylus are clean";
     for words in [
         asked,
-        "done, said Ada",
+        "prompt confirmed by Ada",
         "held: ",
-        "acknowledged by Grace",
-        "resumed after a gap",
+        "confirmed by Grace",
+        "resumed after an interruption",
         "signed by Lise",
     ] {
         assert!(told.contains(words), "{words} in {told}");

@@ -17,24 +17,24 @@ pub fn from_afar() {
     for run in 1..=2 {
         browser.send("/start", &[("who", "Ada")]);
         let result = format!("Result of run {run}");
-        browser.until("#live", |text| text.contains("not true") && text.contains(&result));
+        browser.until("#live", |text| text.contains("out of tolerance") && text.contains(&result));
     }
     look::at(&browser, "untrue");
     browser.client.goto(&format!("{at}compare?a=1&b=2")).unwrap();
-    browser.until("table", |text| text.contains("EX0C") && text.contains("within its U"));
+    browser.until("table", |text| text.contains("EX0C") && text.contains("within U"));
     look::at(&browser, "compare");
     browser.client.goto(&format!("{at}compare?a=1&b=7")).unwrap();
     browser.until(".glance", |text| text.contains("no run 7"));
     look::at(&browser, "refused");
     browser.console();
     browser.client.goto(&at).unwrap();
-    browser.until("#live", |text| text.contains("not true"));
+    browser.until("#live", |text| text.contains("out of tolerance"));
     assert_eq!(browser.console(), Vec::<String>::new());
     daemon.child.kill().unwrap();
     // innerText of a parent does not contain hidden text.
     browser.until("main", |text| text.contains("no connection") && !text.contains("as of"));
     let seen = browser.text("main");
-    assert!(!seen.contains("not true") && !seen.contains("Result of run"), "{seen}");
+    assert!(!seen.contains("out of tolerance") && !seen.contains("Result of run"), "{seen}");
     assert_eq!(browser.client.title().unwrap(), "no connection");
     look::at(&browser, "away");
 }
@@ -58,7 +58,7 @@ pub fn without_script() {
     browser.find("[name=who]").send_keys("Ada").unwrap();
     browser.find("form[action$='/start'] button").click().unwrap();
     let started = std::time::Instant::now();
-    while !said(&browser, "#live .glance").starts_with("true") {
+    while !said(&browser, "#live .glance").starts_with("in tolerance") {
         assert!(started.elapsed().as_secs() < 60);
         browser.client.refresh().unwrap();
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use libtest_mimic::Failed;
-use link::modbus::{Framing, ModbusError, Space};
+use link::modbus::{Framing, ModbusError, RegisterSpace};
 use tokio::time::{Instant, sleep};
 
 use super::server::{Server, on_a_runtime};
@@ -52,12 +52,12 @@ async fn each(framing: Framing) -> Result<(), Failed> {
         }
         server.value(count);
         server.faults(&[fault]);
-        let read = link.read(Space::Input, 0, 4).await;
+        let read = link.read(RegisterSpace::Input, 0, 4).await;
         assert_eq!(kind(read.as_ref().err()), expected(framing, fault, of_read), "read {fault}");
         if let Ok(words) = read {
             assert_eq!(words, [count; 4], "{fault}");
         }
-        assert_eq!(link.read(Space::Input, 0, 4).await?, [count; 4], "after {fault}");
+        assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [count; 4], "after {fault}");
 
         server.faults(&[fault]);
         let wrote = link.write_without_echo(60, &[count, count]).await;
@@ -68,7 +68,7 @@ async fn each(framing: Framing) -> Result<(), Failed> {
             assert_eq!(error.may_have_arrived(), arrived == 1, "{error}");
             assert!(!error.remedy().is_empty());
         }
-        assert_eq!(link.read(Space::Input, 0, 4).await?, [count; 4], "after {fault}");
+        assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [count; 4], "after {fault}");
     }
     Ok(())
 }
@@ -86,7 +86,7 @@ pub fn each_tcp() -> Result<(), Failed> {
         let lost = link.write(60, &[7]).await.unwrap_err();
         assert!(matches!(lost, ModbusError::Lost { .. }), "{lost:?}");
         assert!(lost.may_have_arrived());
-        assert_eq!(link.read(Space::Holding, 60, 1).await?, [7]);
+        assert_eq!(link.read(RegisterSpace::Holding, 60, 1).await?, [7]);
         assert_eq!(server.writes().len(), 1);
         Ok(())
     })
@@ -97,10 +97,10 @@ pub fn spaces() -> Result<(), Failed> {
         let server = Server::start(Framing::Tcp);
         let link = server.link(PATIENCE).await;
         let bits = [0, 1, 1, 0, 1, 1, 0, 1, 1, 0, 1];
-        assert_eq!(link.read(Space::Coil, 0, 11).await?, bits);
-        assert_eq!(link.read(Space::Discrete, 1, 10).await?, bits[1..]);
+        assert_eq!(link.read(RegisterSpace::Coil, 0, 11).await?, bits);
+        assert_eq!(link.read(RegisterSpace::Discrete, 1, 10).await?, bits[1..]);
         link.write(60, &[0xFFFF, 0, 258]).await?;
-        assert_eq!(link.read(Space::Holding, 59, 5).await?, [0, 0xFFFF, 0, 258, 0]);
+        assert_eq!(link.read(RegisterSpace::Holding, 59, 5).await?, [0, 0xFFFF, 0, 258, 0]);
         Ok(())
     })
 }
@@ -114,7 +114,7 @@ pub fn a_hold_overtakes() -> Result<(), Failed> {
         server.faults(&["delay:15"]);
         let begun = Instant::now();
         let (slow, queued, ()) = tokio::join!(
-            link.read(Space::Input, 0, 4),
+            link.read(RegisterSpace::Input, 0, 4),
             async {
                 sleep(Duration::from_millis(100)).await;
                 link.write(60, &[1]).await
@@ -124,12 +124,12 @@ pub fn a_hold_overtakes() -> Result<(), Failed> {
                 hold.send_and_close();
             }
         );
-        assert!(matches!(slow, Err(ModbusError::Late { .. })), "{slow:?}");
-        assert!(matches!(queued, Err(ModbusError::Held { .. })), "{queued:?}");
+        assert!(matches!(slow, Err(ModbusError::Timeout { .. })), "{slow:?}");
+        assert!(matches!(queued, Err(ModbusError::HoldActive { .. })), "{queued:?}");
         // Well below the 15 s of the reply.
         assert!(begun.elapsed() < Duration::from_secs(8));
         assert_eq!(server.writes(), [(70, vec![1])]);
-        assert_eq!(link.read(Space::Holding, 70, 1).await?, [1]);
+        assert_eq!(link.read(RegisterSpace::Holding, 70, 1).await?, [1]);
         Ok(())
     })
 }
@@ -139,12 +139,12 @@ pub fn a_server_that_goes_and_comes_back() -> Result<(), Failed> {
         let mut server = Server::start(Framing::Tcp);
         let link = server.link(PATIENCE).await;
         server.value(5);
-        assert_eq!(link.read(Space::Input, 0, 1).await?, [5]);
+        assert_eq!(link.read(RegisterSpace::Input, 0, 1).await?, [5]);
         assert_eq!(server.requests(), 1);
         drop(server);
-        let gone = link.read(Space::Input, 0, 1).await.unwrap_err();
+        let gone = link.read(RegisterSpace::Input, 0, 1).await.unwrap_err();
         assert!(!gone.may_have_arrived(), "{gone:?}");
-        assert!(gone.to_string().contains("nothing listens at"), "{gone}");
+        assert!(gone.to_string().contains("no server listens at"), "{gone}");
         Ok(())
     })
 }

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use libtest_mimic::Failed;
-use link::Named;
-use link::modbus::{Allowed, Framing, Modbus, ModbusError, Range, Space};
+use link::LinkConfig;
+use link::modbus::{AccessList, Framing, ModbusClient, ModbusError, RegisterRange, RegisterSpace};
 use tokio::time::{sleep, timeout};
 use tokio_modbus::Slave;
 use tokio_modbus::client::{Reader, rtu};
@@ -19,7 +19,9 @@ const LATE: &str = "delay:2.6";
 pub fn of_a_plain_client() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Rtu);
-        let Named::Serial { path, baud } = server.at() else { return Err("no serial line".into()) };
+        let LinkConfig::Serial { path, baud } = server.at() else {
+            return Err("no serial line".into());
+        };
         let stream = tokio_serial::new(path.display().to_string(), baud).open_native_async()?;
         let mut plain = rtu::attach_slave(stream, Slave(1));
         server.value(111);
@@ -36,17 +38,17 @@ pub fn of_a_plain_client() -> Result<(), Failed> {
 async fn is_fresh_after_a_late_one(
     framing: Framing,
     pause: Duration,
-) -> Result<(Server, Modbus), Failed> {
+) -> Result<(Server, ModbusClient), Failed> {
     let mut server = Server::start(framing);
     let link = server.link(PATIENCE).await;
     server.value(111);
-    assert_eq!(link.read(Space::Input, 0, 4).await?, [111; 4]);
+    assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [111; 4]);
     server.faults(&[LATE]);
-    let late = link.read(Space::Input, 0, 4).await.unwrap_err();
-    assert!(matches!(late, ModbusError::Late { .. }), "{late}");
+    let late = link.read(RegisterSpace::Input, 0, 4).await.unwrap_err();
+    assert!(matches!(late, ModbusError::Timeout { .. }), "{late}");
     server.value(222);
     sleep(pause).await;
-    assert_eq!(link.read(Space::Input, 0, 4).await?, [222; 4]);
+    assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [222; 4]);
     Ok((server, link))
 }
 
@@ -76,15 +78,15 @@ pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
 pub fn not_where_nothing_tells_replies_apart() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Rtu);
-        let one = Range { space: Space::Input, first: 0, last: 0 };
-        let allowed = Allowed { read: vec![one], write: Vec::new() };
+        let one = RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 };
+        let allowed = AccessList { read: vec![one], write: Vec::new() };
         let link = server.link_to(PATIENCE, allowed).await;
         server.value(111);
         server.faults(&[LATE]);
-        let late = link.read(Space::Input, 0, 1).await.unwrap_err();
-        assert!(matches!(late, ModbusError::Late { .. }), "{late}");
+        let late = link.read(RegisterSpace::Input, 0, 1).await.unwrap_err();
+        assert!(matches!(late, ModbusError::Timeout { .. }), "{late}");
         server.value(222);
-        assert_eq!(link.read(Space::Input, 0, 1).await?, [222]);
+        assert_eq!(link.read(RegisterSpace::Input, 0, 1).await?, [222]);
         Ok(())
     })
 }

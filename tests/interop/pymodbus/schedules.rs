@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use libtest_mimic::Failed;
-use link::modbus::{Framing, Modbus, ModbusError, Space};
+use link::modbus::{Framing, ModbusClient, ModbusError, RegisterSpace};
 use rand::{Rng, RngExt};
 
 use testing::population::population;
@@ -40,11 +40,11 @@ struct Tally {
 }
 
 async fn step(
-    (server, link): (&mut Server, &Modbus),
+    (server, link): (&mut Server, &ModbusClient),
     (framing, seed, step): (Framing, u64, u64),
     tally: &mut Tally,
 ) {
-    let mut draw = stream(seed, &[step]);
+    let mut draw = seeded_stream(seed, &[step]);
     let mark = (1 + seed * STEPS + step) as u16;
     server.value(mark);
     let drawn: Vec<String> = (0..4).map(|_| fault(&mut draw, framing)).collect();
@@ -52,7 +52,7 @@ async fn step(
     let place = format!("seed {seed}, step {step}: {drawn:?}");
     let ended = match draw.random_range(0..5) {
         0..3 => {
-            let read = link.read(Space::Input, 0, 4).await;
+            let read = link.read(RegisterSpace::Input, 0, 4).await;
             read.map(|words| assert_eq!(words, [mark; 4], "stale: {place}"))
         }
         3 => wrote(link.write(60, &[mark]).await, mark, tally),

@@ -3,13 +3,13 @@
 
 use std::sync::Arc;
 
-use devices::sensors::modbus::{Config, Registers};
-use devices::sensors::{Driver, Sample, SensorError};
+use devices::sensors::modbus::{Config, ModbusSensorDriver};
+use devices::sensors::{Sample, SensorDriver, SensorError};
 use libtest_mimic::Failed;
-use link::Named;
+use link::LinkConfig;
 use link::clock::HostClock;
 use link::modbus::Framing;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 
 use super::server::{Server, on_a_runtime};
 
@@ -28,21 +28,21 @@ const RANGE_MM: [f64; 2] = [-100.0, 100.0];
 /// Address of the server as keys of a machine file.
 pub fn keys(server: &Server) -> String {
     match server.at() {
-        Named::Serial { path, baud } => {
+        LinkConfig::Serial { path, baud } => {
             format!("serial = \"{}\"\nbaud = {baud}\nparity = \"none\"", path.display())
         }
         other => format!("tcp = \"{other}\""),
     }
 }
 
-async fn driver(server: &Server) -> Registers {
+async fn driver(server: &Server) -> ModbusSensorDriver {
     let at = keys(server);
     let config: Config = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
     let sensor = serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM
     }));
     let clock = Arc::new(HostClock::start());
-    Registers::open(config, &sensor.unwrap(), clock, None).await.unwrap()
+    ModbusSensorDriver::open(config, &sensor.unwrap(), clock, None).await.unwrap()
 }
 
 /// Checks that each sample has the measurement of its index; the index advances by the number of missing samples.
@@ -54,7 +54,7 @@ fn place(samples: &[Sample], first: u32) -> u32 {
         let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as i64);
         assert_eq!(um, expected, "measurement {place}");
         let gap = expected.is_some() && sample.missing > 0;
-        assert_eq!(sample.flag == Flag::Gap, gap, "measurement {place}");
+        assert_eq!(sample.flag == ReadingFlag::Gap, gap, "measurement {place}");
     }
     place
 }
@@ -66,14 +66,14 @@ async fn measures(framing: Framing) -> Result<(), Failed> {
     server.sense(5.0, COUNT);
     let prepared = driver.prepare().await?;
     assert!(prepared.rate_hz > 5.0, "{prepared:?}");
-    driver.forget().await?;
+    driver.discard_old_samples().await?;
     let mut samples = vec![driver.next().await?];
     loop {
         let sample = driver.next().await?;
         match sample.flag {
-            Flag::Stale if server.sensed() == COUNT => break,
+            ReadingFlag::Stale if server.sensed() == COUNT => break,
             // A server without processor time measures nothing, either.
-            Flag::Stale => {}
+            ReadingFlag::Stale => {}
             _ => samples.push(sample),
         }
     }
@@ -104,12 +104,12 @@ pub fn spoilt() -> Result<(), Failed> {
         server.sense(20.0, 100_000);
         driver.prepare().await?;
         for fault in ["drop", "short", "unit", "corrupt", "delay:2.2", "fewer"] {
-            driver.forget().await?;
+            driver.discard_old_samples().await?;
             server.faults(&[fault]);
             let stale = driver.next().await?;
-            assert_eq!((stale.flag, stale.value_mm), (Flag::Stale, None), "{fault}");
+            assert_eq!((stale.flag, stale.value_mm), (ReadingFlag::Stale, None), "{fault}");
             let sample = driver.next().await?;
-            assert_ne!(sample.flag, Flag::Stale, "after {fault}");
+            assert_ne!(sample.flag, ReadingFlag::Stale, "after {fault}");
         }
         server.faults(&["exception:2"]);
         let refused = driver.next().await.unwrap_err();

@@ -6,8 +6,10 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use super::pymodbus::python;
-use link::modbus::{Allowed, Framing, Line, Modbus, Range, Settings, Space};
-use link::{HostPort, Named, Pty, pty};
+use link::modbus::{
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusLine, RegisterRange, RegisterSpace,
+};
+use link::{HostPort, LinkConfig, Pty, create_pty};
 
 pub fn script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)
@@ -17,7 +19,7 @@ pub struct Server {
     child: Child,
     stdin: ChildStdin,
     stdout: BufReader<ChildStdout>,
-    at: Named,
+    at: LinkConfig,
     /// Joins two pseudo-terminals: each side opens its own path.
     bridge: Option<tokio::task::JoinHandle<()>>,
 }
@@ -27,14 +29,14 @@ impl Server {
     pub fn start(framing: Framing) -> Self {
         match framing {
             Framing::Tcp => {
-                let mut server = Self::spawn(&["tcp"], Named::Tcp(HostPort::local(1)), None);
+                let mut server = Self::spawn(&["tcp"], LinkConfig::Tcp(HostPort::local(1)), None);
                 let port = server.answer().parse().expect("a port");
-                server.at = Named::Tcp(HostPort::local(port));
+                server.at = LinkConfig::Tcp(HostPort::local(port));
                 server
             }
             Framing::Rtu => {
-                let (mut ours, mut theirs) = (pty().unwrap(), pty().unwrap());
-                let at = Named::Serial { path: ours.path.clone().into(), baud: 115_200 };
+                let (mut ours, mut theirs) = (create_pty().unwrap(), create_pty().unwrap());
+                let at = LinkConfig::Serial { path: ours.path.clone().into(), baud: 115_200 };
                 let path = theirs.path.clone();
                 let bridge = tokio::spawn(async move {
                     let (Pty { device: near, .. }, Pty { device: far, .. }) =
@@ -48,7 +50,11 @@ impl Server {
         }
     }
 
-    fn spawn(arguments: &[&str], at: Named, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
+    fn spawn(
+        arguments: &[&str],
+        at: LinkConfig,
+        bridge: Option<tokio::task::JoinHandle<()>>,
+    ) -> Self {
         let mut child = Command::new(python().unwrap())
             .arg(script("server.py"))
             .args(arguments)
@@ -62,7 +68,7 @@ impl Server {
         Self { child, stdin, stdout, at, bridge }
     }
 
-    pub fn at(&self) -> Named {
+    pub fn at(&self) -> LinkConfig {
         self.at.clone()
     }
 
@@ -104,22 +110,27 @@ impl Server {
         self.tell("requests").parse().unwrap()
     }
 
-    pub async fn link(&self, timeout: Duration) -> Modbus {
-        let all = |space| Range { space, first: 0, last: 99 };
-        let allowed = Allowed {
+    pub async fn link(&self, timeout: Duration) -> ModbusClient {
+        let all = |space| RegisterRange { space, first: 0, last: 99 };
+        let allowed = AccessList {
             read: vec![
-                all(Space::Input),
-                all(Space::Holding),
-                Range { space: Space::Coil, first: 0, last: 29 },
-                Range { space: Space::Discrete, first: 0, last: 29 },
+                all(RegisterSpace::Input),
+                all(RegisterSpace::Holding),
+                RegisterRange { space: RegisterSpace::Coil, first: 0, last: 29 },
+                RegisterRange { space: RegisterSpace::Discrete, first: 0, last: 29 },
             ],
-            write: vec![Range { space: Space::Holding, first: 50, last: 99 }],
+            write: vec![RegisterRange { space: RegisterSpace::Holding, first: 50, last: 99 }],
         };
         self.link_to(timeout, allowed).await
     }
 
-    pub async fn link_to(&self, timeout: Duration, allowed: Allowed) -> Modbus {
-        Modbus::open(Line::usual(self.at()), Settings { unit: 1, timeout, allowed }).await.unwrap()
+    pub async fn link_to(&self, timeout: Duration, allowed: AccessList) -> ModbusClient {
+        ModbusClient::open(
+            ModbusLine::with_defaults(self.at()),
+            DeviceSettings { unit: 1, timeout, allowed },
+        )
+        .await
+        .unwrap()
     }
 }
 

@@ -35,10 +35,10 @@ async fn run(
 ) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::header(file, "self-calibration", Some(1)).unwrap();
-    let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let (method, plan) = setup::plan_header(file, "self-calibration", Some(1)).unwrap();
+    let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).await.unwrap();
+    let id = journal.begin_run(&new).await.unwrap();
     let mut count = 0;
     let mut tell = |event: &Event| {
         if matches!(event, Event::ReadingStored { .. }) {
@@ -50,15 +50,15 @@ async fn run(
     run.execute().await.unwrap();
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
     let estimate = method.identify(&plan, &readings).unwrap();
-    journal.estimate(id, &estimate).await.unwrap();
-    let stored = journal.load(id).unwrap();
+    journal.add_estimate(id, &estimate).await.unwrap();
+    let stored = journal.load_run(id).unwrap();
     assert_eq!((stored.summary.state, &stored.readings), (RunState::Finished, &readings));
     let told = stored.events.into_iter().filter_map(|(_, event)| match event {
         Event::Announced { text } => Some(text),
         _ => None,
     });
     let mut measured = None;
-    journal.measured(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
+    journal.visit_measured_runs(&file.machine.name, 1, |it| measured = Some(it)).unwrap();
     let measured = measured.unwrap();
     (readings, told.collect(), measured.temperatures_c.into())
 }
@@ -138,8 +138,8 @@ pub fn away() -> Result<(), Failed> {
         assert!((means["bed"] - mean).abs() < 1e-9, "{means:?} {mean}");
         let away: Vec<_> = told.iter().filter(|text| text.contains("thermometer bed")).collect();
         let [once, end] = away[..] else { panic!("{told:?}") };
-        assert!(once.contains("says nothing: ") && once.contains("no answer within"), "{once}");
-        let counted = format!("20 of {} readings are without it", readings.len());
+        assert!(once.contains("does not reply: ") && once.contains("no reply within"), "{once}");
+        let counted = format!("20 of {} readings have no temperature", readings.len());
         assert!(end.contains(&counted), "{end}");
         Ok(())
     })
@@ -171,13 +171,13 @@ pub fn checked() -> Result<(), Failed> {
         let mut server = Server::start(Framing::Tcp);
         server.value(262);
         let file = machine(&server);
-        let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await?;
+        let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await?;
         let began = Instant::now();
         let mut said = Vec::new();
         for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {
             server.value(value);
             server.faults(&[faults]);
-            let all = devices.thermometers.once().await;
+            let all = devices.thermometers.read_once().await;
             let (entry, answer) = all.into_iter().find(|(entry, _)| entry.name == "bed").unwrap();
             said.push(match answer {
                 Ok(celsius) => format!("{} {celsius:.1}", entry.name),
@@ -185,7 +185,7 @@ pub fn checked() -> Result<(), Failed> {
             });
         }
         let wanted =
-            ["bed 21.2", "850.0 °C", "no answer within", "many manuals count registers from"];
+            ["bed 21.2", "850.0 °C", "no reply within", "many manuals count registers from"];
         for (said, words) in said.iter().zip(wanted) {
             assert!(said.contains(words), "{words}: {said}");
         }

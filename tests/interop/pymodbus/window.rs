@@ -84,7 +84,7 @@ pub fn lines() -> Result<(), Failed> {
                          N7 G38.3 X40 F60\nG53 G1 X50.5 F300\nG53 G0 Z235\nG53 G0 X0\n\
                          N9 G38.3 Z215 F60\nG53 G1 Z235 F300\n";
     let file = MachineFile::parse("machine.toml", machine("tcp")).map_err(|e| e.to_string())?;
-    let mut world = setup::world(&file).map_err(|error| error.to_string())?;
+    let mut world = setup::build_world(&file).map_err(|error| error.to_string())?;
     let to = |axis: Axis, mm: f64| Position::new().with(axis, mm);
     world.travel(&to(Axis::X, 50.5), Speed::Rapid);
     world.travel(&to(Axis::Z, 235.0), Speed::Rapid);
@@ -108,7 +108,7 @@ pub fn lines() -> Result<(), Failed> {
         assert_eq!(closed.iter().filter(|closed| **closed).count(), 2, "{wire}: {closed:?}");
         assert!(closed[4] && closed[8], "{wire}: {closed:?}");
         for (at, contact) in [(4, &first), (8, &second)] {
-            let steps = |axis: Axis| axis.to_edge(contact.position.at(axis)) * 1e3;
+            let steps = |axis: Axis| axis.to_mm_or_deg(contact.position.get_or_zero(axis)) * 1e3;
             for (place, axis) in AXES.into_iter().enumerate() {
                 let latched = told[at]["latch"][place].as_f64().ok_or("no latch")?;
                 assert!((latched - steps(axis)).abs() <= 0.5, "{wire}: {axis} {latched}");

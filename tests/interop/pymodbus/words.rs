@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::process::Command;
 
 use libtest_mimic::Failed;
-use link::modbus::value::Number;
+use link::modbus::value::NumberFormat;
 
 use super::pymodbus::python;
 use super::server::script;
@@ -17,12 +17,12 @@ pub fn are_pymodbus_s() -> Result<(), Failed> {
     let mut count = 0;
     for (kind, orders) in &all {
         for (order, values) in orders {
-            let number: Number =
+            let number: NumberFormat =
                 toml::from_str(&format!("type = \"{kind}\"\norder = \"{order}\""))?;
             for (value, words) in values {
                 let place = format!("{kind} {order} {value}");
-                assert_eq!(number.read(words)?, *value, "{place}");
-                assert_eq!(number.write(*value)?, *words, "{place}");
+                assert_eq!(number.decode(words)?, *value, "{place}");
+                assert_eq!(number.encode(*value)?, *words, "{place}");
                 count += 1;
             }
         }

@@ -1,8 +1,8 @@
 //! Samples that are skipped, truncated, corrupted, late or in bursts: the driver's counts agree with the script.
 
-use devices::sensors::{Driver, Sample};
+use devices::sensors::{Sample, SensorDriver};
 use libtest_mimic::Failed;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 
 use super::on_a_runtime;
 use super::peer::{FRAMES, Peer, TEXT};
@@ -25,22 +25,23 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let _: u64 = peer.tell("quiet").await;
     // Samples sent earlier are read and discarded.
     tokio::time::sleep(std::time::Duration::from_millis(200)).await;
-    driver.forget().await?;
+    driver.discard_old_samples().await?;
 
     let command = format!("harm {seed} {COUNT}");
     let (sent, samples) = tokio::join!(peer.tell::<Sent>(&command), until_silent(&mut driver));
     let (whole, (skipped, spoilt)) = sent;
     let samples = samples?;
-    let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count() - SILENT;
+    let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count() - SILENT;
     assert!(stale > 0, "seed {seed} has no silence");
-    let samples: Vec<_> = samples.into_iter().filter(|sample| sample.flag != Flag::Stale).collect();
+    let samples: Vec<_> =
+        samples.into_iter().filter(|sample| sample.flag != ReadingFlag::Stale).collect();
     // The first line may have begun before the driver listened.
     let first = whole.len() - samples.len();
     assert!(first <= 1, "{} of {} came", samples.len(), whole.len());
     let came: Vec<_> = samples.iter().map(um).collect();
     let said: Vec<_> = whole.iter().skip(first).map(|(_, um)| *um).collect();
     assert_eq!(came, said);
-    let flagged = samples.iter().filter(|sample| sample.flag == Flag::Range).count();
+    let flagged = samples.iter().filter(|sample| sample.flag == ReadingFlag::Range).count();
     assert_eq!(flagged, said.iter().filter(|um| um.is_none()).count());
 
     let missing: u64 = samples.iter().map(|sample| u64::from(sample.missing)).sum();
@@ -50,16 +51,16 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let before = (whole[first].0 + round - whole[0].0) % round - first as u64;
     assert_eq!(missing + before, skipped + spoilt);
     let gaps = |sample: &&Sample| sample.value_mm.is_some() && sample.missing > 0;
-    let flagged = samples.iter().filter(|sample| sample.flag == Flag::Gap).count();
+    let flagged = samples.iter().filter(|sample| sample.flag == ReadingFlag::Gap).count();
     assert_eq!(samples.iter().filter(gaps).count(), flagged);
     Ok(())
 }
 
-async fn until_silent(driver: &mut impl Driver) -> Result<Vec<Sample>, Failed> {
+async fn until_silent(driver: &mut impl SensorDriver) -> Result<Vec<Sample>, Failed> {
     let (mut samples, mut silent) = (Vec::new(), 0);
     while samples.len() < SILENT || silent < SILENT {
         let sample = driver.next().await?;
-        silent = if sample.flag == Flag::Stale { silent + 1 } else { 0 };
+        silent = if sample.flag == ReadingFlag::Stale { silent + 1 } else { 0 };
         samples.push(sample);
     }
     Ok(samples)
@@ -88,11 +89,11 @@ pub fn asked() -> Result<(), Failed> {
         let peer = Peer::start("asked");
         let mut driver = peer.patient(&format!("request = \"M0\\r\"\n{TEXT}")).await;
         assert!(driver.prepare().await?.rate_hz > 10.0);
-        driver.forget().await?;
+        driver.discard_old_samples().await?;
         let mut last = um(&driver.next().await?).unwrap();
         for _ in 0..500 {
             let sample = driver.next().await?;
-            assert_eq!((sample.flag, sample.missing), (Flag::None, 0));
+            assert_eq!((sample.flag, sample.missing), (ReadingFlag::None, 0));
             // The sequence of the script's `um`.
             let next = (last + 8000 + 37) % 16_001 - 8000;
             assert_eq!(um(&sample), Some(next));

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use devices::sensors::{Driver, SensorError};
+use devices::sensors::{SensorDriver, SensorError};
 use libtest_mimic::Failed;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 
 use super::on_a_runtime;
 use super::peer::{Peer, TEXT};
@@ -53,7 +53,7 @@ fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
         driver.prepare().await?;
         let _: u64 = peer.tell("quiet").await;
         tokio::time::sleep(Duration::from_millis(200)).await;
-        driver.forget().await?;
+        driver.discard_old_samples().await?;
         let load = Load::begin();
         let over = AtomicBool::new(false);
         let command = format!("steady {seconds}");
@@ -67,7 +67,7 @@ fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
             loop {
                 let was_over = over.load(Ordering::Relaxed);
                 let sample = driver.next().await?;
-                if was_over && sample.flag == Flag::Stale {
+                if was_over && sample.flag == ReadingFlag::Stale {
                     return Ok::<_, SensorError>(samples);
                 }
                 samples.push(sample);
@@ -76,8 +76,8 @@ fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
         let (sent, samples) = tokio::join!(script, listener);
         drop(load);
         let samples = samples?;
-        let good = samples.iter().filter(|sample| sample.flag == Flag::None).count();
-        let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
+        let good = samples.iter().filter(|sample| sample.flag == ReadingFlag::None).count();
+        let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count();
         let missing: u32 = samples.iter().map(|sample| sample.missing).sum();
         println!("{sent} sent in {seconds} s, {good} taken, {missing} missing, {stale} silences");
         // The first line may have begun before the driver listened. A silence is the script's.

@@ -4,11 +4,11 @@
 use std::sync::Arc;
 
 use devices::sensors::Sensor;
-use devices::sensors::serial::{Config, Serial};
+use devices::sensors::serial::{Config, SerialDriver};
 use libtest_mimic::Failed;
 use link::clock::HostClock;
-use simulator::Sensed;
-use simulator::sensors::serial::{Format, REQUEST, data_sheet, on_demand};
+use simulator::SensorOutput;
+use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, data_sheet, serve_on_demand};
 use testing::population::population;
 
 use super::peer::sensor;
@@ -35,18 +35,24 @@ pub fn is_flat() -> Result<(), Failed> {
         let mut place = 0_u32;
         let sense = move || {
             place += 1;
-            Sensed::Distance(f64::from(place % 1000) * 0.001)
+            SensorOutput::Distance(f64::from(place % 1000) * 0.001)
         };
-        let keys = format!("serial = \"memory\"\n{REQUEST}{}", data_sheet(Format::Text));
+        let keys = format!("serial = \"memory\"\n{REQUEST_KEY}{}", data_sheet(OutputFormat::Text));
         let config: Config = toml::from_str(&keys)?;
-        let flow = on_demand(Format::Text, Box::new(sense));
-        let driver = Serial::over(flow, config, &sensor(), Arc::new(HostClock::start()), 1000.0);
+        let flow = serve_on_demand(OutputFormat::Text, Box::new(sense));
+        let driver = SerialDriver::from_stream(
+            flow,
+            config,
+            &sensor(),
+            Arc::new(HostClock::start()),
+            1000.0,
+        );
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);
         let points = population(FULL_POINTS);
         for point in 0..points {
-            for sample in sensor.take(SAMPLES).await? {
+            for sample in sensor.read_samples(SAMPLES).await? {
                 expected += 1;
                 let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as u32);
                 assert_eq!(um, Some(expected % 1000));

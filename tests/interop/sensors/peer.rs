@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 
-use devices::sensors::serial::{Config, Serial};
+use devices::sensors::serial::{Config, SerialDriver};
 use link::SharedPorts;
 use link::clock::HostClock;
 use machine::record::sensor::Sensor;
@@ -62,20 +62,20 @@ impl Peer {
         Self { child, stdin, stdout: Some(stdout), path: path.trim().to_owned() }
     }
 
-    pub async fn driver(&self, keys: &str) -> Serial {
+    pub async fn driver(&self, keys: &str) -> SerialDriver {
         self.waiting(0.3, keys).await
     }
 
     /// The driver with a timeout of 30 s.
-    pub async fn patient(&self, keys: &str) -> Serial {
+    pub async fn patient(&self, keys: &str) -> SerialDriver {
         self.waiting(30.0, keys).await
     }
 
-    async fn waiting(&self, timeout_s: f64, keys: &str) -> Serial {
+    async fn waiting(&self, timeout_s: f64, keys: &str) -> SerialDriver {
         let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
         let config: Config = toml::from_str(&keys).unwrap();
         let clock = Arc::new(HostClock::start());
-        Serial::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
+        SerialDriver::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
     }
 
     /// Sends a command and waits for its answer, which comes when it is done.

@@ -35,7 +35,10 @@ pub fn by_a_coil() {
     // The machine is released for the operator, and `resume` does not report that a daemon uses it.
     let resumed = shop.trued(&["resume", "1"]);
     let told = String::from_utf8_lossy(&resumed.stderr).into_owned();
-    assert!(told.contains("nobody has acknowledged"), "{told}");
+    assert!(
+        told.contains("the name of the operator who has checked the machine is missing"),
+        "{told}"
+    );
     client.press(4);
     client.until(|status| status[STATE] == 1);
     under_way(&mut client);

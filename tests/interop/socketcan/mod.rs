@@ -21,7 +21,7 @@ const FRAMES: i64 = 10_000;
 /// Frames at which the counter skips, and the number of skipped counts.
 const LEFT_OUT: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
 
-const NO_CAN: &str = "this computer's kernel has no CAN";
+const NO_CAN: &str = "the kernel of this computer does not support CAN";
 
 type Said = BTreeMap<String, String>;
 
@@ -71,7 +71,7 @@ fn not_here() -> Result<(), Failed> {
         let said = [ended.stderr, ended.stdout].concat();
         let said = String::from_utf8_lossy(&said);
         let kernel = said.contains(NO_CAN) && said.contains("modprobe can can_raw");
-        let interface = said.contains("there is no CAN interface `can-none`")
+        let interface = said.contains("no CAN interface is named `can-none`")
             && said.contains("ip -brief link show type can");
         if ended.status.code() != Some(1) || !(kernel || interface) {
             return Err(format!("{words:?}: {said}").into());
@@ -198,18 +198,18 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
 
 /// Expected messages; output of `trued check` begins with the name of a scene.
 const WORDS: [&str; 11] = [
-    "there is no CAN interface `can7`; there are: vcan0",
-    "`lo` is no CAN interface; there are: vcan0",
-    "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): this computer's kernel has no CAN",
-    "without:         → load the modules as root, `modprobe can can_raw`",
-    "errors: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, and \
+    "no CAN interface is named `can7`; available: vcan0",
+    "`lo` is not a CAN interface; available: vcan0",
+    "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): the kernel of this computer does not support CAN",
+    "without:         → load the modules as root: `modprobe can can_raw`",
+    "errors: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 was received on `vcan0`, and \
      the bus has errors",
     "errors:         → compare the bit rate (`ip -details link show vcan0`)",
-    "stranger: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 came on `vcan0`, but \
-     those of others did: 182",
+    "stranger: sensors FAILED         laser (frames 181 on CAN interface vcan0): no frame 181 was received on `vcan0`, \
+     only frames with other identifiers: 182",
     "closed: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN interface `vcan0` is down",
-    "gone: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN controller of `vcan0` has left",
-    "samples a second, where rate_hz says 1000",
+    "gone: sensors FAILED         laser (frames 181 on CAN interface vcan0): the CAN controller of `vcan0` is bus-off",
+    "samples/s; the machine file states rate_hz = 1000",
     "sound: sensors ok             laser (simulated)",
 ];
 

@@ -39,14 +39,14 @@ impl World {
     }
 
     pub fn header(&self) -> (Box<dyn Method>, Plan) {
-        setup::header(&self.file(1), "latch-delay", None).unwrap()
+        setup::plan_header(&self.file(1), "latch-delay", None).unwrap()
     }
 
     /// Plan and readings when the plan is played on the world itself.
     pub fn played(&self, seed: u64) -> (Plan, Vec<Reading>) {
         let file = self.file(seed);
-        let (method, header) = setup::header(&file, "latch-delay", None).unwrap();
-        let mut world = setup::world(&file).unwrap();
+        let (method, header) = setup::plan_header(&file, "latch-delay", None).unwrap();
+        let mut world = setup::build_world(&file).unwrap();
         plan_player::measure(&mut world, method.as_ref(), header)
     }
 
@@ -57,7 +57,7 @@ impl World {
 }
 
 pub fn identified(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-    let method = methods::configure("latch-delay", plan.settings.clone()).unwrap();
+    let method = methods::configure_method("latch-delay", plan.settings.clone()).unwrap();
     method.identify(plan, readings)
 }
 

@@ -81,7 +81,7 @@ fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
     let world = World::with_a_round_part().latched(1.0, 10.0);
     let estimates = estimates(&world, seeds);
     assert_eq!(estimates.iter().filter(is_scan).count() as u64, seeds);
-    assert!(estimates.iter().all(|e| says(&e.warnings, "as by a PLC's program")));
+    assert!(estimates.iter().all(|e| says(&e.warnings, "e.g. of a PLC")));
     let (scan, delay) = (covered(&estimates, "T_scan", 10.0), covered(&estimates, "t_latch", 6.0));
     assert!(shares.contains(&delay), "delay {delay}");
     // For a rectangular distribution the interval covers slightly more often.

@@ -1,7 +1,7 @@
 //! Readings that a run never or rarely writes.
 
 use machine::record::plan::{Plan, StepKind};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use methods::IdentifyError;
 
 use super::bench::{World, covers, identified, parameter, says};
@@ -22,17 +22,17 @@ fn refused(plan: &Plan, readings: &[Reading]) -> String {
 
 /// The touches are along −X: a later contact has a smaller X.
 fn shift(reading: &mut Reading, further_um: f64) {
-    let x = reading.position.at(machine::Axis::X) - further_um * 1e-3;
+    let x = reading.position.get_or_zero(machine::Axis::X) - further_um * 1e-3;
     reading.position.set(machine::Axis::X, x);
 }
 
 #[test]
 fn readings_that_are_not_those_of_the_plan_are_refused() {
     let (plan, readings) = world().played(1);
-    assert!(matches!(identified(&plan, &readings[..9]), Err(IdentifyError::Missing { .. })));
+    assert!(matches!(identified(&plan, &readings[..9]), Err(IdentifyError::MissingReading { .. })));
     let mut twice = readings.clone();
     twice.push(readings[4].clone());
-    assert!(matches!(identified(&plan, &twice), Err(IdentifyError::Duplicate { .. })));
+    assert!(matches!(identified(&plan, &twice), Err(IdentifyError::DuplicateReading { .. })));
     let mut unknown = readings.clone();
     unknown[3].step = 99;
     assert!(matches!(identified(&plan, &unknown), Err(IdentifyError::UnknownStep { step: 99 })));
@@ -46,10 +46,10 @@ fn numbers_that_are_none_are_refused() {
     for value in [f64::NAN, f64::INFINITY] {
         let mut spoilt = readings.clone();
         spoilt[5].position.set(machine::Axis::X, value);
-        assert!(refused(&plan, &spoilt).contains("as numbers"));
+        assert!(refused(&plan, &spoilt).contains("is not a number"));
         let mut spoilt = readings.clone();
         spoilt[5].t_s = value;
-        assert!(refused(&plan, &spoilt).contains("as numbers"));
+        assert!(refused(&plan, &spoilt).contains("is not a number"));
     }
 }
 
@@ -61,7 +61,7 @@ fn one_feed_or_two_touches_are_not_enough() {
         let flagged = readings.iter().map(|reading| {
             let feed = feed_of(&plan, reading);
             number += 1;
-            let flag = if keep(number, feed) { Flag::None } else { Flag::Excluded };
+            let flag = if keep(number, feed) { ReadingFlag::None } else { ReadingFlag::Excluded };
             Reading { flag, ..reading.clone() }
         });
         flagged.collect()
@@ -71,7 +71,7 @@ fn one_feed_or_two_touches_are_not_enough() {
     assert!(refused(&plan, &left_out(&|n, _| n < 6)).contains("2 touches at 30 mm/min"));
     let mut one_feed = plan.clone();
     one_feed.steps.iter_mut().for_each(|step| step.feed_mm_min = 30.0);
-    assert!(refused(&one_feed, &readings).contains("1 feeds in the plan"));
+    assert!(refused(&one_feed, &readings).contains("the plan has 1 different feeds"));
 }
 
 /// Identical readings mean that there is no delay, within the display step; without a display step the limit is
@@ -88,7 +88,7 @@ fn touches_that_read_alike() {
     let u = (2.0_f64 / 12.0).sqrt() / 4.5;
     assert!(delay.u > u && delay.u < 1.2 * u, "{} {u}", delay.u);
     plan.machine.axes.values_mut().for_each(|axis| axis.resolution_um = 0.0);
-    assert!(refused(&plan, &readings).contains("read alike to the last digit"));
+    assert!(refused(&plan, &readings).contains("have identical positions"));
 }
 
 #[test]
@@ -98,11 +98,11 @@ fn touches_that_did_not_come_to_their_feed_are_refused() {
         spec.acceleration_per_s2 = 5.0;
     }
     let words = refused(&plan, &readings);
-    assert!(words.contains("300 mm/min the axes need 2.5000 mm to come to their feed"), "{words}");
+    assert!(words.contains("300 mm/min the axes need 2.5000 mm to accelerate"), "{words}");
     let (plan, mut readings) = world().played(1);
     let begins = plan.steps[2].from.clone();
     readings[2].position = begins;
-    assert!(refused(&plan, &readings).contains("was met after 0.0000 mm"));
+    assert!(refused(&plan, &readings).contains("contact after 0.0000 mm"));
 }
 
 /// Scatter that increases with the feed, without the delay of a scan.
@@ -114,7 +114,11 @@ fn a_machine_that_shakes_is_no_plc() {
         shift(reading, if number % 2 == 0 { 20.0 } else { -20.0 });
     }
     let estimate = identified(&plan, &readings).unwrap();
-    assert!(says(&estimate.warnings, "come too early for a scan"), "{:?}", estimate.warnings);
+    assert!(
+        says(&estimate.warnings, "the delay is too short for the scan"),
+        "{:?}",
+        estimate.warnings
+    );
     assert!(!parameter(&estimate, "T_scan").identifiable);
 }
 
@@ -126,7 +130,7 @@ fn a_latch_before_contact_is_told() {
     }
     let estimate = identified(&plan, &readings).unwrap();
     assert!((parameter(&estimate, "t_latch").value + 10.0 / 4.5).abs() < 0.2);
-    assert!(says(&estimate.warnings, "before it comes"));
+    assert!(says(&estimate.warnings, "ms early"));
 }
 
 #[test]
@@ -134,7 +138,7 @@ fn touches_that_scatter_more_than_declared_are_told() {
     let (mut plan, readings) = world().with("probe.repeatability_um", 4.0).played(1);
     plan.probe.repeatability_um = Some(0.5);
     let estimate = identified(&plan, &readings).unwrap();
-    assert!(says(&estimate.warnings, "[probe] repeatability_um"), "{:?}", estimate.warnings);
+    assert!(says(&estimate.warnings, "repeatability_um in [probe]"), "{:?}", estimate.warnings);
     plan.probe.repeatability_um = None;
     assert!(!says(&identified(&plan, &readings).unwrap().warnings, "repeatability_um"));
 }

@@ -1,20 +1,20 @@
 //! Refusals before any motion, and after the part was found.
 
 use machine::record::plan::{Plan, Stage};
-use methods::{Next, Refused, Source};
+use methods::{MethodRefusal, NextStage, PositionSource};
 
 use super::bench::World;
 
 /// The whole plan from nominal positions.
-fn planned(world: &World) -> Result<(Plan, Vec<Stage>), Refused> {
+fn planned(world: &World) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
     let (method, plan) = world.header();
-    methods::nominal(method.as_ref(), plan)
+    methods::plan_nominal_stages(method.as_ref(), plan)
 }
 
 fn refused(world: &World, words: &str) {
     let refused = planned(world).unwrap_err();
-    assert!(refused.why.contains(words), "{}", refused.why);
-    assert!(!refused.instead.is_empty());
+    assert!(refused.reason.contains(words), "{}", refused.reason);
+    assert!(!refused.remedy.is_empty());
 }
 
 fn with(key: &str, value: impl Into<toml::Value>) -> World {
@@ -23,12 +23,21 @@ fn with(key: &str, value: impl Into<toml::Value>) -> World {
 
 #[test]
 fn settings_that_measure_nothing_are_refused() {
-    refused(&with("method.latch-delay.touches", 2), "2 touches at each feed");
-    refused(&with("method.latch-delay.direction_deg", 400.0), "no angle");
-    refused(&with("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times that");
-    refused(&with("method.latch-delay.fast_feed_mm_min", -1.0), "at least 2 times that");
-    refused(&with("method.latch-delay.fast_feed_mm_min", 1e9), "at most the 20000 mm/min");
-    refused(&with("probe.search_feed_mm_min", 40.0), "at least 2 times that");
+    refused(&with("method.latch-delay.touches", 2), "touches = 2 at each feed");
+    refused(&with("method.latch-delay.direction_deg", 400.0), "direction_deg is outside");
+    refused(
+        &with("method.latch-delay.fast_feed_mm_min", 45.0),
+        "at least 2 times the measuring feed",
+    );
+    refused(
+        &with("method.latch-delay.fast_feed_mm_min", -1.0),
+        "at least 2 times the measuring feed",
+    );
+    refused(
+        &with("method.latch-delay.fast_feed_mm_min", 1e9),
+        "rapid rate of the axes, 20000 mm/min",
+    );
+    refused(&with("probe.search_feed_mm_min", 40.0), "at least 2 times the measuring feed");
     refused(&with("artefact.axis", vec![1.0, 0.0, 0.0]), "upright");
     refused(&with("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
 }
@@ -45,7 +54,7 @@ fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
     // With 20 mm/s² and the part 2 mm nearer than stated, the feed is reached before contact.
     let run_up = (fast / 60.0_f64).powi(2) / 40.0;
     let step = &plan.steps[2];
-    let out = step.from.at(machine::Axis::X) - (45.0 + 3.0) - 2.0;
+    let out = step.from.get_or_zero(machine::Axis::X) - (45.0 + 3.0) - 2.0;
     assert!(out > run_up, "{out} {run_up}");
 }
 
@@ -66,7 +75,9 @@ fn both_feeds_touch_one_place_in_turns() {
 #[test]
 fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
     let (method, mut plan) = World::with_a_round_part().header();
-    let Next::Stage { stage, new_steps } = method.next(&plan, &[], Source::Nominal).unwrap() else {
+    let NextStage::Stage { stage, new_steps } =
+        method.next_stage(&plan, &[], PositionSource::Nominal).unwrap()
+    else {
         panic!("a search")
     };
     plan.steps.extend(new_steps);
@@ -75,7 +86,9 @@ fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
         machine::record::reading::Reading {
             step: 0,
             repeat: 0,
-            position: from.clone().with(machine::Axis::X, from.at(machine::Axis::X) - x_mm),
+            position: from
+                .clone()
+                .with(machine::Axis::X, from.get_or_zero(machine::Axis::X) - x_mm),
             value_mm: None,
             sensor: "probe".to_owned(),
             t_s: 1.0,
@@ -83,10 +96,15 @@ fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
             temperatures_c: Default::default(),
         }
     };
-    let next =
-        |x_mm| method.next(&plan, std::slice::from_ref(&stage), Source::Measured(&[reading(x_mm)]));
+    let next = |x_mm| {
+        method.next_stage(
+            &plan,
+            std::slice::from_ref(&stage),
+            PositionSource::Measured(&[reading(x_mm)]),
+        )
+    };
     assert!(next(2.0).is_ok());
     for x_mm in [0.001, 5.3, f64::NAN] {
-        assert!(next(x_mm).unwrap_err().why.contains("the part was met after"), "{x_mm}");
+        assert!(next(x_mm).unwrap_err().reason.contains("the first contact was after"), "{x_mm}");
     }
 }

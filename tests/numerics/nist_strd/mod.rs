@@ -13,8 +13,8 @@
 mod file;
 mod models;
 
-use estimation::nonlinear::minimise;
-use estimation::schur::{Rows, factor};
+use estimation::nonlinear::minimise_squares;
+use estimation::schur::{BlockRows, factorise};
 use file::{Dataset, read};
 use models::{MODELS, Model};
 
@@ -41,7 +41,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         dataset.y.iter().zip(at(x)).map(|(y, (value, _))| y - value).collect()
     };
     let rows = |x: &[f64]| {
-        let mut rows = Rows::zeros(dataset.y.len(), own, unknowns - own);
+        let mut rows = BlockRows::zeros(dataset.y.len(), own, unknowns - own);
         for (i, (y, (value, gradient))) in dataset.y.iter().zip(at(x)).enumerate() {
             rows.set_value(i, y - value);
             (0..own).for_each(|j| rows.set_own(i, j, gradient[j]));
@@ -49,19 +49,19 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         }
         vec![rows]
     };
-    let found = minimise(turned(&dataset.starts[start], own), rows, residuals)
+    let found = minimise_squares(turned(&dataset.starts[start], own), rows, residuals)
         .map_err(|error| error.to_string())?;
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.y.len() - unknowns) as f64).sqrt();
     // Linearised at the solution, because so many digits are required.
-    let covariance = factor(rows(&found.x)).0.covariance();
+    let covariance = factorise(rows(&found.x)).0.covariance();
     let deviations: Vec<f64> = (0..unknowns).map(|j| scale * covariance[(j, j)].sqrt()).collect();
     let digits = [
         digits(&turned(&found.x, unknowns - own), &dataset.parameters),
         digits(&turned(&deviations, unknowns - own), &dataset.deviations),
         digits(&[squares], &[dataset.squares]),
     ];
-    Ok(Found { digits, factors: found.factors })
+    Ok(Found { digits, factors: found.jacobian_count })
 }
 
 /// Smallest number of correct digits, by the log relative error; 11 digits are certified.

@@ -3,8 +3,8 @@
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::{Axis, Position};
-use planning::{Access, Approach, BallTask};
-use trued::setup::{MachineFile, header};
+use planning::{BallApproach, BallTask, TouchAccess};
+use trued::setup::{MachineFile, plan_header};
 
 use super::program::{Place, Rendered};
 use super::sabotage::{Act, Lines, Window, changed};
@@ -25,15 +25,15 @@ const FOUND_WITHIN: f64 = 0.25;
 /// Two stages at each indexation: every accessible ball is searched for, then measured.
 pub fn rendered(dialect: &str) -> Rendered {
     let file = MachineFile::parse("samba.toml", SAMBA.to_owned()).unwrap();
-    let (_, mut plan) = header(&file, "samba", None).unwrap();
+    let (_, mut plan) = plan_header(&file, "samba", None).unwrap();
     let Artefact::Balls(balls) = plan.artefact.clone() else { panic!("balls") };
     let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_WITHIN, ..balls.clone() });
-    let search = Approach::Find { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
-    let slow = Approach::Slow { standoff_mm: 0.5, search_mm: 1.0 };
+    let search = BallApproach::Search { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
+    let slow = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
     let mut stages = Vec::new();
     for degrees in INDEXATIONS {
         let axes = [Axis::B, Axis::C, Axis::S].into_iter().zip(degrees);
-        let rotary: Position = axes.map(|(axis, at)| (axis, axis.from_edge(at))).collect();
+        let rotary: Position = axes.map(|(axis, at)| (axis, axis.to_mm_or_rad(at))).collect();
         add(&mut plan, &mut stages, &balls, &rotary, (search, None));
         add(&mut plan, &mut stages, &balls, &rotary, (slow, Some(found.clone())));
     }
@@ -46,9 +46,9 @@ fn add(
     stages: &mut Vec<Stage>,
     balls: &Balls,
     rotary: &Position,
-    (approach, found): (Approach, Option<Artefact>),
+    (approach, found): (BallApproach, Option<Artefact>),
 ) {
-    let access = Access::new(plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
+    let access = TouchAccess::new(plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
     let (first, stage) = (plan.steps.len(), stages.len() as u32);
     for ball in &balls.balls {
         let task = BallTask { ball, rotary, approach, touches: 5 };
@@ -69,7 +69,7 @@ pub const BALLS: [(&str, Act); 6] = [
     }),
     ("across under the ball, through its stem", |p, l, id| {
         let (here, opposite) = facing(p, id)?;
-        let upright = step(p, id)?.from.at(Axis::B) == 0.0;
+        let upright = step(p, id)?.from.get_or_zero(Axis::B) == 0.0;
         let out = |from: [f64; 3], to: [f64; 3], by: f64, z: f64| {
             let way = (to[0] - from[0]).hypot(to[1] - from[1]);
             let along = |k: usize| from[k] + by * (to[k] - from[k]) / way;
@@ -83,7 +83,7 @@ pub const BALLS: [(&str, Act); 6] = [
     ("no lift on the way to the next ball", |p, l, id| {
         let next = step(p, id + 5)?;
         let same = ball_of(next) != ball_of(step(p, id)?) && next.stage == step(p, id)?.stage;
-        let inside = [Axis::X, Axis::Y, Axis::Z].map(|axis| next.to.at(axis));
+        let inside = [Axis::X, Axis::Y, Axis::Z].map(|axis| next.to.get_or_zero(axis));
         same.then(|| after_back(p, l, id, &[inside]))
     }),
     ("S a quarter on", |p, l, id| {
@@ -128,7 +128,7 @@ fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
     let (one, other) = (step(p, id)?, step(p, id + 2)?);
     let along = (0..3).map(|i| one.normal[i] * other.normal[i]).sum::<f64>();
     let level = one.normal[2].abs() < 1e-9;
-    let place = |step: &Step| [Axis::X, Axis::Y, Axis::Z].map(|axis| step.from.at(axis));
+    let place = |step: &Step| [Axis::X, Axis::Y, Axis::Z].map(|axis| step.from.get_or_zero(axis));
     let faces = ball_of(one) == ball_of(other) && level && along < -0.999;
     faces.then(|| (place(one), place(other)))
 }

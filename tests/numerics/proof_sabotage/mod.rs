@@ -7,7 +7,7 @@ mod sabotage;
 
 use machine::record::artefact::Artefact;
 use machine::{Axis, Position};
-use planning::proof::Refusal;
+use planning::proof::ProofRefusal;
 use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
 
 /// Seed for the drawn steps.
@@ -84,7 +84,7 @@ fn no_program_as_rendered_is_refused() {
             let nearest = proof.nearest.expect("bodies were looked at");
             assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");
             // The proof lists what it did not check: the first path, if the start is unknown.
-            let blind = proof.not_looked_at.iter().any(|text| text.contains("the way of lines"));
+            let blind = proof.not_looked_at.iter().any(|text| text.contains("the path of lines"));
             assert_eq!(blind, stands.is_none(), "{name}: {:?}", proof.not_looked_at);
             assert_eq!(proof.not_looked_at.len(), usize::from(blind), "{name}");
         }
@@ -113,7 +113,7 @@ fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, Str
         }
         let wrong = match rendered.prove(&lines, None) {
             Ok(_) => "it is proven".to_owned(),
-            Err(Refusal { line, .. }) if (low + 1..=high + 1).contains(&line) => String::new(),
+            Err(ProofRefusal { line, .. }) if (low + 1..=high + 1).contains(&line) => String::new(),
             Err(refusal) => {
                 format!("named instead of lines {}..={}: {refusal}", low + 1, high + 1)
             }

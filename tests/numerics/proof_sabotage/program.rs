@@ -3,10 +3,10 @@
 use machine::record::plan::{Plan, Stage};
 use machine::record::proof::Proof;
 use machine::{Axis, Position};
-use planning::Clearance;
-use planning::gcode::{Dialect, Program};
-use planning::proof::{Refusal, Request, Staged, prove};
-use trued::setup::{MachineFile, header};
+use planning::SafeHeights;
+use planning::gcode::{Dialect, ProgramHeader};
+use planning::proof::{ProofRefusal, ProofRequest, StageSteps, prove_programs};
+use trued::setup::{MachineFile, plan_header};
 
 pub const SIMULATED: &str = include_str!("../../../config/simulated.toml");
 pub const LINUXCNC: &str = include_str!("../../../config/linuxcnc-sim.toml");
@@ -23,33 +23,40 @@ impl Rendered {
     /// The plan of `file` from nominal positions, in `dialect`.
     pub fn new(file: &str, method: &str, dialect: &str) -> Self {
         let file = MachineFile::parse("shop.toml", file.to_owned()).unwrap();
-        let (method, plan) = header(&file, method, None).unwrap();
-        let (plan, stages) = methods::nominal(method.as_ref(), plan).unwrap();
+        let (method, plan) = plan_header(&file, method, None).unwrap();
+        let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self::of(plan, stages, dialect)
     }
 
     /// A whole plan.
     pub fn of(plan: Plan, stages: Vec<Stage>, dialect: &str) -> Self {
-        let (blocks, _) = planning::blocks(&plan, &Clearance::above(&plan).unwrap()).unwrap();
+        let (blocks, _) =
+            planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap())
+                .unwrap();
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-        let dialect = Dialect::named(dialect).unwrap();
-        let text =
-            dialect.program(&Program { title: "t", axes: &axes, log: None }, &blocks).unwrap();
+        let dialect = Dialect::from_name(dialect).unwrap();
+        let text = dialect
+            .render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, &blocks)
+            .unwrap();
         Self { plan, stages, dialect, lines: text.lines().map(str::to_owned).collect() }
     }
 
-    pub fn prove(&self, lines: &[String], stands: Option<&Position>) -> Result<Proof, Refusal> {
-        let staged: Vec<Staged> = self
+    pub fn prove(
+        &self,
+        lines: &[String],
+        stands: Option<&Position>,
+    ) -> Result<Proof, ProofRefusal> {
+        let staged: Vec<StageSteps> = self
             .stages
             .iter()
-            .map(|stage| Staged { steps: &stage.steps, found: stage.found.as_ref() })
+            .map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() })
             .collect();
         let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-        prove(&Request {
+        prove_programs(&ProofRequest {
             plan: &self.plan,
             stages: &staged,
-            stands,
-            confirmed: planning::Confirmed::default(),
+            position: stands,
+            confirmed: planning::ConfirmedDirections::default(),
             dialect: &self.dialect,
             programs: &[text],
         })

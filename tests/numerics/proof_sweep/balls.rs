@@ -1,7 +1,7 @@
 //! The same check for balls on stems, each at a random position within its uncertainty: single moves, and touches.
 
 use planning::gcode::Dialect;
-use planning::proof::{MARGIN_MM, Reason};
+use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, RefusalReason};
 use rayon::prelude::*;
 
 use testing::population::population;
@@ -15,7 +15,7 @@ use super::{
 /// guarded move.
 fn need(guarded: bool, tool: usize) -> f64 {
     match (guarded, tool) {
-        (false, _) => MARGIN_MM,
+        (false, _) => MIN_UNGUARDED_CLEARANCE_MM,
         (true, 2) => GUARDED_MM,
         (true, _) => 0.0,
     }
@@ -78,8 +78,8 @@ impl Move {
         let case = Self::new(number);
         let plan = case.bench.plan([[900.0, 0.0, 0.0, 0.0, 0.0]; 2], [1.0, 0.0, 0.0]);
         let refused = match verdict(&plan, (case.from, case.to), case.guarded, dialect) {
-            Reason::Near { .. } => true,
-            Reason::Unfinished(_) => false,
+            RefusalReason::ClearanceTooSmall { .. } => true,
+            RefusalReason::IncompleteStep(_) => false,
             other => panic!("{other}"),
         };
         let (mut least, at, mut met) = case.slack(COARSE, 2.0, (0.0, 1.0));
@@ -104,7 +104,7 @@ impl Move {
 #[test]
 fn random_moves_among_balls_no_missed_collision() {
     let moves = population(3_000);
-    let dialect = Dialect::named("grbl").unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap();
     let all = (0..moves).into_par_iter().map(|number| Move::look(number, &dialect));
     let count = all.reduce(Count::default, Count::plus);
     println!("{moves} moves among balls: {count:?}");
@@ -200,11 +200,11 @@ impl Touch {
         let case = Self::new(number);
         let plan = case.bench.plan([case.from, case.to], case.normal);
         let refused = match verdict(&plan, (case.from, case.to), true, dialect) {
-            Reason::Unfinished(_) => false,
-            Reason::Near { .. }
-            | Reason::NoContact
-            | Reason::Misses { .. }
-            | Reason::NotAimed { .. } => true,
+            RefusalReason::IncompleteStep(_) => false,
+            RefusalReason::ClearanceTooSmall { .. }
+            | RefusalReason::TouchWithoutContact
+            | RefusalReason::TouchCanMiss { .. }
+            | RefusalReason::WrongContactSide { .. } => true,
             other => panic!("{other}"),
         };
         let seen = case.bench.seen(1.0);
@@ -225,7 +225,7 @@ impl Touch {
 #[test]
 fn random_touches_of_balls_none_that_goes_wrong() {
     let touches = population(1_000);
-    let dialect = Dialect::named("grbl").unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap();
     let all = (0..touches).into_par_iter().map(|number| Touch::look(number, &dialect));
     let count = all.reduce(Count::default, Count::plus);
     println!("{touches} touches: {count:?}");

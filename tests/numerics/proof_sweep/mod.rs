@@ -10,7 +10,9 @@ mod starts;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
-use planning::proof::{MARGIN_MM, Reason, Request, Staged, prove};
+use planning::proof::{
+    MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, RefusalReason, StageSteps, prove_programs,
+};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -301,16 +303,16 @@ impl Case {
 
     /// Required clearance of the move, mm.
     fn need(&self) -> f64 {
-        if self.guarded { GUARDED_MM } else { MARGIN_MM }
+        if self.guarded { GUARDED_MM } else { MIN_UNGUARDED_CLEARANCE_MM }
     }
 
     /// Whether the proof refuses the move.
     fn proof_refuses(&self, dialect: &Dialect) -> bool {
         let plan = self.kind.plan(&self.solids);
         match verdict(&plan, (self.from, self.to), self.guarded, dialect) {
-            Reason::Near { .. } => true,
+            RefusalReason::ClearanceTooSmall { .. } => true,
             // The move itself was accepted.
-            Reason::Unfinished(_) => false,
+            RefusalReason::IncompleteStep(_) => false,
             other => panic!("{other}"),
         }
     }
@@ -366,27 +368,32 @@ impl Case {
 const LETTERS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 fn position(axes: Axes) -> Position {
-    LETTERS.iter().zip(axes).map(|(axis, value)| (*axis, axis.from_edge(value))).collect()
+    LETTERS.iter().zip(axes).map(|(axis, value)| (*axis, axis.to_mm_or_rad(value))).collect()
 }
 
 /// Reason for which a program of one move is refused; the program is never complete.
-fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> Reason {
+fn verdict(
+    plan: &Plan,
+    (from, to): (Axes, Axes),
+    probing: bool,
+    dialect: &Dialect,
+) -> RefusalReason {
     let words: Vec<String> = LETTERS.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
     // The first guarded move may start at the current position: it follows a dwell.
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
-    let (stages, stands) = ([Staged { steps: &[0], found: None }], position(from));
+    let (stages, stands) = ([StageSteps { steps: &[0], found_artefact: None }], position(from));
     let (stages, stands) = (&stages, Some(&stands));
-    let request = Request {
+    let request = ProofRequest {
         plan,
         stages,
-        stands,
-        confirmed: planning::Confirmed::all(),
+        position: stands,
+        confirmed: planning::ConfirmedDirections::all(),
         dialect,
         programs: &[text],
     };
-    prove(&request).unwrap_err().reason
+    prove_programs(&request).unwrap_err().reason
 }
 
 #[derive(Default, Clone, Copy, Debug)]
@@ -440,7 +447,7 @@ fn look(number: u64, dialect: &Dialect) -> Count {
 #[test]
 fn random_moves_no_missed_collision() {
     let moves = population(10_000);
-    let dialect = Dialect::named("grbl").unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap();
     let count = (0..moves)
         .into_par_iter()
         .map(|number| look(number, &dialect))

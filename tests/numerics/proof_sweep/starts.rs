@@ -5,10 +5,10 @@
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
-use methods::{Next, Source};
-use planning::gcode::{Dialect, Program};
-use planning::proof::{Request, Staged, prove};
-use planning::{Clearance, Confirmed, Start, end_of, touch_block};
+use methods::{NextStage, PositionSource};
+use planning::gcode::{Dialect, ProgramHeader};
+use planning::proof::{ProofRequest, StageSteps, prove_programs};
+use planning::{BlockStart, ConfirmedDirections, SafeHeights, end_position, touch_block};
 
 use super::{Matrix, Point, Solid, between, mapped, moved, times, turned};
 
@@ -92,7 +92,7 @@ impl World {
 /// Result of a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum End {
-    Confirmed,
+    ConfirmedDirections,
     /// The stylus touched a body on a guarded move.
     GuardedContact,
     NoContact,
@@ -102,7 +102,8 @@ enum End {
 }
 
 fn axes(position: &Position) -> Axes {
-    [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C].map(|axis| axis.to_edge(position.at(axis)))
+    [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C]
+        .map(|axis| axis.to_mm_or_deg(position.get_or_zero(axis)))
 }
 
 /// First share of a straight path at which `free` is not positive: by steps no longer than the free distance.
@@ -149,7 +150,7 @@ impl Walk<'_> {
 
     /// `Some`: the run ends here.
     fn go(&mut self, from: &Position, motion: &Motion) -> Option<End> {
-        let to = end_of([motion], from);
+        let to = end_position([motion], from);
         let mut way = [self.truly(from), self.truly(&to)];
         let mut beyond = false;
         for (to, [low, high]) in way[1].iter_mut().zip(TRAVEL) {
@@ -222,8 +223,10 @@ fn start(world: &World, seed: u64) -> (Position, Point) {
 fn locating() -> Plan {
     let text = include_str!("../../../config/simulated.toml").to_owned();
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
-    let (method, mut plan) = trued::setup::header(&file, "self-calibration", None).unwrap();
-    let Next::Stage { new_steps, .. } = method.next(&plan, &[], Source::Nominal).unwrap() else {
+    let (method, mut plan) = trued::setup::plan_header(&file, "self-calibration", None).unwrap();
+    let NextStage::Stage { new_steps, .. } =
+        method.next_stage(&plan, &[], PositionSource::Nominal).unwrap()
+    else {
         panic!("no stage")
     };
     plan.steps = new_steps;
@@ -232,37 +235,37 @@ fn locating() -> Plan {
 
 /// The stage as a run plans it from the position that the control reports.
 fn blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
-    let clearance = Clearance::above(plan).unwrap();
-    let (mut stands, mut confirmed) = (believed.clone(), Confirmed::default());
+    let clearance = SafeHeights::above_plan_artefact(plan).unwrap();
+    let (mut stands, mut confirmed) = (believed.clone(), ConfirmedDirections::default());
     let mut blocks = Vec::new();
     for step in &plan.steps {
-        let start = Start { stands: Some(&stands), confirmed };
+        let start = BlockStart { position: Some(&stands), confirmed };
         let block = touch_block(plan, step, 0, start, &clearance).unwrap();
-        stands = end_of(&block.motions, &stands);
-        confirmed = confirmed.after(step);
+        stands = end_position(&block.motions, &stands);
+        confirmed = confirmed.after_step(step);
         blocks.push(block);
     }
-    let dialect = Dialect::named("linuxcnc").unwrap();
+    let dialect = Dialect::from_name("linuxcnc").unwrap();
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
-    let program = Program { title: "t", axes: &axes, log: None };
-    let text = dialect.program(&program, &blocks).unwrap();
+    let program = ProgramHeader { title: "t", axes: &axes, log: None };
+    let text = dialect.render_program(&program, &blocks).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    let request = Request {
+    let request = ProofRequest {
         plan,
-        stages: &[Staged { steps: &ids, found: None }],
-        stands: Some(believed),
-        confirmed: Confirmed::default(),
+        stages: &[StageSteps { steps: &ids, found_artefact: None }],
+        position: Some(believed),
+        confirmed: ConfirmedDirections::default(),
         dialect: &dialect,
         programs: &[text],
     };
-    prove(&request).is_ok().then_some(blocks)
+    prove_programs(&request).is_ok().then_some(blocks)
 }
 
 fn run(world: &World, plan: &Plan, seed: u64) -> (End, Point, Vec<String>) {
     let (believed, off) = start(world, seed);
     let Some(blocks) = blocks(plan, &believed) else { return (End::Refused, off, Vec::new()) };
     let mut walk = Walk { world, off, wrong: Vec::new() };
-    let (mut stands, mut confirmed) = (believed, Confirmed::default());
+    let (mut stands, mut confirmed) = (believed, ConfirmedDirections::default());
     let mut end = None;
     'run: for (block, step) in blocks.iter().zip(&plan.steps) {
         for motion in &block.motions {
@@ -270,11 +273,11 @@ fn run(world: &World, plan: &Plan, seed: u64) -> (End, Point, Vec<String>) {
                 end = Some(ended);
                 break 'run;
             }
-            stands = end_of([motion], &stands);
+            stands = end_position([motion], &stands);
         }
-        confirmed = confirmed.after(step);
+        confirmed = confirmed.after_step(step);
         if confirmed.is_all() {
-            end = Some(End::Confirmed);
+            end = Some(End::ConfirmedDirections);
             break;
         }
     }
@@ -287,7 +290,9 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     let (world, plan) = (World::new(), locating());
     let ends: Vec<_> = (0..STARTS).into_par_iter().map(|seed| run(&world, &plan, seed)).collect();
     let count = |end: End| ends.iter().filter(|(is, ..)| *is == end).count();
-    for end in [End::Confirmed, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused] {
+    for end in
+        [End::ConfirmedDirections, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused]
+    {
         println!("{end:?}: {}", count(end));
     }
     let bad: Vec<_> = ends.iter().flat_map(|(.., bad)| bad).collect();
@@ -295,10 +300,10 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     for (end, off, _) in &ends {
         let most = off.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
         // A touch begins 2.5 mm before the stated position of the part, and ends as far beyond it.
-        assert!(*end != End::Confirmed || most < 2.6, "confirmed, but off by {off:?}");
+        assert!(*end != End::ConfirmedDirections || most < 2.6, "confirmed, but off by {off:?}");
         assert!(*end != End::NoContact || most > 1.9, "not found, but off by {off:?} only");
     }
-    assert!(count(End::Confirmed) > 20 && count(End::GuardedContact) > 50);
+    assert!(count(End::ConfirmedDirections) > 20 && count(End::GuardedContact) > 50);
     // Starts at which the assumed position is beside a body.
     assert!(
         count(End::Refused) < ends.len() / 5,

@@ -6,9 +6,9 @@ use machine::record::artefact::Artefact;
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::event::Event;
 use machine::record::plan::{Plan, Stage};
-use machine::record::reading::{Flag, Reading};
-use methods::{IdentifyError, Method, Next, Refused, Source};
-use planning::{Clearance, Start, end_of, touch_block};
+use machine::record::reading::{Reading, ReadingFlag};
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use planning::{BlockStart, SafeHeights, end_position, touch_block};
 use toml::{Table, Value};
 use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, RunHistory};
@@ -99,7 +99,7 @@ impl Measured {
             .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
         let text: Table = file.text().parse().unwrap();
         let errors = text["simulated"]["errors"].as_table().unwrap().clone();
-        let world = setup::world(file).unwrap();
+        let world = setup::build_world(file).unwrap();
         let crept = world.true_drift_mm(mid_run(&plan, &readings));
         let stylus_mm = world.true_stylus_mm();
         Ok(Self { plan, readings, estimate, errors, crept, stylus_mm })
@@ -163,7 +163,7 @@ impl Bench {
     pub fn try_measure(&self, seed: u64, world: &World) -> Result<Measured, Failed> {
         let file = world.file(seed);
         let (method, header) =
-            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+            setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
         Measured::of(&file, method.as_ref(), plan, readings)
@@ -173,7 +173,7 @@ impl Bench {
     pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
         let file = world.file(seed);
         let (method, header) =
-            setup::header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+            setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let method = Beginning { method, stages };
         Ok(runtime.block_on(self.run(&file, &method, header))?.1)
@@ -185,9 +185,9 @@ impl Bench {
         method: &dyn Method,
         plan: Plan,
     ) -> Result<(Plan, Vec<Reading>), Failed> {
-        let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
         let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-        let id = self.journal.begin(&new).await.unwrap();
+        let id = self.journal.begin_run(&new).await.unwrap();
         let mut tell = |_: &Event| {};
         let mut run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
         let ended = run.execute().await;
@@ -208,8 +208,17 @@ impl Method for Beginning {
         self.method.settings()
     }
 
-    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        if done.len() < self.stages { self.method.next(plan, done, source) } else { Ok(Next::Done) }
+    fn next_stage(
+        &self,
+        plan: &Plan,
+        done: &[Stage],
+        source: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
+        if done.len() < self.stages {
+            self.method.next_stage(plan, done, source)
+        } else {
+            Ok(NextStage::Done)
+        }
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
@@ -226,7 +235,7 @@ pub struct Series {
 
 impl Series {
     pub fn of(world: World) -> Self {
-        let (method, header) = setup::header(&world.file(0), "samba", None).unwrap();
+        let (method, header) = setup::plan_header(&world.file(0), "samba", None).unwrap();
         Self { world, method, header }
     }
 
@@ -251,22 +260,25 @@ async fn touch_all(
     method: &dyn Method,
     mut plan: Plan,
 ) -> Result<(Plan, Vec<Reading>), Failed> {
-    let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
-    let mut stands = devices.controller.prepare().await.unwrap().stands;
+    let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let mut stands = devices.controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
-        let next = method.next(&plan, &done, Source::Measured(&readings));
-        let next = next.map_err(|refused| Failed(format!("{refused}; {}", refused.instead)))?;
-        let Next::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
+        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings));
+        let next = next.map_err(|refused| Failed(format!("{refused}; {}", refused.remedy)))?;
+        let NextStage::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);
         let clearance = match &stage.found {
-            Some(balls @ Artefact::Balls(_)) => Clearance::over(&plan, balls).unwrap(),
-            _ => Clearance::above(&plan).unwrap(),
+            Some(balls @ Artefact::Balls(_)) => SafeHeights::above_artefact(&plan, balls).unwrap(),
+            _ => SafeHeights::above_plan_artefact(&plan).unwrap(),
         };
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            let start = Start { stands: Some(&stands), confirmed: planning::Confirmed::all() };
+            let start = BlockStart {
+                position: Some(&stands),
+                confirmed: planning::ConfirmedDirections::all(),
+            };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
-            stands = end_of(&block.motions, &stands);
+            stands = end_position(&block.motions, &stands);
             let block = proven_block(file, &devices, &block);
             let outcome = devices.controller.execute(block).await;
             let outcome = outcome.map_err(|error| Failed(error.to_string()))?;
@@ -275,9 +287,9 @@ async fn touch_all(
                 repeat: stage.repeat,
                 position: outcome.touch.unwrap(),
                 value_mm: None,
-                sensor: step.sensor().to_owned(),
+                sensor: step.first_sensor().to_owned(),
                 t_s: outcome.t_s.unwrap_or(0.0),
-                flag: Flag::None,
+                flag: ReadingFlag::None,
                 temperatures_c: Default::default(),
             });
         }

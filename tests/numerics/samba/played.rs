@@ -2,11 +2,11 @@
 //! many seeds take little time.
 
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 use methods::Method;
 use rayon::prelude::*;
-use simulator::{Speed, World};
+use simulator::{SimulatedWorld, Speed};
 use trued::setup::{self, MachineFile};
 
 use super::bench::{self, Measured};
@@ -30,8 +30,8 @@ impl Played {
             .with("simulated.centre_offset_mm", vec![0.0, 0.0])
             .with("simulated.ball_offset_mm", 0.05)
             .with("method.samba.monte_carlo_trials", 100);
-        let (method, plan) = setup::header(&world.file(0), "samba", None).unwrap();
-        let (plan, _) = methods::nominal(method.as_ref(), plan).unwrap();
+        let (method, plan) = setup::plan_header(&world.file(0), "samba", None).unwrap();
+        let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self { world, method, plan }
     }
 
@@ -41,7 +41,7 @@ impl Played {
     }
 
     fn one(&self, file: &MachineFile) -> Measured {
-        let mut world = setup::world(file).unwrap();
+        let mut world = setup::build_world(file).unwrap();
         let slow = self.plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
         let readings = slow.map(|step| touch(&mut world, step)).collect();
         let measured = Measured::of(file, self.method.as_ref(), self.plan.clone(), readings);
@@ -49,13 +49,13 @@ impl Played {
     }
 }
 
-fn touch(world: &mut World, step: &Step) -> Reading {
-    let linear = |position: &Position| position.only(Axis::is_linear);
+fn touch(world: &mut SimulatedWorld, step: &Step) -> Reading {
+    let linear = |position: &Position| position.filter_axes(Axis::is_linear);
     let high = |z: f64| Position::new().with(Axis::Z, z + AWAY_MM);
     world.dwell(ON_THE_WAY_S);
-    world.travel(&high(world.position().at(Axis::Z)), Speed::Rapid);
-    world.travel(&step.from.only(|axis| axis != Axis::Z), Speed::Rapid);
-    world.travel(&high(step.from.at(Axis::Z)), Speed::Rapid);
+    world.travel(&high(world.position().get_or_zero(Axis::Z)), Speed::Rapid);
+    world.travel(&step.from.filter_axes(|axis| axis != Axis::Z), Speed::Rapid);
+    world.travel(&high(step.from.get_or_zero(Axis::Z)), Speed::Rapid);
     world.travel(&linear(&step.from), Speed::Rapid);
     let probed = world.probe(&linear(&step.to), step.feed_mm_min, step.id);
     let contact = probed.contact.unwrap_or_else(|| panic!("no contact: {}", step.label));
@@ -65,9 +65,9 @@ fn touch(world: &mut World, step: &Step) -> Reading {
         repeat: 0,
         position: contact.position,
         value_mm: None,
-        sensor: step.sensor().to_owned(),
+        sensor: step.first_sensor().to_owned(),
         t_s: contact.t_s,
-        flag: Flag::None,
+        flag: ReadingFlag::None,
         temperatures_c: Default::default(),
     }
 }

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rayon::prelude::*;
 use toml::{Table, Value};
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::record::estimate::{Estimate, Unit};
 use trued::setup;
 
@@ -72,17 +72,17 @@ fn errors_of(estimate: &Estimate) -> Vec<(String, String)> {
 
 /// For each error, the number of worlds in which U did not cover the true value.
 fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
-    let (method, header) = setup::header(&world.file(0), "samba", None).unwrap();
-    let (plan, _) = methods::nominal(method.as_ref(), header).unwrap();
+    let (method, header) = setup::plan_header(&world.file(0), "samba", None).unwrap();
+    let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let measured = |world: &World, seed: u64| {
-        let mut simulated = setup::world(&world.file(seed)).unwrap();
+        let mut simulated = setup::build_world(&world.file(seed)).unwrap();
         let slow = plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
         let readings: Vec<_> = slow.map(|step| touch_alone(&mut simulated, step, 0)).collect();
         method.identify(&plan, &readings).unwrap()
     };
     let errors = errors_of(&measured(world, 0));
     let misses = |seed: u64| -> Vec<bool> {
-        let random = &mut stream(seed, &[0x746f_706f]);
+        let random = &mut seeded_stream(seed, &[0x746f_706f]);
         let truth: Vec<f64> =
             errors.iter().map(|_| random.random_range(-MOST_ERROR..MOST_ERROR)).collect();
         let table =

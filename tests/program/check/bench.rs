@@ -1,7 +1,7 @@
 //! Runs a check of a machine without an operator.
 
-use trued::commissioning::{Check, Finding, Person, Stop, Summary, Verdict};
-use trued::setup::{MachineFile, Pace, Rehearsal, Site};
+use trued::commissioning::{Check, Finding, OperatorInterface, Stop, Summary, Verdict};
+use trued::setup::{MachineFile, Pace, ReopenableMachine, SimulatedMachine};
 use trued::store::Journal;
 
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
@@ -32,9 +32,9 @@ pub fn with_control(keys: &str, text: &str) -> String {
 pub fn checked(text: &str) -> Summary {
     let file = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
     runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
-        let mut bystander = site.bystander().unwrap();
-        through(&file, &site, &mut bystander).await
+        let site = ReopenableMachine::new(&file).unwrap();
+        let mut simulated_operator = site.simulated_operator().unwrap();
+        through(&file, &site, &mut simulated_operator).await
     })
 }
 
@@ -43,22 +43,26 @@ pub fn checked(text: &str) -> Summary {
 pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
     let truth = MachineFile::parse("truth.toml", true_to.to_owned()).unwrap();
     runtime().block_on(async {
-        let rehearsal = Rehearsal::of(&truth).unwrap();
+        let rehearsal = SimulatedMachine::new(&truth).unwrap();
         let served = rehearsal.serve(pace).unwrap();
-        let controller = keys(served.keys());
+        let controller = keys(served.controller_toml());
         let text = told.replacen(CONTROLLER, &format!("{controller}\n"), 1).replacen(WIRE, "", 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
-        let site = Site::new(&file).unwrap();
-        through(&file, &site, &mut rehearsal.bystander()).await
+        let site = ReopenableMachine::new(&file).unwrap();
+        through(&file, &site, &mut rehearsal.simulated_operator()).await
     })
 }
 
-pub async fn through(file: &MachineFile, site: &Site<'_>, person: &mut dyn Person) -> Summary {
+pub async fn through(
+    file: &MachineFile,
+    site: &ReopenableMachine<'_>,
+    person: &mut dyn OperatorInterface,
+) -> Summary {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let mut tell = |_: &Finding| {};
     let at = (file, site, Pace::Fast);
-    Check::new(at, &journal, person, Stop::default(), &mut tell).through().await
+    Check::new(at, &journal, person, Stop::default(), &mut tell).run_all_parts().await
 }
 
 pub fn runtime() -> tokio::runtime::Runtime {

@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use machine::record::question::{Answer, AxisDirection, Question};
 use machine::{Axis, Position};
-use simulator::{SimulatedOperator, Speed, World};
+use simulator::{SimulatedOperator, SimulatedWorld, Speed};
 use trued::commissioning::{
-    Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
+    AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict,
 };
-use trued::setup::{self, MachineFile, Pace, Site};
+use trued::setup::{self, MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
 use super::bench::{failures, machine, runtime, through, with_control};
@@ -22,26 +22,26 @@ type AnswerFn = dyn FnMut(&Question, &SimulatedOperator) -> Option<Answer>;
 
 /// Answers with `answer`; other questions are answered by the simulated operator.
 struct Operator {
-    bystander: SimulatedOperator,
+    simulated_operator: SimulatedOperator,
     answer: Box<AnswerFn>,
 }
 
-impl Person for Operator {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
-        let answer = (self.answer)(question, &self.bystander);
-        let answer = answer.unwrap_or_else(|| self.bystander.answer(question));
+impl OperatorInterface for Operator {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+        let answer = (self.answer)(question, &self.simulated_operator);
+        let answer = answer.unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
 }
 
 /// World after a guarded move onto the top of the part that ended by contact, and a further `deeper` mm.
-fn in_contact(file: &MachineFile, deeper: f64) -> World {
-    let mut world = setup::world(file).unwrap();
+fn in_contact(file: &MachineFile, deeper: f64) -> SimulatedWorld {
+    let mut world = setup::build_world(file).unwrap();
     let down = Position::new().with(Axis::Z, CONTACT_Z - 20.0);
     assert!(world.probe(&down, 3000.0, 0).contact.is_some());
-    let rest = world.position().at(Axis::Z) - deeper;
+    let rest = world.position().get_or_zero(Axis::Z) - deeper;
     world.travel(&Position::new().with(Axis::Z, rest), Speed::Feed { mm_min: 60.0 });
-    assert!(world.tripped());
+    assert!(world.is_probe_closed());
     world
 }
 
@@ -50,14 +50,14 @@ struct Recorded {
     summary: Summary,
     record: Record,
     z_before: f64,
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
 }
 
 /// `keys` are inserted before `[artefact]`.
 fn recorded(
     deeper: f64,
     keys: &str,
-    person: impl FnOnce(SimulatedOperator, Stop) -> Box<dyn Person>,
+    person: impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface>,
 ) -> Recorded {
     let file = |address: &str| {
         let text = recording_control::machine(address)
@@ -66,27 +66,27 @@ fn recorded(
         MachineFile::parse("machine.toml", text).unwrap()
     };
     let world = in_contact(&file("127.0.0.1:1"), deeper);
-    let z_before = world.position().at(Axis::Z);
+    let z_before = world.position().get_or_zero(Axis::Z);
     let world = Arc::new(Mutex::new(world));
     let control = RecordingControl::behind(world.clone());
     let file = file(&control.address());
     let stop = Stop::default();
     let mut person = person(SimulatedOperator::new(world.clone()), stop.clone());
     let summary = runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
+        let site = ReopenableMachine::new(&file).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let journal = Journal::open(folder.path()).unwrap();
         let mut tell = |_: &Finding| {};
         let at = (&file, &site, Pace::Fast);
-        Check::new(at, &journal, person.as_mut(), stop, &mut tell).through().await
+        Check::new(at, &journal, person.as_mut(), stop, &mut tell).run_all_parts().await
     });
     Recorded { summary, record: control.end(), z_before, world }
 }
 
 fn operator(
     answer: impl FnMut(&Question, &SimulatedOperator) -> Option<Answer> + 'static,
-) -> impl FnOnce(SimulatedOperator, Stop) -> Box<dyn Person> {
-    |bystander, _| Box::new(Operator { bystander, answer: Box::new(answer) })
+) -> impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface> {
+    |simulated_operator, _| Box::new(Operator { simulated_operator, answer: Box::new(answer) })
 }
 
 /// The first line that moves an axis.
@@ -100,7 +100,7 @@ fn first_motion(record: &Record) -> Option<String> {
 
 fn assert_nothing_moved(checked: &Recorded) {
     assert_eq!(first_motion(&checked.record), None, "{}", checked.summary);
-    let z = checked.world.lock().unwrap().position().at(Axis::Z);
+    let z = checked.world.lock().unwrap().position().get_or_zero(Axis::Z);
     assert_eq!(z, checked.z_before, "{}", checked.summary);
 }
 
@@ -108,8 +108,8 @@ fn assert_nothing_moved(checked: &Recorded) {
 fn assert_ended(summary: &Summary) {
     assert_eq!(summary.count(Verdict::Failed), 1, "{summary}");
     let failed = failures(summary);
-    assert!(failed.contains("out of contact: the probe reads open"), "{summary}");
-    assert!(failed.contains("jog it clear at the control"), "{summary}");
+    assert!(failed.contains("the stylus is out of contact and the probe reads open"), "{summary}");
+    assert!(failed.contains("jog the machine clear at the control"), "{summary}");
     let axes = |finding: &&Finding| finding.part == Part::Axes && finding.verdict == Verdict::Ok;
     assert_eq!(summary.findings.iter().filter(axes).count(), 0, "{summary}");
 }
@@ -144,10 +144,10 @@ pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
         let text = with_control(keys, &machine(&[]));
         let file = MachineFile::parse("machine.toml", text).unwrap();
         let summary = runtime().block_on(async {
-            let site = Site::new(&file).unwrap();
-            let bystander = site.bystander().unwrap();
-            bystander.shove(Axis::Z, CONTACT_Z - pressed - 450.0);
-            let mut person = Operator { bystander, answer: Box::new(|_, _| None) };
+            let site = ReopenableMachine::new(&file).unwrap();
+            let simulated_operator = site.simulated_operator().unwrap();
+            simulated_operator.move_axis_by_hand(Axis::Z, CONTACT_Z - pressed - 450.0);
+            let mut person = Operator { simulated_operator, answer: Box::new(|_, _| None) };
             through(&file, &site, &mut person).await
         });
         assert_ended(&summary);
@@ -162,7 +162,7 @@ pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
             *count.lock().unwrap() += 1;
             Some(Answer::No)
         }
-        Question::Stylus(_) => Some(Answer::No),
+        Question::StylusState(_) => Some(Answer::No),
         _ => None,
     };
     let checked = recorded(0.0, "", operator(answer));
@@ -173,22 +173,22 @@ pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
 }
 
 pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
-    let checked = recorded(0.0, "", |_, _| Box::new(Nobody));
+    let checked = recorded(0.0, "", |_, _| Box::new(NoOperator));
     assert_nothing_moved(&checked);
     let failed = failures(&checked.summary);
     assert!(failed.contains("the probe reads closed"), "{}", checked.summary);
-    assert!(failed.contains("run trued check at a terminal"), "{}", checked.summary);
+    assert!(failed.contains("run `trued check` on a terminal"), "{}", checked.summary);
 }
 
 pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
-    let checked = recorded(0.0, "", |bystander, stop| {
+    let checked = recorded(0.0, "", |simulated_operator, stop| {
         let answer = move |question: &Question, _: &SimulatedOperator| {
             if matches!(question, Question::RetractDirection { .. }) {
-                stop.halt().now();
+                stop.halt().trigger();
             }
             None
         };
-        Box::new(Operator { bystander, answer: Box::new(answer) })
+        Box::new(Operator { simulated_operator, answer: Box::new(answer) })
     });
     assert_nothing_moved(&checked);
     assert!(checked.summary.stopped && !checked.summary.held, "{}", checked.summary);
@@ -200,7 +200,7 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let kept = results.clone();
     let answer = move |question: &Question, _: &SimulatedOperator| {
         let Question::RetractDirection { last_result, .. } = question else {
-            return matches!(question, Question::Stylus(_)).then_some(Answer::No);
+            return matches!(question, Question::StylusState(_)).then_some(Answer::No);
         };
         let mut kept = kept.lock().unwrap();
         kept.push(last_result.clone());
@@ -214,7 +214,7 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     assert_nothing_moved(&checked);
     let results = results.lock().unwrap();
     let [None, Some(refused)] = results.as_slice() else { panic!("{results:?}") };
-    assert!(refused.starts_with("X+: nothing has moved: it is not proven to be free"), "{refused}");
+    assert!(refused.starts_with("X+: no motion: the collision check refuses the jog"), "{refused}");
     assert!(refused.contains("stylus ball would come within"), "{refused}");
     let probe = |finding: &&Finding| finding.part == Part::Probe;
     assert_eq!(checked.summary.findings.iter().filter(probe).count(), 1, "{}", checked.summary);

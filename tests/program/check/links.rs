@@ -2,8 +2,8 @@
 //! the control.
 
 use machine::record::question::{Answer, Question};
-use trued::commissioning::{Answering, Person, Summary};
-use trued::setup::{MachineFile, Pace, Site};
+use trued::commissioning::{AnswerFuture, OperatorInterface, Summary};
+use trued::setup::{MachineFile, Pace, ReopenableMachine};
 
 use super::bench::{against, machine, runtime, through, with_control};
 use super::mistakes::Mistake;
@@ -100,8 +100,8 @@ fn in_the_other_space() -> Summary {
 /// An operator who allows every question; nothing moves there.
 struct Agreeing;
 
-impl Person for Agreeing {
-    fn ask<'a>(&'a mut self, _: &'a Question) -> Answering<'a> {
+impl OperatorInterface for Agreeing {
+    fn wait_for_answer<'a>(&'a mut self, _: &'a Question) -> AnswerFuture<'a> {
         Box::pin(std::future::ready(Answer::Yes))
     }
 }
@@ -110,10 +110,10 @@ impl Person for Agreeing {
 fn silence() -> Summary {
     let told = machine(&[("kind = \"simulated\"\n", ""), ("wire = \"memory\"\n", "@\n")]);
     runtime().block_on(async {
-        let pty = link::pty().unwrap();
+        let pty = link::create_pty().unwrap();
         let keys = format!("kind = \"grbl\"\nserial = \"{}\"{DIALECT}", pty.path);
         let file = MachineFile::parse("machine.toml", told.replace('@', &keys)).unwrap();
-        let site = Site::new(&file).unwrap();
+        let site = ReopenableMachine::new(&file).unwrap();
         through(&file, &site, &mut Agreeing).await
     })
 }
@@ -132,44 +132,44 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "another baud rate",
         || with("wire = \"pty\"\nbaud = 115200", "115200", "9600"),
-        "the control speaks at 115200 baud, not at 9600",
+        "the control communicates at 115200 baud, not at 9600",
     ),
     row(
         "another baud rate, Modbus",
         || with(RTU, "19200", "9600"),
-        "it answers at 19200 baud, not at 9600",
+        "the device replies at 19200 baud, not at 9600",
     ),
     row(
         "a port that is not there",
         || reached(PTY, "", |_| "kind = \"grbl\"\nserial = \"/dev/trued-nowhere\"".to_owned()),
-        "wrong port: /dev/trued-nowhere is not there",
+        "wrong port: /dev/trued-nowhere does not exist",
     ),
     row(
         "a port where nobody listens",
         || reached(MODBUS, "", |_| "kind = \"modbus\"\ntcp = \"127.0.0.1:1\"".to_owned()),
-        "nobody listens at 127.0.0.1:1",
+        "no server listens at 127.0.0.1:1",
     ),
-    row("a port that says nothing", silence, "is off, not wired, or no control that is known"),
+    row("a port that says nothing", silence, "is off, not wired, or not a supported control"),
     row(
         "another kind, TCP",
         || told_as(MODBUS, "grbl", ""),
-        "what answers is of kind `modbus`, not `grbl`",
+        "the device is of kind `modbus`, not `grbl`",
     ),
     row(
         "another kind, serial",
         || told_as(PTY, "modbus", "\nbaud = 115200\nparity = \"none\""),
-        "what answers is of kind `grbl`, not `modbus`",
+        "the device is of kind `grbl`, not `modbus`",
     ),
     row(
         "another unit",
         || reached(RTU, "", |served| served + "\nunit = 7"),
-        "a device answers as unit 1, none as 7",
+        "a device replies as unit 1, no device as unit 7",
     ),
     row("words the other way", || read_as("order = \"cdab\""), "wrong word order of the positions"),
     row(
         "a scale too small",
         || read_as("scale = 0.00005"),
-        "its own display shows another position",
+        "the display of the control does not show the reported position",
     ),
     row("a scale too large", || read_as("scale = 0.1"), "wrong scale of the positions"),
     row(
@@ -181,7 +181,7 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "the input registers read as holding ones",
         in_the_other_space,
-        "wrong space: the status lies in the input registers",
+        "wrong space: the status is in the input registers",
     ),
     row(
         "the control's program stopped",
@@ -191,7 +191,7 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "another number of the program",
         || with(PROGRAM, "number = 1", "number = 2"),
-        "there is no such program",
+        "the program number is unknown",
     ),
     row(
         "another tool of the program",
@@ -201,31 +201,39 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "words of a row the other way",
         || with(PROGRAM, "number = 1", "number = 1, row = { X = { order = \"cdab\" } }"),
-        "or cannot do a row",
+        "or cannot execute a row",
     ),
     row(
         "the call's sequence elsewhere",
         || with(PROGRAM, "number = 1", "number = 1, parameters = { sequence = { address = 7 } }"),
-        "or cannot do a row",
+        "or cannot execute a row",
     ),
     row(
         "a program taken for lines",
         || with(PROGRAM, "\nprogram = { number = 1 }", ""),
-        "a resident program is behind the window, and [controller] tells of none",
+        "the control runs a resident program, but [controller.program] is missing",
     ),
     row(
         "lines taken for a program",
         || reached(MODBUS, "", |served| served + "\nprogram = { number = 1 }"),
-        "lines are taken behind the window, no resident program",
+        "the control accepts lines and runs no resident program",
     ),
-    row("reports in inches", || set("13 = 1"), "it reports positions in inches"),
-    row("reports without the probe", || set("10 = 495"), "its reports hide the probe"),
-    row("homing off", || set("22 = 0"), "its homing is off"),
-    row("soft limits off", || set("20 = 0"), "its soft limits are off"),
-    row("a travel that is shorter there", short_travel, "X travels 500 in the machine file"),
+    row("reports in inches", || set("13 = 1"), "the control reports positions in inches"),
+    row(
+        "reports without the probe",
+        || set("10 = 495"),
+        "the status reports do not contain the probe",
+    ),
+    row("homing off", || set("22 = 0"), "homing is off"),
+    row("soft limits off", || set("20 = 0"), "soft limits are off"),
+    row(
+        "a travel that is shorter there",
+        short_travel,
+        "X has a travel of 500 in the machine file",
+    ),
     row(
         "a rapid that is slower there",
         || set("112 = 5000"),
-        "the rapid speed of Z is above the control's",
+        "the rapid speed of Z exceeds the value of the control",
     ),
 ];

@@ -70,13 +70,22 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "write positive = \"iso\" in [axes.C]",
     ),
-    row("X in inches", || wired("gain = { X = 25.4 }"), "the gain of X is 25.400: an inch"),
+    row(
+        "X in inches",
+        || wired("gain = { X = 25.4 }"),
+        "the gain of X is 25.400: is the control set to \
+        inches",
+    ),
     row("Y half as far", || wired("gain = { Y = 0.5 }"), "the gain of Y is 0.500"),
     row("B ten times as far", || wired("gain = { B = 10.0 }"), "the gain of B is 10.000"),
-    row("Z unplugged", || wired("gain = { Z = 0.0 }"), "nothing was seen to move"),
+    row("Z unplugged", || wired("gain = { Z = 0.0 }"), "the operator saw no motion"),
     row("probe inverted", || wired("probe = \"inverted\""), "the input is inverted"),
-    row("probe dead", || wired("probe = \"dead\""), "the probe is dead"),
-    row("probe stuck", || wired("probe = \"stuck\""), "closed whatever the stylus does"),
+    row("probe dead", || wired("probe = \"dead\""), "the probe does not work"),
+    row(
+        "probe stuck",
+        || wired("probe = \"stuck\""),
+        "stays closed with the stylus free and deflected",
+    ),
     row(
         "an axis too many",
         || {
@@ -97,22 +106,22 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "faster than the control",
         || told(&[("rapid_per_min = 20000.0", "rapid_per_min = 40000.0")]),
-        "the rapid speed of X is above the control's",
+        "the rapid speed of X exceeds the value of the control",
     ),
     row(
         "brisker than the control",
         || told(&[("acceleration_per_s2 = 2000.0", "acceleration_per_s2 = 4000.0")]),
-        "the acceleration of X is above the control's",
+        "the acceleration of X exceeds the value of the control",
     ),
     row(
         "not where the file has the axis",
         || told(&[("min = -50.0\nmax = 450.0", "min = -50.0\nmax = 400.0")]),
-        "Z stands at 450.000, outside its travel",
+        "Z is at 450.000, outside its travel",
     ),
     row(
         "a fixture beside the stylus",
         || checked(&machine(&[("[artefact]", KEEPOUT)])),
-        "X +1 mm: it is not proven to be free",
+        "X +1 mm: the collision check refuses the jog",
     ),
     row(
         "the hold register elsewhere",
@@ -124,16 +133,20 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "the hold has no effect",
     ),
-    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "unlock it ($X) and home it"),
+    row(
+        "in alarm",
+        || faulty("kind = \"alarm\"\nat_line = 1"),
+        "unlock the control ($X) and home the machine",
+    ),
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "close the door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "a move is held"),
-    row("not made ready", || faulty_modbus("kind = \"reset\""), "make it ready"),
+    row("not made ready", || faulty_modbus("kind = \"reset\""), "make the control ready"),
     row("emergency stop", || faulty_modbus("kind = \"e-stop\""), "alarm 10: emergency stop"),
-    row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "by a scan of about"),
+    row("a latch in the PLC", || faulty_modbus("kind = \"slow-latch\""), "a program scan of about"),
     row(
         "a latch in a PLC beside the control",
         || checked(&with_truth("[simulated.latch]\ndelay_ms = 1.0\nscan_ms = 10.0\n")),
-        "by a scan of about",
+        "a program scan of about",
     ),
     row(
         "touches that scatter more than declared",
@@ -142,22 +155,22 @@ pub const MISTAKES: &[Mistake] = &[
             let truth = with_control("wire = \"pty\"", &scatters);
             against(&machine(&[]), &truth, Pace::Fast, grbl)
         },
-        "[probe] repeatability_um and the display's steps explain",
+        "repeatability_um in [probe] and the display resolution explain",
     ),
     row(
         "no part",
         || part_off("[-20.0, 0.0]"),
-        "the part does not stand where the machine file says",
+        "the part is not at the position in the machine file",
     ),
     row(
         "a part too near",
         || part_off("[3.5, 0.0]"),
-        "touched something during a move that should be free",
+        "unexpected contact during a positioning move",
     ),
     row(
         "two feeds that are one",
         || checked(&machine(&[("search_feed_mm_min = 300.0", "search_feed_mm_min = 40.0")])),
-        "a fast feed of 40 mm/min beside a measuring feed of 30 mm/min",
+        "the fast feed of 40 mm/min is not allowed",
     ),
     row(
         "a part that may stand anywhere",

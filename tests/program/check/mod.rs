@@ -101,8 +101,8 @@ fn a_sound_machine_passes_whatever_it_speaks() {
             let told = summary.to_string();
             for words in [
                 "open at rest, closed while deflected",
-                "held on its way",
-                "latched in the control",
+                "the hold stopped the jog",
+                "the control latches contacts itself",
             ] {
                 assert!(told.contains(words), "{keys}: {words}\n{summary}");
             }
@@ -110,7 +110,7 @@ fn a_sound_machine_passes_whatever_it_speaks() {
                 let seen = |line: &str| {
                     line.starts_with("axes    ok")
                         && line.contains(axis)
-                        && line.contains("as it should")
+                        && line.contains("as expected")
                 };
                 assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
             }
@@ -138,7 +138,7 @@ fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
     let poor = machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
     let summary = checked(&poor);
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
-    assert!(summary.to_string().contains("latched in the control"), "{summary}");
+    assert!(summary.to_string().contains("the control latches contacts itself"), "{summary}");
 }
 
 /// Twelve touches at each feed scatter by more than the declared value, but within the bound for so few touches.
@@ -149,12 +149,15 @@ fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
     let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     let told = summary.to_string();
-    let line = told.lines().find(|line| line.contains("a touch scatters by")).unwrap();
+    let line = told
+        .lines()
+        .find(|line| line.contains("the touches have a standard deviation of"))
+        .unwrap();
     let number = |before: &str| -> f64 {
         let (_, rest) = line.split_once(before).unwrap_or_else(|| panic!("{before}: {line}"));
         rest.split(' ').next().unwrap().parse().unwrap()
     };
-    let (seen, bound) = (number("scatters by "), number("not contradicted below "));
+    let (seen, bound) = (number("standard deviation of "), number("detectable only above "));
     // 0.5 µm and steps of 1 µm give 0.58 µm; χ² with 10 degrees of freedom is below 29.6 in 99.9 % of cases.
     assert!(0.5 < seen && seen < bound && (0.9..1.1).contains(&bound), "{line}");
 }

@@ -1,12 +1,12 @@
 //! Questions of a check to the operator, and its behaviour without an operator.
 
 use machine::Axis;
-use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
+use machine::record::question::{Answer, Jog, ObservedMotion, Question, StylusState};
 use simulator::SimulatedOperator;
 use trued::commissioning::{
-    Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
+    AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict,
 };
-use trued::setup::{MachineFile, Pace, Site};
+use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
 use super::bench::{failures, machine, runtime, through};
@@ -19,8 +19,8 @@ fn file() -> MachineFile {
 pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
     let file = file();
     let summary = runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
-        through(&file, &site, &mut Nobody).await
+        let site = ReopenableMachine::new(&file).unwrap();
+        through(&file, &site, &mut NoOperator).await
     });
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     for part in [Part::Probe, Part::Axes, Part::Hold] {
@@ -33,16 +33,18 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
 
 /// Refuses every motion; keeps the questions.
 struct Careful {
-    bystander: SimulatedOperator,
+    simulated_operator: SimulatedOperator,
     asked: Vec<Question>,
 }
 
-impl Person for Careful {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+impl OperatorInterface for Careful {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         self.asked.push(question.clone());
         let answer = match question {
-            Question::MayJog { .. } | Question::MayHold(_) | Question::May { .. } => Answer::No,
-            other => self.bystander.answer(other),
+            Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. } => {
+                Answer::No
+            }
+            other => self.simulated_operator.answer(other),
         };
         Box::pin(std::future::ready(answer))
     }
@@ -51,32 +53,37 @@ impl Person for Careful {
 pub fn whoever_says_no_sees_nothing_move() {
     let file = file();
     let (summary, asked) = runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
-        let mut person = Careful { bystander: site.bystander().unwrap(), asked: Vec::new() };
+        let site = ReopenableMachine::new(&file).unwrap();
+        let mut person =
+            Careful { simulated_operator: site.simulated_operator().unwrap(), asked: Vec::new() };
         let summary = through(&file, &site, &mut person).await;
         (summary, person.asked)
     });
-    assert!(!asked.iter().any(|question| matches!(question, Question::Jogged { .. })), "{asked:?}");
-    let may = asked.iter().filter(|question| matches!(question, Question::MayJog { .. }));
+    assert!(
+        !asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })),
+        "{asked:?}"
+    );
+    let may = asked.iter().filter(|question| matches!(question, Question::AllowJog { .. }));
     assert_eq!(may.count(), 5, "each axis is asked for");
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
 }
 
 /// Agrees to everything, except where `but` gives another answer.
 struct Otherwise<'a> {
-    bystander: &'a mut SimulatedOperator,
+    simulated_operator: &'a mut SimulatedOperator,
     but: fn(&Question) -> Option<Answer>,
     moves: usize,
 }
 
-impl Person for Otherwise<'_> {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
+impl OperatorInterface for Otherwise<'_> {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let may = matches!(
             question,
-            Question::MayJog { .. } | Question::MayHold(_) | Question::May { .. }
+            Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. }
         );
         self.moves += usize::from(may);
-        let answer = (self.but)(question).unwrap_or_else(|| self.bystander.answer(question));
+        let answer =
+            (self.but)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
 }
@@ -85,18 +92,18 @@ impl Person for Otherwise<'_> {
 fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, SimulatedOperator) {
     let file = file();
     runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
-        let mut bystander = site.bystander().unwrap();
-        let mut person = Otherwise { bystander: &mut bystander, but, moves: 0 };
+        let site = ReopenableMachine::new(&file).unwrap();
+        let mut simulated_operator = site.simulated_operator().unwrap();
+        let mut person = Otherwise { simulated_operator: &mut simulated_operator, but, moves: 0 };
         let summary = through(&file, &site, &mut person).await;
         let moves = person.moves;
-        (summary, moves, bystander)
+        (summary, moves, simulated_operator)
     })
 }
 
 pub fn with_a_probe_that_nobody_deflects_nothing_may_move() {
     let but = |question: &Question| {
-        matches!(question, Question::Stylus(Stylus::Deflected)).then_some(Answer::No)
+        matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No)
     };
     let (summary, moves, _) = otherwise(but);
     assert_eq!(moves, 0, "{summary}");
@@ -110,8 +117,9 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
     let file = file.unwrap();
     let checked = |answer: Option<Answer>| {
         runtime().block_on(async {
-            let site = Site::new(&file).unwrap();
-            let mut asked = Asked { bystander: site.bystander().unwrap(), answer, asked: 0 };
+            let site = ReopenableMachine::new(&file).unwrap();
+            let mut asked =
+                Asked { simulated_operator: site.simulated_operator().unwrap(), answer, asked: 0 };
             let summary = through(&file, &site, &mut asked).await;
             assert_eq!((asked.asked, summary.count(Verdict::Failed)), (1, 0), "{summary}");
             summary.to_string()
@@ -119,7 +127,7 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
     };
     let told = checked(Some(Answer::No));
     assert!(
-        told.contains("the touch probe does not sit in the spindle: whether it closes"),
+        told.contains("whether the input closes is unknown: the touch probe is not in the spindle"),
         "{told}"
     );
     let told = checked(None);
@@ -129,39 +137,41 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
 /// Gives this answer to the question whether the probe is in the spindle; without an answer, that of the simulated
 /// operator.
 struct Asked {
-    bystander: SimulatedOperator,
+    simulated_operator: SimulatedOperator,
     answer: Option<Answer>,
     asked: usize,
 }
 
-impl Person for Asked {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
-        let mounted = matches!(question, Question::Stylus(Stylus::Mounted));
+impl OperatorInterface for Asked {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+        let mounted = matches!(question, Question::StylusState(StylusState::Mounted));
         self.asked += usize::from(mounted);
         let told = self.answer.filter(|_| mounted);
-        let answer = told.unwrap_or_else(|| self.bystander.answer(question));
+        let answer = told.unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
 }
 
 pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
-    let but =
-        |question: &Question| matches!(question, Question::Jogged { .. }).then_some(Answer::Nobody);
-    let (summary, moves, mut bystander) = otherwise(but);
+    let but = |question: &Question| {
+        matches!(question, Question::ObservedJog { .. }).then_some(Answer::NoOperator)
+    };
+    let (summary, moves, mut simulated_operator) = otherwise(but);
     assert_eq!(moves, 1, "{summary}");
-    assert!(summary.to_string().contains("it was not moved back"), "{summary}");
+    assert!(summary.to_string().contains("the axis was not moved back"), "{summary}");
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
-    let stands = bystander.answer(&Question::Jogged { jog, look_for: String::new() });
-    assert_eq!(stands, Answer::Saw(Seen::AsSaid), "it is where it was left");
+    let stands =
+        simulated_operator.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
+    assert_eq!(stands, Answer::Motion(ObservedMotion::AsAnnounced), "it is where it was left");
 }
 
 /// Ends the check when it requests the deflection of the stylus.
 struct Leaving(Stop);
 
-impl Person for Leaving {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
-        if let Question::Stylus(_) = question {
-            self.0.halt().now();
+impl OperatorInterface for Leaving {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+        if let Question::StylusState(_) = question {
+            self.0.halt().trigger();
         }
         Box::pin(std::future::ready(Answer::Yes))
     }
@@ -172,12 +182,12 @@ pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
     let text = recording_control::machine(&control.address());
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let summary = runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
+        let site = ReopenableMachine::new(&file).unwrap();
         let (folder, stop) = (tempfile::tempdir().unwrap(), Stop::default());
         let journal = Journal::open(folder.path()).unwrap();
         let (mut person, mut tell) = (Leaving(stop.clone()), |_: &Finding| {});
         let at = (&file, &site, Pace::Fast);
-        Check::new(at, &journal, &mut person, stop, &mut tell).through().await
+        Check::new(at, &journal, &mut person, stop, &mut tell).run_all_parts().await
     });
     assert!(summary.stopped && summary.count(Verdict::Failed) == 0, "{summary}");
     assert!(!summary.to_string().contains("held"), "{summary}");
@@ -188,12 +198,12 @@ pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
 /// Moves another axis by hand before the jog is allowed.
 struct Clumsy(SimulatedOperator);
 
-impl Person for Clumsy {
-    fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
-        let Self(bystander) = self;
-        let answer = bystander.answer(question);
-        if let Question::MayJog { .. } = question {
-            bystander.shove(Axis::Y, 0.5);
+impl OperatorInterface for Clumsy {
+    fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
+        let Self(simulated_operator) = self;
+        let answer = simulated_operator.answer(question);
+        if let Question::AllowJog { .. } = question {
+            simulated_operator.move_axis_by_hand(Axis::Y, 0.5);
         }
         Box::pin(std::future::ready(answer))
     }
@@ -202,14 +212,18 @@ impl Person for Clumsy {
 pub fn a_machine_that_was_moved_by_hand_is_not_jogged() {
     let file = file();
     runtime().block_on(async {
-        let site = Site::new(&file).unwrap();
-        let mut person = Clumsy(site.bystander().unwrap());
+        let site = ReopenableMachine::new(&file).unwrap();
+        let mut person = Clumsy(site.simulated_operator().unwrap());
         let summary = through(&file, &site, &mut person).await;
-        let told = "X +1 mm: it was moved by hand: Y stands at 0.500, not at 0.000";
+        let told = "X +1 mm: the machine was moved by hand: Y is at 0.500, not at 0.000";
         assert!(failures(&summary).contains(told), "{summary}");
         assert_eq!(summary.count(Verdict::Failed), 1, "nothing after it: {summary}");
         let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
-        let moved = person.0.answer(&Question::Jogged { jog, look_for: String::new() });
-        assert_eq!(moved, Answer::Saw(Seen::Another(Axis::Y)), "what the hand moved, and no more");
+        let moved = person.0.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
+        assert_eq!(
+            moved,
+            Answer::Motion(ObservedMotion::OtherAxis(Axis::Y)),
+            "what the hand moved, and no more"
+        );
     });
 }

@@ -8,7 +8,7 @@ use simulator::controls::grbl::{Firmware, Options};
 use tempfile::TempDir;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
-use trued::setup::{MachineFile, Pace, Rehearsal};
+use trued::setup::{MachineFile, Pace, SimulatedMachine};
 
 use super::bench::{machine, runtime, with_truth};
 
@@ -45,7 +45,7 @@ pub fn without_a_machine_file_the_simulated_machine_is_checked_by_itself() {
     let output = shop.command(&[]).output().unwrap();
     let said = text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
-    assert!(said.contains("to paste into a support request:\n\ntrued "), "{said}");
+    assert!(said.contains("Summary for a support request:\n\ntrued "), "{said}");
     assert!(said.contains("check of `simulated five-axis machine`\ncontrol: Grbl 1.1f"), "{said}");
 }
 
@@ -65,8 +65,9 @@ pub fn a_mistake_ends_it_with_1_and_json_tells_it_as_data() {
 pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() {
     let truth = MachineFile::parse("truth.toml", machine(&[])).unwrap();
     let runtime = runtime();
-    let served = runtime.block_on(async { Rehearsal::of(&truth)?.serve(Pace::Fast) }).unwrap();
-    let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.keys());
+    let served =
+        runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(Pace::Fast) }).unwrap();
+    let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.controller_toml());
     let shop = Shop::new(&machine(&[
         ("kind = \"simulated\"\n", keys.as_str()),
         ("wire = \"memory\"\n", ""),
@@ -85,9 +86,12 @@ pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() 
         });
         let said = text(&output.stdout);
         assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
-        assert!(text(&output.stderr).contains("nobody is at a terminal"));
+        assert!(text(&output.stderr).contains("standard input is not a terminal"));
         assert!(
-            said.contains("axes    not looked at  nobody is there to show that the probe answers"),
+            said.contains(
+                "axes    not checked    the probe input was not tested, because no operator is \
+                present"
+            ),
             "{said}"
         );
         assert!(!said.contains("axes    ok"), "{said}");
@@ -123,7 +127,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
 /// The simulated control; it rejects the first `refusals` requests of `$$`.
 async fn without_settings(listener: TcpListener, mut refusals: usize) {
     let file = MachineFile::parse("truth.toml", machine(&[])).unwrap();
-    let world = Arc::new(Mutex::new(trued::setup::world(&file).unwrap()));
+    let world = Arc::new(Mutex::new(trued::setup::build_world(&file).unwrap()));
     let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
     let (stream, _) = listener.accept().await.unwrap();
     let ((mut asked, mut told), (near, far)) = (stream.into_split(), tokio::io::duplex(4096));
@@ -170,7 +174,10 @@ pub fn ctrl_c_holds_the_machine_and_ends_it_with_5() {
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     let rest: Vec<String> = lines.collect();
     assert_eq!(check.wait().unwrap().code(), Some(5), "{rest:#?}");
-    assert!(rest.iter().any(|line| line.contains("stopped by a person")), "{rest:#?}");
-    assert!(rest.iter().any(|line| line.contains("the control is held: reset it")), "{rest:#?}");
+    assert!(rest.iter().any(|line| line.contains("stopped by the operator")), "{rest:#?}");
+    assert!(
+        rest.iter().any(|line| line.contains("the control is held: reset the control")),
+        "{rest:#?}"
+    );
     assert!(!rest.iter().any(|line| line.contains("FAILED")), "a stop is no mistake: {rest:#?}");
 }

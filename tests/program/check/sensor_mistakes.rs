@@ -2,7 +2,7 @@
 
 use std::io;
 
-use link::can::{CanError, CanEvent, Frame, Id};
+use link::can::{CanError, CanEvent, CanFrame, CanId};
 use trued::commissioning::Summary;
 
 use super::bench::runtime;
@@ -17,32 +17,29 @@ const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -
     Mistake { name, check, phrase }
 }
 
-const LEAPS: &str = "counts on by more than one from most samples to the next";
-const SILENT: &str = "nothing came from the sensor within";
+const LEAPS: &str = "increments its sample counter by more than one between most samples";
+const SILENT: &str = "no data from the sensor within";
 
 /// Each row has words that occur for no other mistake.
 pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: another bit rate",
-        || {
-            on_can(&[], || {
-                hearing(vec![CanEvent::ErrorFrameClass("bit stuffing error".to_owned())])
-            })
-        },
-        "no frame 181 came on `can0`, and the bus has errors: bit stuffing error",
+        || on_can(&[], || hearing(vec![CanEvent::BusErrors("bit stuffing error".to_owned())])),
+        "no frame 181 was received on `can0`, and the bus has errors: bit stuffing error",
     ),
     row(
         "CAN: the controller has given up",
-        || on_can(&[], || hearing(vec![CanEvent::Off("bus off".to_owned())])),
-        "the CAN controller of `can0` has left the bus",
+        || on_can(&[], || hearing(vec![CanEvent::BusOff("bus off".to_owned())])),
+        "the CAN controller of `can0` is bus-off",
     ),
     row(
         "CAN: a kernel without it",
         || {
-            let none = || Err(CanError::NoKernel { source: io::Error::other("no such family") });
+            let none =
+                || Err(CanError::NoKernelSupport { source: io::Error::other("no such family") });
             on_can(&[], none)
         },
-        "this computer's kernel has no CAN",
+        "the kernel of this computer does not support CAN",
     ),
     row(
         "CAN: the interface is down",
@@ -51,8 +48,8 @@ pub const MISTAKES: &[Mistake] = &[
     ),
     row(
         "CAN: another identifier",
-        || on_can(&[], || hearing(vec![CanEvent::Other(Id::new(0x182, false).unwrap())])),
-        "no frame 181 came on `can0`, but those of others did: 182",
+        || on_can(&[], || hearing(vec![CanEvent::ForeignId(CanId::new(0x182, false).unwrap())])),
+        "no frame 181 was received on `can0`, only frames with other identifiers: 182",
     ),
     row("CAN: a sensor that is off", || on_can(&[], || hearing(Vec::new())), SILENT),
     row(
@@ -63,22 +60,22 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: a scale too large, near zero",
         || on_can(&[("1e-5", "5e-4")], || frames(near_frame)),
-        "where noise_um says 0.5 µm",
+        "the machine file states noise_um = 0.5",
     ),
     row(
         "CAN: what does not measure",
         || on_can(&[], || frames(|number| frame(number, RATE_HZ, number, 123_450))),
-        "says the same to the last digit all the time",
+        "reports exactly the same value in every sample",
     ),
     row(
         "CAN: a counter that is none",
         || on_can(&[], || frames(|number| frame(number, RATE_HZ, 7, counts(number, 1.2345)))),
-        "samples come, but their counter always says the same",
+        "the counter of the received samples never changes",
     ),
     row(
         "CAN: a counter of another thing",
         || {
-            fn of_thirds(number: u64) -> Frame {
+            fn of_thirds(number: u64) -> CanFrame {
                 frame(number, RATE_HZ, 3 * number, counts(number, 1.2345))
             }
             on_can(&[], || frames(of_thirds))
@@ -88,7 +85,7 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: samples that are lost",
         || {
-            fn lossy(number: u64) -> Frame {
+            fn lossy(number: u64) -> CanFrame {
                 sound_frame(number + number / 10)
             }
             on_can(&[], || frames(lossy))
@@ -98,38 +95,38 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: half the rate",
         || {
-            fn slow(number: u64) -> Frame {
+            fn slow(number: u64) -> CanFrame {
                 frame(number, 500.0, number, counts(number, 1.2345))
             }
             on_can(&[], || frames(slow))
         },
-        "gives 500 samples a second, where rate_hz says 1000",
+        "sends 500 samples/s; the machine file states rate_hz = 1000",
     ),
     row(
         "CAN: frames of another length",
         || {
-            fn short(number: u64) -> Frame {
+            fn short(number: u64) -> CanFrame {
                 let whole = sound_frame(number);
-                Frame::new(whole.t_s, whole.id, &whole.data()[..4])
+                CanFrame::new(whole.t_s, whole.id, &whole.data()[..4])
             }
             on_can(&[], || frames(short))
         },
-        "a frame of 4 bytes came where the layout needs 6",
+        "the frame has 4 bytes, but the layout needs 6",
     ),
     row(
         "serial: another baud rate, text",
         || on_a_line(LINE, |number| too_fast(line(number))),
-        "mostly noise comes where lines should",
+        "mostly noise instead of lines of text",
     ),
     row(
         "serial: another baud rate, bytes",
         || on_a_line(BYTES, |number| too_fast(bytes(number))),
-        "no frames in `",
+        "no valid frame in the received bytes: `",
     ),
     row(
         "serial: text where the number is",
         || on_a_line(LINE, |number| format!("M0,READY,{:04}\r\n", number % 10_000).into_bytes()),
-        "lines come as `M0,READY",
+        "the received lines do not match the layout: `M0,READY",
     ),
     row(
         "serial: another line's end",
@@ -145,7 +142,7 @@ pub const MISTAKES: &[Mistake] = &[
             let stands = |number| line(number)[..13].iter().copied().chain(*b"0007\r\n").collect();
             on_a_line(LINE, stands)
         },
-        "samples come, but their counter always says the same",
+        "the counter of the received samples never changes",
     ),
     row("serial: a sensor that is off", || on_a_line(LINE, |_| Vec::new()), SILENT),
     row(
@@ -175,16 +172,20 @@ pub const MISTAKES: &[Mistake] = &[
         || on_modbus(&[("counter", "space = \"holding\"\ncounter")], 200.0),
         "exception 1 (illegal function)",
     ),
-    row("Modbus: what does not measure", || on_modbus(&[], 0.1), "its registers stand"),
+    row(
+        "Modbus: what does not measure",
+        || on_modbus(&[], 0.1),
+        "the registers of the sensor never change",
+    ),
     row(
         "thermometer: another scale",
         || at_a_thermometer("1e-3"),
-        "it says 2150.0 °C, which no place of a machine has",
+        "the temperature 2150.0 °C is not plausible",
     ),
     row(
         "thermometer: nobody answers",
         || with_a_deaf_port(|address| with_thermometer(address, "0.1")),
-        "of the thermometer it stands in [thermometer.modbus]",
+        "for the thermometer: the keys of [thermometer.modbus]",
     ),
-    row("LinuxCNC: no sampler", without_sampler, "the sampler at 127.0.0.1:1 is not there"),
+    row("LinuxCNC: no sampler", without_sampler, "the sampler at 127.0.0.1:1 is not reachable"),
 ];

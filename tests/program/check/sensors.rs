@@ -4,17 +4,17 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use devices::sensors::{Named, Opening, can};
-use link::can::{Can, CanError, CanEvent, Frame, Id};
+use devices::sensors::{OpenFuture, SensorConfig, can};
+use link::can::{CanError, CanEvent, CanFrame, CanId, CanReceiver};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
-use simulator::Sensed;
-use simulator::sensors::modbus::{Measures, serve_on_tcp};
+use simulator::SensorOutput;
+use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
 use tokio::io::AsyncWriteExt as _;
 use tokio::sync::mpsc;
-use trued::commissioning::{Nobody, Summary};
-use trued::setup::machine_file::Reached;
-use trued::setup::{MachineFile, Site};
+use trued::commissioning::{NoOperator, Summary};
+use trued::setup::machine_file::SensorConnection;
+use trued::setup::{MachineFile, ReopenableMachine};
 
 use super::bench::{machine, runtime, through};
 
@@ -23,10 +23,10 @@ pub const RATE_HZ: f64 = 1000.0;
 const COUNTS_PER_MM: f64 = 1e5;
 
 /// The built-in machine with a laser that has these connection keys.
-pub fn file(reached: &str) -> MachineFile {
+pub fn file(connection: &str) -> MachineFile {
     let text = format!(
         "{}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\ndirection = [0.0, 0.0, -1.0]\n\
-         range_mm = [-10.0, 10.0]\nnoise_um = {NOISE_UM:?}\n{reached}",
+         range_mm = [-10.0, 10.0]\nnoise_um = {NOISE_UM:?}\n{connection}",
         machine(&[])
     );
     MachineFile::parse("machine.toml", text).unwrap()
@@ -34,7 +34,7 @@ pub fn file(reached: &str) -> MachineFile {
 
 /// Checks without an operator: nothing moves.
 pub async fn looked_at(file: &MachineFile) -> Summary {
-    through(file, &Site::new(file).unwrap(), &mut Nobody).await
+    through(file, &ReopenableMachine::new(file).unwrap(), &mut NoOperator).await
 }
 
 /// Counts of a sample at `mm`, with 0.3 µm of noise.
@@ -54,23 +54,23 @@ counter = { byte = 0, width = 16 }
 status = [{ byte = 5, bit = 0, means = "no-echo" }]
 "#;
 
-pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> Frame {
+pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> CanFrame {
     let [.., high, low] = count.to_be_bytes();
     let [_, first, second, third] = counts.to_be_bytes();
     let data = [high, low, first, second, third, 0];
     let t_s = number as f64 / rate_hz;
-    Frame::new(t_s, Id::new(0x181, false).unwrap(), &data)
+    CanFrame::new(t_s, CanId::new(0x181, false).unwrap(), &data)
 }
 
 /// A bus in this process, and the machine file's description of the sensor's frames.
 #[derive(Debug)]
 struct Bus {
     sheet: String,
-    hears: fn() -> Result<Can, CanError>,
+    hears: fn() -> Result<CanReceiver, CanError>,
 }
 
-impl Named for Bus {
-    fn at(&self) -> String {
+impl SensorConfig for Bus {
+    fn describe_address(&self) -> String {
         "frames 181 on CAN interface can0".to_owned()
     }
 
@@ -79,56 +79,56 @@ impl Named for Bus {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         _: &'a SharedPorts,
-    ) -> Opening<'a> {
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let config: can::Config = toml::from_str(&self.sheet).unwrap();
-            Ok(config.over((self.hears)()?, sensor, clock, None))
+            Ok(config.spawn_sensor((self.hears)()?, sensor, clock, None))
         })
     }
 }
 
-pub fn on_can(told: &[(&str, &str)], hears: fn() -> Result<Can, CanError>) -> Summary {
+pub fn on_can(told: &[(&str, &str)], hears: fn() -> Result<CanReceiver, CanError>) -> Summary {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
     };
     let sheet = told.iter().fold(SHEET.to_owned(), change);
     let mut file = file(&format!("rate_hz = {RATE_HZ:?}\n[sensor.simulated]\n"));
-    file.sensors[0].reached = Reached::Real(Arc::new(Bus { sheet, hears }));
+    file.sensors[0].connection = SensorConnection::Real(Arc::new(Bus { sheet, hears }));
     runtime().block_on(looked_at(&file))
 }
 
 /// These frames, each with its number from 0 on, as fast as they are read.
-pub fn frames(frame: fn(u64) -> Frame) -> Result<Can, CanError> {
+pub fn frames(frame: fn(u64) -> CanFrame) -> Result<CanReceiver, CanError> {
     let mut number = 0;
     let next = move || {
         number += 1;
         Some(frame(number - 1))
     };
-    Ok(Can::on_demand("can0", next))
+    Ok(CanReceiver::on_demand("can0", next))
 }
 
-pub fn sound_frame(number: u64) -> Frame {
+pub fn sound_frame(number: u64) -> CanFrame {
     frame(number, RATE_HZ, number, counts(number, 1.2345))
 }
 
-pub fn near_frame(number: u64) -> Frame {
+pub fn near_frame(number: u64) -> CanFrame {
     frame(number, RATE_HZ, number, counts(number, 0.1))
 }
 
-pub fn sound() -> Result<Can, CanError> {
+pub fn sound() -> Result<CanReceiver, CanError> {
     frames(sound_frame)
 }
 
 /// A bus with exactly these events.
-pub fn hearing(said: Vec<CanEvent>) -> Result<Can, CanError> {
+pub fn hearing(said: Vec<CanEvent>) -> Result<CanReceiver, CanError> {
     let (say, heard) = mpsc::channel(8);
     for heard in said {
         say.try_send(heard).unwrap();
     }
     // The bus must stay open.
     std::mem::forget(say);
-    Ok(Can::over("can0", heard))
+    Ok(CanReceiver::from_events("can0", heard))
 }
 
 // A serial line: `M0,` the distance in mm and a counter of four digits.
@@ -156,7 +156,7 @@ const PERIOD: Duration = Duration::from_millis(2);
 /// A device on a pseudo-terminal that sends this data without requests, and its description in a machine file.
 pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
     runtime().block_on(async {
-        let mut pty = link::pty().unwrap();
+        let mut pty = link::create_pty().unwrap();
         let at =
             format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
         let file = file(&(at + keys));
@@ -180,7 +180,7 @@ pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
 
 /// Bytes sent at 115 200 baud as received at 9600 baud.
 pub fn too_fast(said: Vec<u8>) -> Vec<u8> {
-    link::heard(&said.repeat(12), 115_200, 9600)
+    link::decode_at_baud(&said.repeat(12), 115_200, 9600)
 }
 
 // Modbus: the simulated sensor. Input registers 0 status, 1 counter, 2 and 3 the distance in 10 nm, low word first.
@@ -192,9 +192,9 @@ pub fn on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
     let mut number = 0;
     let sense = move || {
         number += 1;
-        Sensed::Distance(f64::from(counts(number, 1.2345)) / COUNTS_PER_MM)
+        SensorOutput::Distance(f64::from(counts(number, 1.2345)) / COUNTS_PER_MM)
     };
-    let measures = Measures::AtItsRate;
+    let measures = SampleTiming::AtFixedRate;
     let (at, _) = serve_on_tcp(measures, Box::new(sense), rate_hz).unwrap();
     let map = told.iter().fold(MAP.to_owned(), |map, (old, new)| {
         assert!(map.contains(old), "{old}");
@@ -215,8 +215,8 @@ pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
 
 /// Checks a device whose register value is 21.5 in units of 1e-5.
 pub fn at_a_thermometer(scale_c: &str) -> Summary {
-    let sense = Box::new(|| Sensed::Distance(21.5));
-    let (at, _) = serve_on_tcp(Measures::AtItsRate, sense, 10.0).unwrap();
+    let sense = Box::new(|| SensorOutput::Distance(21.5));
+    let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, sense, 10.0).unwrap();
     runtime().block_on(looked_at(&with_thermometer(&at.to_string(), scale_c)))
 }
 

@@ -65,9 +65,9 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
     let command = line.split_once("> ").unwrap().1.trim_end_matches("\\n");
     let elsewhere =
         [&text[..at], &line.replacen("G38", "G39", 1), &text[at + line.len()..]].concat();
-    refused(&elsewhere, &["the replay ended", "the capture does not know", command, "G39"]);
-    refused(&text[..at], &["the replay ended", "the capture does not know", command, "nothing"]);
-    refused(&text[..text.len() / 2], &["b.capture, line", "the line does not end"]);
+    refused(&elsewhere, &["the replay ended", "the capture has no", command, "G39"]);
+    refused(&text[..at], &["the replay ended", "the capture has no", command, "nothing"]);
+    refused(&text[..text.len() / 2], &["b.capture, line", "the last line has no line end"]);
     refused(&text.replacen(" 1 < ok", " 1 < \\ok", 1), &["b.capture, line", "unknown escape"]);
     let none = run(&shop, &["--replay", &shop.file("none")]);
     assert!(stderr(&none).contains("No such file"), "{}", stderr(&none));
@@ -116,8 +116,8 @@ pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
         assert_eq!(ended.status.code(), Some(1), "{}", stderr(&ended));
         assert!(stderr(&ended).contains(words), "{words}: {}", stderr(&ended));
     };
-    refused("(step 3 repeat 0)", "(step 3 repeat 1)", "then it was `(step 3 repeat 1)`");
-    refused("set run", "set walk", "then it was `set walk`");
+    refused("(step 3 repeat 0)", "(step 3 repeat 1)", "captured text: `(step 3 repeat 1)`");
+    refused("set run", "set walk", "its next command is `set walk`");
     refused("PROBE_VALUE 0", "PROBE_VALUE 1", "step");
     refused("ntouch 3 4 1.000000", "ntouch 3 4 0.000000", "step");
 }

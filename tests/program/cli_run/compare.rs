@@ -17,7 +17,7 @@ pub fn two_runs_are_compared() {
     let compared = estimate(&shop.trued(&["compare", "1", "2", "--json"]));
     let common = compared["common_sources"].as_array().unwrap();
     assert!(common.contains(&"probe lobing".into()) && !common.contains(&"resolution".into()));
-    assert_eq!(compared["besides"][0], "the machine file was changed between them");
+    assert_eq!(compared["besides"][0], "the machine file was changed between the runs");
     let differences = compared["differences"].as_array().unwrap();
     assert_eq!(differences.len(), first["parameters"].as_array().unwrap().len());
     let value = |of: &Value| number(&of["parameters"][0], "value");
@@ -43,12 +43,9 @@ pub fn what_is_no_comparison_is_refused_with_the_way_on() {
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         output
     };
-    tells(&refused("7"), &["there is no run 7", "→"]);
+    tells(&refused("7"), &["the journal has no run 7", "→"]);
     estimate(&shop.trued(&["run", "latch-delay", "--json", "--machine", &shop.machine()]));
-    tells(
-        &refused("2"),
-        &["run 2 by latch-delay", "take two runs that identify the same quantities"],
-    );
+    tells(&refused("2"), &["run 2 by latch-delay", "choose two runs with common parameters"]);
     // A run compared with itself: no differences.
     let same = shop.trued(&["compare", "1", "1"]);
     let same = String::from_utf8(same.stdout).unwrap();

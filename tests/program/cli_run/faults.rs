@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-use simulator::faulty_wire::{BadWire, Direction, WireFault};
+use simulator::faulty_wire::{FaultyWire, WireDirection, WireFault};
 
 use super::{MachineShop, machine, stderr, with_control};
 
@@ -15,7 +15,8 @@ pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     let shop = with_fault("kind = \"hold\"\nat_line = 120\n");
     let run = shop.run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    let told = "error: held at the machine: the control says Hold:0\n  → nothing more is sent";
+    let told =
+        "error: held at the machine: the control reports Hold:0\n  → the run sends nothing more";
     assert!(stderr(&run).contains(told), "{}", stderr(&run));
     assert_eq!(shop.states(), ["held"]);
     let kept = shop.exported_steps();
@@ -35,12 +36,13 @@ pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
 
 /// A seed whose first fault is a cut in the middle of the run, after `from` lines.
 fn cut_after(from: u64) -> u64 {
-    let first = |seed: u64, direction: Direction| {
-        BadWire::to_rehearse(seed).schedule(direction).next().expect("it never ends")
+    let first = |seed: u64, direction: WireDirection| {
+        FaultyWire::for_rehearsal(seed).schedule(direction).next().expect("it never ends")
     };
     let cuts = |seed: &u64| {
-        let (to, back) = (first(*seed, Direction::ToDevice), first(*seed, Direction::FromDevice));
-        to.harm == WireFault::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
+        let (to, back) =
+            (first(*seed, WireDirection::ToDevice), first(*seed, WireDirection::FromDevice));
+        to.fault == WireFault::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
     };
     (0..).find(cuts).expect("one of them")
 }

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use simulator::World;
+use simulator::SimulatedWorld;
 use simulator::controls::grbl::{Firmware, Options};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
@@ -19,7 +19,7 @@ pub struct Control {
     server: JoinHandle<String>,
     /// All bytes received so far.
     pub bytes: Vec<u8>,
-    pub world: Arc<Mutex<World>>,
+    pub world: Arc<Mutex<SimulatedWorld>>,
 }
 
 impl Control {
@@ -30,7 +30,7 @@ impl Control {
 
     pub fn at(file: &str, pace: Pace) -> Self {
         let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
-        let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
+        let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
         let firmware = Firmware::new(world.clone(), Options::of(&file.machine, pace));
         let (tell, heard) = channel();
         let (listening, address) = channel();

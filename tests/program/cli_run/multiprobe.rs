@@ -52,7 +52,7 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     drop(ended(shop.command(&run), &["mounting 2 of 4", "proven"], "KILL"));
     let resumed = ended(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
     assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
-    let compared = ["the references agree", "mounted anew after the last reading"];
+    let compared = ["the references agree", "remounted after the last reading"];
     assert!(compared.iter().any(|words| stderr(&resumed).contains(words)), "{}", stderr(&resumed));
     let mut last = resume_command(&shop);
     let last = person::confirms(&mut last).output().unwrap();

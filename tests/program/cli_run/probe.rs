@@ -39,14 +39,14 @@ pub fn nothing_moves_before_a_person_has_deflected_the_stylus() {
     let (mut run, mut told) = waiting(&shop);
     control.wait_for_queries(20);
     assert!(!control.has_moved(), "moved before the stylus was deflected");
-    control.world.lock().unwrap().deflect(true);
+    control.world.lock().unwrap().set_stylus_deflected(true);
     control.wait_for_queries(20);
     assert!(!control.has_moved(), "moved while the stylus was deflected");
-    control.world.lock().unwrap().deflect(false);
+    control.world.lock().unwrap().set_stylus_deflected(false);
     let mut rest = String::new();
     told.read_to_string(&mut rest).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(0), "{rest}");
-    assert!(rest.contains("the probe lives\n"), "{rest}");
+    assert!(rest.contains("the probe works\n"), "{rest}");
     assert_eq!(shop.states(), ["finished"]);
 }
 
@@ -68,8 +68,12 @@ pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
     let far = far + "z_reference = false\n";
     let run = MachineShop::new(&far).run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    assert!(stderr(&run).contains("the first touch met nothing"), "{}", stderr(&run));
-    assert!(stderr(&run).contains("the probe may be dead"), "{}", stderr(&run));
+    assert!(
+        stderr(&run).contains("the first touch reached its end without contact"),
+        "{}",
+        stderr(&run)
+    );
+    assert!(stderr(&run).contains("the probe may not work"), "{}", stderr(&run));
 }
 
 pub fn probe_and_clamps_are_switched_as_declared() {
@@ -91,7 +95,8 @@ pub fn probe_and_clamps_are_switched_as_declared() {
     let heard = String::from_utf8(bytes).unwrap();
     let program: Vec<&str> = heard.lines().filter(|line| !line.starts_with('$')).collect();
     let file = MachineFile::parse("machine.toml", file).unwrap();
-    let dialect = Dialect::named("grbl").unwrap().with(&file.machine, &file.probe).unwrap();
+    let dialect =
+        Dialect::from_name("grbl").unwrap().with_options(&file.machine, &file.probe).unwrap();
     // The reader rejects a probing move with the probe off or a clamp open, and a C move while the clamp is closed.
     let motions = dialect.read_back(&program.join("\n")).unwrap();
     assert!(motions.len() > 62 * 4, "{} motions", motions.len());

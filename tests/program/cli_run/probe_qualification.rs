@@ -33,7 +33,7 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
     tells(
         &refused,
         &[
-            "qualified_within_days asks for a qualification",
+            "qualified_within_days requires a qualification",
             "run probe-qualification` with a precision sphere",
         ],
     );
@@ -41,14 +41,11 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
     estimate(&shop.trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine()]));
     let later = estimate(&run());
     let gauge = later["gauge"].to_string();
-    assert!(
-        gauge.contains("taken off as qualified: orders 3, 4, 5, 6; order 2 is carried"),
-        "{gauge}"
-    );
+    assert!(gauge.contains("is subtracted: orders 3, 4, 5, 6; order 2 is included"), "{gauge}");
     assert_eq!(later["priors"].as_array().unwrap().len(), 1);
 
     std::fs::write(&own, part.replace("50 mm, ball 6 mm", "a new one")).unwrap();
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
-    tells(&refused, &["the qualification is of another probe"]);
+    tells(&refused, &["the qualification was made with a probe, stylus or machine that differs"]);
 }

@@ -15,10 +15,10 @@ pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     let program = shop.trued(&[&plan[..], &["--gcode", "grbl"]].concat());
     assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
     // The ball's radius minus the stem's, minus the overtravel of the ball after contact.
-    let proven = "motions; nothing comes nearer than 1.35 mm: stylus stem and artefact, line 52, \
-                  step 1 (locate/P000)";
+    let proven = "motions; smallest clearance 1.35 mm between stylus stem and artefact, line 52, step 1 \
+        (locate/P000)";
     assert!(stderr(&program).contains(proven), "{}", stderr(&program));
-    assert!(stderr(&program).contains("not looked at: the way of lines 7 to 10"));
+    assert!(stderr(&program).contains("not looked at: the path of lines 7 to 10"));
     let text = String::from_utf8(program.stdout).unwrap();
     assert!(text.starts_with('(') && !text.contains("proven"));
     let touch = text.lines().nth(51).unwrap();
@@ -37,7 +37,8 @@ pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
     assert!(stderr(&plan).contains(why), "{}", stderr(&plan));
     let run = shop.run();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
-    let stage = "stage `locate the part` is not proven: step 1 (locate/P000), line 51: stylus ball";
+    let stage = "the collision check refuses stage `locate the part`: step 1 (locate/P000), line 51: stylus \
+        ball";
     tells(&run, &[stage, "nothing has moved", "[[solid]]"]);
     assert_eq!(shop.states(), ["failed"]);
     assert!(shop.exported_steps().is_empty());
@@ -53,7 +54,7 @@ pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at(
     let shown = shop.trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let page = std::fs::read_to_string(report).unwrap();
-    let (_, proven) = page.split_once("Proven before it moved").expect("the section");
+    let (_, proven) = page.split_once("Collision check before the motions").expect("the section");
     let (proven, _) = proven.split_once("</section>").unwrap();
     for words in ["<svg", "clearance / mm", "<li>stylus stem</li>", "touch"] {
         assert!(proven.contains(words), "{words}");

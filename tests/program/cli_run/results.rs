@@ -116,7 +116,7 @@ pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     // The axis is 50 µm off: far beyond the tolerance of 1 µm.
     assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
     let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
-    let stored = journal.load(trued::store::RunId(1)).unwrap();
+    let stored = journal.load_run(trued::store::RunId(1)).unwrap();
     let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
     use machine::record::estimate::Verdict;
     assert_eq!(verdicts, [Verdict::None, Verdict::None, Verdict::Fail]);

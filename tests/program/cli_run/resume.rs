@@ -132,7 +132,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     // Without an acknowledgement no byte is sent to the machine.
     let refused = shop.command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    tells(&refused, &["held on request", "nothing has moved", "--acknowledge"]);
+    tells(&refused, &["the run was halted on request", "nothing has moved", "--acknowledge"]);
     assert_eq!((bench.heard(), shop.exported_steps().len()), (String::new(), 25));
 
     let resumed = resume(&shop);
@@ -154,7 +154,11 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     assert!(!["N17 ", "N18 ", "N19 "].into_iter().any(fast) && fast("N26 "), "{heard}");
     assert_eq!(shop.exported_steps().len(), 69 + 4);
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    for words in ["held: held on request", "acknowledged by Ada", "resumed after a gap at t = "] {
+    for words in [
+        "held: the run was halted on request",
+        "confirmed by Ada",
+        "resumed after an interruption at t = ",
+    ] {
         assert!(told.contains(words), "{words} in {told}");
     }
     // The gap is stored with the plan: the estimate from the journal and from files is the same.
@@ -177,7 +181,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
 
     let twice = resume(&shop);
     assert_eq!(twice.status.code(), Some(1), "{}", stderr(&twice));
-    assert!(stderr(&twice).contains("nothing to resume"), "{}", stderr(&twice));
+    assert!(stderr(&twice).contains("cannot be resumed"), "{}", stderr(&twice));
 }
 
 /// Killed during a test, killed again while the references are measured, stopped during another test.
@@ -193,7 +197,7 @@ pub fn a_run_survives_any_number_of_ends() {
     agrees(&estimate(&resumed));
     let warnings = estimate(&resumed)["warnings"].to_string();
     assert_eq!(warnings.matches("a step was fitted").count(), 2, "{warnings}");
-    assert!(warnings.contains("2 readings stand between interruptions"), "{warnings}");
+    assert!(warnings.contains("2 readings between interruptions"), "{warnings}");
     // 69 readings of the cycle, two references, then twice four.
     assert_eq!(shop.exported_steps().len(), 69 + 2 + 4 + 4);
     let plan = std::fs::read_to_string(shop.file("export/run-1-plan.json")).unwrap();
@@ -256,7 +260,7 @@ pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
         assert!((value - truth).abs() < expanded && expanded < 3.0, "{value} ± {expanded}");
     }
     let warnings = known["warnings"].to_string();
-    assert!(warnings.contains("7 of 69 steps were never measured"), "{warnings}");
+    assert!(warnings.contains("7 of 69 steps were not measured"), "{warnings}");
     assert_eq!(shop.states(), ["closed"]);
 }
 
@@ -266,7 +270,7 @@ pub fn what_too_few_readings_cannot_tell_is_named() {
     stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
     let identified = shop.trued(&["identify", "self-calibration", "--run", "1"]);
     assert_eq!(identified.status.code(), Some(1), "{}", stderr(&identified));
-    tells(&identified, &["rank 17 of 30", "EYC_total(90°)", "measure what is missing"]);
+    tells(&identified, &["only 17 of 30 unknowns", "EYC_total(90°)", "measure the missing steps"]);
     assert_eq!(shop.states(), ["held"]);
 }
 
@@ -289,7 +293,7 @@ pub fn another_machine_file_is_another_run() {
     let other = shop.file("other.toml");
     let refused = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--machine", &other]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    assert!(stderr(&refused).contains("is not the machine file"), "{}", stderr(&refused));
+    assert!(stderr(&refused).contains("differs from the machine file"), "{}", stderr(&refused));
     assert!(bench.heard().is_empty());
     assert_eq!(shop.states(), ["held"]);
 }
@@ -355,7 +359,10 @@ pub fn a_control_that_lost_its_position_must_be_homed() {
     assert_eq!(ended.status.code(), Some(5));
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    tells(&refused, &["the position is lost", "nobody has said that all axes are homed"]);
+    tells(
+        &refused,
+        &["the position is lost", "the confirmation that all axes are homed is missing"],
+    );
     assert_eq!(advised(&stderr(&ended)), advised(&stderr(&refused)));
     let listed = shop.trued(&["runs"]);
     assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&refused)));
@@ -363,5 +370,5 @@ pub fn a_control_that_lost_its_position_must_be_homed() {
     let command = advised(&stderr(&refused)).replacen("trued", env!("CARGO_BIN_EXE_trued"), 1);
     let pasted = std::process::Command::new("sh").args(["-c", &command]).output().unwrap();
     let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    assert!(shown.contains("acknowledged by YOUR_NAME"), "{command}: {}", stderr(&pasted));
+    assert!(shown.contains("confirmed by YOUR_NAME"), "{command}: {}", stderr(&pasted));
 }

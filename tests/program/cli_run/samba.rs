@@ -73,7 +73,13 @@ pub fn a_run_over_balls_survives_kills_and_stops() {
     assert_eq!(touched, goes_on(search, slow));
     let (held, touched) = ended_at(&bench, resume_command(&shop), last, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    tells(&held, &["held on request", " resume 1` goes on from here"]);
+    tells(
+        &held,
+        &[
+            "the run was halted on request",
+            "check the machine, then continue with `trued resume 1`",
+        ],
+    );
     assert_eq!((touched, shop.states()), (goes_on(slow, last), vec!["held".to_owned()]));
     let resumed = resume(&shop);
     assert_eq!(super::resume::touched(&bench.heard()), goes_on(last, all - 1));
@@ -103,7 +109,7 @@ fn stored_run_tells_the_same(shop: &MachineShop, resumed: &Output) {
     let shown = shop.trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let told = String::from_utf8(shown.stdout).unwrap();
-    assert_eq!(told.matches("resumed after a gap at t = ").count(), 3, "{told}");
+    assert_eq!(told.matches("resumed after an interruption at t = ").count(), 3, "{told}");
     let report = std::fs::read_to_string(report).unwrap();
     assert!(report.contains("EX0C") && report.contains("<svg"), "a report without its figures");
 }
@@ -114,7 +120,7 @@ pub fn a_stop_before_the_references_says_that_the_run_is_over() {
     let shop = shop(&bench);
     let (held, _) = ended_at(&bench, run_command(&shop), 3, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    let over = ["run 1 cannot be resumed", "start a new one"];
+    let over = ["run 1 cannot be resumed", "start a new run"];
     tells(&held, &over);
     for listed in [&["runs"][..], &["show", "1"]] {
         let told = String::from_utf8(shop.trued(listed).stdout).unwrap();
@@ -130,5 +136,5 @@ pub fn a_cycle_that_is_none_cannot_be_repeated() {
     let shop = MachineShop::new(&machine());
     let refused = shop.trued(&["run", "samba", "--repeat", "2"]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    tells(&refused, &["measures no cycle that could be repeated", "leave --repeat out", "balls"]);
+    tells(&refused, &["does not support repetitions", "omit --repeat", "balls"]);
 }

@@ -41,7 +41,11 @@ fn held_by(name: &str) {
     signal(&run, name);
     let ended = run.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(5), "{}", stderr(&ended));
-    assert!(stderr(&ended).contains("error: held on request\n  → "), "{}", stderr(&ended));
+    assert!(
+        stderr(&ended).contains("error: the run was halted on request\n  → "),
+        "{}",
+        stderr(&ended)
+    );
     assert!(ended.stdout.is_empty(), "an estimate in spite of everything");
 
     let (bytes, status) = control.end();
@@ -95,7 +99,7 @@ pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
     let mut line = String::new();
-    while !line.starts_with("identifying from 69 readings") {
+    while !line.starts_with("computing the estimate from 69 readings") {
         line.clear();
         assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it identified");
     }

@@ -61,7 +61,7 @@ pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
     let client = simulator.client();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let address = Address::Serial { path: simulator.path.clone(), baud: 115_200 };
-    let holder = runtime.block_on(link::open(&address)).unwrap();
+    let holder = runtime.block_on(link::open_line_link(&address)).unwrap();
 
     let refused = client.run();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));

@@ -26,12 +26,12 @@ pub fn a_copy_is_taken_in_mid_run() {
     assert_eq!(daemon.http().machine()["state"], "running");
     let again = shop.trued(&["backup", copy.to_str().unwrap()]);
     assert_eq!(again.status.code(), Some(1));
-    assert!(said(&again).contains("choose another name"), "{}", said(&again));
+    assert!(said(&again).contains("choose another file name"), "{}", said(&again));
     assert_eq!(daemon.terminate(), 5);
     let journal = Journal::open(&elsewhere).unwrap();
-    let run = journal.load(journal.runs().unwrap()[0].id).unwrap();
+    let run = journal.load_run(journal.runs().unwrap()[0].id).unwrap();
     assert!(run.readings.len() as u64 >= before["measured"].as_u64().unwrap());
-    let now = Journal::open(&shop.state()).unwrap().load(run.summary.id).unwrap();
+    let now = Journal::open(&shop.state()).unwrap().load_run(run.summary.id).unwrap();
     assert_eq!(now.readings[..run.readings.len()], run.readings[..]);
     let missing = shop.path("no-journal");
     let nothing = std::process::Command::new(env!("CARGO_BIN_EXE_trued"))
@@ -39,7 +39,7 @@ pub fn a_copy_is_taken_in_mid_run() {
         .output()
         .unwrap();
     assert_eq!(nothing.status.code(), Some(1));
-    assert!(said(&nothing).contains("there is none"), "{}", said(&nothing));
+    assert!(said(&nothing).contains("the file does not exist"), "{}", said(&nothing));
 }
 
 /// The check of `ExecStartPre`: it opens and creates nothing, and a daemon may run meanwhile.
@@ -49,7 +49,7 @@ pub fn a_configuration_is_checked_before_it_serves() {
     let check = || shop.trued(&["serve", "--machine", &machine, "--check"]);
     let sound = check();
     assert_eq!(sound.status.code(), Some(0), "{}", said(&sound));
-    assert!(said(&sound).contains("cycle 1 takes the machine about"), "{}", said(&sound));
+    assert!(said(&sound).contains("cycle 1: machine time about"), "{}", said(&sound));
     assert!(!shop.state().exists());
     let daemon = shop.serve("fast");
     assert_eq!(check().status.code(), Some(0));
@@ -113,18 +113,18 @@ pub fn samples_go_when_their_time_is_over_and_nothing_else() {
     let journal = Journal::open(&shop.state()).unwrap();
     let runs = [RunId(1), RunId(2)];
     for run in runs {
-        let mut sample = journal.load(run).unwrap().readings[0].clone();
+        let mut sample = journal.load_run(run).unwrap().readings[0].clone();
         (sample.step, sample.value_mm) = (10_000, Some(0.1));
-        journal.scan(run, &[sample.clone(), sample]).wait().unwrap();
+        journal.add_scan(run, &[sample.clone(), sample]).wait().unwrap();
     }
-    let [old, young] = runs.map(|run| journal.load(run).unwrap());
+    let [old, young] = runs.map(|run| journal.load_run(run).unwrap());
     let long_ago = "UPDATE runs SET ended = '2020-02-02T02:02:02Z' WHERE id = 1";
     journal_rows::change(&shop.state(), long_ago);
     std::fs::write(&file, format!("{page}[retention]\nkeep_days = 100\n")).unwrap();
     let daemon = shop.serve_as(&arguments, |_| {});
     daemon.wait_for_log("run 1: the samples of 1 scans are removed");
     assert_eq!(daemon.terminate(), 0);
-    let [now, still] = runs.map(|run| journal.load(run).unwrap());
+    let [now, still] = runs.map(|run| journal.load_run(run).unwrap());
     assert_eq!(now.readings[..], old.readings[..old.readings.len() - 2]);
     assert_eq!((&now.estimates, &now.plan), (&old.estimates, &old.plan));
     assert_eq!(still, young);

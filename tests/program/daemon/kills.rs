@@ -58,7 +58,7 @@ fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
     let (mut known, mut in_mid_run) = (1, 0);
     let (mut witness, mut daemon) = serve(&shop);
     for kill in kills {
-        let mut random = random::stream(seed, &[kill]);
+        let mut random = random::seeded_stream(seed, &[kill]);
         let bytes = random.random_range(0..=whole);
         let pause = Duration::from_micros(random.random_range(0..5_000));
         let (heard, record) = killed(witness, daemon, bytes, pause);
@@ -132,7 +132,7 @@ fn examine(
         assert_eq!((heard.measured, &state), (0, &json!("waiting")));
         return false;
     };
-    assert_kept(run.id, &journal.load(run.id).unwrap().readings, heard, record);
+    assert_kept(run.id, &journal.load_run(run.id).unwrap().readings, heard, record);
     // Measured, but perhaps not identified: no acknowledgement is needed.
     if !run.state.is_resumable() {
         assert_eq!(state, "waiting");
@@ -155,7 +155,7 @@ fn assert_kept(run: RunId, readings: &[Reading], heard: Heard, record: &Record) 
     assert!(count >= record.begun(), "{count} kept, but step {} was begun", record.begun());
     assert!(count <= touches.len() && count + 1 >= touches.len(), "{count}, {}", touches.len());
     for (reading, touch) in readings.iter().zip(touches) {
-        let at = reading.position.iter().map(|(axis, value)| axis.to_edge(value));
+        let at = reading.position.iter().map(|(axis, value)| axis.to_mm_or_deg(value));
         assert_eq!(at.take(touch.len()).collect::<Vec<_>>(), touch, "step {}", reading.step);
     }
 }

@@ -120,7 +120,7 @@ pub fn each_step_is_found_by_its_run() {
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_for_state("waiting");
     assert_eq!(daemon.terminate(), 0);
-    let readings = Journal::open(&shop.state()).unwrap().load(RunId(1)).unwrap().readings;
+    let readings = Journal::open(&shop.state()).unwrap().load_run(RunId(1)).unwrap().readings;
     let measured: BTreeSet<String> = readings.iter().map(|one| one.step.to_string()).collect();
     assert!(measured.len() > 10);
     let all = journald.0.lock().unwrap().clone();
@@ -158,7 +158,10 @@ pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_until(|standing| standing["measured"].as_u64().unwrap() > 0);
     assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
-    assert_eq!(told(&journald.until("stopped by somebody at the page")), is(Some("1"), NOTICE));
+    assert_eq!(
+        told(&journald.until("hold requested by an unnamed person at the page")),
+        is(Some("1"), NOTICE)
+    );
     assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), NOTICE));
     assert_eq!(told(&journald.until("ready")), is(None, NOTICE));
     let shop =

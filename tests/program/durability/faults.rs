@@ -154,10 +154,10 @@ pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
     let told = said(&output);
     assert_eq!((output.status.code(), record.touches().len()), (Some(1), whole.touches), "{told}");
     assert!(
-        output.stdout.is_empty() && told.contains("what was found could not be kept"),
+        output.stdout.is_empty() && told.contains("the estimate could not be stored"),
         "{told}"
     );
-    for words in ["make room on the journal's disk", "identify self-calibration --run 1`"] {
+    for words in ["free space on the disk of the journal", "identify self-calibration --run 1`"] {
         assert!(told.contains(words), "{words} in {told}");
     }
     assert_whole(&bench.state());

@@ -23,7 +23,7 @@ fn kills(count: usize, seed: u64) {
     let bench = Bench::new();
     let (mut begun, mut in_mid_run) = (0, 0);
     for kill in 0..count {
-        let mut random = random::stream(seed, &[kill as u64]);
+        let mut random = random::seeded_stream(seed, &[kill as u64]);
         let bytes = random.random_range(0..=record.bytes());
         let pause = Duration::from_micros(random.random_range(0..5_000));
         let (ended, touches) = killed(&bench, bytes, pause, &mut begun);

@@ -86,7 +86,7 @@ impl Bench {
         let exported = self.command(&arguments).output().unwrap();
         assert_eq!(exported.status.code(), Some(0), "{}", said(&exported));
         let csv = std::fs::read(to.join(format!("run-{run}-readings.csv"))).unwrap();
-        readings_csv::read(&csv).unwrap()
+        readings_csv::read_readings(&csv).unwrap()
     }
 }
 
@@ -121,7 +121,7 @@ fn assert_kept(readings: &[Reading], record: &Record) {
     for ((reading, touch), step) in readings.iter().zip(touches).zip(0..) {
         assert_eq!(reading.step, step);
         let at: Vec<f64> =
-            reading.position.iter().map(|(axis, value)| axis.to_edge(value)).collect();
+            reading.position.iter().map(|(axis, value)| axis.to_mm_or_deg(value)).collect();
         assert_eq!(at[..touch.len()], touch, "step {step}");
     }
 }

@@ -28,7 +28,7 @@ fn cuts(count: usize, seed: u64) {
         let log = bench.path(&format!("disk-{run}.log"));
         let begins = tempfile::tempdir().unwrap();
         let disk = Disk::of(&bench.disk(), &bench.disk());
-        disk.cut(&mut random::stream(0, &[]), begins.path());
+        disk.cut(&mut random::seeded_stream(0, &[]), begins.path());
         let (output, _) = bench.run_whole(|command| {
             command.env("LD_PRELOAD", &shim).env("FAULTY_DISK", bench.disk());
             command.env("FAULTY_LOG", &log);
@@ -43,7 +43,7 @@ fn cuts(count: usize, seed: u64) {
         };
         let mut in_mid_run = 0;
         for cut in 0..count / 2 {
-            let mut random = random::stream(seed, &[run as u64, cut as u64]);
+            let mut random = random::seeded_stream(seed, &[run as u64, cut as u64]);
             let at = random.random_range(0..=taken.events.len());
             in_mid_run += usize::from(taken.cut(at, &mut random) > 0);
         }
@@ -90,14 +90,14 @@ impl Taken<'_> {
         let runs = journal.runs().unwrap();
         for (run, readings) in runs.iter().zip(self.before) {
             assert_eq!(run.state, RunState::Finished, "cut at {at}");
-            assert_eq!(&journal.load(run.id).unwrap().readings, readings, "cut at {at}");
+            assert_eq!(&journal.load_run(run.id).unwrap().readings, readings, "cut at {at}");
         }
         assert!(runs.len() >= self.before.len(), "cut at {at}: earlier runs are lost");
         let Some(run) = runs.get(self.before.len()) else {
             assert!(!moved, "cut at {at}: the machine has moved, and no run is known");
             return 0;
         };
-        let stored = journal.load(run.id).unwrap();
+        let stored = journal.load_run(run.id).unwrap();
         let kept = stored.readings.len();
         assert!(kept >= begun, "cut at {at}: {kept} kept, but step {begun} was begun");
         assert_eq!(stored.readings, self.whole[..kept], "cut at {at}");

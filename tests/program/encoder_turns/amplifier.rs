@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use link::Pty;
 use machine::{Axis, Position};
-use simulator::{Sensed, World};
+use simulator::{SensorOutput, SimulatedWorld};
 use tokio::io::AsyncWriteExt;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{MissedTickBehavior, interval, sleep};
@@ -38,14 +38,14 @@ pub struct Amplifier {
 }
 
 impl Amplifier {
-    pub fn start(world: Arc<Mutex<World>>) -> Self {
+    pub fn start(world: Arc<Mutex<SimulatedWorld>>) -> Self {
         let (requests, requested) = unbounded_channel();
         let (ready, path) = std_mpsc::channel();
         std::thread::spawn(move || {
             let runtime =
                 tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
-                let Pty { device, path, client_side } = link::pty().unwrap();
+                let Pty { device, path, client_side } = link::create_pty().unwrap();
                 // Without a client, sent bytes are lost.
                 drop(client_side);
                 ready.send(path).unwrap();
@@ -65,7 +65,7 @@ impl Amplifier {
 }
 
 struct Sender<D> {
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
     device: D,
     /// Simulated time up to which lines have been sent.
     sent_s: f64,
@@ -99,8 +99,8 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
             let now_s = self.world.lock().unwrap().time_s();
             while all.len() < LINES_AT_ONCE && self.sent_s + PERIOD_S <= now_s {
                 self.sent_s += PERIOD_S;
-                let at = self.world.lock().unwrap().sensed_at(SENSORS[0], self.sent_s).unwrap();
-                let turned = at.position.at(Axis::C) - self.c;
+                let at = self.world.lock().unwrap().sample_at(SENSORS[0], self.sent_s).unwrap();
+                let turned = at.position.get_or_zero(Axis::C) - self.c;
                 if turned.abs().to_degrees() >= TRIGGER_DEG {
                     all.push(self.measured(self.sent_s));
                 }
@@ -129,14 +129,14 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
         let mut distances = String::new();
         let mut stands = Position::new();
         for name in SENSORS {
-            let passing = world.sensed_at(name, t_s).unwrap();
-            match passing.sensed {
-                Sensed::Distance(mm) => write!(distances, "{mm:+.6},").unwrap(),
+            let passing = world.sample_at(name, t_s).unwrap();
+            match passing.output {
+                SensorOutput::Distance(mm) => write!(distances, "{mm:+.6},").unwrap(),
                 _ => distances += "OUT,",
             }
             stands = passing.position;
         }
-        self.c = stands.at(Axis::C);
+        self.c = stands.get_or_zero(Axis::C);
         let turns = self.c.to_degrees() / 360.0;
         let count = COUNT_AT_ZERO + (turns * COUNTS_PER_TURN as f64).floor() as i64;
         format!("{distances}{}", count.rem_euclid(COUNT_ROUND))

@@ -4,14 +4,14 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use devices::controllers::Controller;
-use devices::controllers::grbl::{Grbl, Patience};
-use estimation::random::stream;
+use devices::controllers::grbl::{Grbl, GrblTimeouts};
+use estimation::random::seeded_stream;
 use link::Link;
 use machine::record::event::Event;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::grbl::{Fault, FaultKind, Firmware, Options};
-use simulator::faulty_wire::{BadWire, Planned};
+use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use trued::run::{Run, RunError};
 use trued::setup::Pace;
 use trued::setup::{self, Devices, MachineFile};
@@ -36,7 +36,7 @@ pub struct Schedule {
 
 impl Schedule {
     pub fn of(seed: u64) -> Self {
-        let mut draw = stream(seed, &[77]);
+        let mut draw = seeded_stream(seed, &[77]);
         let kind = FaultKind::ALL[(seed / 3) as usize % FaultKind::ALL.len()];
         let fault = Fault {
             kind,
@@ -66,7 +66,7 @@ pub struct Ended {
     pub far: Vec<Entry>,
     /// Length of `near` when the run ended.
     pub mark: usize,
-    pub harms: Vec<Planned>,
+    pub harms: Vec<PlannedFault>,
     /// Faults of the control that occurred.
     pub happened: Vec<FaultKind>,
 }
@@ -99,33 +99,33 @@ impl Bench {
 
     async fn measure(&self, schedule: &Schedule) -> Ended {
         let wired = self.wire(schedule);
-        let dialect = Dialect::named("grbl").unwrap();
-        let modes = setup::modes(&dialect, &self.file.machine, None).unwrap();
+        let dialect = Dialect::from_name("grbl").unwrap();
+        let modes = setup::render_modes(&dialect, &self.file.machine, None).unwrap();
         let (driver, halt) = Grbl::new(wired.link, &self.file.machine, modes);
-        let controller = Controller::spawn(driver.with_patience(patience()), halt.clone());
+        let controller = Controller::spawn(driver.with_timeouts(patience()), halt.clone());
         let devices = Devices::new(controller, dialect);
-        let (method, plan) = setup::header(&self.file, "self-calibration", None).unwrap();
+        let (method, plan) = setup::plan_header(&self.file, "self-calibration", None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
-        let id = self.journal.begin(&new).await.unwrap();
+        let id = self.journal.begin_run(&new).await.unwrap();
         let halt_at = schedule.halt_at;
         let mut tell = |event: &Event| {
             if matches!(event, Event::StepStarted { step, .. } if Some(*step) == halt_at) {
-                halt.now();
+                halt.trigger();
             }
         };
         let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, plan, &mut tell);
         let result = run.execute().await;
         let mark = wired.near.entries().len();
-        let Run { readings, moved, .. } = run;
+        let Run { readings, has_moved, .. } = run;
         // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(15)).await;
         drop(devices);
         tokio::time::sleep(Duration::from_millis(5)).await;
         Ended {
             result,
-            moved,
+            moved: has_moved,
             readings,
-            stored: self.journal.load(id).unwrap(),
+            stored: self.journal.load_run(id).unwrap(),
             near: wired.near.entries(),
             far: wired.far.entries(),
             mark,
@@ -142,26 +142,26 @@ impl Bench {
         let (wire_far, tape_far) = duplex();
         let (far_tape, control) = duplex();
         let (near, far) = (Tape::default(), Tape::default());
-        let harms: Arc<Mutex<Vec<Planned>>> = Arc::default();
+        let harms: Arc<Mutex<Vec<PlannedFault>>> = Arc::default();
         tokio::spawn(near.clone().between(near_tape, tape_near));
         tokio::spawn(far.clone().between(tape_far, far_tape));
-        let bad = BadWire {
+        let bad = FaultyWire {
             seed: schedule.seed,
-            spacing: schedule.spacing.unwrap_or(f64::INFINITY),
-            longest_delay: Duration::from_millis(120),
+            mean_lines_between_faults: schedule.spacing.unwrap_or(f64::INFINITY),
+            max_delay: Duration::from_millis(120),
         };
         let noted = harms.clone();
         tokio::spawn(async move {
             let note = move |_, planned| noted.lock().unwrap().push(planned);
-            bad.join(wire_near, wire_far, &note).await
+            bad.connect(wire_near, wire_far, &note).await
         });
-        let world = Arc::new(Mutex::new(setup::world(&self.file).unwrap()));
+        let world = Arc::new(Mutex::new(setup::build_world(&self.file).unwrap()));
         let faults = schedule.fault.iter().cloned().collect();
         let options = Options { faults, ..Options::of(&self.file.machine, Pace::Fast) };
         let mut firmware = Firmware::new(world, options);
-        let happened = firmware.happened();
+        let happened = firmware.occurred_faults();
         tokio::spawn(async move { firmware.serve(control).await });
-        Wired { link: Link::over("the bench", driver), near, far, harms, happened }
+        Wired { link: Link::from_stream("the bench", driver), near, far, harms, happened }
     }
 }
 
@@ -169,12 +169,12 @@ struct Wired {
     link: Link,
     near: Tape,
     far: Tape,
-    harms: Arc<Mutex<Vec<Planned>>>,
+    harms: Arc<Mutex<Vec<PlannedFault>>>,
     happened: Arc<Mutex<Vec<FaultKind>>>,
 }
 
 /// Short timeouts, so that hundreds of schedules finish quickly.
-fn patience() -> Patience {
+fn patience() -> GrblTimeouts {
     let ms = Duration::from_millis;
-    Patience { answer: ms(80), poll: ms(10), aftermath: ms(20), stall: ms(300) }
+    GrblTimeouts { reply: ms(80), poll_interval: ms(10), after_alarm: ms(20), stall: ms(300) }
 }

@@ -80,7 +80,7 @@ fn contacts(ended: &Ended) -> Vec<Contact> {
 
 fn as_told(reading: &Reading) -> (String, String) {
     let value = |axis: Axis| {
-        let text = format!("{:.3}", axis.to_edge(reading.position.at(axis)));
+        let text = format!("{:.3}", axis.to_mm_or_deg(reading.position.get_or_zero(axis)));
         if text == "-0.000" { "0.000".to_owned() } else { text }
     };
     (AXES.map(value).join(","), format!("[TIME:{}]", reading.t_s))

@@ -35,7 +35,7 @@ fn name(value: impl std::fmt::Debug) -> String {
 fn ending(ended: &Ended) -> String {
     match &ended.result {
         Ok(()) => "Finished".to_owned(),
-        Err(error) => match error.of_control() {
+        Err(error) => match error.controller_error() {
             Some(control) => name(control),
             None => name(error),
         },
@@ -46,7 +46,7 @@ impl Count {
     fn add(&mut self, seed: u64, ended: &Ended) {
         *self.endings.entry(ending(ended)).or_default() += 1;
         for planned in &ended.harms {
-            *self.harms.entry(name(planned.harm)).or_default() += 1;
+            *self.harms.entry(name(planned.fault)).or_default() += 1;
         }
         for kind in &ended.happened {
             *self.faults.entry(*kind).or_default() += 1;
@@ -113,15 +113,15 @@ fn assert_mix(count: &Count) {
         "Alarm",
         "Reset",
         "Refused",
-        "HeldThere",
-        "OutOfStep",
+        "HeldAtControl",
+        "UnexpectedReply",
         "Link",
         "NoContact",
         "UnexpectedContact",
-        "StillTripped",
+        "ProbeStillClosed",
         "NotReady",
         "Halted",
-        "Garbled",
+        "UnreadableReply",
     ] {
         assert!(count.endings.contains_key(ending), "no run ended as {ending}");
     }

@@ -19,7 +19,7 @@ const SERVE: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calib
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
 /// Progress text at the beginning of the first stage; the first touch follows.
 const FIRST_STAGE: &str = " steps";
-const IDENTIFYING: &str = "identifying from ";
+const IDENTIFYING: &str = "computing the estimate from ";
 
 pub fn a_few_kills_leave_no_run_without_estimate_unnoticed() {
     let killed = kills(6, 1);
@@ -51,7 +51,7 @@ fn kills(count: u64, seed: u64) -> Killed {
     let mut killed = Killed::default();
     let mut for_the_daemon = Vec::new();
     for kill in 0..count {
-        let mut random = random::stream(seed, &[kill]);
+        let mut random = random::seeded_stream(seed, &[kill]);
         let half = (kill % 2) as usize;
         let after = durations[half].mul_f64(random.random_range(0.0..1.1));
         let stored = killed_run(&shop, [FIRST_STAGE, IDENTIFYING][half], after);
@@ -121,7 +121,7 @@ fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
     run.wait().unwrap();
     let journal = Journal::open(&shop.state()).unwrap();
     let id = journal.runs().unwrap().last().unwrap().id;
-    let stored = journal.load(id).unwrap();
+    let stored = journal.load_run(id).unwrap();
     let is_finished = stored.summary.state == RunState::Finished;
     assert_eq!(is_finished, !stored.estimates.is_empty(), "{:?}", stored.summary);
     stored
@@ -141,13 +141,23 @@ fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>
 fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
     let run = stored.summary.id;
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
-    let ways = [format!("resume {run}` goes on"), format!("run {run} cannot be resumed")];
+    let ways = [
+        format!("check the machine, then continue with `trued resume {run}`"),
+        format!("run {run} cannot be resumed"),
+    ];
     assert!(ways.iter().any(|way| listed.contains(way)), "{listed}");
     assert_eq!(shop.states().last().map(String::as_str), Some("interrupted"));
     let (code, told) = resume(shop, run, &[]);
-    assert!(code == Some(2) && told.contains("nobody has acknowledged it"), "{told}");
+    assert!(
+        code == Some(2)
+            && told.contains(
+                "the name of the operator who has checked the machine is \
+        missing"
+            ),
+        "{told}"
+    );
     let (code, told) = resume(shop, run, &["--acknowledge", "Ada", "--homed"]);
-    let after = Journal::open(&shop.state()).unwrap().load(run).unwrap();
+    let after = Journal::open(&shop.state()).unwrap().load_run(run).unwrap();
     let kept = after.readings.get(..stored.readings.len()) == Some(&stored.readings[..]);
     assert!(kept, "run {run}: a reading is lost");
     match code {
@@ -161,9 +171,9 @@ fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
 fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
     let run = stored.summary.id;
-    assert!(listed.contains(&format!("resume {run}` identifies it")), "{listed}");
+    assert!(listed.contains(&format!("resume {run}` computes the estimate")), "{listed}");
     identify(shop);
-    let after = Journal::open(&shop.state()).unwrap().load(run).unwrap();
+    let after = Journal::open(&shop.state()).unwrap().load_run(run).unwrap();
     let is_whole = after.readings == stored.readings && after.estimates.len() == 1;
     assert!(is_whole, "run {run}: {} estimates", after.estimates.len());
     let moved = |event: &Event| matches!(event, Event::Resumed { .. } | Event::Acknowledged { .. });
@@ -185,7 +195,7 @@ fn left_to_the_daemon(shop: &MachineShop, runs: &[StoredRun]) {
 fn every_run_is_settled(shop: &MachineShop) {
     let journal = Journal::open(&shop.state()).unwrap();
     for run in journal.runs().unwrap() {
-        let stored = journal.load(run.id).unwrap();
+        let stored = journal.load_run(run.id).unwrap();
         let settled = match run.state {
             RunState::Finished => !stored.estimates.is_empty(),
             RunState::Closed => stored.estimates.is_empty(),

@@ -7,17 +7,17 @@ use crate::support::machine_shop::MachineShop;
 /// Adds a copy of run 1 with its first `readings` readings and without its estimate.
 pub fn copy_without_estimate(shop: &MachineShop, readings: usize) -> RunId {
     let journal = Journal::open(&shop.state()).unwrap();
-    let whole = journal.load(RunId(1)).unwrap();
+    let whole = journal.load_run(RunId(1)).unwrap();
     let new = NewRun { config: whole.config, plan: whole.plan };
-    let run = journal.begin(&new).wait().unwrap();
+    let run = journal.begin_run(&new).wait().unwrap();
     for stage in &whole.stages {
-        journal.stage(run, stage, &[]).wait().unwrap();
+        journal.add_stage(run, stage, &[]).wait().unwrap();
     }
     for reading in &whole.readings[..readings.min(whole.readings.len())] {
-        journal.reading(run, reading).wait().unwrap();
+        journal.add_reading(run, reading).wait().unwrap();
     }
     for (_, event) in &whole.events {
-        journal.event(run, event).wait().unwrap();
+        journal.add_event(run, event).wait().unwrap();
     }
     journal.set_state(run, RunState::Finished).wait().unwrap();
     run

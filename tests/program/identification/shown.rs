@@ -25,26 +25,26 @@ pub fn resume_identifies_without_the_machine() {
     assert_eq!((run, shop.states()), (RunId(2), vec!["finished".into(), "not identified".into()]));
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
     assert!(
-        listed.contains("not identified") && listed.contains("resume 2` identifies it"),
+        listed.contains("not identified") && listed.contains("resume 2` computes the estimate"),
         "{listed}"
     );
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
     assert!(told.contains("run 2 is not identified after"), "{told}");
 
     let journal = Journal::open(&shop.state()).unwrap();
-    let (before, heard) = (journal.load(run).unwrap(), control.heard());
+    let (before, heard) = (journal.load_run(run).unwrap(), control.heard());
     let lock = MachineLock::acquire(&shop.state(), &before.summary.machine).unwrap();
     let resumed = shop.trued(&["resume", "2", "--json"]);
     drop(lock);
     assert_eq!(resumed.status.code(), Some(0), "{}", stderr(&resumed));
     assert_eq!(resumed.stdout, whole.stdout, "another estimate of the same readings");
     assert!(control.heard() == heard, "the control was spoken to");
-    let after = journal.load(run).unwrap();
+    let after = journal.load_run(run).unwrap();
     assert_eq!((after.readings, after.events), (before.readings, before.events));
     assert_eq!((after.estimates.len(), shop.states()), (1, vec!["finished".into(); 2]));
     let again = shop.trued(&["resume", "2"]);
     assert_eq!(again.status.code(), Some(1));
-    assert!(stderr(&again).contains("nothing to resume"), "{}", stderr(&again));
+    assert!(stderr(&again).contains("cannot be resumed"), "{}", stderr(&again));
 }
 
 /// The built-in machine with a page, and run 1, which is in tolerance.
@@ -71,7 +71,7 @@ pub fn the_daemon_identifies_a_measured_run() {
     assert!(http.text(PAGE).contains("class=\"glance true\""));
     daemon.wait_for_log("run 2 is identified, verdict pass");
     assert!(!daemon.log().contains("begins"), "{}", daemon.log());
-    let stored = Journal::open(&shop.state()).unwrap().load(run).unwrap();
+    let stored = Journal::open(&shop.state()).unwrap().load_run(run).unwrap();
     assert_eq!((stored.estimates.len(), shop.states()), (1, vec!["finished".into(); 2]));
     assert_eq!(daemon.terminate(), 0);
 }
@@ -84,17 +84,18 @@ pub fn a_stopped_identification_is_made_up_for() {
     let daemon = shop.serve("fast");
     let http = daemon.http();
     assert_eq!(http.start(1), 202);
-    daemon.wait_for_log("identifying from 46 readings");
+    daemon.wait_for_log("computing the estimate from 46 readings");
     assert_eq!(http.post("hold", &json!({})).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
-    let told = "run 1 is measured and kept, but not identified: stopped during the identification";
+    let told =
+        "run 1 is measured and stored, but not identified: stopped during the identification";
     assert!(daemon.log().contains(told), "the hold came too late: {}", daemon.log());
     assert_eq!(http.machine()["state"], "waiting");
     assert_eq!(daemon.terminate(), 0);
 
     let daemon = shop.serve("fast");
     assert_eq!(daemon.http().start(1), 202);
-    daemon.wait_for_log("identifying from 46 readings");
+    daemon.wait_for_log("computing the estimate from 46 readings");
     assert_eq!(daemon.terminate(), 0);
     assert_eq!(shop.states(), ["finished", "not identified"]);
     let daemon = shop.serve("fast");
@@ -122,14 +123,14 @@ pub fn a_failed_identification_outdates_the_result_before() {
     assert_eq!(http.get("/api/v1/runs")[0]["state"], "not identified");
     assert!(http.text("/runs").contains("<td>not identified</td>"));
     let run = http.text("/runs/2");
-    assert!(run.contains("run 2 is not identified") && run.contains("lack step"), "{run}");
+    assert!(run.contains("run 2 is not identified") && run.contains("has no reading"), "{run}");
     // A restart of the daemon does not try it again; an operator may.
     assert_eq!(daemon.terminate(), 0);
     let faults = || identification_faults(&shop);
     assert_eq!(faults(), 1);
     let again = shop.trued(&["resume", "2"]);
     assert_eq!(again.status.code(), Some(1));
-    assert!(stderr(&again).contains("lack step"), "{}", stderr(&again));
+    assert!(stderr(&again).contains("has no reading"), "{}", stderr(&again));
     assert_eq!((faults(), shop.states().pop().unwrap().as_str()), (2, "not identified"));
 }
 

@@ -92,7 +92,7 @@ pub fn a_captured_run_replays_to_the_same_bytes() {
     let said = String::from_utf8_lossy(&output.stderr);
     // By a millimetre: its pose must be measured again, which the capture does not contain.
     assert_eq!(output.status.code(), Some(1), "the samples are not those of the capture");
-    assert!(said.contains("suspects measured again: 1 step"), "{said}");
+    assert!(said.contains("outliers measured again: 1 step"), "{said}");
 }
 
 pub fn the_same_machine_may_be_touched_instead() {
@@ -112,10 +112,12 @@ pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(
-        said.contains("the probe reads closed; yet `laser` sits in the probe's place"),
+        said.contains(
+            "the probe reads closed; but the sensor `laser` is mounted instead of the probe"
+        ),
         "{said}"
     );
-    assert!(said.contains("must read open while a sensor sits in the spindle"), "{said}");
+    assert!(said.contains("reads open while a sensor is in the spindle"), "{said}");
     assert!(!said.contains("free the stylus"), "{said}");
 }
 
@@ -125,7 +127,7 @@ pub fn a_printed_program_says_what_happens_where_it_rests() {
         let file = desk.path("laser.toml");
         let program = desk.says(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
         let program = String::from_utf8(program).expect("text");
-        let title = "(laser-r-test, at each G4 trued takes 20 samples of laser)";
+        let title = "(laser-r-test, at each G4 dwell trued takes 20 samples of laser)";
         assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
     }
 }

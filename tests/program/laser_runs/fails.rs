@@ -79,12 +79,12 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
 
 /// All cases in parallel: the machine runs in real time and needs little processor time.
 pub fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
-    let silent = ["(stale)", "has fallen silent: see to its cable"];
+    let silent = ["(stale)", "sends no more data: check its cable"];
     let cases = [
-        (State::Beyond, Moment::Way, ["(range)", "see that the sensor measures the artefact"]),
+        (State::Beyond, Moment::Way, ["(range)", "check that the artefact is at its position"]),
         (State::Silent, Moment::Way, silent),
-        (State::Gone, Moment::Way, ["the link to", "see to the sensor's power and cable"]),
-        (State::Saturated, Moment::Way, ["(saturated)", "lower the sensor's exposure"]),
+        (State::Gone, Moment::Way, ["the link to", "check the sensor's power and cable"]),
+        (State::Saturated, Moment::Way, ["(saturated)", "reduce its exposure"]),
         (State::Silent, Moment::Rest, silent),
     ];
     std::thread::scope(|scope| {
@@ -110,7 +110,7 @@ pub fn an_early_distance_at_rest_holds_the_machine() {
     let ended = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);
     let told = stderr(&ended);
     assert_eq!(ended.status.code(), Some(5), "{told}");
-    for words in ["`laser` reports ", "nothing that the machine file states", "retract by hand"] {
+    for words in ["`laser` reports ", "no body of the machine file", "retract by hand"] {
         assert!(told.contains(words), "no {words} in {told}");
     }
     assert!(shop.exported_steps().is_empty());

@@ -161,13 +161,14 @@ pub fn file(text: &str, control: &str, sensor: &str) -> String {
 }
 
 fn read(csv: &Path) -> Vec<Reading> {
-    trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
+    trued::report::readings_csv::read_readings(&std::fs::read(csv).unwrap()).unwrap()
 }
 
 /// The control displays positions to a micrometre and a thousandth of a degree; the commanded position is known to
 /// a tenth of that.
 fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
-    let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 2e-4;
+    let stands =
+        |axis| (position.get_or_zero(axis) - reading.position.get_or_zero(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
         && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
 }

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use machine::record::reading::Flag;
-use simulator::{Sensed, World};
+use machine::record::reading::ReadingFlag;
+use simulator::{SensorOutput, SimulatedWorld};
 use trued::setup::Pace;
 use trued::store::{Journal, RunId};
 
@@ -88,7 +88,7 @@ impl Script {
     }
 
     /// Sends the current distance to the script every millisecond.
-    fn sees(&self, world: Arc<Mutex<World>>, beside: &Beside) {
+    fn sees(&self, world: Arc<Mutex<SimulatedWorld>>, beside: &Beside) {
         let stdin = self.stdin.clone();
         writeln!(stdin.lock().unwrap(), "follow").unwrap();
         let mut last = Instant::now();
@@ -96,8 +96,8 @@ impl Script {
             std::thread::sleep(Duration::from_millis(1));
             let passed = last.elapsed();
             last = Instant::now();
-            let seen = match world.lock().unwrap().sense("laser", passed.as_secs_f64()) {
-                Some(Sensed::Distance(mm)) => format!("{:.0}", mm * COUNTS_PER_MM),
+            let seen = match world.lock().unwrap().sample_after("laser", passed.as_secs_f64()) {
+                Some(SensorOutput::Distance(mm)) => format!("{:.0}", mm * COUNTS_PER_MM),
                 _ => "none".to_owned(),
             };
             let _ = writeln!(stdin.lock().unwrap(), "{seen}");
@@ -189,8 +189,8 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
 
     assert_eq!(ended.status.code(), Some(0), "{said}");
     let told = told.unwrap_or_else(|| panic!("it says nothing of its samples: {said}"));
-    let readings = Journal::open(folder.path()).unwrap().load(RunId(1)).unwrap().readings;
-    let flagged = readings.iter().filter(|reading| reading.flag != Flag::None).count();
+    let readings = Journal::open(folder.path()).unwrap().load_run(RunId(1)).unwrap().readings;
+    let flagged = readings.iter().filter(|reading| reading.flag != ReadingFlag::None).count();
     println!(
         "{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged",
         readings.len()

@@ -38,7 +38,7 @@ pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
     let (tell, identifying) = mpsc::channel();
     std::thread::spawn(move || {
         for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-            if line.contains("identifying from") {
+            if line.contains("computing the estimate from") {
                 let _ = tell.send(kb(process, "VmRSS").unwrap());
             }
         }
@@ -58,7 +58,7 @@ pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
         std::thread::sleep(Duration::from_millis(5));
     }
 
-    let readings = Journal::open(folder.path()).unwrap().load(RunId(1)).unwrap().readings;
+    let readings = Journal::open(folder.path()).unwrap().load_run(RunId(1)).unwrap().readings;
     let lasted_s = readings.last().unwrap().t_s - readings[0].t_s;
     let tenth = seen.iter().find(|(at, _)| *at >= took / 10).unwrap().1;
     let kept = 0.9 * readings.len() as f64;

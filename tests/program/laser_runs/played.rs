@@ -4,14 +4,14 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{self, Controller, ControllerError, DeviceInfo, Halt, Look};
+use devices::controllers::{self, Controller, ControllerError, DeviceInfo, Halt, MachineSnapshot};
 use devices::sensors::{self, Sample, Sensor, SensorError};
 use link::LinkError;
 use link::{Clock, SharedPorts};
-use machine::record::motion::{Motion, Outcome};
-use machine::record::reading::Flag;
+use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
-use machine::record::track::Track;
+use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
@@ -29,7 +29,7 @@ const ELSEWHEN_S: f64 = 1e6;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// The sensor reports only this flag from now on.
-    Says(Flag),
+    Says(ReadingFlag),
     /// This number of samples is lost, and the sensor's counter shows it.
     Loses(u32),
     /// The counter skips this number although no sample is missing.
@@ -86,30 +86,32 @@ impl Scene {
             return None;
         }
         self.t_s += if self.moving { 0.0 } else { PERIOD_S };
-        let value = self.stands.at(Axis::X) - MIDDLE_MM;
-        let (mut flag, mut missing) = (Flag::None, 0);
+        let value = self.stands.get_or_zero(Axis::X) - MIDDLE_MM;
+        let (mut flag, mut missing) = (ReadingFlag::None, 0);
         match self.happens {
             Some(Event::SensorGone) => return Some(Err(lost("the sensor").into())),
             Some(Event::Says(bad)) => flag = bad,
             Some(Event::CountsAnew(count)) => {
-                (flag, missing, self.happens) = (Flag::Gap, count, None);
+                (flag, missing, self.happens) = (ReadingFlag::Gap, count, None);
             }
             Some(Event::Loses(count)) if self.skipped < count => {
                 self.skipped += 1;
                 // No sample comes; the machine continues to move.
                 return None;
             }
-            Some(Event::Loses(count)) => (flag, missing, self.happens) = (Flag::Gap, count, None),
+            Some(Event::Loses(count)) => {
+                (flag, missing, self.happens) = (ReadingFlag::Gap, count, None)
+            }
             _ => {}
         }
         let lower = match self.plot {
             Some((_, _, Event::SitsLower(by))) => by,
             _ => 0.0,
         };
-        if self.stands.at(Axis::Z) > RANGE_ENDS_Z_MM + lower {
-            flag = Flag::Range;
+        if self.stands.get_or_zero(Axis::Z) > RANGE_ENDS_Z_MM + lower {
+            flag = ReadingFlag::Range;
         }
-        let value_mm = matches!(flag, Flag::None | Flag::Gap).then_some(value);
+        let value_mm = matches!(flag, ReadingFlag::None | ReadingFlag::Gap).then_some(value);
         self.said.extend(value_mm);
         Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing, encoder_count: None }))
     }
@@ -148,8 +150,8 @@ impl std::fmt::Debug for Eye {
     }
 }
 
-impl sensors::Named for Eye {
-    fn at(&self) -> String {
+impl sensors::SensorConfig for Eye {
+    fn describe_address(&self) -> String {
         "this test".to_owned()
     }
 
@@ -158,18 +160,18 @@ impl sensors::Named for Eye {
         sensor: &'a sensor::Sensor,
         _: Arc<dyn Clock>,
         _: &'a SharedPorts,
-    ) -> sensors::Opening<'a> {
+    ) -> sensors::OpenFuture<'a> {
         let eye = self.clone();
         Box::pin(async move { Ok(Sensor::spawn(sensor.name.clone(), eye)) })
     }
 }
 
-impl sensors::Driver for Eye {
-    async fn prepare(&mut self) -> Result<sensors::Prepared, SensorError> {
-        Ok(sensors::Prepared { identity: "played".to_owned(), rate_hz: 1.0 / PERIOD_S })
+impl sensors::SensorDriver for Eye {
+    async fn prepare(&mut self) -> Result<sensors::SensorInfo, SensorError> {
+        Ok(sensors::SensorInfo { identity: "played".to_owned(), rate_hz: 1.0 / PERIOD_S })
     }
 
-    async fn forget(&mut self) -> Result<(), SensorError> {
+    async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
         Ok(())
     }
 
@@ -183,7 +185,7 @@ impl sensors::Driver for Eye {
         }
     }
 
-    fn on_demand(&self) -> bool {
+    fn is_on_demand(&self) -> bool {
         matches!(self.0.lock().unwrap().plot, Some((_, _, Event::Mute)))
     }
 }
@@ -217,10 +219,12 @@ fn lead(motion: &Motion) -> Option<(&Position, f64)> {
 /// All positions from one to the other, one period apart.
 fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
     let to = from.updated_by(to);
-    let far = from.iter().map(|(axis, at)| (to.at(axis) - at).abs()).fold(0.0, f64::max);
+    let far = from.iter().map(|(axis, at)| (to.get_or_zero(axis) - at).abs()).fold(0.0, f64::max);
     let count = (far / (speed * PERIOD_S)).ceil().max(1.0) as usize;
     let place = |part: f64| {
-        from.iter().map(|(axis, at)| (axis, at + part * (to.at(axis) - at))).collect::<Position>()
+        from.iter()
+            .map(|(axis, at)| (axis, at + part * (to.get_or_zero(axis) - at)))
+            .collect::<Position>()
     };
     (1..=count).map(|k| place(k as f64 / count as f64)).collect()
 }
@@ -232,7 +236,7 @@ impl Control {
             {
                 let scene = self.scene.lock().unwrap();
                 match scene.happens {
-                    Some(Event::Hold) => self.halt.now(),
+                    Some(Event::Hold) => self.halt.trigger(),
                     Some(Event::ControlGone) => return Err(lost("the control").into()),
                     _ => {}
                 }
@@ -247,18 +251,18 @@ impl Control {
         }
     }
 
-    fn stamp(&self, track: &mut Track, lost: &mut usize) {
+    fn stamp(&self, track: &mut AxisTrack, lost: &mut usize) {
         let scene = self.scene.lock().unwrap();
         let mut t_s = scene.t_s;
         match scene.happens {
             Some(Event::TrackEnds) => return,
             Some(Event::TrackGap) if *lost < LOST => {
                 *lost += 1;
-                return track.gap();
+                return track.record_gap();
             }
             Some(Event::TrackBegins) if *lost == 0 => {
                 *lost = LOST;
-                *track = Track::of(scene.stands.iter().map(|(axis, _)| axis).collect());
+                *track = AxisTrack::new(scene.stands.iter().map(|(axis, _)| axis).collect());
             }
             Some(Event::StampsJump) => t_s -= ELSEWHEN_S,
             _ => {}
@@ -269,7 +273,7 @@ impl Control {
         track.push(t_s, scene.stands.iter().map(|(_, at)| at));
     }
 
-    async fn go(&self, block: &ProvenBlock) -> Result<Track, ControllerError> {
+    async fn go(&self, block: &ProvenBlock) -> Result<AxisTrack, ControllerError> {
         let level = |motion: &Motion| matches!(motion, Motion::Feed { to, .. } if to.get(Axis::Z).is_none());
         let sweeps = block.motions().count() > 1 && block.motions().all(level);
         let mut from = {
@@ -278,7 +282,7 @@ impl Control {
             scene.t_s += PERIOD_S;
             scene.stands.clone()
         };
-        let mut track = Track::of(from.iter().map(|(axis, _)| axis).collect());
+        let mut track = AxisTrack::new(from.iter().map(|(axis, _)| axis).collect());
         let (mut lost, mut number) = (0, 0);
         self.stamp(&mut track, &mut lost);
         for (to, speed) in block.motions().filter_map(lead) {
@@ -295,18 +299,18 @@ impl Control {
 }
 
 impl controllers::Driver for Control {
-    async fn prepare(&mut self) -> Result<controllers::Prepared, ControllerError> {
+    async fn prepare(&mut self) -> Result<controllers::PreparedControl, ControllerError> {
         let stands = self.scene.lock().unwrap().stands.clone();
-        Ok(controllers::Prepared {
+        Ok(controllers::PreparedControl {
             identity: "played".to_owned(),
-            stop: "at once".to_owned(),
-            stands,
+            stop_description: "at once".to_owned(),
+            position: stands,
             transmission: Transmission::Rows,
-            not_readable: Vec::new(),
+            unreadable_items: Vec::new(),
         })
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         self.scene.lock().unwrap().begun.push(block.step());
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
@@ -315,19 +319,19 @@ impl controllers::Driver for Control {
         let mut scene = self.scene.lock().unwrap();
         scene.moving = false;
         let none = matches!(scene.happens, Some(Event::NoTrack));
-        Ok(Outcome { track: Some(gone?).filter(|_| !none), ..Outcome::default() })
+        Ok(BlockOutcome { track: Some(gone?).filter(|_| !none), ..BlockOutcome::default() })
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         let stands = self.scene.lock().unwrap().stands.clone();
-        Ok(Look { probe_closed: false, stands })
+        Ok(MachineSnapshot { is_probe_closed: false, position: stands })
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
         Ok(DeviceInfo::default())
     }
 
-    fn stamps(&self) -> bool {
+    fn can_record_track(&self) -> bool {
         true
     }
 

@@ -7,7 +7,7 @@ use std::process::{Command, Output, Stdio};
 
 use machine::Axis;
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use trued::report::readings_csv;
 use trued::setup::{self, MachineFile};
 
@@ -75,7 +75,7 @@ pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
         ),
         (
             format!("{}\n{counter}", value.replace("1e-5", "0.0")),
-            [line, "every reading would be the same", "it is the mm of one count"],
+            [line, "all readings would be equal", "size of one count in mm"],
         ),
         (
             format!("{}\n{counter}", value.replace("1e-5", "\"10 nm\"")),
@@ -110,11 +110,13 @@ fn saying(bytes: Vec<u8>) -> String {
 
 pub fn what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves() {
     let line = b"M0,+01.23450,0001\r\n".repeat(12);
-    let noise = link::heard(&line, 115_200, 9600);
-    let speed = ["mostly noise comes where lines should", "another bit rate than the sensor"];
+    let noise = link::decode_at_baud(&line, 115_200, 9600);
+    let speed =
+        ["mostly noise instead of lines of text", "set the converter to the sensor's baud rate"];
     refused(&saying(noise), &["run", METHOD], &speed);
     let text = b"M0,STANDBY,0001\r\n".to_vec();
-    let columns = ["lines come as `M0,STANDBY", "a number where the value is"];
+    let columns =
+        ["the received lines do not match the layout: `M0,STANDBY", "a number in the column"];
     refused(&saying(text), &["run", METHOD], &columns);
 }
 
@@ -122,13 +124,17 @@ pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike()
     for sampling in ["dwell", "continuous"] {
         let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
         let two = machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
-        refused(&two, &["plan", METHOD], &["heights_mm names 2 heights", "name three heights"]);
+        refused(
+            &two,
+            &["plan", METHOD],
+            &["heights_mm has 2 different heights", "state three or more heights"],
+        );
         // At some pose the sphere is beyond the travel of an axis.
         let far = machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
         refused(
             &far,
             &["plan", METHOD],
-            &["at B -90°, C 0° Z would have to go to", "take the position out of tilt_deg"],
+            &["at B -90°, C 0° the scan needs Z", "remove the position from tilt_deg"],
         );
     }
     // Known only after the sphere was measured.
@@ -144,8 +150,8 @@ fn measured(sampling: &str) -> (String, Plan, Vec<Reading>) {
     );
     let text = machine(&[], &settings);
     let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
-    let (method, header) = setup::header(&file, METHOD, None).unwrap();
-    let mut world = setup::world(&file).unwrap();
+    let (method, header) = setup::plan_header(&file, METHOD, None).unwrap();
+    let mut world = setup::build_world(&file).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
     (text, plan, readings)
 }
@@ -155,7 +161,7 @@ fn identify((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
     let at = |name: &str| folder.path().join(name).display().to_string();
     let (plan_at, csv) = (at("plan.json"), at("readings.csv"));
     std::fs::write(&plan_at, serde_json::to_string(plan).unwrap()).unwrap();
-    readings_csv::write(readings, &[], std::fs::File::create(&csv).unwrap()).unwrap();
+    readings_csv::write_readings(readings, &[], std::fs::File::create(&csv).unwrap()).unwrap();
     trued(folder.path(), text, &["identify", METHOD, "--plan", &plan_at, "--readings", &csv])
 }
 
@@ -172,7 +178,7 @@ fn without(
         for reading in scan {
             let mut reading = reading.clone();
             if lost(step, scan, &reading) {
-                (reading.value_mm, reading.flag) = (None, Flag::Range);
+                (reading.value_mm, reading.flag) = (None, ReadingFlag::Range);
             }
             spoilt.push(reading);
         }
@@ -182,9 +188,10 @@ fn without(
 
 /// Whether the reading is not on the line of a cross along X.
 fn off_the_first_line(scan: &[Reading], reading: &Reading) -> bool {
-    let mut all: Vec<f64> = scan.iter().map(|reading| reading.position.at(Axis::Y)).collect();
+    let mut all: Vec<f64> =
+        scan.iter().map(|reading| reading.position.get_or_zero(Axis::Y)).collect();
     all.sort_by(f64::total_cmp);
-    (reading.position.at(Axis::Y) - all[all.len() / 2]).abs() > 0.05
+    (reading.position.get_or_zero(Axis::Y) - all[all.len() / 2]).abs() > 0.05
 }
 
 pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alike() {
@@ -196,7 +203,10 @@ pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alik
         let one = without((&plan, &readings), |step, _, _| {
             step.label.starts_with("height/1") || step.label.starts_with("height/2")
         });
-        let told = ["needs scans at three heights, there are 1", "three heights_mm well apart"];
+        let told = [
+            "needs scans at three heights, the readings have 1",
+            "three heights_mm that are well apart",
+        ];
         names(&identify((&text, &plan, &one)), &told);
 
         // The scans for the latency are unchanged.

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use machine::Position;
-use simulator::{Sensed, World};
+use simulator::{SensorOutput, SimulatedWorld};
 
 /// `[sensor.serial]` for this sensor.
 pub fn table(address: SocketAddr) -> String {
@@ -56,7 +56,7 @@ pub struct Sender {
 const PERIOD: Duration = Duration::from_millis(1);
 
 impl Sender {
-    pub fn start(world: Arc<Mutex<World>>) -> Self {
+    pub fn start(world: Arc<Mutex<SimulatedWorld>>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let state = Arc::new(Mutex::new(State::Well));
@@ -111,7 +111,7 @@ impl Here {
 }
 
 struct Sensor {
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
     count: u32,
     here: Here,
     state: Arc<Mutex<State>>,
@@ -153,7 +153,7 @@ impl Sensor {
     /// The machine does not move on before the line is sent.
     fn sample(&mut self, stream: &mut TcpStream, state: State) -> io::Result<()> {
         let mut world = self.world.lock().unwrap();
-        let sensed = world.sense("laser", PERIOD.as_secs_f64()).expect("a sensor");
+        let sensed = world.sample_after("laser", PERIOD.as_secs_f64()).expect("a sensor");
         if self.here.stands != world.position()
             && let Some(next) = self.later.lock().unwrap().take()
         {
@@ -167,9 +167,9 @@ impl Sensor {
         }
         let value = match (state, sensed) {
             (State::Beyond, _) => "+10.40000".to_owned(),
-            (State::Saturated, _) | (_, Sensed::Saturated) => "+FFFFFFF".to_owned(),
-            (_, Sensed::NoEcho | Sensed::OutOfRange(_)) => "-FFFFFFF".to_owned(),
-            (_, Sensed::Distance(mm)) => {
+            (State::Saturated, _) | (_, SensorOutput::Saturated) => "+FFFFFFF".to_owned(),
+            (_, SensorOutput::NoEcho | SensorOutput::OutOfRange(_)) => "-FFFFFFF".to_owned(),
+            (_, SensorOutput::Distance(mm)) => {
                 let text = format!("{mm:+09.5}");
                 let said = (text.parse().unwrap(), self.here.stands.clone());
                 self.said.lock().unwrap().push(said);

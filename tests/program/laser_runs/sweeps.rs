@@ -5,11 +5,11 @@ use devices::controllers::Halt;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event as Told;
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
-use methods::{IdentifyError, Method, Next, Refused, Source};
-use trued::run::{Interrupted, Run, RunError};
-use trued::setup::machine_file::Reached;
+use methods::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
+use trued::run::{InterruptedRun, Run, RunError};
+use trued::setup::machine_file::SensorConnection;
 use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
@@ -73,17 +73,22 @@ impl Method for Passes {
         serde_json::json!({})
     }
 
-    fn next(&self, _: &Plan, done: &[Stage], _: Source<'_>) -> Result<Next, Refused> {
+    fn next_stage(
+        &self,
+        _: &Plan,
+        done: &[Stage],
+        _: PositionSource<'_>,
+    ) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
-            return Ok(Next::Done);
+            return Ok(NextStage::Done);
         }
         let (steps, new_steps) = ((0..STEPS).collect(), (0..STEPS).map(step).collect());
         let stage = Stage { id: 0, name: "passes".to_owned(), repeat: 0, steps, found: None };
-        Ok(Next::Stage { stage, new_steps })
+        Ok(NextStage::Stage { stage, new_steps })
     }
 
     fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
-        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+        Err(IdentifyError::IdentificationFailed("nobody asks for it".to_owned()))
     }
 }
 
@@ -99,21 +104,22 @@ impl Shop {
         let text = include_str!("../../../config/laser.toml").to_owned();
         let mut file = MachineFile::parse("laser.toml", text).unwrap();
         let scene = played::shared(over(0.0).with(Axis::Z, 400.0));
-        file.sensors[0].reached = Reached::Real(std::sync::Arc::new(Eye(scene.clone())));
+        file.sensors[0].connection =
+            SensorConnection::Real(std::sync::Arc::new(Eye(scene.clone())));
         Self { folder: tempfile::tempdir().unwrap(), file, scene }
     }
 
     async fn devices(&self, plot: Plot) -> (Devices, Halt) {
         let mut devices =
-            setup::devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+            setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller = played::control(&self.scene, plot);
         devices.clock = std::sync::Arc::new(Hands(self.scene.clone()));
-        let halt = devices.controller.halt();
+        let halt = devices.controller.halt_handle();
         (devices, halt)
     }
 
     fn plan(&self) -> Plan {
-        let mut plan = setup::without_steps(&self.file, "laser-r-test", serde_json::json!({}));
+        let mut plan = setup::plan_without_steps(&self.file, "laser-r-test", serde_json::json!({}));
         plan.sensors = self.file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
         plan
     }
@@ -124,11 +130,11 @@ impl Shop {
         let journal = Journal::open(self.folder.path()).unwrap();
         let plan = self.plan();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
-        let id = journal.begin(&new).await.unwrap();
+        let id = journal.begin_run(&new).await.unwrap();
         let mut tell = |_: &Told| {};
         let mut run = Run::new(id, &Passes, &devices, &journal, plan, &mut tell);
         let ended = run.execute().await;
-        (ended, journal.load(id).unwrap(), halt)
+        (ended, journal.load_run(id).unwrap(), halt)
     }
 
     /// Resumes the run without further events.
@@ -140,8 +146,15 @@ impl Shop {
         let mut run = Run::new(id, &Passes, &devices, &journal, stored.plan, &mut tell);
         let (stages, readings) = (stored.stages, stored.readings);
         let answered = Vec::new();
-        run.resume(Interrupted { stages, readings, answered, elapsed_s: 60.0 }).await.unwrap();
-        journal.load(id).unwrap()
+        run.resume(InterruptedRun {
+            stages,
+            readings,
+            answered_prompts: answered,
+            elapsed_s: 60.0,
+        })
+        .await
+        .unwrap();
+        journal.load_run(id).unwrap()
     }
 
     /// Checks that each reading was sent by the sensor, at the X position of the reading.
@@ -150,7 +163,7 @@ impl Shop {
         let mut said = said.iter();
         for reading in readings.iter() {
             let value = reading.value_mm.unwrap_or_else(|| panic!("{label}: no value"));
-            let off = reading.position.at(Axis::X) - MIDDLE_MM - value;
+            let off = reading.position.get_or_zero(Axis::X) - MIDDLE_MM - value;
             assert!(off.abs() < 1e-9, "{label}: {reading:?}");
             assert!(said.any(|one| *one == value), "{label}: nobody said {reading:?}");
         }
@@ -226,26 +239,29 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
     use Then::{Held, Over};
     type Case = ((u32, usize), Event, Then);
     let on_step = "pass/2, step 2";
-    let resume = "`trued resume` measures it anew";
+    let resume = "`trued resume` measures the step again";
     let cases: [(Case, &[&str]); 12] = [
         (
-            (THERE, Event::Says(Flag::Stale), Held),
-            &[on_step, "(stale)", "has fallen silent: see to its cable"],
+            (THERE, Event::Says(ReadingFlag::Stale), Held),
+            &[on_step, "(stale)", "sends no more data: check its cable"],
         ),
         (
-            (BACK, Event::Says(Flag::Range), Held),
-            &[on_step, "(range)", "see that the sensor measures the artefact"],
+            (BACK, Event::Says(ReadingFlag::Range), Held),
+            &[on_step, "(range)", "check that the artefact is at its position"],
         ),
         (
-            (BACK, Event::Says(Flag::Saturated), Held),
-            &[on_step, "(saturated)", "lower the sensor's exposure"],
+            (BACK, Event::Says(ReadingFlag::Saturated), Held),
+            &[on_step, "(saturated)", "reduce its exposure"],
         ),
         ((THERE, Event::SensorGone, Held), &["`laser`", "is lost", "the sensor's power and cable"]),
         ((BACK, Event::ControlGone, Held), &["the link to the control is lost"]),
-        ((THERE, Event::Hold, Held), &["held on request", "until a person starts a run again"]),
+        (
+            (THERE, Event::Hold, Held),
+            &["the run was halted on request", "start a new run when the machine is clear"],
+        ),
         (
             (THERE, Event::NoTrack, Over),
-            &["does not stamp where its axes stand", "[controller.sampler]"],
+            &["does not report time-stamped axis positions", "[controller.sampler]"],
         ),
         ((BACK, Event::TrackEnds, Over), &[on_step, "2 of the 3 points", resume]),
         ((THERE, Event::TrackBegins, Over), &[on_step, "1 of the 3 points", resume]),
@@ -254,13 +270,13 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
             (FIRST, Event::OtherClock, Over),
             &[
                 "pass/1, step 1",
-                "no sample of laser was taken at a time at which the control reports",
+                "no sample of laser lies within the times for which the control reported",
                 resume,
             ],
         ),
         (
             (FIRST, Event::Mute, Over),
-            &["pass/1, step 1", "laser reported nothing on the way", resume],
+            &["pass/1, step 1", "laser sent no samples during the motion", resume],
         ),
     ];
     std::thread::scope(|scope| {
@@ -289,7 +305,8 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     let longest = |scan: &[Reading]| {
         scan.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(0.0, f64::max)
     };
-    let gaps = |scan: &[Reading]| scan.iter().filter(|reading| reading.flag == Flag::Gap).count();
+    let gaps =
+        |scan: &[Reading]| scan.iter().filter(|reading| reading.flag == ReadingFlag::Gap).count();
 
     let (scan, _) = measured(THERE, Event::Loses(30));
     assert_eq!((scan.len(), gaps(&scan)), (2 * WAY - 30, 1));
@@ -302,7 +319,10 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     let (scan, told) = measured(BACK, Event::TrackGap);
     assert_eq!(scan.len(), 2 * WAY - 50, "{told}");
     assert!(
-        told.contains("pass/2: 50 of 1600 samples of laser are left out: in 1 places"),
+        told.contains(
+            "pass/2: 50 of 1600 samples of laser are not used: the positions of the control have \
+            1 gaps"
+        ),
         "{told}"
     );
     assert!((longest(&scan) - 51.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
@@ -315,10 +335,10 @@ pub fn an_early_distance_holds_the_machine_on_its_way_down() {
     let (ended, stored, halt) = trial(shop.runs(Some((0, 0, lower))));
     let error = ended.unwrap_err();
     let said = format!("{error}\n  -> {}", error.remedy());
-    for words in ["`laser` reports ", "nothing that the machine file states", "retract by hand"] {
+    for words in ["`laser` reports ", "no body of the machine file", "retract by hand"] {
         assert!(said.contains(words), "no {words} in {said}");
     }
-    let z = shop.scene.lock().unwrap().stands.at(Axis::Z);
+    let z = shop.scene.lock().unwrap().stands.get_or_zero(Axis::Z);
     assert!((RANGE_ENDS_Z_MM + 14.8..RANGE_ENDS_Z_MM + 15.0).contains(&z), "held at Z {z}");
     assert!(halt.is_halted() && stored.readings.is_empty());
 }

@@ -70,7 +70,7 @@ impl Bench {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let devices =
-                setup::devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+                setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
             self.measure_with(&devices).await
         })
     }
@@ -78,9 +78,9 @@ impl Bench {
     pub async fn measure_with(&self, devices: &Devices) -> Measured {
         let folder = folder();
         let journal = Journal::open(folder.path()).unwrap();
-        let (method, plan) = setup::header(&self.file, METHOD, None).unwrap();
+        let (method, plan) = setup::plan_header(&self.file, METHOD, None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
-        let id = journal.begin(&new).await.unwrap();
+        let id = journal.begin_run(&new).await.unwrap();
         let mut tell = |_: &Event| {};
         let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut tell);
         let result = run.execute().await;

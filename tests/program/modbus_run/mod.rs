@@ -8,7 +8,7 @@ mod schedules;
 
 use crate::support::harness::{Pool, Trials, trials};
 use bench::Bench;
-use trued::setup::{self, MachineFile, Pace, Rehearsal, RunHistory};
+use trued::setup::{self, MachineFile, Pace, RunHistory, SimulatedMachine};
 
 /// `[controller]` of the built-in machine.
 const CONTROLS: [(&str, &str); 4] = [
@@ -40,10 +40,12 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
     for (name, keys) in CONTROLS {
         runtime.block_on(async {
             let simulated = MachineFile::parse("machine.toml", bench::machine(keys)).unwrap();
-            let served = Rehearsal::of(&simulated).unwrap().serve(Pace::Fast).unwrap();
-            let text = bench::machine(&served.keys()).replace("kind = \"simulated\"\n", "");
+            let served = SimulatedMachine::new(&simulated).unwrap().serve(Pace::Fast).unwrap();
+            let text =
+                bench::machine(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
-            let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+            let devices =
+                setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });

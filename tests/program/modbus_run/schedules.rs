@@ -7,15 +7,15 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use devices::controllers::Controller;
-use devices::controllers::modbus::{Config, ModbusControl, Patience};
-use estimation::random::stream;
-use link::{Pty, pty};
+use devices::controllers::modbus::{ModbusConfig, ModbusControl, ModbusTimeouts};
+use estimation::random::seeded_stream;
+use link::{Pty, create_pty};
 use machine::Axis;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::modbus::{
-    Entry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
+    DiaryEntry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
 };
 use tokio::net::TcpListener;
 use trued::setup::{self, Devices, MachineFile, Pace};
@@ -52,7 +52,7 @@ const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 46, ..PROGRAM };
 impl Way {
     /// All faults that can occur. A serial line has no connection that could be cut.
     fn kinds(&self) -> Vec<FaultKind> {
-        let besides = self.resident.then_some(FaultKind::OF_PROGRAM).into_iter().flatten();
+        let besides = self.resident.then_some(FaultKind::PROGRAM_ONLY).into_iter().flatten();
         let kinds = FaultKind::ALL.into_iter().chain(besides);
         kinds.filter(|kind| self.wire == Wire::Tcp || *kind != FaultKind::Cut).collect()
     }
@@ -68,7 +68,7 @@ fn stride(wanted: u64, kinds: u64) -> u64 {
 
 /// A fault of the wire that a run survives, and one of any kind.
 fn faults(way: &Way, seed: u64) -> Vec<Fault> {
-    let mut draw = stream(seed, &[78, u64::from(way.resident)]);
+    let mut draw = seeded_stream(seed, &[78, u64::from(way.resident)]);
     let kinds = way.kinds();
     let kind = kinds[seed as usize % kinds.len()];
     let fault = |kind, at_request, at_line, after_touch| Fault {
@@ -125,7 +125,7 @@ const OTHER_WORLD: [FaultKind; 5] = [
 struct Ended {
     measured: Measured,
     readings: Vec<Reading>,
-    diary: Vec<Entry>,
+    diary: Vec<DiaryEntry>,
     /// Length of the diary when the run ended.
     mark: usize,
 }
@@ -135,11 +135,11 @@ fn file() -> String {
 }
 
 /// Short timeouts, so that many schedules finish quickly.
-fn patience(wire: Wire) -> Patience {
+fn patience(wire: Wire) -> ModbusTimeouts {
     let ms = Duration::from_millis;
     // On a serial line the link waits for a lost reply, and then checks whether it still comes.
     let answer = if wire == Wire::Tcp { ms(1200) } else { ms(3000) };
-    Patience { answer, poll: ms(10), stall: ms(1200), heartbeat: ms(1000) }
+    ModbusTimeouts { reply: answer, poll_interval: ms(10), stall: ms(1200), heartbeat: ms(1000) }
 }
 
 /// Serves the control; returns its address as `[controller]`.
@@ -151,7 +151,7 @@ async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHand
             (at, tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() }))
         }
         Wire::Rtu => {
-            let Pty { device, path, client_side } = pty().unwrap();
+            let Pty { device, path, client_side } = create_pty().unwrap();
             let at = format!("serial = \"{path}\"\nbaud = 115200\nparity = \"none\"");
             let served = async move {
                 let _client_side = client_side;
@@ -167,19 +167,23 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let file = MachineFile::parse("machine.toml", self::file()).unwrap();
-        let world = Arc::new(Mutex::new(setup::world(&file).unwrap()));
-        let options = Options { faults, resident, ..Options::of(&file.machine, Pace::Fast) };
+        let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
+        let options = Options {
+            faults,
+            has_resident_program: resident,
+            ..Options::of(&file.machine, Pace::Fast)
+        };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();
         let (at, served) = serve(firmware, wire).await;
         let program = if resident { "[program]" } else { "" };
         let keys = format!("{at}\ntimeout_s = 0.3\n{program}");
-        let config: Config = toml::from_str(&keys).unwrap();
-        let dialect = Dialect::named("grbl-m19").unwrap();
-        let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+        let config: ModbusConfig = toml::from_str(&keys).unwrap();
+        let dialect = Dialect::from_name("grbl-m19").unwrap();
+        let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
         let opened = ModbusControl::open(&config, &file.machine, modes).await;
         let (driver, halt) = opened.unwrap();
-        let controller = Controller::spawn(driver.with_patience(patience(wire)), halt);
+        let controller = Controller::spawn(driver.with_timeouts(patience(wire)), halt);
         let devices = Devices::new(controller, dialect);
         let measured = Bench::of(self::file()).measure_with(&devices).await;
         let mark = diary.lock().unwrap().len();
@@ -195,7 +199,7 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
 
 fn wrong(ended: &Ended) -> Vec<FaultKind> {
     let kinds = ended.diary.iter().filter_map(|entry| match entry {
-        Entry::Wrong(kind) => Some(*kind),
+        DiaryEntry::FaultOccurred(kind) => Some(*kind),
         _ => None,
     });
     kinds.collect()
@@ -203,7 +207,7 @@ fn wrong(ended: &Ended) -> Vec<FaultKind> {
 
 fn taken(ended: &Ended) -> Vec<&str> {
     let taken = ended.diary.iter().filter_map(|entry| match entry {
-        Entry::Took { text, .. } => Some(text.as_str()),
+        DiaryEntry::Accepted { text, .. } => Some(text.as_str()),
         _ => None,
     });
     taken.collect()
@@ -236,11 +240,13 @@ fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
 fn invented(ended: &Ended) -> Option<String> {
     const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
     let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
-        Entry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
+        DiaryEntry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
         _ => None,
     });
     let told = |reading: &Reading| {
-        let step = |axis: Axis| (axis.to_edge(reading.position.at(axis)) * 1e3).round() as i32;
+        let step = |axis: Axis| {
+            (axis.to_mm_or_deg(reading.position.get_or_zero(axis)) * 1e3).round() as i32
+        };
         (AXES.map(step).to_vec(), reading.t_s)
     };
     let made_up = ended.readings.iter().find(|reading| {
@@ -252,20 +258,20 @@ fn invented(ended: &Ended) -> Option<String> {
 
 /// No chunk is offered after a hold was written, or after the run has ended.
 fn asked_after_a_hold(ended: &Ended) -> Option<String> {
-    let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
+    let hold = ended.diary.iter().position(|entry| *entry == DiaryEntry::Hold);
     let from = hold.unwrap_or(ended.mark).min(ended.mark);
-    let late = ended.diary[from..].iter().any(|entry| matches!(entry, Entry::Asked { .. }));
+    let late = ended.diary[from..].iter().any(|entry| matches!(entry, DiaryEntry::Offered { .. }));
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
 /// One chunk may be in transit when the control fails; it is not accepted.
 fn taken_after_a_fault(ended: &Ended) -> Option<String> {
-    let fatal = |entry: &Entry| matches!(entry, Entry::Wrong(kind) if FATAL.contains(kind));
+    let fatal = |entry: &DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(kind) if FATAL.contains(kind));
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
     let (mut asked, mut took) = (0, 0);
     for entry in after {
-        asked += u32::from(matches!(entry, Entry::Asked { .. }));
-        took += u32::from(matches!(entry, Entry::Took { .. }));
+        asked += u32::from(matches!(entry, DiaryEntry::Offered { .. }));
+        took += u32::from(matches!(entry, DiaryEntry::Accepted { .. }));
     }
     // A chunk repeated for lack of an answer has the same sequence.
     (took > 0 || asked > 4)
@@ -276,11 +282,11 @@ fn taken_after_a_fault(ended: &Ended) -> Option<String> {
 fn asked_again(ended: &Ended) -> Option<String> {
     let mut last = None;
     ended.diary.iter().find_map(|entry| match entry {
-        Entry::Took { sequence, .. } => {
+        DiaryEntry::Accepted { sequence, .. } => {
             last = Some(*sequence);
             None
         }
-        Entry::Asked { sequence } if last == Some(*sequence) => {
+        DiaryEntry::Offered { sequence } if last == Some(*sequence) => {
             Some(format!("sequence {sequence} was written again"))
         }
         _ => None,
@@ -295,11 +301,11 @@ fn name(value: impl std::fmt::Debug) -> String {
 fn ending(ended: &Ended) -> String {
     match &ended.measured.result {
         Ok(()) => "Finished".to_owned(),
-        Err(error) => error.of_control().map_or_else(|| name(error), name),
+        Err(error) => error.controller_error().map_or_else(|| name(error), name),
     }
 }
 
-const ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldThere", "Reset", "NoContact"];
+const ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldAtControl", "Reset", "NoContact"];
 
 pub fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
     all_schedules(&LINES, "NoAnswer");
@@ -310,11 +316,11 @@ pub fn nor_over_rtu() {
 }
 
 pub fn whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice() {
-    all_schedules(&PROGRAM, "OutOfStep");
+    all_schedules(&PROGRAM, "UnexpectedReply");
 }
 
 pub fn no_program_starts_twice_over_rtu() {
-    all_schedules(&PROGRAM_RTU, "OutOfStep");
+    all_schedules(&PROGRAM_RTU, "UnexpectedReply");
 }
 
 /// `besides`: an additional result of runs that is possible with this control and wire only.

@@ -32,8 +32,10 @@ fn daylight_saving_both_ways() {
     assert_eq!(told["last"][0]["run"], 1);
     // Months later; the slots in between are missed. The jump is detected when the clock is next read.
     setup.wall.set("2027-10-31T00:29:50Z");
-    daemon.wait_for_log("schedule dawn of 2027-10-30T00:30:00Z: missed: the clock went forward");
-    daemon.wait_for_log("schedule dawn of 2027-10-31T00:30:00Z: ran: verdict pass");
+    daemon.wait_for_log(
+        "schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward",
+    );
+    daemon.wait_for_log("schedule dawn: slot 2027-10-31T00:30:00Z: ran: verdict pass");
     setup.wall.set("2027-10-31T01:29:58Z");
     a_while();
     let slots = setup.slots();
@@ -49,7 +51,8 @@ fn a_clock_set_back_in_mid_run() {
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
     setup.wall.set("2026-11-23T04:29:57Z");
     daemon.wait_for_log("the clock was set back");
-    daemon.wait_for_log("schedule dawn of 2026-11-23T04:30:00Z comes again; it started already");
+    daemon
+        .wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z is due again, but already started");
     setup.one("2026-11-23T04:30:00Z", "started", "");
     assert_eq!(setup.shop.states(), ["running"]);
     // The run was held: the slot failed, and the schedule is disarmed.
@@ -69,19 +72,21 @@ fn a_manual_run_is_on() {
     setup.arm();
     start(&daemon);
     setup.wall.set("2026-11-23T04:29:58Z");
-    daemon.wait_for_log("schedule dawn of 2026-11-23T04:30:00Z waits: not ready: a run is on");
+    daemon.wait_for_log(
+        "schedule dawn: slot 2026-11-23T04:30:00Z waits: not ready: a run is in progress",
+    );
     // The page shows it a moment after it is logged.
     let waits = || schedule(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
     let told = (0..100).find_map(|_| {
         sleep(Duration::from_millis(100));
         waits()
     });
-    assert!(told.is_some_and(|waiting| waiting.contains("a run is on")));
+    assert!(told.is_some_and(|waiting| waiting.contains("a run is in progress")));
     setup.wall.set("2026-11-23T04:40:01Z");
     setup.one(
         "2026-11-23T04:30:00Z",
         "skipped",
-        "its latest start is over: not ready: a run is on",
+        "the latest start time has passed: not ready: a run is in progress",
     );
     assert_eq!(setup.shop.states(), ["running"]);
 }
@@ -92,7 +97,7 @@ fn a_manual_run_is_on_and_nobody_waits() {
     setup.arm();
     start(&daemon);
     setup.wall.set("2026-11-23T04:29:58Z");
-    setup.one("2026-11-23T04:30:00Z", "skipped", "a run is on");
+    setup.one("2026-11-23T04:30:00Z", "skipped", "a run is in progress");
 }
 
 fn a_machine_that_is_not_ready() {
@@ -103,17 +108,17 @@ fn a_machine_that_is_not_ready() {
     setup.wall.set("2026-11-23T04:29:58Z");
     daemon.wait_for_log("waits: not ready: a guard is open");
     setup.machine.tells(READY);
-    daemon.wait_for_log("waits: not ready: the machine does not tell that the artefact");
+    daemon.wait_for_log("waits: not ready: the control does not report that the artefact");
     setup.machine.tells(&format!("{READY} ARTEFACT"));
     setup.one("2026-11-23T04:30:00Z", "ran", "verdict pass");
     // If the machine reports nothing within the allowed time, the slot is skipped.
     setup.machine.tells("TELL");
     setup.wall.set("2026-11-24T04:29:55Z");
-    daemon.wait_for_log("schedule dawn of 2026-11-24T04:30:00Z waits");
+    daemon.wait_for_log("schedule dawn: slot 2026-11-24T04:30:00Z waits");
     setup.wall.set("2026-11-24T05:00:01Z");
     let slots = setup.until("skipped");
     assert!(
-        slots[0][2].contains("latest start is over: not ready: the external start"),
+        slots[0][2].contains("latest start time has passed: not ready: the external start"),
         "{slots:?}"
     );
     assert_eq!(setup.shop.states(), ["finished"]);
@@ -125,7 +130,7 @@ fn the_power_goes_over_its_time_and_in_its_run() {
     setup.arm();
     setup.wall.set("2026-11-23T04:30:05Z");
     let daemon = setup.shop.serve("real");
-    setup.one("2026-11-23T04:30:00Z", "missed", "no service was there at its time");
+    setup.one("2026-11-23T04:30:00Z", "missed", "the service was not running at that time");
     a_while();
     assert!(setup.shop.states().is_empty());
     setup.wall.set("2026-11-24T04:29:58Z");
@@ -134,7 +139,7 @@ fn the_power_goes_over_its_time_and_in_its_run() {
     // The daemon is killed here.
     drop(daemon);
     let daemon = setup.shop.serve("real");
-    daemon.wait_for_log("schedule: disarmed: run 1 did not come to its end");
+    daemon.wait_for_log("schedule: disarmed: run 1 was not completed");
     let slots = setup.until("failed");
     assert_eq!((slots.len(), slots[0][0].as_str()), (2, "2026-11-24T04:30:00Z"), "{slots:?}");
     assert!(slots[0][2].contains("run 1 is interrupted"), "{slots:?}");
@@ -150,10 +155,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     let due = |cycle: u16| daemon.http().post("due", &json!({"cycle": cycle, "who": "timer"}));
     setup.machine.tells(READY);
     let (status, told) = due(1);
-    assert!(
-        status == 409 && told["message"].as_str().unwrap().contains("nobody has armed"),
-        "{told}"
-    );
+    assert!(status == 409 && told["message"].as_str().unwrap().contains("is not armed"), "{told}");
     let arm = |until: &str| {
         let words = json!({"cycle": 1, "who": "Ada", "until": until, "why": "over the night"});
         daemon.http().post("arm", &words)
@@ -168,7 +170,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     daemon.wait_for_log("ran: verdict pass");
     let (status, told) = due(1);
     assert!(
-        status == 409 && told["message"].as_str().unwrap().contains("started already"),
+        status == 409 && told["message"].as_str().unwrap().contains("already started"),
         "{told}"
     );
     let (status, told) = daemon.http().post("disarm", &json!({"who": "Eve"}));

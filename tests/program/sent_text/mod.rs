@@ -2,12 +2,14 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, Look, Prepared};
+use devices::controllers::{
+    Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl,
+};
 use machine::record::event::Event;
-use machine::record::motion::{Motion, Outcome};
+use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
-use simulator::controls::modbus::{Entry, Firmware, Options, serve_tcp};
+use simulator::controls::modbus::{DiaryEntry, Firmware, Options, serve_tcp};
 use tokio::net::TcpListener;
 use trued::run::Run;
 use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
@@ -33,11 +35,11 @@ struct Recorded {
 }
 
 impl Driver for Recorded {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+    async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.inner.prepare().await
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         for part in block.units()? {
             self.lines.lock().unwrap().extend(part.unit.text.lines().map(str::to_owned));
         }
@@ -47,12 +49,12 @@ impl Driver for Recorded {
         self.inner.execute(block).await
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
-        self.inner.look().await
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+        self.inner.read_snapshot().await
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.inner.introduce().await
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+        self.inner.identify_device().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
@@ -82,7 +84,7 @@ fn row(motion: &Motion) -> String {
         Motion::Orient { s } => ("Orient", Position::new(), s.to_degrees()),
     };
     // Rounded to a tenth of a micrometre, and without a negative zero.
-    let edge = |axis: Axis, at: f64| (axis.to_edge(at) * 1e4).round() / 1e4 + 0.0;
+    let edge = |axis: Axis, at: f64| (axis.to_mm_or_deg(at) * 1e4).round() / 1e4 + 0.0;
     let axes = to.iter().map(|(axis, at)| format!(" {axis}{:.4}", edge(axis, at)));
     format!("{does}{} {value}", axes.collect::<String>())
 }
@@ -90,21 +92,21 @@ fn row(motion: &Motion) -> String {
 /// A whole run of `method` with the machine file `text`.
 async fn measure(text: String, method: &str) -> Proven {
     let file = MachineFile::parse("machine.toml", text).unwrap();
-    let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+    let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
     let (lines, rows) =
         (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
-    let halt = devices.controller.halt();
-    let halting = Halt::new(move || halt.now());
+    let halt = devices.controller.halt_handle();
+    let halting = Halt::new(move || halt.trigger());
     let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
     let recorded = Recorded { inner, lines: lines.clone(), rows: rows.clone() };
-    let modes = setup::modes(&dialect, &file.machine, None).unwrap();
+    let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
     let mut devices = Devices::new(Controller::spawn(recorded, halting), dialect);
     (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
-    let (method, plan) = setup::header(&file, method, None).unwrap();
+    let (method, plan) = setup::plan_header(&file, method, None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
-    let id = journal.begin(&new).await.unwrap();
+    let id = journal.begin_run(&new).await.unwrap();
     let mut tell = |_: &Event| {};
     Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
     let (lines, rows) = (lines.lock().unwrap().clone(), rows.lock().unwrap().clone());
@@ -142,8 +144,11 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
     on_a_runtime(async {
         let text = include_str!("../../../config/simulated.toml");
         let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
-        let world = Arc::new(Mutex::new(setup::world(&world_of).unwrap()));
-        let options = Options { resident, ..Options::of(&world_of.machine, Pace::Fast) };
+        let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
+        let options = Options {
+            has_resident_program: resident,
+            ..Options::of(&world_of.machine, Pace::Fast)
+        };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -157,7 +162,7 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
         let proven = measure(text, "self-calibration").await;
         let diary = diary.lock().unwrap();
         let took = diary.iter().filter_map(|entry| match entry {
-            Entry::Took { text, .. } => Some(text.clone()),
+            DiaryEntry::Accepted { text, .. } => Some(text.clone()),
             _ => None,
         });
         (took.collect(), proven)

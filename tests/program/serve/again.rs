@@ -42,7 +42,7 @@ pub fn resumed() {
     http.wait_until(|standing| standing["state"] == "held" && readings() > before);
     assert_eq!(shop.states(), ["held"]);
     let story = http.get("/api/v1/runs/1")["story"].to_string();
-    assert!(story.contains("acknowledged by Ada") && story.contains("resumed after"), "{story}");
+    assert!(story.contains("confirmed by Ada") && story.contains("resumed after"), "{story}");
 }
 
 /// A signature belongs to the estimate that was read, and has a name.

@@ -14,9 +14,12 @@ pub fn a_cycle() {
         (output.status.code(), told, String::from_utf8_lossy(&output.stdout).into_owned())
     };
     let (code, told, _) = run("self-calibration", &[]);
-    assert!(code == Some(2) && told.contains("nobody vouches"), "{code:?} {told}");
+    assert!(code == Some(2) && told.contains("no operator has confirmed"), "{code:?} {told}");
     let (code, told, _) = run("latch-delay", &["--acknowledge", "Ada"]);
-    assert!(code == Some(1) && told.contains("none of its cycles is latch-delay"), "{told}");
+    assert!(
+        code == Some(1) && told.contains("none of its cycles has the method latch-delay"),
+        "{told}"
+    );
     let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--repeat", "2"]);
     assert!(code == Some(1) && told.contains("--repeat"), "{told}");
     let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--speed", "fast"]);
@@ -44,8 +47,15 @@ pub fn another_file() {
     std::fs::copy(&own, &copy).unwrap();
     shop.change("EX0C_um = 500.0", "EX0C_um = 5.0");
     let (code, told) = run(&own);
-    assert!(code == Some(1) && told.contains("is not what it has read"), "{told}");
-    assert!(told.contains(&own) && told.contains("let the daemon begin anew"), "{told}");
+    assert!(
+        code == Some(1)
+            && told.contains(
+                "differs from the machine file that the running daemon has \
+        read"
+            ),
+        "{told}"
+    );
+    assert!(told.contains(&own) && told.contains("restart the daemon"), "{told}");
     let built_in = shop.trued(&["run", "self-calibration", "--acknowledge", "Ada"]);
     let told = String::from_utf8_lossy(&built_in.stderr);
     assert!(built_in.status.code() == Some(1) && told.contains("the built-in machine"), "{told}");

@@ -23,10 +23,13 @@ pub fn starts() {
     let refused = "REFUSED the external start is not enabled at the machine";
     assert_eq!(ask("START 1"), refused);
     assert_eq!(ask("START 1 ENABLE AUTO"), "REFUSED a guard is open");
-    assert_eq!(ask("START 2 ENABLE AUTO DOOR"), "REFUSED the configuration has no such cycle");
-    assert_eq!(ask("START 1 ENABLE AUTO DOOR NOW"), "REFUSED no such word");
+    assert_eq!(
+        ask("START 2 ENABLE AUTO DOOR"),
+        "REFUSED the configuration does not contain this cycle"
+    );
+    assert_eq!(ask("START 1 ENABLE AUTO DOOR NOW"), "REFUSED the line is not a valid command");
     assert_eq!(ask("start 1 enable auto door"), "OK run 1");
-    assert_eq!(ask("START 1 ENABLE AUTO DOOR"), "REFUSED a run is on");
+    assert_eq!(ask("START 1 ENABLE AUTO DOOR"), "REFUSED a run is in progress");
     let started = Instant::now();
     while !ask("STATE").starts_with("WAITING cycle 1 run 1 100 %") {
         assert!(started.elapsed() < Duration::from_secs(60));

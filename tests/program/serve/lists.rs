@@ -129,7 +129,7 @@ pub fn slips() {
     {
         let (answered, page) = slip(what, body);
         assert_eq!(answered, status, "{what}: {page}");
-        assert!(page.contains("</html>") && page.contains("Not done"), "{what}: {page}");
+        assert!(page.contains("</html>") && page.contains("Request failed"), "{what}: {page}");
     }
     let slip = json!({"cycle": 1, "who": "Ada", "until": "tomorrow"});
     assert_eq!(error_code(&http.post("arm", &slip)), (400, "until"));

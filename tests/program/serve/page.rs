@@ -41,7 +41,7 @@ pub fn a_cycle() {
     assert!((mean - felt.iter().sum::<f64>() / felt.len() as f64).abs() < 1e-9, "{mean} {felt:?}");
     let (least, most) =
         felt.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
-    let warmth = format!("{mean:.2} °C on average, {least:.2} to {most:.2} °C, ");
+    let warmth = format!("mean {mean:.2} °C, from {least:.2} to {most:.2} °C, ");
     let (page, report) = ("/runs/1", "/runs/1/report");
     let [page, report] = [page, report].map(|path| http.request("GET", path, "", "").1);
     let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
@@ -86,7 +86,7 @@ pub fn a_hold() {
     let wanted = [
         "Ada acknowledgement",
         "Ada start of cycle 1",
-        "somebody at the page hold",
+        "an unnamed person at the page hold",
         "Ada start of cycle 1",
     ];
     assert_eq!(audits, wanted);

@@ -22,7 +22,7 @@ fn send(guarded: &Guarded, request: &str, headers: &str, body: &str) -> Answer {
 fn assert_page((head, body): &Answer, status: &str, words: &[&str]) {
     assert!(head.starts_with(&format!("http/1.1 {status}")), "{head}");
     assert!(head.contains("content-type: text/html"), "{head}");
-    assert!(body.contains("</html>") && body.contains("Not done"), "{body}");
+    assert!(body.contains("</html>") && body.contains("Request failed"), "{body}");
     for word in words {
         assert!(body.contains(word), "{word} in {body}");
     }
@@ -53,19 +53,19 @@ pub fn refused() {
     let acknowledge = format!("POST {MACHINE}/acknowledge");
     assert_json(&program(&acknowledge, &format!("{JSON}{viewer}")), "403", "wrong-role");
     // Most important for a hold: the operator must read that the machine was not held.
-    let signed_out = ["nothing was done", "sign in, then", "href=\"/login\""];
+    let signed_out = ["the request was not executed", "sign in, then", "href=\"/login\""];
     assert_page(&form("hold", "Cookie: trued=0123\r\n"), "401", &signed_out);
     assert_page(&form("hold", ""), "401", &signed_out);
     assert_json(&program(&acknowledge, JSON), "401", "no-token");
     assert_json(&program("GET /api/v1/runs", ""), "401", "no-token");
     let mut answers = (0..2000).map(|_| form("acknowledge", &operator));
     let often = answers.find(|(head, _)| !head.starts_with("http/1.1 409")).unwrap();
-    assert_page(&often, "429", &["too often", "wait "]);
+    assert_page(&often, "429", &["too many requests", "wait "]);
     assert!(often.0.contains("retry-after: "), "{}", often.0);
     let json = std::iter::repeat_with(|| program(&acknowledge, &format!("{JSON}{operator}")));
     let often = json.take(2000).find(|(head, _)| !head.starts_with("http/1.1 409")).unwrap();
     assert_json(&often, "429", "too-often");
     let door = |_| send(&guarded, "POST /login", &format!("{BROWSER}{FORM}"), "token=trued_0");
     let often = (0..500).map(door).find(|(head, _)| !head.starts_with("http/1.1 401")).unwrap();
-    assert_page(&often, "429", &["too often", "wait "]);
+    assert_page(&often, "429", &["too many requests", "wait "]);
 }

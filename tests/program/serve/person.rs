@@ -59,7 +59,7 @@ pub fn leaves_a_lost_position() {
     assert!(failure.starts_with("run 1: "), "{failure}");
     let page = "/machines/simulated%20five-axis%20machine";
     let (_, shown) = http.request("GET", page, "", "");
-    assert!(shown.contains("What to do: ") && shown.contains("name=\"homed\""), "{shown}");
+    assert!(shown.contains("Remedy: ") && shown.contains("name=\"homed\""), "{shown}");
     let leave = |homed: bool| {
         http.post("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}))
     };
@@ -75,7 +75,7 @@ pub fn leaves_a_lost_position() {
         (202, &json!("waiting"), &Value::Null)
     );
     let story = http.get("/api/v1/runs/1")["story"].to_string();
-    assert!(story.contains("acknowledged by Ada") && story.contains("chips"), "{story}");
+    assert!(story.contains("confirmed by Ada") && story.contains("chips"), "{story}");
     assert_eq!(http.get("/api/v1/audit")[0]["outcome"], "accepted");
 }
 

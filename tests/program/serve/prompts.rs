@@ -33,7 +33,7 @@ pub fn answered() {
     assert_eq!(standing["asked"]["step"], 0);
     // The duration in the daemon's log at its start.
     let left = standing["remaining_s"].as_f64().unwrap();
-    let takes = format!("cycle 1 takes the machine about {:.0} min;", left / 60.0);
+    let takes = format!("cycle 1: machine time about {:.0} min;", left / 60.0);
     assert!(left > 60.0 && guarded.daemon.log().contains(&takes), "{takes}");
     let (_, page) = HttpClient::at(*port).request("GET", &MACHINE[7..], &bearer(viewer), "");
     let shown = format!("time left<b>{:.0}:", (left / 60.0).floor());
@@ -49,7 +49,9 @@ pub fn answered() {
     let ended = guarded.until(|standing| standing["state"] == "waiting");
     assert_eq!((&ended["verdict"], &ended["asked"]), (&json!("pass"), &Value::Null));
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    for words in ["a person was asked: the part is clean", "done, said a-operator: Ada"] {
+    for words in
+        ["prompt for the operator: the part is clean", "prompt confirmed by a-operator: Ada"]
+    {
         assert!(told.contains(words), "{words} in {told}");
     }
     let (_, audit) = HttpClient::at(*port).request("GET", "/api/v1/audit", &bearer(viewer), "");
@@ -103,9 +105,9 @@ pub fn at_a_terminal() {
     let daemon = shop.serve("fast");
     entered(&shop, &run);
     assert_eq!(shop.states(), ["failed", "finished", "finished"]);
-    assert!(daemon.log().contains("done, says Ada"));
+    assert!(daemon.log().contains("prompt answered by Ada"));
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
-    assert!(told.contains("done, said Ada"), "{told}");
+    assert!(told.contains("prompt confirmed by Ada"), "{told}");
 }
 
 /// Both prompts are answered by Enter at a terminal (that of `script`), and the run succeeds.

@@ -11,8 +11,8 @@ pub fn bad_sections() {
         ("number = 1", "number = 9", "cycle number 9"),
         ("\"self-calibration\"\n[serve.", "\"sorcery\"\n[serve.", "no method `sorcery`"),
         ("allow = ", "alow = ", "allow"),
-        (MODBUS, "", "nothing could start a cycle"),
-        (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "others can reach"),
+        (MODBUS, "", "no interface can start a cycle"),
+        (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "other computers can reach"),
         (
             MODBUS,
             "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",

@@ -97,7 +97,7 @@ pub fn bad_files() {
     let shop = two(["one", "two"], "");
     let text = std::fs::read_to_string(shop.file("two.toml")).unwrap();
     std::fs::write(shop.file("two.toml"), text + page).unwrap();
-    refused(&shop, "one daemon has one page");
+    refused(&shop, "one daemon serves one page");
     let shop = two(["one", "two"], "");
     let text = std::fs::read_to_string(shop.file("trued.toml")).unwrap();
     std::fs::write(shop.file("trued.toml"), text.replace("[http]", "[http]\nlissen = 1")).unwrap();

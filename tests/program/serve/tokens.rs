@@ -66,6 +66,6 @@ pub fn unreadable() {
         assert!(began.elapsed() < PATIENCE, "{}", guarded.daemon.log());
         sleep(Duration::from_millis(20));
     }
-    assert_eq!((said("nobody gets in"), said("the tokens can be read again")), (1, 1));
+    assert_eq!((said("so access is refused"), said("the tokens can be read again")), (1, 1));
     assert!(guarded.shop.states().is_empty());
 }

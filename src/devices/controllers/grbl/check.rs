@@ -1,13 +1,13 @@
 //! Compares the control's reports with the commands that it was sent, and reads important values twice:
 //! Grbl's lines carry no checksum.
 
-use super::message::{Message, Status};
+use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
-pub(super) use crate::controllers::arrival::{astray, contact_off_path, tolerance};
+pub(super) use crate::controllers::arrival::{axis_tolerance, contact_path_error, deviation_error};
 use planning::proof::ProvenModes;
 
 /// Modal groups; one word of each group is in force.
-const GROUPS: [&[&str]; 5] = [
+const MODAL_GROUPS: [&[&str]; 5] = [
     &["G17", "G18", "G19"],
     &["G20", "G21"],
     &["G90", "G91"],
@@ -16,51 +16,56 @@ const GROUPS: [&[&str]; 5] = [
 ];
 
 /// Checks that the probe is open before the first motion.
-pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
-    if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
+pub(super) fn require_open_probe(status: &GrblStatus) -> Result<(), ControllerError> {
+    if status.is_probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
 /// Checks the probe's health inputs that the machine file declares, by their letters.
-pub(super) fn probe_health(status: &Status, modes: &ProvenModes) -> Result<(), ControllerError> {
+pub(super) fn check_probe_health(
+    status: &GrblStatus,
+    modes: &ProvenModes,
+) -> Result<(), ControllerError> {
     let mut inputs = modes.health_inputs();
-    match inputs.find(|(input, _)| status.pins.contains(input)) {
-        Some((_, fault)) => Err(ControllerError::Probe { fault }),
+    match inputs.find(|(input, _)| status.active_inputs.contains(input)) {
+        Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),
         None => Ok(()),
     }
 }
 
 /// Checks that the modal words of `head` are in force (`$G`) and that the active offsets are zero (`$#`).
-pub(super) fn modes(
+pub(super) fn check_modes(
     head: &[String],
-    modes: &[Message],
-    offsets: &[Message],
+    modes: &[GrblMessage],
+    offsets: &[GrblMessage],
 ) -> Result<(), ControllerError> {
-    let in_force = modes.iter().find_map(|message| match message {
-        Message::Modes(words) => Some(words),
+    let active_words = modes.iter().find_map(|message| match message {
+        GrblMessage::Modes(words) => Some(words),
         _ => None,
     });
-    let unlike = |what: String| ControllerError::NotReady {
-        state: format!("its modes are not as set: {what}"),
-        remedy: "start again; if it comes again, check the dialect and the cable".to_owned(),
+    let mismatch = |detail: String| ControllerError::NotReady {
+        state: format!("the modal state is not as set: {detail}"),
+        remedy: "start again; if the error occurs again, check the dialect and the cable"
+            .to_owned(),
     };
-    let in_force = in_force.ok_or_else(|| unlike("it does not tell them".to_owned()))?;
+    let active_words = active_words
+        .ok_or_else(|| mismatch("the control does not report its modes ($G)".to_owned()))?;
     let mut slot = "G54";
-    for group in GROUPS {
+    for group in MODAL_GROUPS {
         let code = head.iter().filter(|line| !line.starts_with('('));
-        let mut said = code.flat_map(|line| line.split_whitespace());
-        let Some(wanted) = said.rfind(|word| group.contains(word)) else { continue };
-        if !in_force.iter().any(|word| word == wanted) {
-            return Err(unlike(format!("{wanted} is not in force")));
+        let mut words = code.flat_map(|line| line.split_whitespace());
+        let Some(expected) = words.rfind(|word| group.contains(word)) else { continue };
+        if !active_words.iter().any(|word| word == expected) {
+            return Err(mismatch(format!("{expected} is not active")));
         }
-        slot = wanted;
+        slot = expected;
     }
     for name in [slot, "G92"] {
         let zero = offsets.iter().any(|message| {
-            matches!(message, Message::Offset { name: said, values }
-                if said == name && values.iter().all(|value| *value == 0.0))
+            matches!(message, GrblMessage::Offset { name: offset_name, values }
+                if offset_name == name && values.iter().all(|value| *value == 0.0))
         });
         if !zero {
-            return Err(unlike(format!("the offset {name} is not zero")));
+            return Err(mismatch(format!("the offset {name} is not zero")));
         }
     }
     Ok(())

@@ -6,53 +6,55 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::Grbl;
-use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
+use crate::controllers::{
+    Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture,
+};
 use link::Clock;
 use link::HostPort;
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
 
-const USUAL_BAUD: u32 = 115_200;
+const DEFAULT_BAUD: u32 = 115_200;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct GrblConfigKeys {
     serial: Option<PathBuf>,
     serial_id: Option<String>,
     baud: Option<u32>,
     tcp: Option<HostPort>,
-    #[serde(default = "dialect")]
+    #[serde(default = "default_dialect")]
     dialect: String,
 }
 
-fn dialect() -> String {
+fn default_dialect() -> String {
     "grbl".to_owned()
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
-    pub(super) link: link::Named,
+#[serde(try_from = "GrblConfigKeys")]
+pub struct GrblConfig {
+    pub(super) link: link::LinkConfig,
     dialect: String,
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<GrblConfigKeys> for GrblConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { serial, serial_id, baud, tcp, dialect } = keys;
-        let link = link::Named::of((serial, serial_id, tcp), baud, USUAL_BAUD)?;
+    fn try_from(keys: GrblConfigKeys) -> Result<Self, String> {
+        let GrblConfigKeys { serial, serial_id, baud, tcp, dialect } = keys;
+        let link = link::LinkConfig::from_keys((serial, serial_id, tcp), baud, DEFAULT_BAUD)?;
         Ok(Self { link, dialect })
     }
 }
 
-impl Named for Config {
+impl ControllerConfig for GrblConfig {
     fn dialect(&self) -> &str {
         &self.dialect
     }
 
-    fn at(&self) -> String {
-        self.link.in_full()
+    fn describe_address(&self) -> String {
+        self.link.describe()
     }
 
     fn open<'a>(
@@ -60,9 +62,9 @@ impl Named for Config {
         machine: &'a Machine,
         modes: ProvenModes,
         _clock: Arc<dyn Clock>,
-    ) -> Opening<'a> {
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
-            let link = link::open(&self.link.address()?).await?;
+            let link = link::open_line_link(&self.link.address()?).await?;
             let (driver, halt) = Grbl::new(link, machine, modes);
             Ok(Controller::spawn(driver, halt))
         })
@@ -71,9 +73,9 @@ impl Named for Config {
     fn diagnose<'a>(
         &'a self,
         machine: &'a Machine,
-        failed: &'a ControllerError,
-        leave: Leave,
-    ) -> Diagnosing<'a> {
-        Box::pin(self.suspects(machine, failed, leave))
+        failure: &'a ControllerError,
+        mode: DiagnosisMode,
+    ) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(machine, failure, mode))
     }
 }

@@ -1,51 +1,67 @@
 //! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
-use super::{Config, KIND};
-use crate::controllers::{ControllerError, Diagnosis, Leave, port, port_scan};
+use super::{CONTROL_KIND, GrblConfig};
+use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
 use link::{Address, LinkError};
 use machine::record::machine::Machine;
 
-impl Config {
-    pub(super) async fn suspects(
+impl GrblConfig {
+    pub(super) async fn diagnose_failure(
         &self,
         _machine: &Machine,
-        failed: &ControllerError,
-        leave: Leave,
+        failure: &ControllerError,
+        mode: DiagnosisMode,
     ) -> Vec<Diagnosis> {
-        let closed = port::suspects(&self.link, failed);
-        let Some(heard) = heard(failed) else { return closed };
-        let Ok(address) = self.link.address() else { return closed };
-        match (leave, &address) {
-            (Leave::Listen, _) => from_far(&address, &heard),
-            (Leave::Ask, Address::Serial { path, baud }) => self.at_port(path, *baud, &heard).await,
-            (Leave::Ask, Address::Tcp { .. }) => self.at_socket(&address, &heard).await,
-        }
-    }
-
-    async fn at_port(&self, path: &str, baud: u32, heard: &str) -> Vec<Diagnosis> {
-        for other in port_scan::SPEEDS.into_iter().filter(|speed| *speed != baud) {
-            let address = Address::Serial { path: path.to_owned(), baud: other };
-            if let Some(said) = port_scan::greets_as_grbl(&address).await {
-                return vec![wrong_speed(baud, other, &said)];
+        let link_findings = port::diagnose_open_failure(&self.link, failure);
+        let Some(received) = describe_received(failure) else { return link_findings };
+        let Ok(address) = self.link.address() else { return link_findings };
+        match (mode, &address) {
+            (DiagnosisMode::Passive, _) => passive_diagnosis(&address, &received),
+            (DiagnosisMode::Active, Address::Serial { path, baud }) => {
+                self.diagnose_serial(path, *baud, &received).await
+            }
+            (DiagnosisMode::Active, Address::Tcp { .. }) => {
+                self.diagnose_tcp(&address, &received).await
             }
         }
-        let other = port_scan::on_serial(path, baud, KIND).await;
-        let because = || format!("{heard}; asked at other speeds and in Modbus as well");
-        vec![other.unwrap_or_else(|| port_scan::no_known_device(path, &because()))]
     }
 
-    async fn at_socket(&self, address: &Address, heard: &str) -> Vec<Diagnosis> {
-        let other = port_scan::on_tcp(&self.link, KIND).await;
-        let because = || format!("{heard}; asked in the languages of other controls as well");
-        vec![other.unwrap_or_else(|| port_scan::no_known_device(&address.to_string(), &because()))]
+    async fn diagnose_serial(&self, path: &str, baud: u32, received: &str) -> Vec<Diagnosis> {
+        for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
+            let address = Address::Serial { path: path.to_owned(), baud: other };
+            if let Some(reply) = port_scan::query_grbl(&address).await {
+                return vec![wrong_baud_diagnosis(baud, other, &reply)];
+            }
+        }
+        let other = port_scan::scan_serial(path, baud, CONTROL_KIND).await;
+        let evidence = || {
+            format!(
+                "{received}; requests at other baud rates and in Modbus also had no valid reply"
+            )
+        };
+        vec![other.unwrap_or_else(|| port_scan::no_known_device_diagnosis(path, &evidence()))]
+    }
+
+    async fn diagnose_tcp(&self, address: &Address, received: &str) -> Vec<Diagnosis> {
+        let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
+        let evidence = || {
+            format!(
+                "{received}; requests in the protocols of other controls also had no valid reply"
+            )
+        };
+        vec![other.unwrap_or_else(|| {
+            port_scan::no_known_device_diagnosis(&address.to_string(), &evidence())
+        })]
     }
 }
 
 /// Describes what the failed attempt has received; `None` if the error does not concern the answers.
-fn heard(failed: &ControllerError) -> Option<String> {
-    match failed {
-        ControllerError::NoAnswer { .. } => Some("nothing came".to_owned()),
-        ControllerError::Garbled { .. } => Some("bytes came that are no text".to_owned()),
+fn describe_received(failure: &ControllerError) -> Option<String> {
+    match failure {
+        ControllerError::NoAnswer { .. } => Some("no reply".to_owned()),
+        ControllerError::UnreadableReply { .. } => {
+            Some("the received bytes are not text".to_owned())
+        }
         ControllerError::UnexpectedDevice { state, .. } => Some(state.clone()),
         ControllerError::Link(LinkError::Lost { why, .. }) => Some(why.clone()),
         _ => None,
@@ -53,32 +69,34 @@ fn heard(failed: &ControllerError) -> Option<String> {
 }
 
 /// Suspected causes that need no further request to the device.
-fn from_far(address: &Address, heard: &str) -> Vec<Diagnosis> {
-    let (what, remedy) = match address {
+fn passive_diagnosis(address: &Address, received: &str) -> Vec<Diagnosis> {
+    let (cause, remedy) = match address {
         Address::Serial { baud, .. } => (
-            format!("wrong speed ({baud} baud), wrong port, or another kind of control"),
-            "compare [controller] baud with the control's manual, or let other speeds be tried",
+            format!("wrong baud rate ({baud}), wrong port, or another kind of control"),
+            "compare [controller] baud with the control's manual, or permit the search at other baud rates",
         ),
         Address::Tcp { .. } => (
             "wrong port, or another kind of control".to_owned(),
-            "compare [controller] tcp and kind with the control's manual, or let others be tried",
+            "compare [controller] tcp and kind with the control's manual, or permit the search for other controls",
         ),
     };
     vec![Diagnosis {
-        seen: false,
-        vague: true,
-        what,
-        because: heard.to_owned(),
+        is_confirmed: false,
+        needs_active_search: true,
+        cause,
+        evidence: received.to_owned(),
         remedy: remedy.to_owned(),
     }]
 }
 
-fn wrong_speed(baud: u32, right: u32, said: &str) -> Diagnosis {
+fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> Diagnosis {
     Diagnosis {
-        seen: true,
-        vague: false,
-        what: format!("wrong baud rate: the control speaks at {right} baud, not at {baud}"),
-        because: format!("at {right} baud it answers `{said}`"),
-        remedy: format!("in the machine file: [controller] baud = {right}"),
+        is_confirmed: true,
+        needs_active_search: false,
+        cause: format!(
+            "wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"
+        ),
+        evidence: format!("at {actual_baud} baud the control replies `{reply}`"),
+        remedy: format!("in the machine file, set [controller] baud = {actual_baud}"),
     }
 }

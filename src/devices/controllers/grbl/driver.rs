@@ -4,299 +4,313 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::check;
+use super::connection::GrblConnection;
 use super::fault::is_at_rest_after;
-use super::message::{Message, Status};
-use super::watch::Patience;
-use super::wire::Wire;
-use crate::controllers::lines::Lines;
-use crate::controllers::stamp::{ControlClock, ReportedTime};
+use super::message::{GrblMessage, GrblStatus};
+use super::stall_detector::GrblTimeouts;
+use crate::controllers::control_clock::{ControlClock, ReportedTime};
+use crate::controllers::motion_lines::MotionLines;
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, arrival, lines,
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival,
+    motion_lines,
 };
 use link::Link;
 use machine::record::machine::{Homing, Machine};
-use machine::record::motion::{Motion, Outcome};
+use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
 /// Maximum time that the spindle needs to reach its orientation.
-const ORIENT: Duration = Duration::from_secs(30);
+const MAX_ORIENT_TIME: Duration = Duration::from_secs(30);
 
 /// Driver of one Grbl control.
 pub struct Grbl {
-    pub(super) wire: Wire,
+    pub(super) connection: GrblConnection,
     pub(super) modes: ProvenModes,
     /// Axes of the machine file, without the spindle.
-    pub(super) wanted: Vec<Axis>,
-    /// Axes of `wanted` that the control must have homed.
+    pub(super) machine_axes: Vec<Axis>,
+    /// Axes of `machine_axes` that the control must have homed.
     pub(super) homed_axes: Vec<Axis>,
     /// Largest permitted distance of each axis from its target, mm or rad.
-    pub(super) tolerance: BTreeMap<Axis, f64>,
+    pub(super) axis_tolerances: BTreeMap<Axis, f64>,
     /// Last position of the machine at a standstill.
-    pub(super) stood: Position,
+    pub(super) rest_position: Position,
     /// Whether the control is prepared and no fault has occurred since.
-    pub(super) ready: bool,
-    pub(super) stop: String,
+    pub(super) is_prepared: bool,
+    pub(super) stop_description: String,
     /// Axes in the order of the control's reports; `None` for an axis letter without a name in `trued`.
-    pub(super) axes: Vec<Option<Axis>>,
-    pub(super) line_limit: usize,
-    pub(super) found: Vec<String>,
-    pub(super) spindle: Option<f64>,
-    pub(super) clock: ControlClock,
+    pub(super) report_axes: Vec<Option<Axis>>,
+    pub(super) max_line_bytes: usize,
+    pub(super) initial_modes: Vec<String>,
+    pub(super) spindle_rad: Option<f64>,
+    pub(super) control_clock: ControlClock,
 }
 
 impl Grbl {
     /// Creates a driver for `machine` on `link` that sets `modes`, and the halt that holds the machine.
     /// After a halt the link accepts no more lines: a new run opens a new link.
     pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
-        let (wire, halt) = Wire::new(link);
-        let wanted: Vec<Axis> =
+        let (connection, halt) = GrblConnection::new(link);
+        let machine_axes: Vec<Axis> =
             machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
         let has_switch =
             |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
-        let homed_axes = wanted.iter().copied().filter(has_switch).collect();
-        let tolerance = wanted.iter().map(|axis| {
+        let homed_axes = machine_axes.iter().copied().filter(has_switch).collect();
+        let tolerance = machine_axes.iter().map(|axis| {
             let spec = machine.axes.get(axis);
-            (*axis, check::tolerance(*axis, spec))
+            (*axis, check::axis_tolerance(*axis, spec))
         });
         let grbl = Self {
-            wire,
+            connection,
             modes,
-            tolerance: tolerance.collect(),
-            stood: Position::new(),
-            ready: false,
-            wanted,
+            axis_tolerances: tolerance.collect(),
+            rest_position: Position::new(),
+            is_prepared: false,
+            machine_axes,
             homed_axes,
-            stop: format!("feed hold (!): {}", arrival::braking(machine)),
-            axes: Vec::new(),
-            line_limit: usize::MAX,
-            found: Vec::new(),
-            spindle: None,
-            clock: ControlClock::default(),
+            stop_description: format!(
+                "feed hold (!): {}",
+                arrival::describe_braking_distances(machine)
+            ),
+            report_axes: Vec::new(),
+            max_line_bytes: usize::MAX,
+            initial_modes: Vec::new(),
+            spindle_rad: None,
+            control_clock: ControlClock::default(),
         };
         (grbl, halt)
     }
 
     /// Replaces the default timeouts.
-    pub fn with_patience(mut self, patience: Patience) -> Self {
-        self.wire.patience = patience;
+    pub fn with_timeouts(mut self, timeouts: GrblTimeouts) -> Self {
+        self.connection.timeouts = timeouts;
         self
     }
 
     /// Sends the lines of one motion and returns the messages received meanwhile.
-    pub(super) async fn send(
+    pub(super) async fn send_lines(
         &mut self,
-        lines: &Lines<'_>,
-    ) -> Result<Vec<Message>, ControllerError> {
-        let still = standstill(lines.motion) + lines.clamps_rest;
-        let mut said = Vec::new();
+        lines: &MotionLines<'_>,
+    ) -> Result<Vec<GrblMessage>, ControllerError> {
+        let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
+        let mut messages = Vec::new();
         for line in lines.text.lines() {
-            said.extend(self.wire.ask_within(line, still).await?);
+            messages.extend(self.connection.send_line_with_rest(line, rest_time).await?);
         }
-        Ok(said)
+        Ok(messages)
     }
 
-    /// Executes one motion. `seen` is the status after the previous motion, if it was read. Returns the
+    /// Executes one motion. `last_status` is the status after the previous motion, if it was read. Returns the
     /// status after this motion, if it was read.
-    async fn act(
+    async fn execute_motion(
         &mut self,
-        lines: &Lines<'_>,
-        outcome: &mut Outcome,
-        seen: Option<Status>,
-    ) -> Result<Option<Status>, ControllerError> {
+        lines: &MotionLines<'_>,
+        outcome: &mut BlockOutcome,
+        last_status: Option<GrblStatus>,
+    ) -> Result<Option<GrblStatus>, ControllerError> {
         let step = lines.step;
         match lines.motion {
             Motion::Dwell { .. } => {
-                self.send(lines).await?;
+                self.send_lines(lines).await?;
                 Ok(None)
             }
             Motion::Orient { s } => {
-                self.send(lines).await?;
-                self.spindle = Some(*s);
+                self.send_lines(lines).await?;
+                self.spindle_rad = Some(*s);
                 Ok(None)
             }
             Motion::Rapid { to } | Motion::Feed { to, .. } => {
-                self.free_move(lines, to).await.map(Some)
+                self.execute_free_move(lines, to).await.map(Some)
             }
             Motion::BackOff { to, .. } => {
-                self.send(lines).await?;
-                let status = self.arrive(to).await?;
-                self.open_probe(step, &status).await?;
+                self.send_lines(lines).await?;
+                let status = self.wait_arrival(to).await?;
+                self.wait_probe_open(step, &status).await?;
                 Ok(Some(status))
             }
             Motion::Guarded { to, .. } => {
-                if self.probe(lines).await?.hit {
+                if self.execute_probing(lines).await?.has_contact {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.arrive(to).await.map(Some)
+                self.wait_arrival(to).await.map(Some)
             }
             Motion::Probe { .. } => {
-                let stands = self.rests(seen).await?;
-                self.open_probe(step, &stands).await?;
-                self.touch(lines, outcome).await.map(Some)
+                let status = self.rest_status(last_status).await?;
+                self.wait_probe_open(step, &status).await?;
+                self.execute_touch(lines, outcome).await.map(Some)
             }
         }
     }
 
-    /// Status at a standstill; read from the control unless `seen` was read after the last motion.
-    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
-        match seen {
+    /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
+    async fn rest_status(
+        &mut self,
+        last_status: Option<GrblStatus>,
+    ) -> Result<GrblStatus, ControllerError> {
+        match last_status {
             Some(status) => Ok(status),
-            None => self.wire.idle().await,
+            None => self.connection.wait_idle().await,
         }
     }
 
     /// Executes a move that should touch nothing, at rapid or at feed (a turn before the position is
     /// confirmed). The control does not stop the move on a contact: the status reports show the contact,
     /// and the driver holds.
-    async fn free_move(
+    async fn execute_free_move(
         &mut self,
-        lines: &Lines<'_>,
+        lines: &MotionLines<'_>,
         to: &Position,
-    ) -> Result<Status, ControllerError> {
-        self.wire.free = Some(lines.step);
-        let arrived = match self.send(lines).await {
-            Ok(_) => self.arrive(to).await,
+    ) -> Result<GrblStatus, ControllerError> {
+        self.connection.free_move_step = Some(lines.step);
+        let result = match self.send_lines(lines).await {
+            Ok(_) => self.wait_arrival(to).await,
             Err(error) => Err(error),
         };
-        self.wire.free = None;
-        arrived
+        self.connection.free_move_step = None;
+        result
     }
 
-    async fn touch(
+    async fn execute_touch(
         &mut self,
-        lines: &Lines<'_>,
-        outcome: &mut Outcome,
-    ) -> Result<Status, ControllerError> {
+        lines: &MotionLines<'_>,
+        outcome: &mut BlockOutcome,
+    ) -> Result<GrblStatus, ControllerError> {
         let step = lines.step;
-        let said = self.probe(lines).await?;
-        if !said.hit {
+        let result = self.execute_probing(lines).await?;
+        if !result.has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let contact = self.position(&said.values)?;
-        let stands = self.confirm(step, &said, &contact).await?;
+        let contact = self.to_position(&result.values)?;
+        let status = self.confirm_touch(step, &result, &contact).await?;
         outcome.touch = Some(contact);
-        outcome.t_s = said.t_s;
-        Ok(stands)
+        outcome.t_s = result.t_s;
+        Ok(status)
     }
 }
 
 impl Grbl {
-    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
-        let lines = lines::of(block)?;
-        self.begin(block).await?;
-        self.wire.in_block = true;
-        let moved = self.motions(&lines).await;
-        self.wire.in_block = false;
-        let (mut outcome, status) = moved?;
-        self.speed_as_planned()?;
+    async fn execute_block(
+        &mut self,
+        block: &ProvenBlock,
+    ) -> Result<BlockOutcome, ControllerError> {
+        let lines = motion_lines::motion_lines(block)?;
+        self.check_block_start(block).await?;
+        self.connection.is_block_running = true;
+        let result = self.execute_motions(&lines).await;
+        self.connection.is_block_running = false;
+        let (mut outcome, status) = result?;
+        self.check_overrides()?;
         let contact = ReportedTime { name: "TIME", t_s: outcome.t_s };
         let now = ReportedTime { name: "Time", t_s: status.t_s };
-        outcome.t_s = self.clock.checked(contact, now)?;
+        outcome.t_s = self.control_clock.check_time(contact, now)?;
         Ok(outcome)
     }
 
     /// Executes the motions of a block in order; returns their results and the status at the end.
-    async fn motions(&mut self, lines: &[Lines<'_>]) -> Result<(Outcome, Status), ControllerError> {
-        let (mut outcome, mut seen) = (Outcome::default(), None);
+    async fn execute_motions(
+        &mut self,
+        lines: &[MotionLines<'_>],
+    ) -> Result<(BlockOutcome, GrblStatus), ControllerError> {
+        let (mut outcome, mut last_status) = (BlockOutcome::default(), None);
         for lines in lines {
-            seen = self.act(lines, &mut outcome, seen).await?;
+            last_status = self.execute_motion(lines, &mut outcome, last_status).await?;
         }
-        let status = self.rests(seen).await?;
+        let status = self.rest_status(last_status).await?;
         Ok((outcome, status))
     }
 
     /// Checks before a block moves: overrides at 100 %, no fault of the probe, probe open, machine at the
     /// start of the block.
-    async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
-        let status = self.wire.status().await?;
-        self.speed_as_planned()?;
-        check::probe_health(&status, &self.modes)?;
+    async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
+        let status = self.connection.read_status().await?;
+        self.check_overrides()?;
+        check::check_probe_health(&status, &self.modes)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
-            self.open_probe(block.step(), &status).await?;
+            self.wait_probe_open(block.step(), &status).await?;
         }
-        let stands = self.stands(&status)?;
-        self.unmoved(&stands).await?;
-        let begins = block.begins().only(|axis| axis != Axis::S);
-        let astray = check::astray(&begins, &self.stood, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
+        let position = self.status_position(&status)?;
+        self.check_unmoved(&position).await?;
+        let begins = block.start_position().filter_axes(|axis| axis != Axis::S);
+        let deviation_error =
+            check::deviation_error(&begins, &self.rest_position, |axis| self.axis_tolerance(axis));
+        deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
-    fn failed(&mut self, error: ControllerError) -> ControllerError {
-        self.ready = false;
+    fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+        self.is_prepared = false;
         if !is_at_rest_after(&error) {
-            self.wire.hold();
+            self.connection.hold();
         }
         error
     }
 }
 
 impl Driver for Grbl {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
-        self.ready = false;
-        let prepared = self.set_up(check::probe_open).await?;
-        self.ready = true;
+    async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
+        let prepared = self.prepare_control(check::require_open_probe).await?;
+        self.is_prepared = true;
         Ok(prepared)
     }
 
-    async fn prepare_in_contact(&mut self) -> Result<Prepared, ControllerError> {
-        self.ready = false;
-        let prepared = self.set_up(|_| Ok(())).await?;
-        self.ready = true;
+    async fn prepare_in_contact(&mut self) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
+        let prepared = self.prepare_control(|_| Ok(())).await?;
+        self.is_prepared = true;
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
-        if self.wire.is_halted() {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
+        if self.connection.is_halted() {
             return Err(ControllerError::Halted);
         }
-        if !self.ready {
+        if !self.is_prepared {
             return Err(ControllerError::NotReady {
-                state: "it was not prepared since the last fault".to_owned(),
+                state: "the control was not prepared after the last fault".to_owned(),
                 remedy: "start again".to_owned(),
             });
         }
-        let outcome = self.block(&block).await;
-        outcome.map_err(|error| self.failed(error))
+        let outcome = self.execute_block(&block).await;
+        outcome.map_err(|error| self.handle_fault(error))
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
-        if self.axes.is_empty() {
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+        if self.report_axes.is_empty() {
             // Before `prepare` the axes of the reported values are unknown.
-            self.wire.wake().await?;
-            self.identify().await?;
+            self.connection.start_session().await?;
+            self.check_firmware_axes().await?;
         }
-        let status = self.wire.status().await?;
-        let probe_closed = status.probe_closed;
-        self.stood = self.stands(&status)?;
-        Ok(Look { probe_closed, stands: self.stood.clone() })
+        let status = self.connection.read_status().await?;
+        let is_probe_closed = status.is_probe_closed;
+        self.rest_position = self.status_position(&status)?;
+        Ok(MachineSnapshot { is_probe_closed, position: self.rest_position.clone() })
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.report_identity().await
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+        self.read_device_info().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
         // A blank line clears a latched error.
-        self.wire.ask("").await?;
+        self.connection.send_line("").await?;
         let foot = self.modes.foot().to_vec();
         self.set_modes(&foot).await?;
-        let found = std::mem::take(&mut self.found);
-        if !found.is_empty() {
-            self.wire.ask(&found.join(" ")).await?;
+        let initial_modes = std::mem::take(&mut self.initial_modes);
+        if !initial_modes.is_empty() {
+            self.connection.send_line(&initial_modes.join(" ")).await?;
         }
-        self.wire.idle().await.map(|_| ())
+        self.connection.wait_idle().await.map(|_| ())
     }
 }
 
 /// Maximum time of a motion during which the control reports idle.
-fn standstill(motion: &Motion) -> Duration {
+fn max_rest_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
-        Motion::Orient { .. } => ORIENT,
+        Motion::Orient { .. } => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     }
 }

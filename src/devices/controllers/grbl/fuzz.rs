@@ -1,9 +1,9 @@
 //! Fuzz tests of the parser: arbitrary text from a control.
 
-use super::message::{Message, Status};
+use super::message::{GrblMessage, GrblStatus};
 use testing::fuzz::fuzz;
 
-const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]
+const SAMPLE_REPLIES: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]
 [VER:1.1f.20260817:]
 [OPT:VNM,100,1024,5,0]
 [AXS:5:XYZBC]
@@ -43,36 +43,43 @@ fn the_reply_parser_bears_anything() {
         "\n",
         "Grbl 1.1h help",
     ];
-    fuzz("grbl-replies", &[TALK], &words, |input| {
+    fuzz("grbl-replies", &[SAMPLE_REPLIES], &words, |input| {
         let text = String::from_utf8_lossy(input);
-        text.lines().map(|line| size(&Message::parse(line))).sum()
+        text.lines().map(|line| size(&GrblMessage::parse(line))).sum()
     });
 }
 
 /// Memory size of a message. Every number in the message must be finite.
-fn size(message: &Message) -> usize {
+fn size(message: &GrblMessage) -> usize {
     let numbers = |values: &[f64]| {
         assert!(values.iter().all(|value| value.is_finite()), "{message:?}");
         size_of_val(values)
     };
     let heap = match message {
-        Message::Touch { values, .. } | Message::Offset { values, .. } => numbers(values),
-        Message::Time(t_s) => numbers(&[*t_s]),
-        Message::Status(Status { state, substate, position, t_s, pins, .. }) => {
-            let words = state.len() + substate.as_ref().map_or(0, String::len) + pins.len();
+        GrblMessage::ProbeResult { values, .. } | GrblMessage::Offset { values, .. } => {
+            numbers(values)
+        }
+        GrblMessage::ContactTime(t_s) => numbers(&[*t_s]),
+        GrblMessage::Status(GrblStatus {
+            state, substate, position, t_s, active_inputs, ..
+        }) => {
+            let words =
+                state.len() + substate.as_ref().map_or(0, String::len) + active_inputs.len();
             words + numbers(position.as_deref().unwrap_or_default()) + numbers(t_s.as_slice())
         }
-        Message::Banner(text)
-        | Message::Version(text)
-        | Message::Axes(text)
-        | Message::Other(text) => text.len(),
-        Message::Modes(words) => words.iter().map(|word| word.len() + size_of::<String>()).sum(),
-        Message::Ok
-        | Message::Error(_)
-        | Message::Alarm(_)
-        | Message::Buffer(_)
-        | Message::Homed(_)
-        | Message::Setting(..) => 0,
+        GrblMessage::Banner(text)
+        | GrblMessage::Version(text)
+        | GrblMessage::Axes(text)
+        | GrblMessage::Unknown(text) => text.len(),
+        GrblMessage::Modes(words) => {
+            words.iter().map(|word| word.len() + size_of::<String>()).sum()
+        }
+        GrblMessage::Ok
+        | GrblMessage::Error(_)
+        | GrblMessage::Alarm(_)
+        | GrblMessage::BufferSize(_)
+        | GrblMessage::HomedAxes(_)
+        | GrblMessage::Setting(..) => 0,
     };
-    heap + size_of::<Message>()
+    heap + size_of::<GrblMessage>()
 }

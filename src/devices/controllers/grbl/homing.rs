@@ -1,45 +1,49 @@
 //! How the control homes an axis, and the ends of the axis' travel after homing (grblHAL
 //! `motion_control.c`, `mc_homing_cycle`; `machine_limits.c`, `limits_set_work_envelope`).
 
-use super::message::Message;
-use super::settings::{BY_HAND, HARD_LIMITS, HOMING, SIMULATED_ENDS, SWITCH_IS_ZERO, Settings};
+use super::message::GrblMessage;
+use super::settings::{
+    GrblSettings, HARD_LIMITS_BIT, HOMING_BIT, MANUAL_HOMING_BIT, SIMULATED_TRAVEL_SETTINGS,
+    ZERO_AT_SWITCH_BIT,
+};
 use machine::Axis;
 
 /// Settings that list the axes of the homing cycles, one setting a cycle.
-const CYCLES: std::ops::Range<u16> = 44..50;
+const HOMING_CYCLE_SETTINGS: std::ops::Range<u16> = 44..50;
 
 /// What defines the zero of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum HomedBy {
+pub(super) enum HomingMethod {
     /// Homing is off.
     Off,
     /// A switch: the axis is in a homing cycle.
-    Cycle,
+    Switch,
     /// `$H` sets the zero at the end of travel to which the operator has moved the axis.
-    Hand,
+    Manual,
     /// The axis is in no homing cycle.
-    Nothing,
+    NoCycle,
     /// The control does not list its homing cycles.
-    NotListed,
+    CyclesNotReported,
 }
 
-/// How the axis is homed, from the settings. `place` is the index of the axis in the reports.
-pub(super) fn homed_by(settings: &Settings, place: u16) -> HomedBy {
-    let is_listed = CYCLES.into_iter().any(|cycle| settings.value(cycle).is_some());
-    let in_cycle = CYCLES.into_iter().any(|cycle| settings.has(cycle, 1 << place));
+/// How the axis is homed, from the settings. `index` is the index of the axis in the reports.
+pub(super) fn homing_method(settings: &GrblSettings, index: u16) -> HomingMethod {
+    let is_listed = HOMING_CYCLE_SETTINGS.into_iter().any(|cycle| settings.value(cycle).is_some());
+    let in_cycle =
+        HOMING_CYCLE_SETTINGS.into_iter().any(|cycle| settings.has_bit(cycle, 1 << index));
     match () {
-        () if !settings.has(22, HOMING) => HomedBy::Off,
-        () if in_cycle => HomedBy::Cycle,
-        () if settings.has(22, BY_HAND) => HomedBy::Hand,
-        () if is_listed => HomedBy::Nothing,
-        () => HomedBy::NotListed,
+        () if !settings.has_bit(22, HOMING_BIT) => HomingMethod::Off,
+        () if in_cycle => HomingMethod::Switch,
+        () if settings.has_bit(22, MANUAL_HOMING_BIT) => HomingMethod::Manual,
+        () if is_listed => HomingMethod::NoCycle,
+        () => HomingMethod::CyclesNotReported,
     }
 }
 
 /// Bit mask of the homed axes, from `[HOME:..:mask]` of `$#`.
-pub(super) fn homed_mask(offsets: &[Message]) -> u32 {
+pub(super) fn homed_axes_mask(offsets: &[GrblMessage]) -> u32 {
     let mask = offsets.iter().find_map(|message| match message {
-        Message::Homed(mask) => Some(*mask),
+        GrblMessage::HomedAxes(mask) => Some(*mask),
         _ => None,
     });
     mask.unwrap_or(0)
@@ -47,46 +51,51 @@ pub(super) fn homed_mask(offsets: &[Message]) -> u32 {
 
 /// Whether the control homes the axis; `None` if the control does not report it. By hand, `$H` homes all
 /// axes and `$HX` one of them: an axis that is not homed while others are has no homing.
-pub(super) fn is_homed_axis(settings: &Settings, place: u16, homed_mask: u32) -> Option<bool> {
-    let is_homed = homed_mask >> place & 1 == 1;
-    match homed_by(settings, place) {
-        HomedBy::Off => None,
-        HomedBy::Cycle => Some(true),
-        HomedBy::Hand => Some(is_homed || homed_mask == 0),
-        HomedBy::Nothing => Some(is_homed),
-        HomedBy::NotListed => is_homed.then_some(true),
+pub(super) fn has_homing(
+    settings: &GrblSettings,
+    index: u16,
+    homed_axes_mask: u32,
+) -> Option<bool> {
+    let is_homed = homed_axes_mask >> index & 1 == 1;
+    match homing_method(settings, index) {
+        HomingMethod::Off => None,
+        HomingMethod::Switch => Some(true),
+        HomingMethod::Manual => Some(is_homed || homed_axes_mask == 0),
+        HomingMethod::NoCycle => Some(is_homed),
+        HomingMethod::CyclesNotReported => is_homed.then_some(true),
     }
 }
 
 /// Ends of the travel in machine coordinates after homing: from 0 to one side.
-pub(super) fn travel_ends(
-    settings: &Settings,
-    (axis, place): (Axis, u16),
-    homed_mask: u32,
+pub(super) fn travel_limits(
+    settings: &GrblSettings,
+    (axis, index): (Axis, u16),
+    homed_axes_mask: u32,
 ) -> Option<(f64, f64)> {
-    let travel = settings.value(130 + place).filter(|travel| *travel > 0.0)?;
-    let by = homed_by(settings, place);
-    let is_homed = is_homed_axis(settings, place, homed_mask);
-    let counts_from_home = match by {
-        HomedBy::Off | HomedBy::Nothing => false,
+    let travel = settings.value(130 + index).filter(|travel| *travel > 0.0)?;
+    let method = homing_method(settings, index);
+    let is_homed = has_homing(settings, index, homed_axes_mask);
+    let counts_from_home = match method {
+        HomingMethod::Off | HomingMethod::NoCycle => false,
         _ => is_homed == Some(true) || axis.is_linear(),
     };
     if !counts_from_home {
         return None;
     }
-    let simulated = SIMULATED_ENDS.map(|first| settings.value(first + place));
+    let simulated = SIMULATED_TRAVEL_SETTINGS.map(|first| settings.value(first + index));
     if let [Some(min), Some(max)] = simulated {
         return Some((min, max));
     }
     // With hard limits an axis of a homing cycle keeps the pull-off distance from its switch. An axis that
     // may be in a cycle counts as part of one.
-    let has_switch = matches!(by, HomedBy::Cycle | HomedBy::NotListed);
-    let clear = if has_switch && settings.has(21, HARD_LIMITS) { settings.value(27)? } else { 0.0 };
-    Some(match (settings.has(22, SWITCH_IS_ZERO), settings.has(23, 1 << place)) {
-        (true, true) => (0.0, travel - clear),
-        (true, false) => (clear - travel, 0.0),
+    let has_switch = matches!(method, HomingMethod::Switch | HomingMethod::CyclesNotReported);
+    let pull_off_mm =
+        if has_switch && settings.has_bit(21, HARD_LIMITS_BIT) { settings.value(27)? } else { 0.0 };
+    Some(match (settings.has_bit(22, ZERO_AT_SWITCH_BIT), settings.has_bit(23, 1 << index)) {
+        (true, true) => (0.0, travel - pull_off_mm),
+        (true, false) => (pull_off_mm - travel, 0.0),
         // Not the negated value: it would be written to a file as -0.0.
-        (false, _) => (clear - travel, 0.0 - clear),
+        (false, _) => (pull_off_mm - travel, 0.0 - pull_off_mm),
     })
 }
 
@@ -94,17 +103,17 @@ pub(super) fn travel_ends(
 mod tests {
     use super::*;
 
-    fn settings(numbers: &[(u16, f64)]) -> Settings {
-        Settings(numbers.iter().copied().collect())
+    fn settings(numbers: &[(u16, f64)]) -> GrblSettings {
+        GrblSettings(numbers.iter().copied().collect())
     }
 
     #[test]
     fn an_axis_left_out_while_others_are_homed_by_hand_has_no_homing() {
         let by_hand = settings(&[(22, 35.0), (44, 0.0), (130, 400.0), (133, 360.0)]);
         for (mask, homed) in [(0, true), (7, false), (31, true)] {
-            assert_eq!(is_homed_axis(&by_hand, 3, mask), Some(homed), "{mask}");
-            assert_eq!(travel_ends(&by_hand, (Axis::X, 0), mask), Some((-400.0, 0.0)));
-            let turns = travel_ends(&by_hand, (Axis::B, 3), mask);
+            assert_eq!(has_homing(&by_hand, 3, mask), Some(homed), "{mask}");
+            assert_eq!(travel_limits(&by_hand, (Axis::X, 0), mask), Some((-400.0, 0.0)));
+            let turns = travel_limits(&by_hand, (Axis::B, 3), mask);
             assert_eq!(turns, homed.then_some((-360.0, 0.0)));
         }
     }
@@ -112,10 +121,10 @@ mod tests {
     #[test]
     fn without_a_list_of_cycles_a_rotary_axis_is_judged_by_the_mask_alone() {
         let unlisted = settings(&[(22, 1.0), (130, 400.0)]);
-        assert_eq!(is_homed_axis(&unlisted, 3, 7), None);
-        assert_eq!(is_homed_axis(&unlisted, 3, 15), Some(true));
+        assert_eq!(has_homing(&unlisted, 3, 7), None);
+        assert_eq!(has_homing(&unlisted, 3, 15), Some(true));
         let listed = settings(&[(22, 1.0), (44, 7.0)]);
-        assert_eq!(is_homed_axis(&listed, 3, 7), Some(false));
-        assert_eq!(is_homed_axis(&settings(&[(22, 0.0), (44, 7.0)]), 3, 0), None);
+        assert_eq!(has_homing(&listed, 3, 7), Some(false));
+        assert_eq!(has_homing(&settings(&[(22, 0.0), (44, 7.0)]), 3, 0), None);
     }
 }

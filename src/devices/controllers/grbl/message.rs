@@ -3,22 +3,22 @@
 
 /// One line that the control sends.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Message {
+pub(super) enum GrblMessage {
     Ok,
     Error(u32),
     Alarm(u32),
-    Status(Status),
+    Status(GrblStatus),
     /// `[PRB:..:1]`: axis values in the order of the axis words, and whether there was contact.
-    Touch {
+    ProbeResult {
         values: Vec<f64>,
-        hit: bool,
+        has_contact: bool,
     },
     /// `[TIME:..]`, an extension of the simulated control: time of the contact, s.
-    Time(f64),
+    ContactTime(f64),
     Banner(String),
     Version(String),
     /// `[OPT:flags,planner,rx,..]`: maximum length of a line, bytes.
-    Buffer(usize),
+    BufferSize(usize),
     /// `[AXS:n:letters]`: the axis letters.
     Axes(String),
     /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: name of an offset in `$#` and its values.
@@ -27,23 +27,23 @@ pub(super) enum Message {
         values: Vec<f64>,
     },
     /// `[HOME:..:mask]`: the homed axes, one bit each in the order of the axis words.
-    Homed(u32),
+    HomedAxes(u32),
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
     /// `$n=..` with a numeric value.
     Setting(u16, f64),
-    Other(String),
+    Unknown(String),
 }
 
 /// Status report `<Idle|..>`; the user may mask every field but the state.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Status {
+pub(super) struct GrblStatus {
     /// State without the substate: `Hold` for `Hold:0`.
     pub state: String,
     pub substate: Option<String>,
-    pub probe_closed: bool,
+    pub is_probe_closed: bool,
     /// `Pn:`, the letters of all active inputs.
-    pub pins: String,
+    pub active_inputs: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
     pub position: Option<Vec<f64>>,
     /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports omit the field.
@@ -59,16 +59,16 @@ pub(super) struct Status {
 /// Feed and rapid overrides, percent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overrides {
-    pub feed: f64,
-    pub rapid: f64,
+    pub feed_percent: f64,
+    pub rapid_percent: f64,
 }
 
-impl Message {
+impl GrblMessage {
     pub(super) fn parse(line: &str) -> Self {
-        Self::understood(line.trim()).unwrap_or_else(|| Self::Other(line.trim().to_owned()))
+        Self::parse_known(line.trim()).unwrap_or_else(|| Self::Unknown(line.trim().to_owned()))
     }
 
-    fn understood(line: &str) -> Option<Self> {
+    fn parse_known(line: &str) -> Option<Self> {
         if line == "ok" {
             return Some(Self::Ok);
         }
@@ -86,52 +86,52 @@ impl Message {
             return Some(Self::Setting(number.parse().ok()?, value));
         }
         if let Some(report) = line.strip_prefix('<').and_then(|rest| rest.strip_suffix('>')) {
-            return status(report).map(Self::Status);
+            return parse_status(report).map(Self::Status);
         }
         if line.to_ascii_lowercase().starts_with("grbl") && line.contains("help") {
             return Some(Self::Banner(line.to_owned()));
         }
         let (name, value) = line.strip_prefix('[')?.strip_suffix(']')?.split_once(':')?;
         match name {
-            "PRB" => touch(value),
-            "TIME" => seconds(value).map(Self::Time),
+            "PRB" => parse_probe_result(value),
+            "TIME" => parse_seconds(value).map(Self::ContactTime),
             "VER" => Some(Self::Version(value.trim_end_matches(':').to_owned())),
-            "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::Buffer),
+            "OPT" => value.split(',').nth(2)?.parse().ok().map(Self::BufferSize),
             "AXS" => Some(Self::Axes(value.split_once(':')?.1.to_owned())),
-            "G92" | "TLO" => offset(name, value),
-            slot if slot.starts_with("G5") => offset(slot, value),
-            "HOME" => value.rsplit_once(':')?.1.parse().ok().map(Self::Homed),
+            "G92" | "TLO" => parse_offset(name, value),
+            slot if slot.starts_with("G5") => parse_offset(slot, value),
+            "HOME" => value.rsplit_once(':')?.1.parse().ok().map(Self::HomedAxes),
             "GC" => Some(Self::Modes(value.split_whitespace().map(str::to_owned).collect())),
             _ => None,
         }
     }
 }
 
-fn touch(value: &str) -> Option<Message> {
-    let (list, hit) = value.rsplit_once(':')?;
-    let values = values(list)?;
-    match hit {
-        "0" => Some(Message::Touch { values, hit: false }),
-        "1" => Some(Message::Touch { values, hit: true }),
+fn parse_probe_result(value: &str) -> Option<GrblMessage> {
+    let (list, has_contact) = value.rsplit_once(':')?;
+    let values = parse_values(list)?;
+    match has_contact {
+        "0" => Some(GrblMessage::ProbeResult { values, has_contact: false }),
+        "1" => Some(GrblMessage::ProbeResult { values, has_contact: true }),
         _ => None,
     }
 }
 
-fn offset(name: &str, value: &str) -> Option<Message> {
-    values(value).map(|values| Message::Offset { name: name.to_owned(), values })
+fn parse_offset(name: &str, value: &str) -> Option<GrblMessage> {
+    parse_values(value).map(|values| GrblMessage::Offset { name: name.to_owned(), values })
 }
 
-fn values(list: &str) -> Option<Vec<f64>> {
+fn parse_values(list: &str) -> Option<Vec<f64>> {
     let values: Result<Vec<f64>, _> = list.split(',').map(str::parse).collect();
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
 
 /// Rejects a timestamp that is not finite: the reading could not be stored.
-fn seconds(value: &str) -> Option<f64> {
+fn parse_seconds(value: &str) -> Option<f64> {
     value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
 }
 
-fn status(report: &str) -> Option<Status> {
+fn parse_status(report: &str) -> Option<GrblStatus> {
     let mut fields = report.split('|');
     let full = fields.next()?;
     let (state, substate) = match full.split_once(':') {
@@ -141,47 +141,47 @@ fn status(report: &str) -> Option<Status> {
     if state.is_empty() || !state.chars().all(|c| c.is_ascii_alphabetic()) {
         return None;
     }
-    let mut status = Status { state: state.to_owned(), substate, ..Status::default() };
+    let mut status = GrblStatus { state: state.to_owned(), substate, ..GrblStatus::default() };
     for (name, value) in fields.filter_map(|field| field.split_once(':')) {
         match name {
-            "MPos" => status.position = values(value),
+            "MPos" => status.position = parse_values(value),
             "Pn" => {
-                status.probe_closed = value.contains('P');
-                status.pins = value.to_owned();
+                status.is_probe_closed = value.contains('P');
+                status.active_inputs = value.to_owned();
             }
-            "Ov" => status.overrides = overrides(value),
+            "Ov" => status.overrides = parse_overrides(value),
             "FW" => status.is_full = true,
             "MPG" => status.has_pendant = value == "1",
-            "Time" => status.t_s = seconds(value),
+            "Time" => status.t_s = parse_seconds(value),
             _ => {}
         }
     }
     Some(status)
 }
 
-fn overrides(value: &str) -> Option<Overrides> {
-    let [feed, rapid, ..] = values(value)?[..] else { return None };
-    Some(Overrides { feed, rapid })
+fn parse_overrides(value: &str) -> Option<Overrides> {
+    let [feed_percent, rapid_percent, ..] = parse_values(value)?[..] else { return None };
+    Some(Overrides { feed_percent, rapid_percent })
 }
 
 pub(super) fn alarm_meaning(code: u32) -> &'static str {
     match code {
         1 => "a hard limit was hit; the position is lost",
-        2 => "a target lies outside the soft limits",
+        2 => "a target is outside the soft limits",
         3 => "reset while moving; the position is lost",
         4 => "the probe read closed before a probing move",
-        5 => "a probing move met nothing",
+        5 => "a probing move without contact",
         6 => "homing failed: reset during the cycle",
         7 => "homing failed: the door was opened",
         8 => "homing failed: the limit switch did not clear",
-        9 => "homing failed: no limit switch was met",
+        9 => "homing failed: no limit switch was found",
         10 => "emergency stop",
         11 => "homing is required",
         12 => "a limit switch is engaged",
         13 => "the probe protection tripped",
         14 => "the spindle failed",
         17 => "a motor driver reports a fault",
-        _ => "unknown to this program; see the control's manual",
+        _ => "unknown code; see the control's manual",
     }
 }
 
@@ -191,22 +191,22 @@ pub(super) fn error_meaning(code: u32) -> &'static str {
         2 => "a number cannot be read",
         3 => "this $ command is unknown",
         7 => "the stored settings could not be read and were replaced by defaults",
-        8 => "only possible while idle",
+        8 => "only possible in the state Idle",
         9 => "locked by an alarm or a jog",
         10 => "soft limits need homing",
         11 => "the line is too long",
-        15 => "the target lies outside the limits",
+        15 => "the target is outside the limits",
         20 => "a word of the dialect is unknown to this control",
-        21 => "two words of one modal group",
+        21 => "two words of the same modal group",
         22 => "no feed is set",
         26 => "no axis words",
         27 => "the line number is out of range",
-        28 => "a word lacks its value",
+        28 => "a word has no value",
         29 => "this coordinate system does not exist",
-        30 => "G53 goes with G0 and G1 alone",
+        30 => "G53 is allowed with G0 and G1 only",
         31 => "axis words without a motion",
         33 => "the target is not valid",
-        36 => "words that nothing uses",
+        36 => "the line contains unused words",
         45 => "a limit switch is engaged",
         46 => "homing is required",
         50 => "emergency stop",

@@ -9,28 +9,28 @@
 //! risk remains: an altered motion line is detected only *after* its motion. Use a link that checks its
 //! data.
 
-mod built;
 mod check;
 mod config;
+mod connection;
+mod device_info;
 mod diagnose;
 mod driver;
 mod fault;
+mod firmware_info;
 #[cfg(test)]
 mod fuzz;
 mod homing;
-mod introduce;
 mod message;
 mod prepare;
 mod readiness;
 mod settings;
+mod stall_detector;
 #[cfg(test)]
 mod tests;
 mod touch;
-mod watch;
-mod wire;
 
-pub use config::Config;
+pub use config::GrblConfig;
 pub use driver::Grbl;
-pub use watch::Patience;
+pub use stall_detector::GrblTimeouts;
 
-pub const KIND: &str = "grbl";
+pub const CONTROL_KIND: &str = "grbl";

@@ -6,145 +6,160 @@ use tokio::time::{Instant, sleep};
 
 use super::check;
 use super::driver::Grbl;
-use super::message::{Message, Status};
+use super::message::{GrblMessage, GrblStatus};
 use crate::controllers::ControllerError;
-use crate::controllers::arrival::moved_by_hand;
-use crate::controllers::lines::Lines;
+use crate::controllers::arrival::into_moved_by_hand;
+use crate::controllers::motion_lines::MotionLines;
 use machine::{Axis, Position};
 
 /// Maximum time that a probe bounces after it has come free.
-const SETTLE: Duration = Duration::from_millis(300);
+const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
 
 /// Result of a probing move as the control reports it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Touch {
+pub(super) struct ProbeResult {
     /// Axis values in the order of the control's reports, mm and degrees.
     pub values: Vec<f64>,
-    pub hit: bool,
+    pub has_contact: bool,
     pub t_s: Option<f64>,
 }
 
 /// Returns the result of the probing move; there must be exactly one among the messages.
-fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
+fn parse_touch(messages: &[GrblMessage]) -> Result<ProbeResult, ControllerError> {
     let mut found = None;
     let mut t_s = None;
-    for message in said {
+    for message in messages {
         match message {
-            Message::Touch { values, hit } if found.is_none() => {
-                found = Some((values.clone(), *hit));
+            GrblMessage::ProbeResult { values, has_contact } if found.is_none() => {
+                found = Some((values.clone(), *has_contact));
             }
-            Message::Touch { .. } => {
-                let text = format!("two results of one probing move: {said:?}");
-                return Err(ControllerError::Garbled { text });
+            GrblMessage::ProbeResult { .. } => {
+                let text = format!("two results of one probing move: {messages:?}");
+                return Err(ControllerError::UnreadableReply { text });
             }
-            Message::Time(stamp) => t_s = Some(*stamp),
+            GrblMessage::ContactTime(stamp) => t_s = Some(*stamp),
             _ => {}
         }
     }
-    let (values, hit) = found.ok_or_else(|| ControllerError::Garbled {
-        text: format!("no [PRB:..] before ok, but {said:?}"),
+    let (values, has_contact) = found.ok_or_else(|| ControllerError::UnreadableReply {
+        text: format!("no [PRB:..] before ok; received: {messages:?}"),
     })?;
-    Ok(Touch { values, hit, t_s })
+    Ok(ProbeResult { values, has_contact, t_s })
 }
 
 impl Grbl {
     /// Sends a probing line; its result comes between the line and its `ok`.
-    pub(super) async fn probe(&mut self, lines: &Lines<'_>) -> Result<Touch, ControllerError> {
+    pub(super) async fn execute_probing(
+        &mut self,
+        lines: &MotionLines<'_>,
+    ) -> Result<ProbeResult, ControllerError> {
         let step = lines.step;
-        let said = self.send(lines).await.map_err(|error| match error {
-            ControllerError::Alarm { code: 4, .. } => ControllerError::StillTripped { step },
+        let messages = self.send_lines(lines).await.map_err(|error| match error {
+            ControllerError::Alarm { code: 4, .. } => ControllerError::ProbeStillClosed { step },
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
         })?;
-        touch_of(&said)
+        parse_touch(&messages)
     }
 
     /// Reads the touch again from `$#`: both results must be equal to the last digit, and the contact must
     /// be on the path of the move.
-    pub(super) async fn confirm(
+    pub(super) async fn confirm_touch(
         &mut self,
         step: u32,
-        said: &Touch,
+        first_result: &ProbeResult,
         contact: &Position,
-    ) -> Result<Status, ControllerError> {
-        let from = self.stood.clone();
-        let status = self.wire.idle().await?;
-        self.stood = self.stands(&status)?;
-        let again = touch_of(&self.wire.ask("$#").await?)?;
-        if again != *said {
-            let (first, again) = (format!("{said:?}"), format!("{again:?}"));
-            return Err(ControllerError::ContradictoryTouch { step, first, again });
+    ) -> Result<GrblStatus, ControllerError> {
+        let from = self.rest_position.clone();
+        let status = self.connection.wait_idle().await?;
+        self.rest_position = self.status_position(&status)?;
+        let second = parse_touch(&self.connection.send_line("$#").await?)?;
+        if second != *first_result {
+            let (first, second) = (format!("{first_result:?}"), format!("{second:?}"));
+            return Err(ControllerError::TouchMismatch { step, first, second });
         }
-        let contact = contact.only(|axis| axis != Axis::S);
-        let astray =
-            check::contact_off_path(&from, &self.stood, &contact, |axis| self.tolerance(axis));
-        astray.map_or(Ok(status), Err)
+        let contact = contact.filter_axes(|axis| axis != Axis::S);
+        let deviation_error =
+            check::contact_path_error(&from, &self.rest_position, &contact, |axis| {
+                self.axis_tolerance(axis)
+            });
+        deviation_error.map_or(Ok(status), Err)
     }
 
     /// Waits until the machine is at rest, and checks that it is at its target.
-    pub(super) async fn arrive(&mut self, target: &Position) -> Result<Status, ControllerError> {
-        let deadline = Instant::now() + self.wire.patience.aftermath;
-        let target = target.only(|axis| axis != Axis::S);
+    pub(super) async fn wait_arrival(
+        &mut self,
+        target: &Position,
+    ) -> Result<GrblStatus, ControllerError> {
+        let deadline = Instant::now() + self.connection.timeouts.after_alarm;
+        let target = target.filter_axes(|axis| axis != Axis::S);
         loop {
-            let status = self.wire.idle().await?;
-            self.stood = self.stands(&status)?;
-            match check::astray(&target, &self.stood, |axis| self.tolerance(axis)) {
+            let status = self.connection.wait_idle().await?;
+            self.rest_position = self.status_position(&status)?;
+            match check::deviation_error(&target, &self.rest_position, |axis| {
+                self.axis_tolerance(axis)
+            }) {
                 None => return Ok(status),
                 // The status reports may be older than the end of the motion.
                 Some(error) if Instant::now() > deadline => return Err(error),
-                Some(_) => sleep(self.wire.patience.poll / 10).await,
+                Some(_) => sleep(self.connection.timeouts.poll_interval / 10).await,
             }
         }
     }
 
     /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
     /// have been altered in transmission.
-    pub(super) async fn unmoved(&mut self, stands: &Position) -> Result<(), ControllerError> {
-        let stood = self.stood.clone();
-        if check::astray(&stood, stands, |axis| self.tolerance(axis)).is_none() {
+    pub(super) async fn check_unmoved(
+        &mut self,
+        position: &Position,
+    ) -> Result<(), ControllerError> {
+        let rest_position = self.rest_position.clone();
+        if check::deviation_error(&rest_position, position, |axis| self.axis_tolerance(axis))
+            .is_none()
+        {
             return Ok(());
         }
-        self.arrive(&stood).await.map(drop).map_err(moved_by_hand)
+        self.wait_arrival(&rest_position).await.map(drop).map_err(into_moved_by_hand)
     }
 
-    pub(super) fn tolerance(&self, axis: Axis) -> f64 {
+    pub(super) fn axis_tolerance(&self, axis: Axis) -> f64 {
         // Axes that the machine file does not name are not checked.
-        self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
+        self.axis_tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
-    pub(super) fn stands(&self, status: &Status) -> Result<Position, ControllerError> {
+    pub(super) fn status_position(&self, status: &GrblStatus) -> Result<Position, ControllerError> {
         let values = status.position.as_ref().ok_or_else(|| ControllerError::NotReady {
-            state: "its reports hide the machine position".to_owned(),
+            state: "the status reports do not contain the machine position".to_owned(),
             remedy: "set $10=511 at the control".to_owned(),
         })?;
-        self.position(values)
+        self.to_position(values)
     }
 
-    pub(super) fn position(&self, values: &[f64]) -> Result<Position, ControllerError> {
-        if values.len() != self.axes.len() {
-            return Err(ControllerError::Garbled { text: format!("[PRB:{values:?}]") });
+    pub(super) fn to_position(&self, values: &[f64]) -> Result<Position, ControllerError> {
+        if values.len() != self.report_axes.len() {
+            return Err(ControllerError::UnreadableReply { text: format!("[PRB:{values:?}]") });
         }
-        let named = self.axes.iter().zip(values);
+        let named = self.report_axes.iter().zip(values);
         let axes =
-            named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.from_edge(*value))));
-        let spindle = self.spindle.map(|s| (Axis::S, s));
+            named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.to_mm_or_rad(*value))));
+        let spindle = self.spindle_rad.map(|s| (Axis::S, s));
         Ok(axes.chain(spindle).collect())
     }
 
-    /// Waits until the probe reads open, first in the status `seen`; an error after `SETTLE`.
-    pub(super) async fn open_probe(
+    /// Waits until the probe reads open, first in the status `last_status`; an error after `MAX_PROBE_BOUNCE`.
+    pub(super) async fn wait_probe_open(
         &mut self,
         step: u32,
-        seen: &Status,
+        last_status: &GrblStatus,
     ) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + SETTLE;
-        let mut closed = seen.probe_closed;
+        let deadline = Instant::now() + MAX_PROBE_BOUNCE;
+        let mut closed = last_status.is_probe_closed;
         while closed {
             if Instant::now() > deadline {
-                return Err(ControllerError::StillTripped { step });
+                return Err(ControllerError::ProbeStillClosed { step });
             }
-            sleep(SETTLE / 10).await;
-            closed = self.wire.status().await?.probe_closed;
+            sleep(MAX_PROBE_BOUNCE / 10).await;
+            closed = self.connection.read_status().await?.is_probe_closed;
         }
         Ok(())
     }

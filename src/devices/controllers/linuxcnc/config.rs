@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::files::log_name;
-use super::{LinuxCnc, Sampler, Settings, sampler};
-use crate::controllers::{Controller, ControllerError, Diagnosing, Leave, Named, Opening};
+use super::files::result_log_path;
+use super::{LinuxCnc, LinuxCncSettings, Sampler, sampler};
+use crate::controllers::{
+    Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture,
+};
 use link::Clock;
 use link::{Address, HostPort};
 use machine::Axis;
@@ -16,39 +18,39 @@ use planning::proof::ProvenModes;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Config {
+pub struct LinuxCncConfig {
     /// Address of linuxcncrsh.
-    #[serde(default = "usual_address")]
+    #[serde(default = "default_address")]
     pub(super) tcp: HostPort,
     /// Folder of the programs and their result logs; the control must see the same folder.
     program_dir: PathBuf,
     /// INI file of the control, for values that the control does not report.
     ini: Option<PathBuf>,
-    #[serde(default = "dialect")]
+    #[serde(default = "default_dialect")]
     dialect: String,
     /// Sampler that timestamps positions during motion.
-    sampler: Option<sampler::Config>,
+    sampler: Option<sampler::SamplerConfig>,
 }
 
 /// Port 5007 is linuxcncrsh's own default.
-fn usual_address() -> HostPort {
+fn default_address() -> HostPort {
     HostPort::local(5007)
 }
 
-fn dialect() -> String {
+fn default_dialect() -> String {
     "linuxcnc".to_owned()
 }
 
-impl Named for Config {
+impl ControllerConfig for LinuxCncConfig {
     fn dialect(&self) -> &str {
         &self.dialect
     }
 
-    fn log(&self) -> Option<String> {
-        Some(log_name(&self.program_dir))
+    fn result_log(&self) -> Option<String> {
+        Some(result_log_path(&self.program_dir))
     }
 
-    fn at(&self) -> String {
+    fn describe_address(&self) -> String {
         format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
     }
 
@@ -57,7 +59,7 @@ impl Named for Config {
         machine: &'a Machine,
         modes: ProvenModes,
         clock: Arc<dyn Clock>,
-    ) -> Opening<'a> {
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
             let axes: Vec<Axis> = machine.axes.keys().copied().collect();
             let sampler = match &self.sampler {
@@ -65,19 +67,23 @@ impl Named for Config {
                 None => None,
             };
             let directory = self.program_dir.clone();
-            let settings =
-                Settings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
+            let settings = LinuxCncSettings {
+                address: (&self.tcp).into(),
+                directory,
+                axes,
+                ini: self.ini.clone(),
+            };
             let (driver, halt) = LinuxCnc::open(settings, modes).await?;
-            Ok(Controller::spawn(driver.stamped_by(sampler), halt))
+            Ok(Controller::spawn(driver.with_sampler(sampler), halt))
         })
     }
 
     fn diagnose<'a>(
         &'a self,
         machine: &'a Machine,
-        failed: &'a ControllerError,
-        leave: Leave,
-    ) -> Diagnosing<'a> {
-        Box::pin(self.suspects(machine, failed, leave))
+        failure: &'a ControllerError,
+        mode: DiagnosisMode,
+    ) -> DiagnosisFuture<'a> {
+        Box::pin(self.diagnose_failure(machine, failure, mode))
     }
 }

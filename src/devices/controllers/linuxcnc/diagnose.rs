@@ -1,49 +1,49 @@
 //! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
-use super::{Config, KIND};
-use crate::controllers::{ControllerError, Diagnosis, Leave, port, port_scan};
-use link::{Address, Named};
+use super::{CONTROL_KIND, LinuxCncConfig};
+use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
+use link::{Address, LinkConfig};
 use machine::record::machine::Machine;
 
 /// Default TCP port of linuxcncrsh.
-const USUAL_PORT: u16 = 5007;
+const DEFAULT_PORT: u16 = 5007;
 
-impl Config {
-    pub(super) async fn suspects(
+impl LinuxCncConfig {
+    pub(super) async fn diagnose_failure(
         &self,
         _machine: &Machine,
-        failed: &ControllerError,
-        leave: Leave,
+        failure: &ControllerError,
+        mode: DiagnosisMode,
     ) -> Vec<Diagnosis> {
-        let at = Named::Tcp(self.tcp.clone());
-        let Ok(address) = at.address() else { return Vec::new() };
-        if let Err(error) = link::open(&address).await {
-            let mut closed = port::suspects(&at, &error.into());
-            closed.splice(0..0, self.usual_port(&address, leave).await);
-            return closed;
+        let named_address = LinkConfig::Tcp(self.tcp.clone());
+        let Ok(address) = named_address.address() else { return Vec::new() };
+        if let Err(error) = link::open_line_link(&address).await {
+            let mut link_findings = port::diagnose_open_failure(&named_address, &error.into());
+            link_findings.splice(0..0, self.diagnose_default_port(&address, mode).await);
+            return link_findings;
         }
-        let strange = matches!(
-            failed,
+        let is_foreign = matches!(
+            failure,
             ControllerError::NoAnswer { .. }
-                | ControllerError::Garbled { .. }
+                | ControllerError::UnreadableReply { .. }
                 | ControllerError::Link(_)
         );
-        match leave {
-            Leave::Ask if strange => {
-                let other = port_scan::on_tcp(&at, KIND).await;
-                let because = format!("{failed}; asked in the languages of other controls as well");
-                vec![
-                    other.unwrap_or_else(|| {
-                        port_scan::no_known_device(&address.to_string(), &because)
-                    }),
-                ]
+        match mode {
+            DiagnosisMode::Active if is_foreign => {
+                let found = port_scan::scan_tcp(&named_address, CONTROL_KIND).await;
+                let evidence = format!(
+                    "{failure}; requests in the protocols of other controls also had no valid reply"
+                );
+                vec![found.unwrap_or_else(|| {
+                    port_scan::no_known_device_diagnosis(&address.to_string(), &evidence)
+                })]
             }
-            Leave::Listen if strange => vec![Diagnosis {
-                seen: false,
-                vague: true,
-                what: "wrong port, or another kind of control".to_owned(),
-                because: failed.to_string(),
-                remedy: "compare [controller] tcp and kind with how the control was started"
+            DiagnosisMode::Passive if is_foreign => vec![Diagnosis {
+                is_confirmed: false,
+                needs_active_search: true,
+                cause: "wrong port, or another kind of control".to_owned(),
+                evidence: failure.to_string(),
+                remedy: "compare [controller] tcp and kind with the start command of the control"
                     .to_owned(),
             }],
             _ => Vec::new(),
@@ -51,19 +51,25 @@ impl Config {
     }
 
     /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
-    async fn usual_port(&self, address: &Address, leave: Leave) -> Option<Diagnosis> {
+    async fn diagnose_default_port(
+        &self,
+        address: &Address,
+        mode: DiagnosisMode,
+    ) -> Option<Diagnosis> {
         let Address::Tcp { host, port } = address else { return None };
-        let usual = Address::Tcp { host: host.clone(), port: USUAL_PORT };
-        if leave != Leave::Ask || *port == USUAL_PORT {
+        let default_address = Address::Tcp { host: host.clone(), port: DEFAULT_PORT };
+        if mode != DiagnosisMode::Active || *port == DEFAULT_PORT {
             return None;
         }
-        let said = port_scan::greets_as_rsh(&usual).await?;
+        let reply = port_scan::query_linuxcncrsh(&default_address).await?;
         Some(Diagnosis {
-            seen: true,
-            vague: false,
-            what: format!("wrong port: linuxcncrsh listens at {usual}, not at {address}"),
-            because: format!("it says `{said}`"),
-            remedy: format!("in the machine file: [controller] tcp = \"{usual}\""),
+            is_confirmed: true,
+            needs_active_search: false,
+            cause: format!(
+                "wrong port: linuxcncrsh listens at {default_address}, not at {address}"
+            ),
+            evidence: format!("linuxcncrsh replied `{reply}`"),
+            remedy: format!("in the machine file, set [controller] tcp = \"{default_address}\""),
         })
     }
 }

@@ -6,37 +6,38 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::fault;
-use super::files::Files;
-use super::ini::Ini;
+use super::files::SharedFiles;
+use super::ini::IniFile;
 use super::not_ready::not_ready;
 use super::prepare;
-use super::result::{Log, Verdict};
-use super::rsh::Rsh;
-use super::watch::Watched;
-use super::{Sampler, kinematics, state, watch, way};
+use super::program_runner::ProgramLimits;
+use super::result::{ProgramResult, ResultLog};
+use super::rsh::RshClient;
+use super::{Sampler, kinematics, path_check, program_runner, state};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, ReadinessItem, arrival,
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, ReadinessItem,
+    arrival,
 };
 use link::Address;
-use machine::record::motion::{Motion, Outcome};
-use machine::record::track::Track;
+use machine::record::motion::{BlockOutcome, Motion};
+use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
-use planning::gcode::{Transmission, Unit};
+use planning::gcode::{Transmission, TransmissionUnit};
 use planning::proof::{ProvenBlock, ProvenModes};
 
 /// Maximum time until the link's task has written a line.
-const ON_THE_WIRE: Duration = Duration::from_millis(20);
+const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 /// Maximum time for an axis to settle at its target.
-const SETTLES: Duration = Duration::from_millis(500);
-const STEP_OF_NO_BLOCK: u32 = 0;
+const MAX_SETTLING_TIME: Duration = Duration::from_millis(500);
+const NO_BLOCK_STEP: u32 = 0;
 /// Limits for a program that moves nothing.
-const WITHOUT_MOTION: Watched<'_> =
-    Watched { step: STEP_OF_NO_BLOCK, rests: Duration::ZERO, turns_to: None };
-const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
+const NO_MOTION_LIMITS: ProgramLimits<'_> =
+    ProgramLimits { step: NO_BLOCK_STEP, rest_time: Duration::ZERO, turn_end: None };
+const HALT_COMMANDS: &[u8] = b"set enable EMCTOO\nset abort\n";
 
 /// Address and shared directory of the control, and properties of its machine.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub struct LinuxCncSettings {
     /// Address of linuxcncrsh, by default port 5007.
     pub address: Address,
     /// Directory that `trued` and LinuxCNC see under the same absolute name and can both write.
@@ -48,18 +49,18 @@ pub struct Settings {
 }
 
 pub struct LinuxCnc {
-    pub(super) settings: Settings,
+    pub(super) settings: LinuxCncSettings,
     modes: ProvenModes,
-    pub(super) rsh: Rsh,
+    pub(super) rsh: RshClient,
     /// Connection that carries only halts; kept open for them.
-    halting: Rsh,
+    halt_connection: RshClient,
     halt: Halt,
-    files: Files,
+    files: SharedFiles,
     /// Mode of the control, which `finish` restores; each program restores its other modal state itself.
-    mode_found: Option<String>,
-    ready: bool,
+    initial_mode: Option<String>,
+    is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
-    spindle: Option<f64>,
+    spindle_rad: Option<f64>,
     sampler: Option<Sampler>,
 }
 
@@ -69,41 +70,44 @@ impl LinuxCnc {
     /// # Errors
     /// No linuxcncrsh at the address; an unusable directory.
     pub async fn open(
-        settings: Settings,
+        settings: LinuxCncSettings,
         modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
-        let files = Files::within(&settings.directory)?;
-        let mut rsh = Rsh::open(&settings.address).await?;
-        let halting = Rsh::open(&settings.address).await?;
-        let urgent = halting.link.urgent();
-        let halt = Halt::new(move || urgent.send(HALT));
+        let files = SharedFiles::open(&settings.directory)?;
+        let mut rsh = RshClient::open(&settings.address).await?;
+        let halt_connection = RshClient::open(&settings.address).await?;
+        let urgent = halt_connection.link.urgent();
+        let halt = Halt::new(move || urgent.send(HALT_COMMANDS));
         rsh.halt = Some(halt.clone());
         let driver = Self {
             settings,
             modes,
             rsh,
-            halting,
+            halt_connection,
             halt: halt.clone(),
             files,
-            mode_found: None,
-            ready: false,
-            spindle: None,
+            initial_mode: None,
+            is_prepared: false,
+            spindle_rad: None,
             sampler: None,
         };
         Ok((driver, halt))
     }
 
     pub fn transmission(&self) -> Transmission {
-        Transmission::Programs { log: self.files.log_name() }
+        Transmission::Programs { log: self.files.result_log_path() }
     }
 
     /// Sets the sampler that timestamps positions during motion.
-    pub fn stamped_by(self, sampler: Option<Sampler>) -> Self {
+    pub fn with_sampler(self, sampler: Option<Sampler>) -> Self {
         Self { sampler, ..self }
     }
 
     /// Checks the switches and the state; changes only how linuxcncrsh answers.
-    async fn look(&mut self, ini: Option<&Ini>) -> Result<(), ControllerError> {
+    async fn check_switches_and_state(
+        &mut self,
+        ini: Option<&IniFile>,
+    ) -> Result<(), ControllerError> {
         // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
         // that the task has not accepted.
         self.rsh.set("set_wait received").await?;
@@ -111,197 +115,225 @@ impl LinuxCnc {
         let estop = self.rsh.get("estop").await?;
         let machine = self.rsh.get("machine").await?;
         let homed = self.rsh.get("joint_homed").await?;
-        let joints = ini.and_then(Ini::joints);
-        prepare::judge_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
+        let joints = ini.and_then(IniFile::joint_count);
+        prepare::check_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
         // The reported switches may be outdated. (While the machine is stopped, this would be refused.)
-        watch::sign_of_life(&mut self.rsh).await?;
+        program_runner::request_sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
             return Err(not_ready(
                 "a program is running",
-                "let it end or stop it, then start again",
+                "wait until the program ends, or stop it, then start again",
             ));
         }
-        state::full_speed(&mut self.rsh).await
+        state::check_feed_override(&mut self.rsh).await
     }
 
-    async fn check(&mut self) -> Result<Prepared, ControllerError> {
+    async fn prepare_control(&mut self) -> Result<PreparedControl, ControllerError> {
         self.refuse_if_halted()?;
-        let ini = self.settings.ini.as_deref().map(Ini::read).transpose()?;
-        self.rsh.enable().await?;
-        self.look(ini.as_ref()).await?;
+        let ini = self.settings.ini.as_deref().map(IniFile::read).transpose()?;
+        self.rsh.take_command().await?;
+        self.check_switches_and_state(ini.as_ref()).await?;
         let mode = self.rsh.get("mode").await?;
-        self.mode_found.get_or_insert(mode);
-        self.rsh.messages().await?;
-        self.rsh.command("mode auto").await?;
-        self.files.write(&prepare::program(&self.files.log_name()))?;
-        self.rsh.command(&format!("open {}", self.files.program_name())).await?;
-        let log = watch::run(&mut self.rsh, &self.files, &self.halt, WITHOUT_MOTION).await?;
-        if !log.ended {
+        self.initial_mode.get_or_insert(mode);
+        self.rsh.read_messages().await?;
+        self.rsh.send_command("mode auto").await?;
+        self.files.write_program(&prepare::state_program(&self.files.result_log_path()))?;
+        self.rsh.send_command(&format!("open {}", self.files.program_path())).await?;
+        let log =
+            program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS)
+                .await?;
+        if !log.is_complete {
             self.files.expect_log()?;
-            return Err(self.reason(STEP_OF_NO_BLOCK, log).await);
+            return Err(self.stop_reason(NO_BLOCK_STEP, log).await);
         }
         let axes = &self.settings.axes;
-        let state = prepare::judge(&log.state, axes)?;
-        state::axes_are_joints(&mut self.rsh, axes).await?;
-        let stands = state::stands(&mut self.rsh, axes).await?;
-        kinematics::judge(ini.as_ref(), state.kinematics, &stands)?;
-        if let Some(seconds) = self.modes.settles_s() {
-            let program = self.modes.switch_on().to_owned();
-            self.switch(&program).await?;
+        let state = prepare::check_state(&log.state_values, axes)?;
+        state::check_identity_kinematics(&mut self.rsh, axes).await?;
+        let position = state::read_position(&mut self.rsh, axes).await?;
+        kinematics::check_identity_mode(ini.as_ref(), state.kinematics, &position)?;
+        if let Some(seconds) = self.modes.settling_time_s() {
+            let program = self.modes.switch_on_program().to_owned();
+            self.run_switch_program(&program).await?;
             sleep(Duration::try_from_secs_f64(seconds).unwrap_or_default()).await;
         }
         let axes = &self.settings.axes;
         let mut identity = format!("LinuxCNC {} ({})", state.version, self.rsh.server);
         if let Some(sampler) = &mut self.sampler {
-            let mm = state::unit_mm(&mut self.rsh).await?;
-            sampler.agrees(&stands, axes, mm).await?;
-            identity += &format!("; {}", sampler.says());
+            let mm = state::read_length_unit_mm(&mut self.rsh).await?;
+            sampler.check_agreement(&position, axes, mm).await?;
+            identity += &format!("; {}", sampler.describe());
         }
-        Ok(Prepared {
+        Ok(PreparedControl {
             identity,
-            stop: "a halt aborts: the machine decelerates and stays; the abort acts within 20 ms \
-                   (0.1 s at worst), then it travels feed²/(2·acceleration)"
-                .to_owned(),
-            stands,
+            stop_description:
+                "a halt aborts the program: the abort takes effect within 20 ms (0.1 s at worst), \
+                   then the machine decelerates over feed²/(2·acceleration) and stays"
+                    .to_owned(),
+            position,
             transmission: self.transmission(),
-            not_readable: NOT_READABLE.to_vec(),
+            unreadable_items: UNREADABLE_ITEMS.to_vec(),
         })
     }
 
     /// Runs one program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
-    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute_block(
+        &mut self,
+        block: &ProvenBlock,
+    ) -> Result<BlockOutcome, ControllerError> {
         if *block.transmission() != self.transmission() {
-            return Err(ControllerError::Transmission { step: block.step() });
+            return Err(ControllerError::WrongTransmission { step: block.step() });
         }
         let units = block.units()?;
-        self.begins(block).await?;
-        let sampler = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));
-        sampler.inspect(|sampler| sampler.begin());
+        self.check_block_start(block).await?;
+        let sampler = self.sampler.as_ref().filter(|_| block.motions().any(is_feed_motion));
+        sampler.inspect(|sampler| sampler.start_recording());
         let mut touch = None;
         for proven in units {
-            touch = self.part(block.step(), &proven.unit).await?.or(touch);
+            touch = self.run_program_part(block.step(), &proven.unit).await?.or(touch);
         }
-        Ok(Outcome { touch, t_s: None, track: self.track(block).await? })
+        Ok(BlockOutcome { touch, t_s: None, track: self.read_track(block).await? })
     }
 
     /// Checks that the machine is where the proven block begins.
-    async fn begins(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
+    async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let axes = &self.settings.axes;
-        let begins = block.begins().only(|axis| axis != Axis::S && axes.contains(&axis));
+        let begins =
+            block.start_position().filter_axes(|axis| axis != Axis::S && axes.contains(&axis));
         if begins.is_empty() {
             return Ok(());
         }
-        let stands = state::stands(&mut self.rsh, axes).await?;
-        let astray = arrival::astray(&begins, &stands, |axis| arrival::tolerance(axis, None));
-        astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
+        let position = state::read_position(&mut self.rsh, axes).await?;
+        let deviation_error = arrival::deviation_error(&begins, &position, |axis| {
+            arrival::axis_tolerance(axis, None)
+        });
+        deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
     }
 
     /// Positions of the axes during `block`, if the block moves at feed and there is a sampler.
-    async fn track(&mut self, block: &ProvenBlock) -> Result<Option<Track>, ControllerError> {
-        let wanted = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));
-        let Some(sampler) = wanted else { return Ok(None) };
-        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
-        sampler.end(block.step(), &stands).await.map(Some)
+    async fn read_track(
+        &mut self,
+        block: &ProvenBlock,
+    ) -> Result<Option<AxisTrack>, ControllerError> {
+        let active_sampler = self.sampler.as_ref().filter(|_| block.motions().any(is_feed_motion));
+        let Some(sampler) = active_sampler else { return Ok(None) };
+        let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
+        sampler.finish_recording(block.step(), &position).await.map(Some)
     }
 
-    async fn part(&mut self, step: u32, part: &Unit) -> Result<Option<Position>, ControllerError> {
-        if !part.motions.first().is_some_and(backs_off) {
-            self.probe_is_open(step).await?;
+    async fn run_program_part(
+        &mut self,
+        step: u32,
+        part: &TransmissionUnit,
+    ) -> Result<Option<Position>, ControllerError> {
+        if !part.motions.first().is_some_and(is_back_off) {
+            self.require_open_probe(step).await?;
         }
-        state::full_speed(&mut self.rsh).await?;
-        state::opened(&mut self.rsh, &self.files.program_name()).await?;
-        self.files.write(&part.text)?;
+        state::check_feed_override(&mut self.rsh).await?;
+        state::check_open_program(&mut self.rsh, &self.files.program_path()).await?;
+        self.files.write_program(&part.text)?;
         self.refuse_if_halted()?;
         // A contact while an axis turns must stop the axis (`planning::turning`).
-        let ends = way::end_of_turns(&part.motions);
-        let watched = Watched { step, rests: watch::rests(part), turns_to: ends.as_ref() };
-        let log = match watch::run(&mut self.rsh, &self.files, &self.halt, watched).await {
+        let ends = path_check::turn_end_position(&part.motions);
+        let limits = ProgramLimits {
+            step,
+            rest_time: program_runner::program_rest_time(part),
+            turn_end: ends.as_ref(),
+        };
+        let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits)
+            .await
+        {
             Err(refusal @ ControllerError::Refused { .. }) => {
-                return Err(fault::refused(&mut self.rsh, refusal).await);
+                return Err(fault::refusal_reason(&mut self.rsh, refusal).await);
             }
             ended => ended?,
         };
-        if !log.ended {
-            return Err(self.reason(step, log).await);
+        if !log.is_complete {
+            return Err(self.stop_reason(step, log).await);
         }
-        if part.motions.last().is_some_and(backs_off) {
-            self.probe_is_open(step).await?;
+        if part.motions.last().is_some_and(is_back_off) {
+            self.require_open_probe(step).await?;
         }
-        state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
-        if part.motions.iter().any(touches) {
+        state::check_identity_kinematics(&mut self.rsh, &self.settings.axes).await?;
+        if part.motions.iter().any(is_touch) {
             // The feed override may have changed since the part began.
-            state::full_speed(&mut self.rsh).await?;
+            state::check_feed_override(&mut self.rsh).await?;
         }
-        self.arrived(step, part).await?;
-        self.touched(step, part, log.verdict)
+        self.check_final_position(step, part).await?;
+        self.touch_position(step, part, log.result)
     }
 
     /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's
     /// task is late, its interpreter reads on before a probing move has begun (2.9, issue 3650), and a
     /// contact in that move shows nowhere else.
-    async fn arrived(&mut self, step: u32, part: &Unit) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + SETTLES;
+    async fn check_final_position(
+        &mut self,
+        step: u32,
+        part: &TransmissionUnit,
+    ) -> Result<(), ControllerError> {
+        let deadline = Instant::now() + MAX_SETTLING_TIME;
         loop {
-            let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
-            match way::astray(&part.motions, &stands) {
+            let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
+            match path_check::end_deviation_error(&part.motions, &position) {
                 None => return Ok(()),
                 // The position is that of the feedback: an axis may still be settling.
-                Some(_) if Instant::now() < deadline => sleep(ON_THE_WIRE).await,
+                Some(_) if Instant::now() < deadline => sleep(LINK_WRITE_TIME).await,
                 Some(error) => {
-                    self.probe_is_open(step).await?;
+                    self.require_open_probe(step).await?;
                     return Err(error);
                 }
             }
         }
     }
 
-    async fn probe_is_open(&mut self, step: u32) -> Result<(), ControllerError> {
+    async fn require_open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
         match self.rsh.get("probe_value").await?.as_str() {
             "0" => Ok(()),
-            _ => Err(ControllerError::StillTripped { step }),
+            _ => Err(ControllerError::ProbeStillClosed { step }),
         }
     }
 
     /// Returns the position at the trigger, if `part` has a touch.
-    fn touched(
+    fn touch_position(
         &mut self,
         step: u32,
-        part: &Unit,
-        verdict: Option<Verdict>,
+        part: &TransmissionUnit,
+        result: Option<ProgramResult>,
     ) -> Result<Option<Position>, ControllerError> {
-        let turned = part.motions.iter().rev().find_map(|motion| match motion {
+        let orientation = part.motions.iter().rev().find_map(|motion| match motion {
             Motion::Orient { s } => Some(*s),
             _ => None,
         });
-        self.spindle = turned.or(self.spindle);
-        match (part.motions.iter().any(touches), verdict) {
-            (true, Some(Verdict::Touch(at))) => {
-                if let Some(error) = way::contact_off_path(&part.motions, &at) {
+        self.spindle_rad = orientation.or(self.spindle_rad);
+        match (part.motions.iter().any(is_touch), result) {
+            (true, Some(ProgramResult::Touch(at))) => {
+                if let Some(error) = path_check::contact_path_error(&part.motions, &at) {
                     return Err(error);
                 }
-                let at = at.only(|axis| self.settings.axes.contains(&axis));
-                Ok(Some(self.spindle.map_or(at.clone(), |s| at.with(Axis::S, s))))
+                let at = at.filter_axes(|axis| self.settings.axes.contains(&axis));
+                Ok(Some(self.spindle_rad.map_or(at.clone(), |s| at.with(Axis::S, s))))
             }
             (false, None) => Ok(None),
-            _ => Err(ControllerError::Garbled { text: format!("log of step {step}") }),
+            _ => Err(ControllerError::UnreadableReply { text: format!("log of step {step}") }),
         }
     }
 
     /// Runs a program that moves nothing.
-    async fn switch(&mut self, program: &str) -> Result<(), ControllerError> {
-        self.files.write(program)?;
+    async fn run_switch_program(&mut self, program: &str) -> Result<(), ControllerError> {
+        self.files.write_program(program)?;
         self.refuse_if_halted()?;
-        let log = watch::run(&mut self.rsh, &self.files, &self.halt, WITHOUT_MOTION).await?;
-        if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
+        let log =
+            program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS)
+                .await?;
+        if log.is_complete { Ok(()) } else { Err(self.stop_reason(NO_BLOCK_STEP, log).await) }
     }
 
     /// Returns why a program stopped before its end.
-    async fn reason(&mut self, step: u32, log: Log) -> ControllerError {
+    async fn stop_reason(&mut self, step: u32, log: ResultLog) -> ControllerError {
         if self.halt.is_halted() {
             return ControllerError::Halted;
         }
-        fault::reason(&mut self.rsh, step, log.verdict.as_ref(), &self.settings.axes).await
+        fault::stop_reason(&mut self.rsh, step, log.result.as_ref(), &self.settings.axes).await
     }
 
     fn refuse_if_halted(&self) -> Result<(), ControllerError> {
@@ -309,32 +341,32 @@ impl LinuxCnc {
     }
 
     /// After any failure: aborts what is still running; nothing runs until `prepare`.
-    async fn failed(&mut self, error: ControllerError) -> ControllerError {
-        self.ready = false;
-        self.sampler.iter().for_each(Sampler::give_up);
+    async fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+        self.is_prepared = false;
+        self.sampler.iter().for_each(Sampler::discard_recording);
         if self.halt.is_halted() {
-            let Err(error) = watch::stop(&mut self.rsh).await else {
+            let Err(error) = program_runner::abort_until_at_rest(&mut self.rsh).await else {
                 return ControllerError::Halted;
             };
-            self.halting.link.urgent().send(HALT);
+            self.halt_connection.link.urgent().send(HALT_COMMANDS);
             return error;
         }
         // A connection without an answer is not used again. The other one may still work, and a frozen task
         // that resumes takes the abort first.
-        let dumb = matches!(
+        let is_unresponsive = matches!(
             error,
             ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
         );
-        if dumb || self.rsh.command("abort").await.is_err() {
-            self.halting.link.urgent().send(HALT);
-            sleep(ON_THE_WIRE).await;
+        if is_unresponsive || self.rsh.send_command("abort").await.is_err() {
+            self.halt_connection.link.urgent().send(HALT_COMMANDS);
+            sleep(LINK_WRITE_TIME).await;
         }
         error
     }
 }
 
 /// linuxcncrsh reports no limits (`get ini` is "not implemented"), no rapid override and no other client.
-const NOT_READABLE: [ReadinessItem; 4] = [
+const UNREADABLE_ITEMS: [ReadinessItem; 4] = [
     ReadinessItem::TravelLimits,
     ReadinessItem::RapidOverride,
     ReadinessItem::OtherClients,
@@ -342,59 +374,62 @@ const NOT_READABLE: [ReadinessItem; 4] = [
 ];
 
 impl Driver for LinuxCnc {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
-        self.ready = false;
-        let prepared = self.check().await?;
-        self.ready = true;
+    async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
+        let prepared = self.prepare_control().await?;
+        self.is_prepared = true;
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         self.refuse_if_halted()?;
-        if !self.ready {
-            return Err(not_ready("it was not prepared since the last fault", "start again"));
+        if !self.is_prepared {
+            return Err(not_ready(
+                "the control was not prepared after the last fault",
+                "start again",
+            ));
         }
-        match self.block(&block).await {
+        match self.execute_block(&block).await {
             Ok(outcome) => Ok(outcome),
-            Err(error) => Err(self.failed(error).await),
+            Err(error) => Err(self.handle_fault(error).await),
         }
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
-        let probe_closed = self.rsh.get("probe_value").await? != "0";
-        let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
-        Ok(Look { probe_closed, stands })
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+        let is_probe_closed = self.rsh.get("probe_value").await? != "0";
+        let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
+        Ok(MachineSnapshot { is_probe_closed, position })
     }
 
-    fn stamps(&self) -> bool {
+    fn can_record_track(&self) -> bool {
         self.sampler.is_some()
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.report_identity().await
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+        self.read_device_info().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
         self.refuse_if_halted()?;
-        if let Some(program) = self.modes.switch_off().map(str::to_owned) {
-            self.switch(&program).await?;
+        if let Some(program) = self.modes.switch_off_program().map(str::to_owned) {
+            self.run_switch_program(&program).await?;
         }
-        match self.mode_found.take() {
-            Some(mode) => self.rsh.command(&format!("mode {mode}")).await,
+        match self.initial_mode.take() {
+            Some(mode) => self.rsh.send_command(&format!("mode {mode}")).await,
             None => Ok(()),
         }
     }
 }
 
-/// Whether the motion is at feed, as along a scan: see [`Outcome::track`].
-fn moves_at_feed(motion: &Motion) -> bool {
+/// Whether the motion is at feed, as along a scan: see [`BlockOutcome::track`].
+fn is_feed_motion(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
 }
 
-fn touches(motion: &Motion) -> bool {
+fn is_touch(motion: &Motion) -> bool {
     matches!(motion, Motion::Probe { .. })
 }
 
-fn backs_off(motion: &Motion) -> bool {
+fn is_back_off(motion: &Motion) -> bool {
     matches!(motion, Motion::BackOff { .. })
 }

@@ -1,85 +1,93 @@
 //! Reason why a program stopped before its end: from the log first, then the switches, then the messages.
 
 use super::not_ready::not_ready;
-use super::prepare::clear_slot;
-use super::result::Verdict;
-use super::rsh::Rsh;
+use super::prepare::clear_offset_command;
+use super::result::ProgramResult;
+use super::rsh::RshClient;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
 /// Returns why the program of `step` stopped; the machine has `axes`.
-pub(super) async fn reason(
-    rsh: &mut Rsh,
+pub(super) async fn stop_reason(
+    rsh: &mut RshClient,
     step: u32,
-    verdict: Option<&Verdict>,
+    result: Option<&ProgramResult>,
     axes: &[Axis],
 ) -> ControllerError {
-    match verdict {
-        Some(Verdict::Contact) => ControllerError::UnexpectedContact { step },
-        Some(Verdict::Tripped) => ControllerError::StillTripped { step },
-        Some(Verdict::NoContact) => ControllerError::NoContact { step },
-        Some(Verdict::Probe(fault)) => ControllerError::Probe { fault: *fault },
-        Some(Verdict::Offset) => not_ready(
+    match result {
+        Some(ProgramResult::UnexpectedContact) => ControllerError::UnexpectedContact { step },
+        Some(ProgramResult::ProbeClosedAtStart) => ControllerError::ProbeStillClosed { step },
+        Some(ProgramResult::NoContact) => ControllerError::NoContact { step },
+        Some(ProgramResult::ProbeFault(fault)) => ControllerError::ProbeFault { fault: *fault },
+        Some(ProgramResult::OffsetSet) => not_ready(
             "the work offset slot G59.3 was set during the run",
-            &format!("enter {}, then start again", clear_slot(axes)),
+            &format!("enter {}, then start again", clear_offset_command(axes)),
         ),
-        Some(Verdict::Touch(_)) | None => match told(rsh, step).await {
+        Some(ProgramResult::Touch(_)) | None => match reported_reason(rsh, step).await {
             Ok(reason) | Err(reason) => reason,
         },
     }
 }
 
 /// Returns why a command was refused: `refusal`, unless a switch explains it.
-pub(super) async fn refused(rsh: &mut Rsh, refusal: ControllerError) -> ControllerError {
-    match switches(rsh).await {
+pub(super) async fn refusal_reason(
+    rsh: &mut RshClient,
+    refusal: ControllerError,
+) -> ControllerError {
+    match switch_fault(rsh).await {
         Ok(Some(reason)) | Err(reason) => reason,
         Ok(None) => refusal,
     }
 }
 
 /// Returns the reason that the control reports; `Err` if the control does not answer.
-async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerError> {
-    if let Some(reason) = switches(rsh).await? {
+async fn reported_reason(
+    rsh: &mut RshClient,
+    step: u32,
+) -> Result<ControllerError, ControllerError> {
+    if let Some(reason) = switch_fault(rsh).await? {
         return Ok(reason);
     }
-    Ok(meant(step, &rsh.messages().await?))
+    Ok(interpret_messages(step, &rsh.read_messages().await?))
 }
 
 /// Converts LinuxCNC's messages to an error. Its interpreter checks its own queue after a probing move or
 /// an input; if its motion is late and has not yet reported an empty queue, the interpreter stops the
 /// program (2.9).
-fn meant(step: u32, said: &[String]) -> ControllerError {
-    let has = |words: &str| said.iter().any(|text| text.contains(words));
+fn interpret_messages(step: u32, messages: &[String]) -> ControllerError {
+    let has = |words: &str| messages.iter().any(|text| text.contains(words));
     if has("Probe tripped") {
         return ControllerError::UnexpectedContact { step };
     }
-    if said.iter().any(|text| text.contains("xceed") && text.contains("limit")) {
-        return ControllerError::OutOfTravel { step, said: said.join("; ") };
+    if messages.iter().any(|text| text.contains("xceed") && text.contains("limit")) {
+        return ControllerError::OutOfTravel { step, message: messages.join("; ") };
     }
     if has("Queue is not empty after") {
-        return ControllerError::Late { step, said: said.join("; ") };
+        return ControllerError::MotionLate { step, message: messages.join("; ") };
     }
-    let meaning = if said.is_empty() {
-        "it stopped without a message: an operator stopped it at the control, or LinuxCNC's motion did not \
-         answer its task in time (COMM_TIMEOUT): see LinuxCNC's own output"
+    let meaning = if messages.is_empty() {
+        "the program stopped without a message: an operator stopped it at the control, or LinuxCNC's motion did \
+         not reply to its task in time (COMM_TIMEOUT): see the output of LinuxCNC"
     } else {
-        "it stopped the program"
+        "LinuxCNC stopped the program"
     };
     ControllerError::Refused {
         line: format!("the program of step {step}"),
-        reply: said.join("; "),
+        reply: messages.join("; "),
         meaning: meaning.to_owned(),
     }
 }
 
 /// Returns an error for an active emergency stop or a machine that is off. An emergency stop comes without
 /// a message.
-async fn switches(rsh: &mut Rsh) -> Result<Option<ControllerError>, ControllerError> {
+async fn switch_fault(rsh: &mut RshClient) -> Result<Option<ControllerError>, ControllerError> {
     if rsh.get("estop").await? != "OFF" {
         return Ok(Some(ControllerError::EmergencyStop));
     }
     if rsh.get("machine").await? != "ON" {
-        return Ok(Some(ControllerError::SwitchedOff { said: rsh.messages().await?.join("; ") }));
+        return Ok(Some(ControllerError::SwitchedOff {
+            message: rsh.read_messages().await?.join("; "),
+        }));
     }
     Ok(None)
 }
@@ -91,11 +99,11 @@ mod tests {
     /// Texts of LinuxCNC 2.9, as linuxcncrsh passed them on.
     #[test]
     fn each_message_has_its_own_meaning() {
-        let of = |text: &str| meant(7, &[text.to_owned()]);
+        let of = |text: &str| interpret_messages(7, &[text.to_owned()]);
         for text in ["Queue is not empty after probing", "Queue is not empty after external input"]
         {
             let late = of(text);
-            assert!(matches!(late, ControllerError::Late { step: 7, .. }), "{late:?}");
+            assert!(matches!(late, ControllerError::MotionLate { step: 7, .. }), "{late:?}");
             assert!(late.to_string().contains(text), "{late}");
             assert!(late.remedy().contains("latency-test"), "{}", late.remedy());
         }
@@ -104,7 +112,7 @@ mod tests {
         let far = of("Exceeded POSITIVE soft limit (40.00000) on joint 0");
         assert!(matches!(far, ControllerError::OutOfTravel { step: 7, .. }), "{far:?}");
         assert!(matches!(of("Unknown word"), ControllerError::Refused { .. }));
-        let silent = meant(7, &[]).to_string();
+        let silent = interpret_messages(7, &[]).to_string();
         assert!(silent.contains("COMM_TIMEOUT"), "{silent}");
     }
 }

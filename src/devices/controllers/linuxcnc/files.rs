@@ -4,81 +4,89 @@ use std::io::Error;
 use std::path::Path;
 
 use super::not_ready::not_ready;
-use super::result::Log;
+use super::result::ResultLog;
 use crate::controllers::ControllerError;
-use link::Folder;
+use link::SharedFolder;
 
 /// Maximum length of the program's name: linuxcncrsh cuts off lines of 250 characters, `set open` included.
-const LONGEST_NAME: usize = 230;
-const PROGRAM: &str = "trued.ngc";
-const LOG: &str = "trued.log";
+const MAX_PROGRAM_PATH_BYTES: usize = 230;
+const PROGRAM_FILE_NAME: &str = "trued.ngc";
+const LOG_FILE_NAME: &str = "trued.log";
 
-pub(super) struct Files(Folder);
+pub(super) struct SharedFiles(SharedFolder);
 
 /// Name of the file in `directory` that receives the results.
-pub fn log_name(directory: &Path) -> String {
-    directory.join(LOG).to_string_lossy().into_owned()
+pub fn result_log_path(directory: &Path) -> String {
+    directory.join(LOG_FILE_NAME).to_string_lossy().into_owned()
 }
 
-impl Files {
+impl SharedFiles {
     /// # Errors
     /// LinuxCNC cannot use the directory's name, or the directory cannot be created.
-    pub fn within(directory: &Path) -> Result<Self, ControllerError> {
-        let name = directory.join(PROGRAM).to_string_lossy().into_owned();
-        if !directory.is_absolute() || name.len() > LONGEST_NAME || name.contains(['(', ')', ' ']) {
+    pub fn open(directory: &Path) -> Result<Self, ControllerError> {
+        let name = directory.join(PROGRAM_FILE_NAME).to_string_lossy().into_owned();
+        if !directory.is_absolute()
+            || name.len() > MAX_PROGRAM_PATH_BYTES
+            || name.contains(['(', ')', ' '])
+        {
             return Err(not_ready(
                 &format!("LinuxCNC cannot open {name}"),
-                "give [controller] program_dir a short absolute name without blanks and brackets",
+                "set [controller] program_dir to a short absolute path without spaces and brackets",
             ));
         }
-        Folder::open(directory).map(Self).map_err(|error| unusable(directory, &error))
+        SharedFolder::open(directory).map(Self).map_err(|error| directory_error(directory, &error))
     }
 
-    pub fn program_name(&self) -> String {
-        self.0.at(PROGRAM).to_string_lossy().into_owned()
+    pub fn program_path(&self) -> String {
+        self.0.path_of(PROGRAM_FILE_NAME).to_string_lossy().into_owned()
     }
 
-    pub fn log_name(&self) -> String {
-        self.0.at(LOG).to_string_lossy().into_owned()
+    pub fn result_log_path(&self) -> String {
+        self.0.path_of(LOG_FILE_NAME).to_string_lossy().into_owned()
     }
 
     /// Replaces the whole program, and removes the last log.
-    pub fn write(&self, text: &str) -> Result<(), ControllerError> {
-        self.0.write(PROGRAM, text).map_err(|error| self.unusable(PROGRAM, &error))?;
-        self.0.remove(LOG).map_err(|error| self.unusable(LOG, &error))
+    pub fn write_program(&self, text: &str) -> Result<(), ControllerError> {
+        self.0
+            .write(PROGRAM_FILE_NAME, text)
+            .map_err(|error| self.directory_error(PROGRAM_FILE_NAME, &error))?;
+        self.0.remove(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
     }
 
     /// Returns what the program of `step` has written so far.
-    pub fn log(&self, step: u32) -> Result<Log, ControllerError> {
-        match self.0.read(LOG) {
-            Ok(Some(text)) => Log::parse(&text, step),
-            Ok(None) => Ok(Log::default()),
-            Err(error) => Err(self.unusable(LOG, &error)),
+    pub fn read_log(&self, step: u32) -> Result<ResultLog, ControllerError> {
+        match self.0.read(LOG_FILE_NAME) {
+            Ok(Some(text)) => ResultLog::parse(&text, step),
+            Ok(None) => Ok(ResultLog::default()),
+            Err(error) => Err(self.directory_error(LOG_FILE_NAME, &error)),
         }
     }
 
     /// Checks that the log exists, after a program that should have opened it.
     pub fn expect_log(&self) -> Result<(), ControllerError> {
-        match self.0.read(LOG) {
+        match self.0.read(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
             Ok(None) => Err(not_ready(
-                &format!("LinuxCNC has run a program and not written {}", self.0.at(LOG).display()),
-                "the user of LinuxCNC must see this folder under the same name and be allowed to write to \
-                 it ([controller] program_dir); on another computer it may be late",
+                &format!(
+                    "LinuxCNC has run a program but has not written {}",
+                    self.0.path_of(LOG_FILE_NAME).display()
+                ),
+                "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
+                 write permission; a network folder may update late",
             )),
-            Err(error) => Err(self.unusable(LOG, &error)),
+            Err(error) => Err(self.directory_error(LOG_FILE_NAME, &error)),
         }
     }
 
-    fn unusable(&self, name: &str, error: &Error) -> ControllerError {
-        unusable(&self.0.at(name), error)
+    fn directory_error(&self, name: &str, error: &Error) -> ControllerError {
+        directory_error(&self.0.path_of(name), error)
     }
 }
 
-fn unusable(path: &Path, error: &Error) -> ControllerError {
+fn directory_error(path: &Path, error: &Error) -> ControllerError {
     not_ready(
         &format!("trued cannot use {}: {error}", path.display()),
-        "give trued and LinuxCNC a folder to which both users may write ([controller] program_dir)",
+        "set [controller] program_dir to a folder to which the users of trued and of LinuxCNC can write",
     )
 }
 
@@ -89,7 +97,7 @@ mod tests {
     #[test]
     fn a_log_that_linuxcnc_has_not_written_names_the_key_and_the_side() {
         let directory = tempfile::tempdir().unwrap();
-        let error = Files::within(directory.path()).unwrap().expect_log().unwrap_err();
+        let error = SharedFiles::open(directory.path()).unwrap().expect_log().unwrap_err();
         let ControllerError::NotReady { state, remedy } = error else { panic!("{error}") };
         assert!(state.contains("LinuxCNC has") && state.contains("trued.log"), "{state}");
         assert!(remedy.contains("[controller] program_dir"), "{remedy}");

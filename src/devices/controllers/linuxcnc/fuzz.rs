@@ -3,20 +3,20 @@
 use tokio::io::AsyncWriteExt;
 
 use super::prepare;
-use super::result::{Log, Verdict};
-use super::rsh::Rsh;
+use super::result::{ProgramResult, ResultLog};
+use super::rsh::RshClient;
 use crate::controllers::ControllerError;
 use link::Link;
 use machine::Axis;
 use testing::fuzz::fuzz;
 
-const LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
+const SAMPLE_LOG: &[u8] = b"state 2.9 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
 from 17 4 50.000000 0.000000 60.000000
 guarded 17 3 0.000000 50.000000 0.000000 60.000000
 touch 17 4 1.000000 47.900000 0.000000 60.000000 0.000000 0.000000 90.000000
 END
 ";
-const TALK: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
+const SAMPLE_REPLIES: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
     ABS_ACT_POS -47.990000 0.0 12.5 0.0 0.0 45.0 0.0 0.0 0.0\r\n\
     JOINT_HOMED YES YES YES YES YES NO\r\nPROGRAM_STATUS IDLE\r\nGET ESTOP NAK\r\n";
 
@@ -24,17 +24,17 @@ const TALK: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
 fn the_result_log_bears_anything() {
     let words =
         ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
-    fuzz("linuxcnc-log", &[LOG], &words, |input| {
+    fuzz("linuxcnc-log", &[SAMPLE_LOG], &words, |input| {
         let text = String::from_utf8_lossy(input);
-        let Ok(log) = Log::parse(&text, 17) else { return 0 };
-        assert!(log.lines <= input.len());
-        assert!(log.state.iter().all(|value| value.is_finite()), "{log:?}");
-        // `judge` must not panic either.
-        drop(prepare::judge(&log.state, &Axis::ALL));
-        if let Some(Verdict::Touch(at)) = &log.verdict {
+        let Ok(log) = ResultLog::parse(&text, 17) else { return 0 };
+        assert!(log.line_count <= input.len());
+        assert!(log.state_values.iter().all(|value| value.is_finite()), "{log:?}");
+        // `check_state` must not panic either.
+        drop(prepare::check_state(&log.state_values, &Axis::ALL));
+        if let Some(ProgramResult::Touch(at)) = &log.result {
             assert!(at.iter().all(|(_, value)| value.is_finite()), "{log:?}");
         }
-        size_of_val(log.state.as_slice())
+        size_of_val(log.state_values.as_slice())
     });
 }
 
@@ -43,7 +43,7 @@ fn answers_of_linuxcncrsh_bear_anything() {
     let words =
         ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    fuzz("linuxcnc-answers", &[TALK], &words, |input| runtime.block_on(ask_all(input)));
+    fuzz("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));
 }
 
 /// Sends requests until the peer, which sends `input` and disconnects, is gone; returns the number
@@ -52,14 +52,15 @@ async fn ask_all(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);
-    let mut rsh = Rsh { link: Link::over("peer", near), server: String::new(), halt: None };
+    let mut rsh =
+        RshClient { link: Link::from_stream("peer", near), server: String::new(), halt: None };
     let mut heard = 0;
     for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
         match rsh.get(key).await {
             Ok(answer) => {
                 heard += answer.len();
-                drop(prepare::judge_switches("OFF", "ON", &answer, &Axis::ALL, None));
-                if let Ok(at) = super::state::reported(&answer) {
+                drop(prepare::check_switches("OFF", "ON", &answer, &Axis::ALL, None));
+                if let Ok(at) = super::state::parse_numbers(&answer) {
                     assert!(at.iter().all(|value| value.is_finite()), "{answer}");
                 }
             }

@@ -6,21 +6,21 @@ use std::path::Path;
 use crate::controllers::ControllerError;
 
 /// INI file of LinuxCNC: values by section and key; if a key occurs twice, the first value counts.
-pub(super) struct Ini(BTreeMap<(String, String), String>);
+pub(super) struct IniFile(BTreeMap<(String, String), String>);
 
-impl Ini {
+impl IniFile {
     pub fn read(path: &Path) -> Result<Self, ControllerError> {
         let text = std::fs::read_to_string(path).map_err(|error| ControllerError::NotReady {
-            state: format!("its INI file {}: {error}", path.display()),
-            remedy: "[controller] ini in the machine file is the file that LinuxCNC was started with, and this \
-                     user can read it"
+            state: format!("the INI file {} is not readable: {error}", path.display()),
+            remedy: "set [controller] ini in the machine file to the file that LinuxCNC was started with, and give this \
+                     user read permission"
                 .to_owned(),
         })?;
-        Ok(Self::of(&text))
+        Ok(Self::parse(&text))
     }
 
-    pub fn of(text: &str) -> Self {
-        let mut all = BTreeMap::new();
+    pub fn parse(text: &str) -> Self {
+        let mut values = BTreeMap::new();
         let mut section = String::new();
         for line in text.lines().map(str::trim) {
             if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
@@ -28,24 +28,24 @@ impl Ini {
             } else if let Some((key, value)) =
                 line.split_once('=').filter(|_| !line.starts_with(['#', ';']))
             {
-                let place = (section.clone(), key.trim().to_owned());
-                all.entry(place).or_insert_with(|| value.trim().to_owned());
+                let path = (section.clone(), key.trim().to_owned());
+                values.entry(path).or_insert_with(|| value.trim().to_owned());
             }
         }
-        Self(all)
+        Self(values)
     }
 
-    pub fn text(&self, section: &str, key: &str) -> Option<&str> {
+    pub fn value(&self, section: &str, key: &str) -> Option<&str> {
         self.0.get(&(section.to_owned(), key.to_owned())).map(String::as_str)
     }
 
     pub fn number(&self, section: &str, key: &str) -> Option<f64> {
-        self.text(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
+        self.value(section, key)?.parse().ok().filter(|number: &f64| number.is_finite())
     }
 
     /// Module of the kinematics and its arguments.
     pub fn kinematics(&self) -> Option<&str> {
-        self.text("KINS", "KINEMATICS")
+        self.value("KINS", "KINEMATICS")
     }
 
     pub fn kinematics_module(&self) -> Option<&str> {
@@ -53,7 +53,7 @@ impl Ini {
     }
 
     /// Number of joints.
-    pub fn joints(&self) -> Option<usize> {
-        self.text("KINS", "JOINTS")?.parse().ok()
+    pub fn joint_count(&self) -> Option<usize> {
+        self.value("KINS", "JOINTS")?.parse().ok()
     }
 }

@@ -7,7 +7,7 @@
 //! measured on the simulated machine, the abort takes effect within 20 ms. Worst-case travel: 20 ms of the
 //! feed, plus feed²/(2·acceleration). The driver, which sends nothing else from then on, repeats the abort
 //! on its own connection until the machine is at rest: linuxcncrsh may lose a line that arrives together
-//! with another (`watch::stop`).
+//! with another (`watch::abort_until_at_rest`).
 //!
 //! **Properties of LinuxCNC 2.9 that the driver relies on**, all measured:
 //! - An acknowledgement is not success, and messages overwrite each other. The result is the content of the
@@ -34,6 +34,7 @@
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod config;
+mod device_info;
 mod diagnose;
 mod driver;
 mod fault;
@@ -41,22 +42,21 @@ mod files;
 #[cfg(test)]
 mod fuzz;
 mod ini;
-mod introduce;
 mod kinematics;
 mod not_ready;
+mod path_check;
 mod prepare;
+mod program_runner;
 mod result;
 mod rsh;
 mod sampler;
 mod state;
 #[cfg(test)]
 mod tests;
-mod watch;
-mod way;
 
-pub use config::Config;
-pub use driver::{LinuxCnc, Settings};
-pub use files::log_name;
+pub use config::LinuxCncConfig;
+pub use driver::{LinuxCnc, LinuxCncSettings};
+pub use files::result_log_path;
 pub use sampler::Sampler;
 
-pub const KIND: &str = "linuxcnc";
+pub const CONTROL_KIND: &str = "linuxcnc";

@@ -1,17 +1,17 @@
 //! Conditions that LinuxCNC must meet before a measurement. Nothing here moves the machine.
 
-use super::kinematics::SwitchPin;
+use super::kinematics::KinematicsMode;
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
 /// Number of values of a work offset slot: X, Y, Z, A, B, C and the rotation.
-const SLOT_NUMBERS: usize = 7;
+const OFFSET_SLOT_VALUE_COUNT: usize = 7;
 
 /// Returns the program that reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool
 /// length offset is active (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool
 /// instead), whether programs can read HAL pins, and the mode of switchable kinematics.
-pub(super) fn program(log: &str) -> String {
+pub(super) fn state_program(log: &str) -> String {
     format!(
         "%\n(trued reads the state; nothing moves)\n\
          #<pins> = EXISTS[#<_hal[motion.probe-input]>]\n#<kinematics> = -1\n\
@@ -27,27 +27,27 @@ pub(super) fn program(log: &str) -> String {
 #[derive(Debug, PartialEq)]
 pub(super) struct ReportedState {
     pub version: f64,
-    pub kinematics: SwitchPin,
+    pub kinematics: KinematicsMode,
 }
 
 /// Checks the numbers of the log line `state` for a machine with `axes`.
-pub(super) fn judge(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
+pub(super) fn check_state(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
     let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
-        return Err(ControllerError::Garbled { text: format!("state {state:?}") });
+        return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     };
-    if slot.len() != SLOT_NUMBERS {
-        return Err(ControllerError::Garbled { text: format!("state {state:?}") });
+    if slot.len() != OFFSET_SLOT_VALUE_COUNT {
+        return Err(ControllerError::UnreadableReply { text: format!("state {state:?}") });
     }
     if *spindle != 0.0 {
-        return Err(not_ready("the spindle is on", "stop the spindle: a stylus must not turn"));
+        return Err(not_ready("the spindle is on", "stop the spindle: the stylus must not rotate"));
     }
     if slot.iter().any(|offset| *offset != 0.0) {
         return Err(not_ready(
             "the work offset slot G59.3 is not zero",
             &format!(
-                "trued works in G59.3 and writes nothing to it: move your offset to another slot, then \
+                "trued uses G59.3 and requires zero offsets there: move your offset to another slot, then \
                  enter {}",
-                clear_slot(axes)
+                clear_offset_command(axes)
             ),
         ));
     }
@@ -58,16 +58,16 @@ pub(super) fn judge(state: &[f64], axes: &[Axis]) -> Result<ReportedState, Contr
         ));
     }
     let kinematics = match (*pins != 0.0, *kinematics) {
-        (false, _) => SwitchPin::NotReadable,
-        (true, number) if number < 0.0 => SwitchPin::None,
-        (true, number) => SwitchPin::Type(number),
+        (false, _) => KinematicsMode::NotReadable,
+        (true, number) if number < 0.0 => KinematicsMode::NotSwitchable,
+        (true, number) => KinematicsMode::Type(number),
     };
     Ok(ReportedState { version: *version, kinematics })
 }
 
 /// Returns the line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the
 /// machine does not have.
-pub(super) fn clear_slot(axes: &[Axis]) -> String {
+pub(super) fn clear_offset_command(axes: &[Axis]) -> String {
     let axes = axes.iter().filter(|axis| **axis != Axis::S);
     let words: String = axes.map(|axis| format!("{axis}0 ")).collect();
     format!("G10 L2 P9 {words}R0")
@@ -75,7 +75,7 @@ pub(super) fn clear_slot(axes: &[Axis]) -> String {
 
 /// Checks emergency stop, power and homing, as linuxcncrsh reports them, of a machine with `axes`; `joints`
 /// is the number of its joints, if known.
-pub(super) fn judge_switches(
+pub(super) fn check_switches(
     estop: &str,
     machine: &str,
     homed: &str,
@@ -83,10 +83,13 @@ pub(super) fn judge_switches(
     joints: Option<usize>,
 ) -> Result<(), ControllerError> {
     if estop != "OFF" {
-        return Err(not_ready("the emergency stop is pressed", "release it at the machine"));
+        return Err(not_ready(
+            "the emergency stop is pressed",
+            "release the emergency stop at the machine",
+        ));
     }
     if machine != "ON" {
-        return Err(not_ready("the machine is off", "switch it on at the control"));
+        return Err(not_ready("the machine is off", "switch the machine on at the control"));
     }
     let homed: Vec<&str> = homed.split_whitespace().collect();
     let axes = axes.iter().filter(|axis| **axis != Axis::S).count();
@@ -109,38 +112,38 @@ mod tests {
     #[test]
     fn each_thing_that_is_not_as_it_must_be_is_named() {
         let clean = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-        let reported = ReportedState { version: 2.9, kinematics: SwitchPin::Type(0.0) };
-        assert_eq!(judge(&clean, &AXES).unwrap(), reported);
+        let reported = ReportedState { version: 2.9, kinematics: KinematicsMode::Type(0.0) };
+        assert_eq!(check_state(&clean, &AXES).unwrap(), reported);
         for (at, named) in [(1, "spindle"), (2, "G59.3"), (8, "G59.3"), (9, "tool")] {
             let mut state = clean;
             state[at] = 1.0;
-            let error = judge(&state, &AXES).unwrap_err().to_string();
+            let error = check_state(&state, &AXES).unwrap_err().to_string();
             assert!(error.contains(named), "{at}: {error}");
         }
-        assert!(judge(&clean[..11], &AXES).is_err());
+        assert!(check_state(&clean[..11], &AXES).is_err());
     }
 
     #[test]
     fn pins_that_are_not_readable_are_told_from_kinematics_without_modes() {
         for (pins, number, expected) in [
-            (0.0, -1.0, SwitchPin::NotReadable),
-            (1.0, -1.0, SwitchPin::None),
-            (1.0, 1.0, SwitchPin::Type(1.0)),
+            (0.0, -1.0, KinematicsMode::NotReadable),
+            (1.0, -1.0, KinematicsMode::NotSwitchable),
+            (1.0, 1.0, KinematicsMode::Type(1.0)),
         ] {
             let state = [2.9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, pins, number];
-            assert_eq!(judge(&state, &AXES).unwrap().kinematics, expected);
+            assert_eq!(check_state(&state, &AXES).unwrap().kinematics, expected);
         }
     }
 
     #[test]
     fn the_line_that_clears_the_slot_names_the_axes_of_the_machine() {
         let axes = [&AXES[..], &[Axis::S]].concat();
-        assert_eq!(clear_slot(&axes), "G10 L2 P9 X0 Y0 Z0 B0 C0 R0");
+        assert_eq!(clear_offset_command(&axes), "G10 L2 P9 X0 Y0 Z0 B0 C0 R0");
     }
 
     #[test]
     fn a_joint_that_is_not_homed_is_named() {
-        let judge = |homed, joints| judge_switches("OFF", "ON", homed, &AXES, joints);
+        let judge = |homed, joints| check_switches("OFF", "ON", homed, &AXES, joints);
         assert!(judge("YES YES YES YES YES NO", None).is_ok());
         assert!(judge("YES YES YES YES YES NO", Some(5)).is_ok());
         let error = judge("YES YES NO YES YES NO", None).unwrap_err().to_string();
@@ -149,7 +152,7 @@ mod tests {
         assert!(judge("YES YES YES YES YES NO NO", None).is_err());
         assert!(judge("YES YES YES YES YES NO", Some(6)).is_err());
         assert!(judge("YES YES", None).is_err());
-        assert!(judge_switches("ON", "ON", "YES", &AXES[..1], None).is_err());
-        assert!(judge_switches("OFF", "OFF", "YES", &AXES[..1], None).is_err());
+        assert!(check_switches("ON", "ON", "YES", &AXES[..1], None).is_err());
+        assert!(check_switches("OFF", "OFF", "YES", &AXES[..1], None).is_err());
     }
 }

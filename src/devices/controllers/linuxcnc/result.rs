@@ -6,46 +6,46 @@ use planning::gcode::ProbeFault;
 
 /// Smallest distance of a contact from the start of its move, mm. A nearer contact was there before the
 /// move; a measuring touch with such a contact is invalid.
-const AT_ONCE_MM: f64 = 0.000_1;
+const MIN_CONTACT_DISTANCE_MM: f64 = 0.000_1;
 
 /// Axes of the parameters #5061 to #5066.
-const LOGGED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+const LOGGED_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 /// Content of the log so far.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Log {
+pub(super) struct ResultLog {
     /// Number of complete lines, which shows whether the log grows.
-    pub lines: usize,
-    pub ended: bool,
-    pub verdict: Option<Verdict>,
+    pub line_count: usize,
+    pub is_complete: bool,
+    pub result: Option<ProgramResult>,
     /// Numbers of the log line `state`.
-    pub state: Vec<f64>,
+    pub state_values: Vec<f64>,
 }
 
 #[derive(Debug, PartialEq)]
-pub(super) enum Verdict {
+pub(super) enum ProgramResult {
     /// Touch, with the position at the trigger.
     Touch(Position),
     NoContact,
     /// Contact during a guarded move.
-    Contact,
+    UnexpectedContact,
     /// Contact before the move began.
-    Tripped,
+    ProbeClosedAtStart,
     /// The work offset slot is not zero.
-    Offset,
+    OffsetSet,
     /// Fault that the probe reports on an input.
-    Probe(ProbeFault),
+    ProbeFault(ProbeFault),
 }
 
-impl Log {
+impl ResultLog {
     /// Parses what the block of `step` has written; a last line without a line end is still incomplete.
     pub fn parse(text: &str, step: u32) -> Result<Self, ControllerError> {
         let mut log = Self::default();
         let mut from = Vec::new();
         for line in text.split_inclusive('\n').filter(|line| line.ends_with('\n')) {
-            log.lines += 1;
+            log.line_count += 1;
             let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
-            let garbled = || ControllerError::Garbled { text: line.trim().to_owned() };
+            let garbled = || ControllerError::UnreadableReply { text: line.trim().to_owned() };
             // Rust parses `nan` as a number, but it is no position.
             let numbers: Vec<f64> = rest
                 .split_whitespace()
@@ -55,27 +55,34 @@ impl Log {
                 .filter(|numbers: &Vec<f64>| numbers.iter().all(|number| number.is_finite()))
                 .ok_or_else(garbled)?;
             match (kind, numbers.as_slice()) {
-                ("END", []) => log.ended = true,
-                ("offset", []) => log.verdict = Some(Verdict::Offset),
-                ("probe_error", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Error)),
-                ("probe_battery", []) => log.verdict = Some(Verdict::Probe(ProbeFault::Battery)),
-                ("state", _) => log.state = numbers,
+                ("END", []) => log.is_complete = true,
+                ("offset", []) => log.result = Some(ProgramResult::OffsetSet),
+                ("probe_error", []) => {
+                    log.result = Some(ProgramResult::ProbeFault(ProbeFault::Error))
+                }
+                ("probe_battery", []) => {
+                    log.result = Some(ProgramResult::ProbeFault(ProbeFault::Battery))
+                }
+                ("state", _) => log.state_values = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),
                 ("guarded", [_, _, touched, at @ ..]) if at.len() >= 3 => {
                     if *touched != 0.0 {
-                        let tripped = distance(&from, at) < AT_ONCE_MM;
-                        log.verdict =
-                            Some(if tripped { Verdict::Tripped } else { Verdict::Contact });
+                        let is_at_start = distance_mm(&from, at) < MIN_CONTACT_DISTANCE_MM;
+                        log.result = Some(if is_at_start {
+                            ProgramResult::ProbeClosedAtStart
+                        } else {
+                            ProgramResult::UnexpectedContact
+                        });
                     }
                 }
-                ("touch", [_, _, touched, at @ ..]) if at.len() == LOGGED.len() => {
-                    log.verdict = Some(if *touched == 0.0 {
-                        Verdict::NoContact
-                    } else if distance(&from, at) < AT_ONCE_MM {
-                        Verdict::Tripped
+                ("touch", [_, _, touched, at @ ..]) if at.len() == LOGGED_AXES.len() => {
+                    log.result = Some(if *touched == 0.0 {
+                        ProgramResult::NoContact
+                    } else if distance_mm(&from, at) < MIN_CONTACT_DISTANCE_MM {
+                        ProgramResult::ProbeClosedAtStart
                     } else {
-                        Verdict::Touch(position(at))
+                        ProgramResult::Touch(parse_position(at))
                     });
                 }
                 _ => return Err(garbled()),
@@ -86,59 +93,71 @@ impl Log {
 }
 
 /// Distance between the first three coordinates; infinite if there are fewer.
-fn distance(from: &[f64], to: &[f64]) -> f64 {
+fn distance_mm(from: &[f64], to: &[f64]) -> f64 {
     if from.len() < 3 {
         return f64::INFINITY;
     }
     from.iter().zip(to).take(3).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-fn position(edge: &[f64]) -> Position {
-    LOGGED.iter().zip(edge).map(|(axis, value)| (*axis, axis.from_edge(*value))).collect()
+fn parse_position(edge: &[f64]) -> Position {
+    LOGGED_AXES.iter().zip(edge).map(|(axis, value)| (*axis, axis.to_mm_or_rad(*value))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const FROM: &str = "from 17 4 50.000000 0.000000 60.000000\n";
+    const FROM_LINE: &str = "from 17 4 50.000000 0.000000 60.000000\n";
 
-    fn verdict(text: &str) -> Option<Verdict> {
-        Log::parse(&format!("{FROM}{text}"), 17).unwrap().verdict
+    fn verdict(text: &str) -> Option<ProgramResult> {
+        ResultLog::parse(&format!("{FROM_LINE}{text}"), 17).unwrap().result
     }
 
     #[test]
     fn a_touch_is_the_position_of_all_axes() {
         let text = "touch 17 4 1.000000 47.9 0.0 60.0 0.0 0.0 90.0\nEND\n";
-        let log = Log::parse(&format!("{FROM}{text}"), 17).unwrap();
-        assert!(log.ended && log.lines == 3);
-        let Some(Verdict::Touch(at)) = log.verdict else { panic!("{log:?}") };
-        assert_eq!(at.at(Axis::X), 47.9);
-        assert!((at.at(Axis::C) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        let log = ResultLog::parse(&format!("{FROM_LINE}{text}"), 17).unwrap();
+        assert!(log.is_complete && log.line_count == 3);
+        let Some(ProgramResult::Touch(at)) = log.result else { panic!("{log:?}") };
+        assert_eq!(at.get_or_zero(Axis::X), 47.9);
+        assert!((at.get_or_zero(Axis::C) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
     }
 
     #[test]
     fn the_target_of_a_missed_touch_is_no_touch() {
-        assert_eq!(verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"), Some(Verdict::NoContact));
+        assert_eq!(
+            verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"),
+            Some(ProgramResult::NoContact)
+        );
     }
 
     #[test]
     fn a_touch_where_it_started_is_a_probe_that_was_closed() {
-        assert_eq!(verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"), Some(Verdict::Tripped));
-        assert_eq!(verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"), Some(Verdict::Tripped));
+        assert_eq!(
+            verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"),
+            Some(ProgramResult::ProbeClosedAtStart)
+        );
+        assert_eq!(
+            verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"),
+            Some(ProgramResult::ProbeClosedAtStart)
+        );
     }
 
     #[test]
     fn a_guarded_move_should_touch_nothing() {
         assert_eq!(verdict("guarded 17 4 0.0 40.0 0.0 60.0\n"), None);
-        assert_eq!(verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"), Some(Verdict::Contact));
+        assert_eq!(
+            verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"),
+            Some(ProgramResult::UnexpectedContact)
+        );
     }
 
     #[test]
     fn a_line_on_its_way_waits_and_a_strange_one_is_refused() {
         assert_eq!(verdict("touch 17 4 1.0 47.9 0.0 60.0 0.0 0."), None);
         for text in ["touch 18 4 1 1 1 1 1 1 1\n", "touch 17 4 1 1\n", "hm 17 4\n", "touch x\n"] {
-            assert!(Log::parse(text, 17).is_err(), "{text}");
+            assert!(ResultLog::parse(text, 17).is_err(), "{text}");
         }
     }
 }

@@ -6,16 +6,16 @@ use tokio::time::Instant;
 
 use super::not_ready::not_ready;
 use crate::controllers::{ControllerError, Halt};
-use link::{Address, Link, LinkError, Received};
+use link::{Address, LineEvent, Link, LinkError};
 
 /// Maximum time for an answer. A healthy linuxcncrsh answers within 0.1 s, and a task accepts a command
 /// within 5 ms.
-const ANSWER: Duration = Duration::from_secs(3);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(3);
 /// Maximum time for an answer once the machine is to hold.
-const UNANSWERED: Duration = Duration::from_millis(300);
-const LOOK: Duration = Duration::from_millis(20);
+const HALT_REPLY_TIMEOUT: Duration = Duration::from_millis(300);
+const HALT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-pub(super) struct Rsh {
+pub(super) struct RshClient {
     pub link: Link,
     /// Name and version that linuxcncrsh reports.
     pub server: String,
@@ -23,14 +23,20 @@ pub(super) struct Rsh {
     pub halt: Option<Halt>,
 }
 
-impl Rsh {
-    /// Connects and performs the handshake. This alone gives no right to command: see [`Rsh::enable`].
+impl RshClient {
+    /// Connects and performs the handshake. This alone gives no right to command: see [`RshClient::take_command`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
-        let link = link::open(address).await.map_err(|error| not_there(address, error))?;
+        let link = link::open_line_link(address)
+            .await
+            .map_err(|error| connection_error(address, error))?;
         let mut rsh = Self { link, server: String::new(), halt: None };
-        let answer = rsh.ask("hello EMC trued 1.0", &["HELLO"]).await?;
+        let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
-            return Err(refused("hello EMC trued 1.0", answer, "it wants another password"));
+            return Err(refusal_error(
+                "hello EMC trued 1.0",
+                answer,
+                "linuxcncrsh requires another password",
+            ));
         };
         rsh.server = server.trim().to_owned();
         // This command is not answered, but perhaps echoed.
@@ -40,7 +46,7 @@ impl Rsh {
     }
 
     /// Takes the right to command; the connection that had it loses it.
-    pub async fn enable(&mut self) -> Result<(), ControllerError> {
+    pub async fn take_command(&mut self) -> Result<(), ControllerError> {
         self.set("enable EMCTOO").await
     }
 
@@ -49,45 +55,57 @@ impl Rsh {
         let key = key.to_ascii_uppercase();
         let line = format!("get {key}");
         let refusal = format!("GET {key}");
-        let answer = self.ask(&line, &[&key, &refusal]).await?;
+        let answer = self.send_request(&line, &[&key, &refusal]).await?;
         if answer == "NAK" {
-            return Err(refused(&line, answer, "this linuxcncrsh does not know it"));
+            return Err(refusal_error(
+                &line,
+                answer,
+                "this linuxcncrsh does not support the command",
+            ));
         }
         Ok(answer)
     }
 
     /// Sends a `set` that concerns linuxcncrsh alone.
-    pub async fn set(&mut self, what: &str) -> Result<(), ControllerError> {
-        let line = format!("set {what}");
-        let key = what.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
-        let answer = self.ask(&line, &[&format!("SET {key}")]).await?;
+    pub async fn set(&mut self, command: &str) -> Result<(), ControllerError> {
+        let line = format!("set {command}");
+        let key = command.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
+        let answer = self.send_request(&line, &[&format!("SET {key}")]).await?;
         if answer == "ACK" {
             return Ok(());
         }
-        Err(refused(&line, answer, "it is not allowed now, or another program has taken command"))
+        Err(refusal_error(
+            &line,
+            answer,
+            "the command is not allowed now, or another program has taken control",
+        ))
     }
 
     /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
-    pub async fn command(&mut self, what: &str) -> Result<(), ControllerError> {
-        match self.set(what).await {
+    pub async fn send_command(&mut self, command: &str) -> Result<(), ControllerError> {
+        match self.set(command).await {
             Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::Frozen),
             answer => answer,
         }
     }
 
     /// Sends `line`; returns the rest of the first line that begins with one of `starts`.
-    async fn ask(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
+    async fn send_request(
+        &mut self,
+        line: &str,
+        starts: &[&str],
+    ) -> Result<String, ControllerError> {
         self.link.send_line(line)?;
-        let mut deadline = Instant::now() + ANSWER;
+        let mut deadline = Instant::now() + REPLY_TIMEOUT;
         loop {
             if self.halt.as_ref().is_some_and(Halt::is_halted) {
-                deadline = deadline.min(Instant::now() + UNANSWERED);
+                deadline = deadline.min(Instant::now() + HALT_REPLY_TIMEOUT);
             }
-            let look = deadline.min(Instant::now() + LOOK);
-            match self.link.recv_deadline(look).await? {
-                None if look < deadline => {}
+            let poll_at = deadline.min(Instant::now() + HALT_POLL_INTERVAL);
+            match self.link.recv_deadline(poll_at).await? {
+                None if poll_at < deadline => {}
                 // An acknowledgement ends in \n\r: the \r arrives at the beginning of the next line.
-                Some(Received::Line(text)) => {
+                Some(LineEvent::Line(text)) => {
                     let text = text.trim();
                     let rest = starts.iter().find_map(|start| {
                         text.strip_prefix(start).filter(|r| r.is_empty() || r.starts_with(' '))
@@ -95,16 +113,18 @@ impl Rsh {
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
-                    // Words of another connection's line may be mixed into this one (see `watch::stop`).
+                    // Words of another connection's line may be mixed into this one (see `watch::abort_until_at_rest`).
                     if text.ends_with("NAK") {
                         return Ok("NAK".to_owned());
                     }
                 }
-                Some(Received::Noise { bytes }) => {
-                    return Err(ControllerError::Garbled { text: format!("{bytes} odd bytes") });
+                Some(LineEvent::Noise { bytes }) => {
+                    return Err(ControllerError::UnreadableReply {
+                        text: format!("{bytes} unreadable bytes"),
+                    });
                 }
                 None => {
-                    let seconds = ANSWER.as_secs_f64();
+                    let seconds = REPLY_TIMEOUT.as_secs_f64();
                     return Err(ControllerError::NoAnswer { line: line.to_owned(), seconds });
                 }
             }
@@ -113,31 +133,31 @@ impl Rsh {
 
     /// Reads the messages for the operator. Each kind has one slot, which is overwritten: suitable for
     /// display, not for results.
-    pub async fn messages(&mut self) -> Result<Vec<String>, ControllerError> {
-        let mut said = Vec::new();
+    pub async fn read_messages(&mut self) -> Result<Vec<String>, ControllerError> {
+        let mut messages = Vec::new();
         for key in ["ERROR", "OPERATOR_DISPLAY", "OPERATOR_TEXT"] {
             for _ in 0..8 {
                 let text = self.get(key).await?;
                 if text == "OK" {
                     break;
                 }
-                said.push(text);
+                messages.push(text);
             }
         }
-        Ok(said)
+        Ok(messages)
     }
 }
 
-fn not_there(address: &Address, error: LinkError) -> ControllerError {
+fn connection_error(address: &Address, error: LinkError) -> ControllerError {
     match error {
         LinkError::NotListening { .. } => not_ready(
             &format!("no linuxcncrsh listens at {address}"),
-            "start LinuxCNC and linuxcncrsh (as its display, or beside it); check [controller] tcp",
+            "start LinuxCNC and linuxcncrsh (as its display, or in addition to its display); check [controller] tcp",
         ),
         other => other.into(),
     }
 }
 
-fn refused(line: &str, reply: String, meaning: &str) -> ControllerError {
+fn refusal_error(line: &str, reply: String, meaning: &str) -> ControllerError {
     ControllerError::Refused { line: line.to_owned(), reply, meaning: meaning.to_owned() }
 }

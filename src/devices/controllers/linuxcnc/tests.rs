@@ -9,21 +9,21 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{TcpListener, TcpStream};
 
-use super::driver::{LinuxCnc, Settings};
-use super::files::log_name;
+use super::driver::{LinuxCnc, LinuxCncSettings};
+use super::files::result_log_path;
 use crate::controllers::{ControllerError, Driver, Halt};
 use link::Address;
-use machine::record::motion::{Block, Motion, Outcome};
+use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 
 /// Called before the healthy control: index of the connection (the second is the one for holds), line.
-type Odd = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
+type ReplyOverride = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
 
 /// Numbers of the log line `state`: no offset, kinematics of type 0.
-const READY: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
+const READY_STATE: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
 
 /// State of the scripted machine.
 #[derive(Default)]
@@ -31,8 +31,8 @@ struct Machine {
     program: String,
     state: &'static str,
     /// Log of its programs that move, and the position at which they end; if `None`, they never end.
-    ends: Option<(&'static str, f64)>,
-    moves: bool,
+    program_end: Option<(&'static str, f64)>,
+    is_moving: bool,
     x: f64,
     aborts: usize,
 }
@@ -43,11 +43,11 @@ impl Machine {
         let log = text.split("(LOGOPEN,").nth(1).unwrap().split(')').next().unwrap();
         if text.contains("(LOG,state") {
             fs::write(log, format!("state {}\nEND\n", self.state)).unwrap();
-        } else if let Some((says, x)) = self.ends {
+        } else if let Some((says, x)) = self.program_end {
             fs::write(log, says).unwrap();
             self.x = x;
         } else {
-            self.moves = true;
+            self.is_moving = true;
         }
     }
 
@@ -56,21 +56,21 @@ impl Machine {
         match key {
             "open" => self.program = rest.to_owned(),
             "run" => self.run(),
-            "abort" => (self.moves, self.aborts) = (false, self.aborts + 1),
+            "abort" => (self.is_moving, self.aborts) = (false, self.aborts + 1),
             _ => {}
         }
         format!("SET {} ACK\n\r", key.to_uppercase())
     }
 
     fn get(&mut self, key: &str) -> String {
-        self.x += f64::from(u8::from(self.moves));
+        self.x += f64::from(u8::from(self.is_moving));
         let said = match key {
             "ESTOP" => "OFF".to_owned(),
             "MACHINE" => "ON".to_owned(),
             "JOINT_HOMED" => "YES ".repeat(9),
             "OPTIONAL_STOP" => "1".to_owned(),
             "PROGRAM" => self.program.clone(),
-            "PROGRAM_STATUS" if self.moves => "RUNNING".to_owned(),
+            "PROGRAM_STATUS" if self.is_moving => "RUNNING".to_owned(),
             "PROGRAM_STATUS" => "IDLE".to_owned(),
             "FEED_OVERRIDE" => "100".to_owned(),
             "MODE" => "AUTO".to_owned(),
@@ -83,7 +83,7 @@ impl Machine {
         format!("{key} {said}\r\n")
     }
 
-    fn says(&mut self, line: &str) -> String {
+    fn reply(&mut self, line: &str) -> String {
         match line.split_once(' ') {
             Some(("hello", _)) => "HELLO ACK EMCNETSVR 1.1\n\r".to_owned(),
             Some(("set", "echo off")) => String::new(),
@@ -94,17 +94,17 @@ impl Machine {
     }
 }
 
-async fn talk(
+async fn serve_peer(
     mut stream: TcpStream,
     number: usize,
-    odd: Arc<Mutex<Odd>>,
+    odd: Arc<Mutex<ReplyOverride>>,
     machine: Arc<Mutex<Machine>>,
 ) {
     let (read, mut write) = stream.split();
     let mut lines = BufReader::new(read).lines();
     while let Ok(Some(line)) = lines.next_line().await {
         let said = odd.lock().unwrap()(number, &line).map(str::to_owned);
-        let said = said.unwrap_or_else(|| machine.lock().unwrap().says(&line));
+        let said = said.unwrap_or_else(|| machine.lock().unwrap().reply(&line));
         if write.write_all(said.as_bytes()).await.is_err() {
             return;
         }
@@ -112,41 +112,42 @@ async fn talk(
 }
 
 /// A prepared driver, its halt, and the machine.
-async fn prepared(
+async fn prepared_driver(
     directory: &tempfile::TempDir,
-    ends: Option<(&'static str, f64)>,
+    program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
 ) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
-    let (mut driver, halt, machine) = opened(directory, ends, odd).await;
+    let (mut driver, halt, machine) = open_driver(directory, program_end, odd).await;
     driver.prepare().await.unwrap();
     (driver, halt, machine)
 }
 
 /// A driver that is not prepared yet, its halt, and the machine.
-async fn opened(
+async fn open_driver(
     directory: &tempfile::TempDir,
-    ends: Option<(&'static str, f64)>,
+    program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
 ) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
-    let machine = Arc::new(Mutex::new(Machine { ends, state: READY, ..Machine::default() }));
-    let odd: Arc<Mutex<Odd>> = Arc::new(Mutex::new(Box::new(odd)));
+    let machine =
+        Arc::new(Mutex::new(Machine { program_end, state: READY_STATE, ..Machine::default() }));
+    let odd: Arc<Mutex<ReplyOverride>> = Arc::new(Mutex::new(Box::new(odd)));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     let of = machine.clone();
     tokio::spawn(async move {
         for number in 1.. {
             let (stream, _) = listener.accept().await.unwrap();
-            tokio::spawn(talk(stream, number, odd.clone(), of.clone()));
+            tokio::spawn(serve_peer(stream, number, odd.clone(), of.clone()));
         }
     });
-    let settings = Settings {
+    let settings = LinuxCncSettings {
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: directory.path().to_owned(),
         axes: vec![Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C],
         ini: Some(rig_ini()),
     };
     let dialect = dialect("linuxcnc").unwrap();
-    let log = log_name(directory.path());
+    let log = result_log_path(directory.path());
     let modes = prove_modes(&dialect, "test", settings.axes.clone(), Some(&log)).unwrap();
     let (driver, halt) = LinuxCnc::open(settings, modes).await.unwrap();
     (driver, halt, machine)
@@ -157,29 +158,34 @@ fn rig_ini() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/peers/linuxcnc/rig.ini")
 }
 
-fn to(x_mm: f64) -> Position {
+fn x_position(x_mm: f64) -> Position {
     Position::new().with(Axis::X, x_mm)
 }
 
 /// Proves the block for the transmission of this control; bodies are not checked.
-fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+fn prove_block(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
     let dialect = dialect("linuxcnc").unwrap();
     proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
 
 /// Rapid move to X 60 and guarded move to X 30.
-fn guarded() -> Block {
-    let motions =
-        vec![Motion::Rapid { to: to(60.0) }, Motion::Guarded { to: to(30.0), feed_mm_min: 300.0 }];
+fn guarded_block() -> Block {
+    let motions = vec![
+        Motion::Rapid { to: x_position(60.0) },
+        Motion::Guarded { to: x_position(30.0), feed_mm_min: 300.0 },
+    ];
     Block { step: 1, repeat: 0, motions }
 }
 
-async fn halted(mut driver: LinuxCnc, halt: Halt) -> Result<Outcome, ControllerError> {
+async fn halt_during_move(
+    mut driver: LinuxCnc,
+    halt: Halt,
+) -> Result<BlockOutcome, ControllerError> {
     let person = tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(100)).await;
-        halt.now();
+        halt.trigger();
     });
-    let outcome = driver.execute(proven(&driver, &guarded())).await;
+    let outcome = driver.execute(prove_block(&driver, &guarded_block())).await;
     person.await.unwrap();
     outcome
 }
@@ -196,7 +202,7 @@ async fn a_hold_is_seen_through_whatever_is_answered() {
     ];
     let mut hears = false;
     let (driver, halt, machine) =
-        prepared(&directory, None, move |number, line| match (number, line) {
+        prepared_driver(&directory, None, move |number, line| match (number, line) {
             (2, "set enable EMCTOO") => {
                 hears = true;
                 Some("SET NAK\n\r")
@@ -206,40 +212,43 @@ async fn a_hold_is_seen_through_whatever_is_answered() {
             _ => None,
         })
         .await;
-    let outcome = halted(driver, halt).await;
+    let outcome = halt_during_move(driver, halt).await;
     assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     let machine = machine.lock().unwrap();
-    assert!(!machine.moves && machine.aborts >= 1, "{} aborts", machine.aborts);
+    assert!(!machine.is_moving && machine.aborts >= 1, "{} aborts", machine.aborts);
 }
 
 #[tokio::test]
 async fn a_control_that_takes_no_abort_is_told_as_such() {
     let directory = tempfile::tempdir().unwrap();
-    let (driver, halt, machine) =
-        prepared(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r"))
-            .await;
-    let error = halted(driver, halt).await.unwrap_err();
-    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
-    assert!(error.position_lost() && error.remedy().contains("emergency stop"));
-    assert!(machine.lock().unwrap().moves);
+    let (driver, halt, machine) = prepared_driver(&directory, None, |_, line| {
+        (line == "set abort").then_some("SET ABORT NAK\n\r")
+    })
+    .await;
+    let error = halt_during_move(driver, halt).await.unwrap_err();
+    assert!(matches!(error, ControllerError::HoldFailed { .. }), "{error}");
+    assert!(error.is_position_lost() && error.remedy().contains("emergency stop"));
+    assert!(machine.lock().unwrap().is_moving);
 }
 
 #[tokio::test]
 async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_run() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
-    let (mut driver, _, machine) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
+    let (mut driver, _, machine) =
+        prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
     let dialect = dialect("linuxcnc").unwrap();
     let (axes, sent) = (driver.settings.axes.clone(), driver.transmission());
     let before = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
-    let elsewhere = proven_block_from(to(12.0), &guarded(), &axes, &dialect, &sent).unwrap();
+    let elsewhere =
+        proven_block_from(x_position(12.0), &guarded_block(), &axes, &dialect, &sent).unwrap();
     let error = driver.execute(elsewhere).await.unwrap_err();
-    assert!(error.to_string().contains("it stands at X0.000, not at X12.000"), "{error}");
+    assert!(error.to_string().contains("it is at X0.000, not at X12.000"), "{error}");
     driver.prepare().await.unwrap();
     let as_lines = Transmission::Lines { max_line_bytes: 80 };
-    let foreign = proven_block(&guarded(), &axes, &dialect, &as_lines).unwrap();
+    let foreign = proven_block(&guarded_block(), &axes, &dialect, &as_lines).unwrap();
     let error = driver.execute(foreign).await.unwrap_err();
-    assert!(matches!(error, ControllerError::Transmission { step: 1 }), "{error}");
+    assert!(matches!(error, ControllerError::WrongTransmission { step: 1 }), "{error}");
     assert_eq!(fs::read_to_string(&machine.lock().unwrap().program).unwrap(), before);
 }
 
@@ -247,8 +256,9 @@ async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_
 async fn the_program_that_it_runs_is_the_proven_text() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
-    let (mut driver, _, machine) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
-    let block = proven(&driver, &guarded());
+    let (mut driver, _, machine) =
+        prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
+    let block = prove_block(&driver, &guarded_block());
     let [part] = block.units().unwrap() else { panic!("{block:?}") };
     let text = part.unit.text.clone();
     driver.execute(block).await.unwrap();
@@ -262,20 +272,25 @@ async fn the_program_that_it_runs_is_the_proven_text() {
 async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
-    let (mut driver, ..) = prepared(&directory, Some((well, 30.0)), |_, _| None).await;
-    driver.execute(proven(&driver, &guarded())).await.unwrap();
+    let (mut driver, ..) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
+    driver.execute(prove_block(&driver, &guarded_block())).await.unwrap();
 
-    let (mut driver, _, machine) = prepared(&directory, Some((well, 47.0)), |_, _| None).await;
-    let error = driver.execute(proven(&driver, &guarded())).await.unwrap_err();
+    let (mut driver, _, machine) =
+        prepared_driver(&directory, Some((well, 47.0)), |_, _| None).await;
+    let error = driver.execute(prove_block(&driver, &guarded_block())).await.unwrap_err();
     assert!(error.to_string().contains("X47.000, not at X30.000"), "{error}");
     assert_eq!(machine.lock().unwrap().aborts, 1);
 
     let stale = "touch 1 1 1.000000 -28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
-    let (mut driver, ..) = prepared(&directory, Some((stale, 28.0)), |_, _| None).await;
-    let motions =
-        vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
-    let error =
-        driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
+    let (mut driver, ..) = prepared_driver(&directory, Some((stale, 28.0)), |_, _| None).await;
+    let motions = vec![
+        Motion::Rapid { to: x_position(30.0) },
+        Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 },
+    ];
+    let error = driver
+        .execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions }))
+        .await
+        .unwrap_err();
     assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
 }
 
@@ -283,13 +298,13 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
 #[tokio::test]
 async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero() {
     let directory = tempfile::tempdir().unwrap();
-    let (mut driver, _, machine) = opened(&directory, None, |_, _| None).await;
+    let (mut driver, _, machine) = open_driver(&directory, None, |_, _| None).await;
     for (state, ini, expected) in [
         ("2.9 0 0 0 0 0 0 0 0 0 1 1", Some(rig_ini()), Some("M429")),
         // HAL pins are not readable; without an INI file the meaning of the numbers is unknown.
         ("2.9 0 0 0 0 0 0 0 0 0 0 -1", Some(rig_ini()), Some("HAL_PIN_VARS")),
-        (READY, None, Some("[controller] ini")),
-        (READY, Some(rig_ini()), None),
+        (READY_STATE, None, Some("[controller] ini")),
+        (READY_STATE, Some(rig_ini()), None),
     ] {
         machine.lock().unwrap().state = state;
         driver.settings.ini = ini;
@@ -309,7 +324,7 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
 #[tokio::test]
 async fn identity_that_shows_needs_no_ini_file() {
     let directory = tempfile::tempdir().unwrap();
-    let (mut driver, ..) = opened(&directory, None, |_, line| match line {
+    let (mut driver, ..) = open_driver(&directory, None, |_, line| match line {
         "get ABS_ACT_POS" => Some("ABS_ACT_POS 20.0 30.0 10.0 0.0 5.0 12.0\r\n"),
         "get JOINT_POS" => Some("JOINT_POS 20.0 30.0 10.0 5.0 12.0 0.0\r\n"),
         _ => None,
@@ -324,17 +339,21 @@ async fn a_touch_at_another_feed_override_is_not_kept() {
     let directory = tempfile::tempdir().unwrap();
     let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let mut runs = 0;
-    let (mut driver, ..) = prepared(&directory, Some((touch, 28.0)), move |_, line| {
+    let (mut driver, ..) = prepared_driver(&directory, Some((touch, 28.0)), move |_, line| {
         runs += u32::from(line == "set run");
         // The first program of the driver moves nothing.
         (line == "get FEED_OVERRIDE" && runs > 1).then_some("FEED_OVERRIDE 120\r\n")
     })
     .await;
-    let motions =
-        vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
-    let error =
-        driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
-    assert!(error.to_string().contains("at 120 %"), "{error}");
+    let motions = vec![
+        Motion::Rapid { to: x_position(30.0) },
+        Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 },
+    ];
+    let error = driver
+        .execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions }))
+        .await
+        .unwrap_err();
+    assert!(error.to_string().contains("override is 120 %"), "{error}");
 }
 
 /// LinuxCNC itself aborts at the edge of the input; this test covers the case in which it does not.
@@ -342,19 +361,19 @@ async fn a_touch_at_another_feed_override_is_not_kept() {
 async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
     let directory = tempfile::tempdir().unwrap();
     let mut runs = 0;
-    let (mut driver, _, machine) = prepared(&directory, None, move |_, line| {
+    let (mut driver, _, machine) = prepared_driver(&directory, None, move |_, line| {
         runs += u32::from(line == "set run");
         (line == "get PROBE_VALUE" && runs > 1).then_some("PROBE_VALUE 1\r\n")
     })
     .await;
     let turn = Position::new().with(Axis::C, 1.0);
     let motions = vec![Motion::Feed { to: turn, feed_mm_min: 60.0 }];
-    let block = proven(&driver, &Block { step: 4, repeat: 0, motions });
+    let block = prove_block(&driver, &Block { step: 4, repeat: 0, motions });
     let executed = tokio::time::timeout(Duration::from_secs(2), driver.execute(block)).await;
     let error = executed.expect("it runs on").unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 4 }), "{error}");
     let machine = machine.lock().unwrap();
-    assert!(!machine.moves && machine.aborts == 1, "{} aborts", machine.aborts);
+    assert!(!machine.is_moving && machine.aborts == 1, "{} aborts", machine.aborts);
 }
 
 #[tokio::test]
@@ -362,22 +381,22 @@ async fn the_touch_after_a_turn_is_no_unexpected_contact() {
     let directory = tempfile::tempdir().unwrap();
     let touch = "from 1 1 30.0 0.0 0.0\ntouch 1 1 1.000000 28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let mut runs = 0;
-    let (mut driver, ..) = prepared(&directory, Some((touch, 28.0)), move |_, line| {
+    let (mut driver, ..) = prepared_driver(&directory, Some((touch, 28.0)), move |_, line| {
         runs += u32::from(line == "set run");
         (line == "get PROBE_VALUE" && runs > 1).then_some("PROBE_VALUE 1\r\n")
     })
     .await;
     let turn = Motion::Feed { to: Position::new().with(Axis::C, 0.0), feed_mm_min: 60.0 };
-    let motions = vec![turn, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
-    let block = proven(&driver, &Block { step: 1, repeat: 0, motions });
+    let motions = vec![turn, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
+    let block = prove_block(&driver, &Block { step: 1, repeat: 0, motions });
     let outcome = driver.execute(block).await.unwrap();
-    assert_eq!(outcome.touch.unwrap().at(Axis::X), 28.0);
+    assert_eq!(outcome.touch.unwrap().get_or_zero(Axis::X), 28.0);
 }
 
 #[tokio::test]
 async fn a_joint_beyond_the_axes_must_be_homed_too() {
     let directory = tempfile::tempdir().unwrap();
-    let (mut driver, ..) = opened(&directory, None, |_, line| {
+    let (mut driver, ..) = open_driver(&directory, None, |_, line| {
         (line == "get JOINT_HOMED").then_some("JOINT_HOMED YES YES YES YES YES NO YES\r\n")
     })
     .await;

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::program::{self, Program};
-use super::{Map, map};
+use super::program::{self, ResidentProgram};
+use super::{RegisterMap, map};
 use link::HostPort;
-use link::modbus::{Device, DeviceKeys, Framing, Parity};
+use link::modbus::{Framing, ModbusDevice, ModbusDeviceKeys, Parity};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ModbusConfigKeys {
     serial: Option<PathBuf>,
     serial_id: Option<String>,
     baud: Option<u32>,
@@ -20,50 +20,50 @@ struct Keys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "timeout_s")]
+    #[serde(default = "default_timeout_s")]
     timeout_s: f64,
-    #[serde(default = "dialect")]
+    #[serde(default = "default_dialect")]
     dialect: String,
-    registers: Option<map::keys::Keys>,
-    program: Option<program::Keys>,
+    registers: Option<map::keys::RegisterMapKeys>,
+    program: Option<program::ProgramKeys>,
 }
 
-fn timeout_s() -> f64 {
+fn default_timeout_s() -> f64 {
     0.5
 }
 
-fn dialect() -> String {
+fn default_dialect() -> String {
     "grbl-m19".to_owned()
 }
 
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
-    pub(super) device: Device,
-    pub(super) map: Map,
+#[serde(try_from = "ModbusConfigKeys")]
+pub struct ModbusConfig {
+    pub(super) device: ModbusDevice,
+    pub(super) map: RegisterMap,
     /// Resident program behind the window, used instead of lines.
-    pub(super) program: Option<Arc<Program>>,
+    pub(super) program: Option<Arc<ResidentProgram>>,
     pub(super) dialect: String,
 }
 
-type WindowConfig = (Map, Option<Arc<Program>>);
+type WindowConfig = (RegisterMap, Option<Arc<ResidentProgram>>);
 
 /// Converts the keys to the register map of the window, and to the resident program if there is one.
-fn window(
-    registers: map::keys::Keys,
-    program: Option<program::Keys>,
+fn window_config(
+    registers: map::keys::RegisterMapKeys,
+    program: Option<program::ProgramKeys>,
 ) -> Result<WindowConfig, String> {
     let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
-    let map = registers.of_program()?;
-    let program = Program::of(keys, &map)?;
+    let map = registers.into_program_map()?;
+    let program = ResidentProgram::from_keys(keys, &map)?;
     Ok((map, Some(Arc::new(program))))
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<ModbusConfigKeys> for ModbusConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys {
+    fn try_from(keys: ModbusConfigKeys) -> Result<Self, String> {
+        let ModbusConfigKeys {
             serial,
             serial_id,
             baud,
@@ -76,9 +76,10 @@ impl TryFrom<Keys> for Config {
             registers,
             program,
         } = keys;
-        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = Device::try_from(device)?;
-        let (map, program) = window(registers.unwrap_or_default(), program)?;
+        let device =
+            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDevice::try_from(device)?;
+        let (map, program) = window_config(registers.unwrap_or_default(), program)?;
         Ok(Self { device, map, program, dialect })
     }
 }

@@ -6,45 +6,47 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::Config;
-use super::fault::{PROBE_CLOSED, is_at_rest_after, probe_open};
-use super::patience::Patience;
-use super::program::Program;
-use super::status::Status;
-use super::window::Window;
-use crate::controllers::arrival::moved_by_hand;
-use crate::controllers::lines::{self, Lines};
-use crate::controllers::stamp::{ControlClock, ReportedTime};
-use crate::controllers::{ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, arrival};
+use super::ModbusConfig;
+use super::fault::{ALARM_PROBE_CLOSED, is_at_rest_after, require_open_probe};
+use super::program::ResidentProgram;
+use super::status::WindowStatus;
+use super::timeouts::ModbusTimeouts;
+use super::window::RegisterWindow;
+use crate::controllers::arrival::into_moved_by_hand;
+use crate::controllers::control_clock::{ControlClock, ReportedTime};
+use crate::controllers::motion_lines::{self, MotionLines};
+use crate::controllers::{
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival,
+};
 use machine::record::machine::Machine;
-use machine::record::motion::{Motion, Outcome};
+use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
 /// Maximum time that the spindle needs to reach its orientation.
-pub(super) const ORIENT: Duration = Duration::from_secs(30);
+pub(super) const MAX_ORIENT_TIME: Duration = Duration::from_secs(30);
 /// Maximum time that a probe bounces after it has come free.
-const SETTLE: Duration = Duration::from_millis(300);
+const MAX_PROBE_BOUNCE: Duration = Duration::from_millis(300);
 
 /// Driver of one control behind a Modbus window.
 pub struct ModbusControl {
-    pub(super) window: Window,
+    pub(super) window: RegisterWindow,
     pub(super) modes: ProvenModes,
     pub(super) machine: Machine,
     /// Address of the control, for the record.
-    pub(super) name: String,
+    pub(super) address_label: String,
     /// Axes of the machine file, without the spindle.
-    pub(super) wanted: Vec<Axis>,
+    pub(super) machine_axes: Vec<Axis>,
     /// Largest permitted distance of each axis from its target, mm or rad.
-    tolerance: BTreeMap<Axis, f64>,
+    axis_tolerances: BTreeMap<Axis, f64>,
     /// Last position of the machine at a standstill.
-    pub(super) stood: Position,
+    pub(super) rest_position: Position,
     /// Whether the control is prepared and no fault has occurred since.
-    ready: bool,
-    pub(super) spindle: Option<f64>,
-    pub(super) clock: ControlClock,
+    is_prepared: bool,
+    pub(super) spindle_rad: Option<f64>,
+    pub(super) control_clock: ControlClock,
     /// Resident program that executes the blocks; if `None`, their lines are sent.
-    pub(super) program: Option<Arc<Program>>,
+    pub(super) program: Option<Arc<ResidentProgram>>,
 }
 
 impl ModbusControl {
@@ -54,252 +56,272 @@ impl ModbusControl {
     /// # Errors
     /// The link cannot be opened, or the register map lacks an axis.
     pub async fn open(
-        config: &Config,
+        config: &ModbusConfig,
         machine: &Machine,
         modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
-        let wanted: Vec<Axis> =
+        let machine_axes: Vec<Axis> =
             machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
-        if let Some(axis) = config.map.missing(&wanted) {
+        if let Some(axis) = config.map.axis_without_registers(&machine_axes) {
             return Err(ControllerError::Unsupported {
-                what: format!("its register map does not tell the axis {axis}"),
-                remedy: "name it in [controller.registers.status.position] and .latch".to_owned(),
+                reason: format!("the register map has no registers for axis {axis}"),
+                remedy: "add the axis to [controller.registers.status.position] and .latch"
+                    .to_owned(),
             });
         }
-        let switches = modes.settles_s().is_some() || modes.switch_off().is_some();
+        let switches = modes.settling_time_s().is_some() || modes.switch_off_program().is_some();
         if config.program.is_some() && switches {
             return Err(ControllerError::Unsupported {
-                what: "no word for the probe or a clamp reaches a resident program".to_owned(),
-                remedy: "let that program switch them, and remove [probe] on, off and every clamp"
+                reason: "a resident program receives no commands for the probe and the clamps".to_owned(),
+                remedy: "switch the probe and the clamps in the resident program, and remove [probe] on, off and every clamp from the machine file"
                     .to_owned(),
             });
         }
         let (line, map) = (config.device.line.clone(), config.map.clone());
         let name = format!("{line}, unit {}", config.device.unit);
         let (window, halt) =
-            Window::open(line, config.device.unit, config.device.timeout, map).await?;
-        let tolerance = |axis: &Axis| (*axis, arrival::tolerance(*axis, machine.axes.get(axis)));
+            RegisterWindow::open(line, config.device.unit, config.device.timeout, map).await?;
+        let tolerance =
+            |axis: &Axis| (*axis, arrival::axis_tolerance(*axis, machine.axes.get(axis)));
         let driver = Self {
             window,
             modes,
             machine: machine.clone(),
-            name,
-            tolerance: wanted.iter().map(tolerance).collect(),
-            wanted,
-            stood: Position::new(),
-            ready: false,
-            spindle: None,
-            clock: ControlClock::default(),
+            address_label: name,
+            axis_tolerances: machine_axes.iter().map(tolerance).collect(),
+            machine_axes,
+            rest_position: Position::new(),
+            is_prepared: false,
+            spindle_rad: None,
+            control_clock: ControlClock::default(),
             program: config.program.clone(),
         };
         Ok((driver, halt))
     }
 
     /// Replaces the default timeouts.
-    pub fn with_patience(mut self, patience: Patience) -> Self {
-        self.window.patience = patience;
+    pub fn with_timeouts(mut self, timeouts: ModbusTimeouts) -> Self {
+        self.window.timeouts = timeouts;
         self
     }
 
     /// Sends the lines of one motion; returns the status after the last line.
-    async fn send(&mut self, lines: &Lines<'_>) -> Result<Status, ControllerError> {
-        let still = standstill(lines.motion) + lines.clamps_rest;
+    async fn send_lines(
+        &mut self,
+        lines: &MotionLines<'_>,
+    ) -> Result<WindowStatus, ControllerError> {
+        let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
         let mut status = None;
         for line in lines.text.lines() {
-            status = Some(self.window.ask(line, still).await?);
+            status = Some(self.window.execute_line(line, rest_time).await?);
         }
-        self.rests(status).await
+        self.rest_status(status).await
     }
 
-    /// Executes one motion. `seen` is the status after the previous motion, if it was read. Returns the
+    /// Executes one motion. `last_status` is the status after the previous motion, if it was read. Returns the
     /// status after this motion.
-    async fn act(
+    async fn execute_motion(
         &mut self,
-        lines: &Lines<'_>,
-        outcome: &mut Outcome,
-        seen: Option<Status>,
-    ) -> Result<Status, ControllerError> {
+        lines: &MotionLines<'_>,
+        outcome: &mut BlockOutcome,
+        last_status: Option<WindowStatus>,
+    ) -> Result<WindowStatus, ControllerError> {
         let step = lines.step;
         match lines.motion {
-            Motion::Dwell { .. } => self.send(lines).await,
+            Motion::Dwell { .. } => self.send_lines(lines).await,
             Motion::Orient { s } => {
-                let status = self.send(lines).await?;
-                self.spindle = Some(*s);
+                let status = self.send_lines(lines).await?;
+                self.spindle_rad = Some(*s);
                 Ok(status)
             }
             Motion::Rapid { to } | Motion::Feed { to, .. } => {
                 // The control does not stop the move on a contact: the status shows the contact, and the
                 // driver holds.
-                self.window.free = Some(step);
-                let sent = self.send(lines).await;
-                self.window.free = None;
-                self.arrive(sent?, to)
+                self.window.free_move_step = Some(step);
+                let sent = self.send_lines(lines).await;
+                self.window.free_move_step = None;
+                self.check_arrival(sent?, to)
             }
             Motion::BackOff { to, .. } => {
-                let status = self.send(lines).await?;
-                let status = self.arrive(status, to)?;
-                self.open_probe(step, status).await
+                let status = self.send_lines(lines).await?;
+                let status = self.check_arrival(status, to)?;
+                self.wait_probe_open(step, status).await
             }
             Motion::Guarded { to, .. } => {
-                let seen = self.rests(seen).await?;
-                let (hit, status) = self.probe(lines, &seen).await?;
-                if hit {
+                let last_status = self.rest_status(last_status).await?;
+                let (has_contact, status) = self.execute_probing(lines, &last_status).await?;
+                if has_contact {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                self.arrive(status, to)
+                self.check_arrival(status, to)
             }
             Motion::Probe { .. } => {
-                let seen = self.rests(seen).await?;
-                let seen = self.open_probe(step, seen).await?;
-                self.touch(lines, outcome, &seen).await
+                let last_status = self.rest_status(last_status).await?;
+                let last_status = self.wait_probe_open(step, last_status).await?;
+                self.execute_touch(lines, outcome, &last_status).await
             }
         }
     }
 
-    /// Status at a standstill; read from the control unless `seen` was read after the last motion.
-    async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
-        match seen {
+    /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
+    async fn rest_status(
+        &mut self,
+        last_status: Option<WindowStatus>,
+    ) -> Result<WindowStatus, ControllerError> {
+        match last_status {
             Some(status) => Ok(status),
-            None => self.window.idle().await,
+            None => self.window.wait_idle().await,
         }
     }
 
     /// Executes a probing move and returns whether there was a contact. The control counts its contacts;
-    /// `seen` has the count before the move.
-    async fn probe(
+    /// `last_status` has the count before the move.
+    async fn execute_probing(
         &mut self,
-        lines: &Lines<'_>,
-        seen: &Status,
-    ) -> Result<(bool, Status), ControllerError> {
+        lines: &MotionLines<'_>,
+        last_status: &WindowStatus,
+    ) -> Result<(bool, WindowStatus), ControllerError> {
         let step = lines.step;
-        let before = seen.latches;
-        let status = self.send(lines).await.map_err(|error| match error {
-            ControllerError::Alarm { code, .. } if code == u32::from(PROBE_CLOSED) => {
-                ControllerError::StillTripped { step }
+        let before = last_status.latch_count;
+        let status = self.send_lines(lines).await.map_err(|error| match error {
+            ControllerError::Alarm { code, .. } if code == u32::from(ALARM_PROBE_CLOSED) => {
+                ControllerError::ProbeStillClosed { step }
             }
             ControllerError::Alarm { code: 5, .. } => ControllerError::NoContact { step },
             other => other,
         })?;
-        match status.latches.wrapping_sub(before) {
+        match status.latch_count.wrapping_sub(before) {
             0 => Ok((false, status)),
             1 => Ok((true, status)),
-            _ => Err(ControllerError::ContradictoryTouch {
+            _ => Err(ControllerError::TouchMismatch {
                 step,
-                first: format!("contact {before}"),
-                again: format!("contact {}", status.latches),
+                first: format!("contact count {before}"),
+                second: format!("contact count {}", status.latch_count),
             }),
         }
     }
 
-    async fn touch(
+    async fn execute_touch(
         &mut self,
-        lines: &Lines<'_>,
-        outcome: &mut Outcome,
-        seen: &Status,
-    ) -> Result<Status, ControllerError> {
+        lines: &MotionLines<'_>,
+        outcome: &mut BlockOutcome,
+        last_status: &WindowStatus,
+    ) -> Result<WindowStatus, ControllerError> {
         let step = lines.step;
-        let (hit, status) = self.probe(lines, seen).await?;
-        if !hit {
+        let (has_contact, status) = self.execute_probing(lines, last_status).await?;
+        if !has_contact {
             return Err(ControllerError::NoContact { step });
         }
-        let from = std::mem::replace(&mut self.stood, status.position.clone());
-        let contact = self.of_machine(&status.latch);
-        let astray =
-            arrival::contact_off_path(&from, &self.stood, &contact, |axis| self.tolerance(axis));
-        if let Some(error) = astray {
+        let from = std::mem::replace(&mut self.rest_position, status.position.clone());
+        let contact = self.machine_axes_only(&status.latched_position);
+        let deviation_error =
+            arrival::contact_path_error(&from, &self.rest_position, &contact, |axis| {
+                self.axis_tolerance(axis)
+            });
+        if let Some(error) = deviation_error {
             return Err(error);
         }
-        outcome.touch = Some(contact.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect());
+        outcome.touch =
+            Some(contact.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect());
         outcome.t_s = status.latch_time_s;
         Ok(status)
     }
 
     /// Restricts a position to the axes of the machine.
-    pub(super) fn of_machine(&self, told: &Position) -> Position {
-        told.only(|axis| self.wanted.contains(&axis))
+    pub(super) fn machine_axes_only(&self, position: &Position) -> Position {
+        position.filter_axes(|axis| self.machine_axes.contains(&axis))
     }
 
     /// Checks that the machine is at its target, by `status`.
-    pub(super) fn arrive(
+    pub(super) fn check_arrival(
         &mut self,
-        status: Status,
+        status: WindowStatus,
         target: &Position,
-    ) -> Result<Status, ControllerError> {
-        self.stood = status.position.clone();
-        let target = target.only(|axis| axis != Axis::S);
-        let astray = arrival::astray(&target, &self.stood, |axis| self.tolerance(axis));
-        astray.map_or(Ok(status), Err)
+    ) -> Result<WindowStatus, ControllerError> {
+        self.rest_position = status.position.clone();
+        let target = target.filter_axes(|axis| axis != Axis::S);
+        let deviation_error = arrival::deviation_error(&target, &self.rest_position, |axis| {
+            self.axis_tolerance(axis)
+        });
+        deviation_error.map_or(Ok(status), Err)
     }
 
-    pub(super) fn tolerance(&self, axis: Axis) -> f64 {
+    pub(super) fn axis_tolerance(&self, axis: Axis) -> f64 {
         // Axes that the machine file does not name are not checked.
-        self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
+        self.axis_tolerances.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
-    /// Waits until the probe reads open, first in the status `seen`; returns the status that shows it. An
-    /// error after `SETTLE`.
-    pub(super) async fn open_probe(
+    /// Waits until the probe reads open, first in the status `last_status`; returns the status that shows it. An
+    /// error after `MAX_PROBE_BOUNCE`.
+    pub(super) async fn wait_probe_open(
         &mut self,
         step: u32,
-        seen: Status,
-    ) -> Result<Status, ControllerError> {
-        let deadline = Instant::now() + SETTLE;
-        let mut status = seen;
-        while status.probe_closed {
+        last_status: WindowStatus,
+    ) -> Result<WindowStatus, ControllerError> {
+        let deadline = Instant::now() + MAX_PROBE_BOUNCE;
+        let mut status = last_status;
+        while status.is_probe_closed {
             if Instant::now() > deadline {
-                return Err(ControllerError::StillTripped { step });
+                return Err(ControllerError::ProbeStillClosed { step });
             }
-            sleep(SETTLE / 10).await;
-            status = self.window.idle().await?;
+            sleep(MAX_PROBE_BOUNCE / 10).await;
+            status = self.window.wait_idle().await?;
         }
         Ok(status)
     }
 
-    async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute_block(
+        &mut self,
+        block: &ProvenBlock,
+    ) -> Result<BlockOutcome, ControllerError> {
         if let Some(program) = self.program.clone() {
-            return self.call(&program, block).await;
+            return self.call_program(&program, block).await;
         }
-        let mut outcome = Outcome::default();
-        let lines = lines::of(block)?;
-        self.begin(block).await?;
-        let mut seen = None;
+        let mut outcome = BlockOutcome::default();
+        let lines = motion_lines::motion_lines(block)?;
+        self.check_block_start(block).await?;
+        let mut last_status = None;
         for lines in &lines {
-            seen = Some(self.act(lines, &mut outcome, seen).await?);
+            last_status = Some(self.execute_motion(lines, &mut outcome, last_status).await?);
         }
-        let status = self.rests(seen).await?;
-        outcome.t_s = self.time_s(outcome.t_s, &status)?;
+        let status = self.rest_status(last_status).await?;
+        outcome.t_s = self.contact_time_s(outcome.t_s, &status)?;
         Ok(outcome)
     }
 
     /// Time of a contact, `latch_s`, or else the time of `status`, if the control reports them.
-    pub(super) fn time_s(
+    pub(super) fn contact_time_s(
         &mut self,
         latch_s: Option<f64>,
-        status: &Status,
+        status: &WindowStatus,
     ) -> Result<Option<f64>, ControllerError> {
         let contact = ReportedTime { name: "latch_time_s", t_s: latch_s };
-        self.clock.checked(contact, ReportedTime { name: "time_s", t_s: status.time_s })
+        self.control_clock.check_time(contact, ReportedTime { name: "time_s", t_s: status.time_s })
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
-    pub(super) async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
-        let mut status = self.window.idle().await?;
-        self.probe_health(&status)?;
+    pub(super) async fn check_block_start(
+        &mut self,
+        block: &ProvenBlock,
+    ) -> Result<(), ControllerError> {
+        let mut status = self.window.wait_idle().await?;
+        self.check_probe_health(&status)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
         if !backs_off {
-            status = self.open_probe(block.step(), status).await?;
+            status = self.wait_probe_open(block.step(), status).await?;
         }
-        let begins = self.of_machine(block.begins());
-        let expected = [&self.stood, &begins].into_iter();
-        let mut astray = expected
-            .filter_map(|at| arrival::astray(at, &status.position, |axis| self.tolerance(axis)));
-        astray.next().map_or(Ok(()), |error| Err(moved_by_hand(error)))
+        let begins = self.machine_axes_only(block.start_position());
+        let expected = [&self.rest_position, &begins].into_iter();
+        let mut deviation_error = expected.filter_map(|at| {
+            arrival::deviation_error(at, &status.position, |axis| self.axis_tolerance(axis))
+        });
+        deviation_error.next().map_or(Ok(()), |error| Err(into_moved_by_hand(error)))
     }
 
     /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
     /// the driver holds it; after that only a new link accepts lines.
-    fn failed(&mut self, error: ControllerError) -> ControllerError {
-        self.ready = false;
+    fn handle_fault(&mut self, error: ControllerError) -> ControllerError {
+        self.is_prepared = false;
         if !is_at_rest_after(&error) {
             self.window.hold();
         }
@@ -308,57 +330,58 @@ impl ModbusControl {
 }
 
 impl Driver for ModbusControl {
-    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
-        self.ready = false;
-        let prepared = self.set_up(probe_open).await?;
-        self.ready = true;
+    async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
+        let prepared = self.prepare_control(require_open_probe).await?;
+        self.is_prepared = true;
         Ok(prepared)
     }
 
-    async fn prepare_in_contact(&mut self) -> Result<Prepared, ControllerError> {
-        self.ready = false;
-        let prepared = self.set_up(|_| Ok(())).await?;
-        self.ready = true;
+    async fn prepare_in_contact(&mut self) -> Result<PreparedControl, ControllerError> {
+        self.is_prepared = false;
+        let prepared = self.prepare_control(|_| Ok(())).await?;
+        self.is_prepared = true;
         Ok(prepared)
     }
 
-    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+    async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         if self.window.is_halted() {
             return Err(ControllerError::Halted);
         }
-        if !self.ready {
+        if !self.is_prepared {
             return Err(ControllerError::NotReady {
-                state: "it was not prepared since the last fault".to_owned(),
+                state: "the control was not prepared after the last fault".to_owned(),
                 remedy: "start again".to_owned(),
             });
         }
-        let outcome = self.block(&block).await;
-        outcome.map_err(|error| self.failed(error))
+        let outcome = self.execute_block(&block).await;
+        outcome.map_err(|error| self.handle_fault(error))
     }
 
-    async fn look(&mut self) -> Result<Look, ControllerError> {
-        let status = self.window.status().await?;
-        self.stood = self.of_machine(&status.position);
-        let stands = self.stood.iter().chain(self.spindle.map(|s| (Axis::S, s))).collect();
-        Ok(Look { probe_closed: status.probe_closed, stands })
+    async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
+        let status = self.window.read_status().await?;
+        self.rest_position = self.machine_axes_only(&status.position);
+        let position =
+            self.rest_position.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect();
+        Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 
-    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.report_identity().await
+    async fn identify_device(&mut self) -> Result<DeviceInfo, ControllerError> {
+        self.read_device_info().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
         let foot = self.modes.foot().to_vec();
         self.set_modes(&foot).await?;
-        self.window.idle().await.map(|_| ())
+        self.window.wait_idle().await.map(|_| ())
     }
 }
 
 /// Maximum time of a motion during which the machine is at rest.
-fn standstill(motion: &Motion) -> Duration {
+fn max_rest_time(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),
-        Motion::Orient { .. } => ORIENT,
+        Motion::Orient { .. } => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     }
 }

@@ -14,28 +14,28 @@
 //! **Stop.** A halt writes `hold` before all pending requests, and nothing is written after it. It is not
 //! an emergency stop: it needs the wire and the control's program.
 
+mod chunk_write;
 mod config;
+mod controller_config;
 mod crc;
+mod device_info;
 mod diagnose;
 mod driver;
 mod fault;
-mod introduce;
+mod format_diagnosis;
 mod map;
-mod open;
-mod otherwise;
-mod patience;
 mod prepare;
 mod program;
-mod start;
+mod stall_detector;
 mod status;
 #[cfg(test)]
 mod tests;
-mod watch;
+mod timeouts;
 mod window;
 
-pub use config::Config;
+pub use config::ModbusConfig;
 pub use driver::ModbusControl;
-use map::Map;
-pub use patience::Patience;
+use map::RegisterMap;
+pub use timeouts::ModbusTimeouts;
 
-pub const KIND: &str = "modbus";
+pub const CONTROL_KIND: &str = "modbus";

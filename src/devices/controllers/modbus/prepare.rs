@@ -4,46 +4,46 @@
 use std::time::Duration;
 
 use super::driver::ModbusControl;
-use super::fault::not_ready;
-use super::otherwise;
-use super::status::Status;
-use crate::controllers::stamp::ControlClock;
-use crate::controllers::{ControllerError, Prepared, ReadinessItem, arrival};
+use super::fault::not_ready_error;
+use super::format_diagnosis;
+use super::status::WindowStatus;
+use crate::controllers::control_clock::ControlClock;
+use crate::controllers::{ControllerError, PreparedControl, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
 impl ModbusControl {
-    /// `judge_probe` decides whether the state of the probe input is acceptable.
-    pub(super) async fn set_up(
+    /// `check_probe` decides whether the state of the probe input is acceptable.
+    pub(super) async fn prepare_control(
         &mut self,
-        judge_probe: fn(&Status) -> Result<(), ControllerError>,
-    ) -> Result<Prepared, ControllerError> {
-        let status = self.window.living().await?;
-        if let Some(error) = not_ready(&status) {
+        check_probe: fn(&WindowStatus) -> Result<(), ControllerError>,
+    ) -> Result<PreparedControl, ControllerError> {
+        let status = self.window.wait_for_heartbeat().await?;
+        if let Some(error) = not_ready_error(&status) {
             return Err(error);
         }
         // Sequence numbers continue from here; a chunk that was written before the control started is not
         // accepted.
-        (self.window.sequence, self.window.ours) = (status.accepted, false);
-        self.plausible(&status)?;
-        if !self.modes.switches_probe_on() {
-            judge_probe(&status)?;
+        (self.window.sequence, self.window.is_own_sequence) = (status.accepted_sequence, false);
+        self.check_positions(&status)?;
+        if !self.modes.has_probe_on_command() {
+            check_probe(&status)?;
         }
         if self.program.is_some() {
             self.clear_results(&status).await?;
         }
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
-        let status = self.window.idle().await?;
-        judge_probe(&status)?;
-        self.probe_health(&status)?;
-        self.stood = self.of_machine(&status.position);
-        self.clock = ControlClock::default();
-        self.time_s(None, &status)?;
-        let stop = format!(
-            "hold (a register): acts when the request under way is answered, within {:.1} s at most; \
+        let status = self.window.wait_idle().await?;
+        check_probe(&status)?;
+        self.check_probe_health(&status)?;
+        self.rest_position = self.machine_axes_only(&status.position);
+        self.control_clock = ControlClock::default();
+        self.contact_time_s(None, &status)?;
+        let stop_description = format!(
+            "hold (a register): takes effect when the pending request is answered, within {:.1} s at most; \
              then {}",
-            self.window.patience.answer.as_secs_f64(),
-            arrival::braking(&self.machine)
+            self.window.timeouts.reply.as_secs_f64(),
+            arrival::describe_braking_distances(&self.machine)
         );
         let transmission = match self.program {
             Some(_) => Transmission::Rows,
@@ -52,34 +52,36 @@ impl ModbusControl {
                 Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 }
             }
         };
-        let (identity, stands) = (self.identity(), self.stood.clone());
+        let (identity, position) = (self.identity(), self.rest_position.clone());
         // The window has registers for the position and the probe; the control's program checks all else.
-        let not_readable = ReadinessItem::ALL.into_iter();
-        let not_readable = not_readable.filter(|item| *item != ReadinessItem::ProbeInput).collect();
-        Ok(Prepared { identity, stop, stands, transmission, not_readable })
+        let unreadable_items = ReadinessItem::ALL.into_iter();
+        let unreadable_items =
+            unreadable_items.filter(|item| *item != ReadinessItem::ProbeInput).collect();
+        Ok(PreparedControl { identity, stop_description, position, transmission, unreadable_items })
     }
 
     /// Describes what is behind the window, and its address.
     pub(super) fn identity(&self) -> String {
-        let what = match &self.program {
+        let kind = match &self.program {
             Some(program) => format!("resident program {}", program.number),
             None => "a line window".to_owned(),
         };
-        format!("{what} over Modbus, {}", self.name)
+        format!("{kind} over Modbus, {}", self.address_label)
     }
 
     /// Refuses implausible positions. Numbers in the wrong word order are far beyond any travel; whole
     /// numbers read as floating point are nearly zero.
-    fn plausible(&self, status: &Status) -> Result<(), ControllerError> {
+    fn check_positions(&self, status: &WindowStatus) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
-            let (stands, span) = (axis.to_edge(value), spec.max - spec.min);
-            let tiny = otherwise::is_no_position(stands);
-            if tiny || stands < spec.min - span || stands > spec.max + span {
-                let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
+            let (position, span) = (axis.to_mm_or_deg(value), spec.max - spec.min);
+            let is_misread = format_diagnosis::is_misread_integer(position);
+            if is_misread || position < spec.min - span || position > spec.max + span {
+                let position =
+                    if is_misread { format!("{position:e}") } else { position.to_string() };
                 return Err(ControllerError::UnexpectedDevice {
                     state: format!(
-                        "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
+                        "the reported position {axis} = {position} is not plausible: the travel is from {} to {}",
                         spec.min, spec.max
                     ),
                     remedy: "compare `type`, `order` and `scale` of [controller.registers.status] \
@@ -92,17 +94,17 @@ impl ModbusControl {
     }
 
     /// Checks the probe's health inputs that the machine file declares: a letter or the number of a bit.
-    pub(super) fn probe_health(&self, status: &Status) -> Result<(), ControllerError> {
+    pub(super) fn check_probe_health(&self, status: &WindowStatus) -> Result<(), ControllerError> {
         let is_on = |input: &str| {
             let letter = input.chars().next().filter(char::is_ascii_uppercase);
             let bit = match letter {
                 Some(letter) => Some(u32::from(letter) - u32::from('A')),
                 None => input.parse().ok(),
             };
-            bit.and_then(|bit| status.inputs.checked_shr(bit)).is_some_and(|bits| bits & 1 == 1)
+            bit.and_then(|bit| status.input_bits.checked_shr(bit)).is_some_and(|bits| bits & 1 == 1)
         };
         match self.modes.health_inputs().find(|(input, _)| is_on(input)) {
-            Some((_, fault)) => Err(ControllerError::Probe { fault }),
+            Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),
             None => Ok(()),
         }
     }
@@ -112,16 +114,16 @@ impl ModbusControl {
         if self.program.is_some() {
             return Ok(());
         }
-        let fault = |why: String| ControllerError::Render { step: 0, why };
+        let fault = |reason: String| ControllerError::RenderFailed { step: 0, reason };
         let most = self.window.map.command.chunk.bytes();
-        let still = self.modes.settles_s().unwrap_or_default();
-        let still = Duration::try_from_secs_f64(still).unwrap_or_default();
+        let rest_time = self.modes.settling_time_s().unwrap_or_default();
+        let rest_time = Duration::try_from_secs_f64(rest_time).unwrap_or_default();
         // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
             if line.len() > most {
                 return Err(fault(format!("a line is longer than the window: `{line}`")));
             }
-            self.window.ask(line, still).await?;
+            self.window.execute_line(line, rest_time).await?;
         }
         Ok(())
     }

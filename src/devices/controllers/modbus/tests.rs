@@ -6,8 +6,8 @@ use std::time::Duration;
 use serde_json::json;
 use tokio::net::TcpListener;
 
-use super::patience::Patience;
-use super::{Config, ModbusControl};
+use super::timeouts::ModbusTimeouts;
+use super::{ModbusConfig, ModbusControl};
 use crate::controllers::{ControllerError, Driver, Halt};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
@@ -16,9 +16,11 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block};
 use planning::proof::{ProvenBlock, prove_modes};
-use simulator::controls::modbus::{Diary, Entry, Fault, FaultKind, Firmware, Options, serve_tcp};
+use simulator::controls::modbus::{
+    Diary, DiaryEntry, Fault, FaultKind, Firmware, Options, serve_tcp,
+};
 use simulator::interpreter::Pace;
-use simulator::{Truth, World};
+use simulator::{MachineTruth, SimulatedWorld};
 
 fn machine() -> Machine {
     let linear = json!({"min": -400, "max": 400});
@@ -41,15 +43,17 @@ pub(super) async fn driver(
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    let world = World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap();
+    let world =
+        SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
     let resident = keys.contains("[program");
-    let options = Options { faults, resident, ..Options::of(&machine(), pace) };
+    let options =
+        Options { faults, has_resident_program: resident, ..Options::of(&machine(), pace) };
     let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
     let diary = firmware.diary();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
     tokio::spawn(serve_tcp(firmware, listener));
-    let config: Config = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
+    let config: ModbusConfig = toml::from_str(&format!("tcp = \"{at}\"\n{keys}")).unwrap();
     let (machine, dialect) = (machine(), dialect("grbl-m19").unwrap());
     let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
     let (driver, halt) = ModbusControl::open(&config, &machine, modes).await.unwrap();
@@ -57,42 +61,42 @@ pub(super) async fn driver(
 }
 
 /// Proves the block for transmission in lines.
-fn proven(block: &Block) -> ProvenBlock {
-    proven_as(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
+fn prove_block(block: &Block) -> ProvenBlock {
+    prove_block_for(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
 }
 
 /// Proves the block for the given transmission; bodies are not checked.
-pub(super) fn proven_as(transmission: &Transmission, block: &Block) -> ProvenBlock {
+pub(super) fn prove_block_for(transmission: &Transmission, block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = machine().axes.keys().copied().collect();
     proven_block(block, &axes, &dialect("grbl-m19").unwrap(), transmission).unwrap()
 }
 
-fn slowly_to(x_mm: f64) -> Block {
+fn slow_move_to(x_mm: f64) -> Block {
     let to = Position::new().with(Axis::X, x_mm);
     Block { step: 1, repeat: 0, motions: vec![Motion::BackOff { to, feed_mm_min: 600.0 }] }
 }
 
-async fn held_on_its_way(driver: &mut ModbusControl, halt: Halt) -> ControllerError {
+async fn halt_during_move(driver: &mut ModbusControl, halt: Halt) -> ControllerError {
     tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(200)).await;
-        halt.now();
+        halt.trigger();
     });
-    driver.execute(proven(&slowly_to(100.0))).await.unwrap_err()
+    driver.execute(prove_block(&slow_move_to(100.0))).await.unwrap_err()
 }
 
 #[tokio::test]
 async fn a_halt_stops_in_mid_move_and_nothing_is_offered_after_it() {
     let (mut driver, halt, diary) = driver("", Pace::Real, Vec::new()).await;
     driver.prepare().await.unwrap();
-    let error = held_on_its_way(&mut driver, halt).await;
+    let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
-    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
-    let error = driver.execute(proven(&slowly_to(0.0))).await.unwrap_err();
+    let error = driver.execute(prove_block(&slow_move_to(0.0))).await.unwrap_err();
     assert!(matches!(error, ControllerError::Halted), "{error}");
     assert!(driver.prepare().await.is_err());
     let diary = diary.lock().unwrap();
-    assert_eq!(diary.last(), Some(&Entry::Hold));
+    assert_eq!(diary.last(), Some(&DiaryEntry::Hold));
 }
 
 #[tokio::test]
@@ -100,16 +104,19 @@ async fn a_hold_that_gets_lost_is_sent_again() {
     let lost = vec![fault(FaultKind::LostHold, 0), fault(FaultKind::LostHold, 0)];
     let (mut driver, halt, diary) = driver("", Pace::Real, lost).await;
     driver.prepare().await.unwrap();
-    let error = held_on_its_way(&mut driver, halt).await;
+    let error = halt_during_move(&mut driver, halt).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
-    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
     let diary = diary.lock().unwrap();
     assert_eq!(
-        diary.iter().filter(|entry| **entry == Entry::Wrong(FaultKind::LostHold)).count(),
+        diary
+            .iter()
+            .filter(|entry| **entry == DiaryEntry::FaultOccurred(FaultKind::LostHold))
+            .count(),
         2
     );
-    assert_eq!(diary.last(), Some(&Entry::Hold));
+    assert_eq!(diary.last(), Some(&DiaryEntry::Hold));
 }
 
 /// The control ignores every hold, and reports the motion.
@@ -117,11 +124,12 @@ async fn a_hold_that_gets_lost_is_sent_again() {
 async fn a_control_that_does_not_hold_is_told_as_such() {
     let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
     let (driver, halt, _) = driver("", Pace::Real, deaf).await;
-    let patience = Patience { answer: Duration::from_millis(100), ..Patience::default() };
-    let mut driver = driver.with_patience(patience);
+    let timeouts =
+        ModbusTimeouts { reply: Duration::from_millis(100), ..ModbusTimeouts::default() };
+    let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
-    let error = held_on_its_way(&mut driver, halt).await;
-    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    let error = halt_during_move(&mut driver, halt).await;
+    assert!(matches!(error, ControllerError::HoldFailed { .. }), "{error}");
     assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
 }
 
@@ -140,12 +148,13 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     let (driver, ..) = driver("", Pace::Real, frozen).await;
     let heartbeat = Duration::from_millis(400);
     let long = Duration::from_secs(10);
-    let patience = Patience { heartbeat, stall: long, answer: long, ..Patience::default() };
-    let mut driver = driver.with_patience(patience);
+    let timeouts =
+        ModbusTimeouts { heartbeat, stall: long, reply: long, ..ModbusTimeouts::default() };
+    let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
     for x_mm in 1..30 {
-        ended = driver.execute(proven(&slowly_to(f64::from(x_mm)))).await;
+        ended = driver.execute(prove_block(&slow_move_to(f64::from(x_mm)))).await;
         if ended.is_err() {
             break;
         }
@@ -158,12 +167,13 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
 async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
     let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
     let (driver, ..) = driver("", Pace::Real, stands).await;
-    let patience = Patience { heartbeat: Duration::from_millis(400), ..Patience::default() };
-    let mut driver = driver.with_patience(patience);
+    let timeouts =
+        ModbusTimeouts { heartbeat: Duration::from_millis(400), ..ModbusTimeouts::default() };
+    let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
     for x_mm in 1..30 {
-        ended = driver.execute(proven(&slowly_to(f64::from(x_mm)))).await;
+        ended = driver.execute(prove_block(&slow_move_to(f64::from(x_mm)))).await;
         if ended.is_err() {
             break;
         }
@@ -179,12 +189,12 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);
     let down = Position::new().with(Axis::Z, -190.0);
     let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down }];
-    driver.execute(proven(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+    driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
     let motions = vec![
         Motion::Probe { to: x(20.0), feed_mm_min: 60.0 },
         Motion::BackOff { to: x(60.0), feed_mm_min: 300.0 },
     ];
-    let touch = driver.execute(proven(&Block { step: 1, repeat: 0, motions })).await;
+    let touch = driver.execute(prove_block(&Block { step: 1, repeat: 0, motions })).await;
     let error = touch.unwrap_err();
     assert!(error.to_string().contains("1e300 s"), "{error}");
     assert!(error.remedy().contains("latch_time_s"), "{}", error.remedy());
@@ -196,10 +206,10 @@ async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
     let (mut driver, _, diary) = driver("", Pace::Real, faults).await;
     driver.prepare().await.unwrap();
-    let error = driver.execute(proven(&turn_at_feed())).await.unwrap_err();
+    let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
-    is_held_at_last(&diary).await;
-    let turned = driver.look().await.unwrap().stands.at(Axis::C).to_degrees();
+    wait_for_hold(&diary).await;
+    let turned = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::C).to_degrees();
     assert!(turned < 15.0, "{turned}");
 }
 
@@ -209,9 +219,9 @@ pub(super) fn turn_at_feed() -> Block {
     Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
 }
 
-pub(super) async fn is_held_at_last(diary: &Diary) {
+pub(super) async fn wait_for_hold(diary: &Diary) {
     let deadline = tokio::time::Instant::now() + Duration::from_secs(1);
-    while diary.lock().unwrap().last() != Some(&Entry::Hold) {
+    while diary.lock().unwrap().last() != Some(&DiaryEntry::Hold) {
         assert!(tokio::time::Instant::now() < deadline, "no hold");
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
@@ -238,11 +248,16 @@ async fn a_torn_status_is_never_a_reading() {
         driver.prepare().await.unwrap();
         let begun = diary.lock().unwrap().len();
         let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down(-190.0) }];
-        driver.execute(proven(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
-        let far = driver.execute(proven(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
+        driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
+        let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
         let diary = diary.lock().unwrap();
-        torn_within += usize::from(diary[begun..].contains(&Entry::Wrong(FaultKind::Torn)));
-        assert!((far.at(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.at(Axis::X));
+        torn_within +=
+            usize::from(diary[begun..].contains(&DiaryEntry::FaultOccurred(FaultKind::Torn)));
+        assert!(
+            (far.get_or_zero(Axis::X) - 28.0).abs() < 0.01,
+            "{at_request}: {}",
+            far.get_or_zero(Axis::X)
+        );
     }
     assert!(torn_within > 20, "{torn_within}");
 }
@@ -275,44 +290,44 @@ async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
     };
     let (mut driver, ..) = self::driver(&keys("abcd"), Pace::Fast, Vec::new()).await;
     driver.prepare().await.unwrap();
-    driver.execute(proven(&slowly_to(12.5))).await.unwrap();
+    driver.execute(prove_block(&slow_move_to(12.5))).await.unwrap();
     let (mut driver, ..) = self::driver(&keys("cdab"), Pace::Fast, Vec::new()).await;
     let error = driver.prepare().await.unwrap_err();
-    assert!(error.to_string().contains("which it cannot"), "{error}");
+    assert!(error.to_string().contains("is not plausible"), "{error}");
 }
 
 #[test]
 fn a_table_that_cannot_be_is_refused_in_words() {
     for (keys, why) in [
         ("", "exactly one link"),
-        ("tcp = \"a:1\"\nparity = \"even\"", "belongs to `serial`"),
+        ("tcp = \"a:1\"\nparity = \"even\"", "is only for `serial`"),
         ("serial = \"/dev/x\"\nframing = \"tcp\"", "needs a TCP link"),
-        ("serial = \"/dev/x\"\nunit = 0", "from 1 to 247"),
-        ("tcp = \"a:1\"\ntimeout_s = 0.0", "a time from"),
-        ("tcp = \"a:1\"\n[registers.command]\nhold = { address = 1 }", "lie over each other"),
+        ("serial = \"/dev/x\"\nunit = 0", "1 to 247"),
+        ("tcp = \"a:1\"\ntimeout_s = 0.0", "permitted: 0.01 to 30 s"),
+        ("tcp = \"a:1\"\n[registers.command]\nhold = { address = 1 }", "overlap at address"),
         ("tcp = \"a:1\"\nregister = 1", "unknown field"),
         ("tcp = \"a:1\"\n[registers.status.result]", "belongs to a resident program"),
         ("tcp = \"a:1\"\n[program]\nnummer = 1", "unknown field"),
         (
             "tcp = \"a:1\"\n[program.row]\nX = { address = 5 }",
-            "`row.X` and `row.Y` lie over each other",
+            "`row.X` and `row.Y` overlap at address",
         ),
         ("tcp = \"a:1\"\n[program.row]\nC = { address = 15 }", "beyond the 16 registers of a row"),
         ("tcp = \"a:1\"\n[program.parameters]\nrows = { address = 8 }", "before the table"),
         (
             "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { registers = 20 }",
-            "holds no row",
+            "too small for one row",
         ),
         (
             "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { order = \"badc\" }",
-            "no `order`",
+            "have no `order`",
         ),
         (
             "tcp = \"a:1\"\nprogram = {}\n[registers.status]\nsequence_tail = { address = 44 }",
             "outside the block",
         ),
     ] {
-        let said = toml::from_str::<Config>(keys).unwrap_err();
+        let said = toml::from_str::<ModbusConfig>(keys).unwrap_err();
         assert!(said.message().contains(why), "{keys}: {}", said.message());
     }
 }

@@ -8,120 +8,122 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
-use super::fault::{ends_it, may_pass, out_of_step, refused, reset, silent};
-use super::map::Map;
-use super::patience::Patience;
-use super::status::{State, Status};
-use super::watch::{Heart, Watch};
+use super::fault::{
+    check_state, is_transient, no_reply_error, refusal_error, reset_error, unexpected_reply_error,
+};
+use super::map::RegisterMap;
+use super::stall_detector::{HeartbeatMonitor, StallDetector};
+use super::status::{WindowState, WindowStatus};
+use super::timeouts::ModbusTimeouts;
 use crate::controllers::{ControllerError, Halt};
 use link::modbus::value::ValueError;
-use link::modbus::{Line, Modbus, ModbusError, Settings, Urgent};
+use link::modbus::{DeviceSettings, ModbusClient, ModbusError, ModbusLine, UrgentWriteSender};
 
 /// Interval of trued's own heartbeat while nothing else is written.
-const BEAT: Duration = Duration::from_millis(500);
+const HEARTBEAT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// A chunk whose execution was started.
-pub(super) struct Pending {
+pub(super) struct PendingChunk {
     name: String,
     pub(super) sequence: u16,
-    still: Duration,
-    begun: Instant,
-    watch: Watch,
+    rest_time: Duration,
+    started: Instant,
+    stall_detector: StallDetector,
     /// Pause before the next request; `None`: there was no request yet.
     pause: Option<Duration>,
 }
 
-impl Pending {
-    fn of(name: &str, sequence: u16, still: Duration) -> Self {
-        let (begun, watch) = (Instant::now(), Watch::default());
-        Self { name: name.to_owned(), sequence, still, begun, watch, pause: None }
+impl PendingChunk {
+    fn new(name: &str, sequence: u16, rest_time: Duration) -> Self {
+        let (started, stall_detector) = (Instant::now(), StallDetector::default());
+        Self { name: name.to_owned(), sequence, rest_time, started, stall_detector, pause: None }
     }
 
-    /// Waits before the next request. The pause grows with each request, up to `most`. The second request
+    /// Waits before the next request. The pause grows with each request, up to `max_pause`. The second request
     /// follows at once: a line that takes no time, such as a modal word, is complete by then.
-    async fn wait(&mut self, most: Duration) {
+    async fn wait_before_request(&mut self, max_pause: Duration) {
         let pause = self.pause.unwrap_or_default();
         if !pause.is_zero() {
             sleep(pause).await;
         }
         self.pause = Some(match self.pause {
             None => Duration::ZERO,
-            Some(pause) => (pause * 2).max(Duration::from_millis(1)).min(most),
+            Some(pause) => (pause * 2).max(Duration::from_millis(1)).min(max_pause),
         });
     }
 }
 
-pub(super) struct Window {
-    pub(super) link: Arc<Modbus>,
-    pub(super) map: Map,
-    hold: Urgent,
+pub(super) struct RegisterWindow {
+    pub(super) link: Arc<ModbusClient>,
+    pub(super) map: RegisterMap,
+    hold: UrgentWriteSender,
     halt: Halt,
-    pub(super) beat: Arc<AtomicU16>,
-    /// Task that writes the heartbeat; [`Window::living`] starts it.
-    beating: OnceLock<JoinHandle<()>>,
+    pub(super) own_heartbeat: Arc<AtomicU16>,
+    /// Task that writes the heartbeat; [`RegisterWindow::wait_for_heartbeat`] starts it.
+    heartbeat_task: OnceLock<JoinHandle<()>>,
     /// Sequence number of the last chunk that the control has accepted.
     pub(super) sequence: u16,
     /// Whether that chunk was sent by this driver. The outcome of another one, perhaps held or refused,
     /// does not matter.
-    pub(super) ours: bool,
+    pub(super) is_own_sequence: bool,
     /// Number of the last result that was read from a resident program.
-    pub(super) taken: Option<u16>,
+    pub(super) last_result_number: Option<u16>,
     /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
-    pub(super) free: Option<u32>,
-    pub(super) patience: Patience,
-    heart: Heart,
+    pub(super) free_move_step: Option<u32>,
+    pub(super) timeouts: ModbusTimeouts,
+    heartbeat_monitor: HeartbeatMonitor,
 }
 
-impl Drop for Window {
+impl Drop for RegisterWindow {
     /// Stops the heartbeat: the control then stops by itself what still moves.
     fn drop(&mut self) {
-        if let Some(beating) = self.beating.get() {
-            beating.abort();
+        if let Some(heartbeat_task) = self.heartbeat_task.get() {
+            heartbeat_task.abort();
         }
     }
 }
 
 /// Sequence number after `sequence`; 0 means that there was none.
-pub(super) fn next(sequence: u16) -> u16 {
+pub(super) fn sequence_after(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
 
-pub(super) fn unwritable(error: ValueError) -> ControllerError {
+pub(super) fn encoding_error(error: ValueError) -> ControllerError {
     ControllerError::Unsupported {
-        what: error.to_string(),
+        reason: error.to_string(),
         remedy: "compare [controller.registers.command] with docs/line-window.md".to_owned(),
     }
 }
 
-impl Window {
+impl RegisterWindow {
     /// Opens the line; the halt writes `hold`, and nothing is written after it.
     pub(super) async fn open(
-        line: Line,
+        line: ModbusLine,
         unit: u8,
         timeout: Duration,
-        map: Map,
+        map: RegisterMap,
     ) -> Result<(Self, Halt), ControllerError> {
-        let settings = Settings { unit, timeout, allowed: map.allowed() };
-        let (at, words) = map.command.hold.write(1).map_err(unwritable)?;
-        let link = Arc::new(Modbus::open(line, settings).await?);
+        let settings = DeviceSettings { unit, timeout, allowed: map.access_ranges() };
+        let (at, words) = map.command.hold.write(1).map_err(encoding_error)?;
+        let link = Arc::new(ModbusClient::open(line, settings).await?);
         let hold = link.urgent(at, &words)?;
         let urgent = hold.clone();
         let halt = Halt::new(move || urgent.send_and_close());
         let beat = Arc::new(AtomicU16::new(0));
-        let patience = Patience::default();
+        let timeouts = ModbusTimeouts::default();
         let window = Self {
             link,
             map,
             hold,
             halt: halt.clone(),
-            beat,
-            beating: OnceLock::new(),
+            own_heartbeat: beat,
+            heartbeat_task: OnceLock::new(),
             sequence: 0,
-            ours: false,
-            taken: None,
-            free: None,
-            patience,
-            heart: Heart::default(),
+            is_own_sequence: false,
+            last_result_number: None,
+            free_move_step: None,
+            timeouts,
+            heartbeat_monitor: HeartbeatMonitor::default(),
         };
         Ok((window, halt))
     }
@@ -136,185 +138,196 @@ impl Window {
     }
 
     /// Reads the control's present status: consistent, though perhaps older than the last chunk.
-    pub(super) async fn status(&self) -> Result<Status, ControllerError> {
-        let deadline = Instant::now() + self.patience.answer;
-        let (first, count) = self.map.status.block();
+    pub(super) async fn read_status(&self) -> Result<WindowStatus, ControllerError> {
+        let deadline = Instant::now() + self.timeouts.reply;
+        let (first, count) = self.map.status.block_range();
         let mut pause = Duration::from_millis(1);
         loop {
             let error = match self.link.read(self.map.status.space, first, count).await {
-                Ok(block) => match Status::read(&self.map, &block)? {
+                Ok(block) => match WindowStatus::parse(&self.map, &block)? {
                     Some(status) => return Ok(status),
-                    None => ControllerError::Garbled { text: "a status torn in two".to_owned() },
+                    None => ControllerError::UnreadableReply {
+                        text: "a status that changed during the read".to_owned(),
+                    },
                 },
-                Err(error) if may_pass(&error) => error.into(),
+                Err(error) if is_transient(&error) => error.into(),
                 Err(error) => return Err(error.into()),
             };
             if Instant::now() > deadline {
                 return Err(error);
             }
             sleep(pause).await;
-            pause = (pause * 2).min(self.patience.poll);
+            pause = (pause * 2).min(self.timeouts.poll_interval);
         }
     }
 
     /// Waits until the machine is at rest and all chunks are complete.
-    pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
-        let deadline = Instant::now() + self.patience.answer;
+    pub(super) async fn wait_idle(&mut self) -> Result<WindowStatus, ControllerError> {
+        let deadline = Instant::now() + self.timeouts.reply;
         loop {
-            let status = self.status().await?;
+            let status = self.read_status().await?;
             if self.halt.is_halted() {
-                return Err(self.halted().await);
+                return Err(self.wait_hold().await);
             }
-            ends_it(&status)?;
-            self.heart.look(status.heartbeat, &self.patience)?;
-            let over = !self.ours || status.executed == self.sequence;
-            let done = status.accepted == self.sequence && over;
-            if done && status.state == State::Idle {
+            check_state(&status)?;
+            self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
+            let over = !self.is_own_sequence || status.executed_sequence == self.sequence;
+            let done = status.accepted_sequence == self.sequence && over;
+            if done && status.state == WindowState::Idle {
                 return Ok(status);
             }
             if Instant::now() > deadline {
-                return Err(match status.accepted {
-                    0 if self.sequence != 0 => reset(),
-                    _ => out_of_step(&status, self.sequence),
+                return Err(match status.accepted_sequence {
+                    0 if self.sequence != 0 => reset_error(),
+                    _ => unexpected_reply_error(&status, self.sequence),
                 });
             }
-            sleep(self.patience.poll).await;
+            sleep(self.timeouts.poll_interval).await;
         }
     }
 
     /// Sequence number that the control will accept next.
-    pub(super) fn coming(&self) -> u16 {
-        next(self.sequence)
+    pub(super) fn next_sequence(&self) -> u16 {
+        sequence_after(self.sequence)
     }
 
-    /// Executes `line`; returns the status at its end. `still` is the time for which the machine may be at
+    /// Executes `line`; returns the status at its end. `rest_time` is the time for which the machine may be at
     /// rest meanwhile.
     ///
     /// # Errors
     /// A refusal, an alarm, a hold, a reset, silence; `Halted` once a halt was requested.
-    pub(super) async fn ask(
+    pub(super) async fn execute_line(
         &mut self,
         line: &str,
-        still: Duration,
-    ) -> Result<Status, ControllerError> {
-        let mut pending = self.begin(line.as_bytes(), line, still).await?;
+        rest_time: Duration,
+    ) -> Result<WindowStatus, ControllerError> {
+        let mut pending = self.start_chunk(line.as_bytes(), line, rest_time).await?;
         loop {
-            if let (status, true) = self.look(&mut pending).await? {
+            if let (status, true) = self.poll_chunk(&mut pending).await? {
                 return Ok(status);
             }
         }
     }
 
     /// Writes `chunk` and starts it; `name` identifies it in errors.
-    pub(super) async fn begin(
+    pub(super) async fn start_chunk(
         &mut self,
         chunk: &[u8],
         name: &str,
-        still: Duration,
-    ) -> Result<Pending, ControllerError> {
+        rest_time: Duration,
+    ) -> Result<PendingChunk, ControllerError> {
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
         }
-        let sequence = self.coming();
+        let sequence = self.next_sequence();
         let sent = match self.write_chunk(chunk).await {
-            Ok(()) => self.start(sequence).await,
+            Ok(()) => self.write_sequence(sequence).await,
             Err(error) => Err(error),
         };
         match sent {
-            Ok(()) => Ok(Pending::of(name, sequence, still)),
-            Err(_) if self.halt.is_halted() => Err(self.halted().await),
+            Ok(()) => Ok(PendingChunk::new(name, sequence, rest_time)),
+            Err(_) if self.halt.is_halted() => Err(self.wait_hold().await),
             Err(error) => Err(error),
         }
     }
 
     /// Reads the status, and whether the whole chunk is complete and the machine at rest.
-    pub(super) async fn look(
+    pub(super) async fn poll_chunk(
         &mut self,
-        pending: &mut Pending,
-    ) -> Result<(Status, bool), ControllerError> {
-        pending.wait(self.patience.poll).await;
-        let status = self.status().await?;
+        pending: &mut PendingChunk,
+    ) -> Result<(WindowStatus, bool), ControllerError> {
+        pending.wait_before_request(self.timeouts.poll_interval).await;
+        let status = self.read_status().await?;
         if self.halt.is_halted() {
-            return Err(self.halted().await);
+            return Err(self.wait_hold().await);
         }
         let (name, sequence) = (&pending.name, pending.sequence);
-        if status.accepted == sequence {
-            (self.sequence, self.ours) = (sequence, true);
-            if status.error != 0 {
-                return Err(refused(name, status.error));
+        if status.accepted_sequence == sequence {
+            (self.sequence, self.is_own_sequence) = (sequence, true);
+            if status.refusal_code != 0 {
+                return Err(refusal_error(name, status.refusal_code));
             }
         }
-        ends_it(&status)?;
-        self.heart.look(status.heartbeat, &self.patience)?;
-        if let Some(step) = self.free.filter(|_| status.probe_closed) {
+        check_state(&status)?;
+        self.heartbeat_monitor.check_heartbeat(status.heartbeat, &self.timeouts)?;
+        if let Some(step) = self.free_move_step.filter(|_| status.is_probe_closed) {
             // The machine may still be moving, and does not stop by itself.
             self.hold();
             return Err(ControllerError::UnexpectedContact { step });
         }
-        match status.accepted {
-            taken if taken == sequence => {
-                if status.executed == sequence && status.state == State::Idle {
+        match status.accepted_sequence {
+            accepted if accepted == sequence => {
+                if status.executed_sequence == sequence && status.state == WindowState::Idle {
                     return Ok((status, true));
                 }
             }
             before if before == self.sequence => {
-                if pending.begun.elapsed() > self.patience.answer {
-                    return Err(silent(name, self.patience.answer));
+                if pending.started.elapsed() > self.timeouts.reply {
+                    return Err(no_reply_error(name, self.timeouts.reply));
                 }
             }
-            0 => return Err(reset()),
-            _ => return Err(out_of_step(&status, sequence)),
+            0 => return Err(reset_error()),
+            _ => return Err(unexpected_reply_error(&status, sequence)),
         }
-        pending.watch.look(&status, &self.patience, pending.still, name)?;
+        pending.stall_detector.check_progress(&status, &self.timeouts, pending.rest_time, name)?;
         Ok((status, false))
     }
 
     /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
     /// until the status shows it; a surplus hold changes nothing. A control may stay idle on a hold: its
     /// machine is at rest if the control's program is running and has nothing left to execute.
-    async fn halted(&self) -> ControllerError {
-        let begun = Instant::now();
-        let (mut beats, mut beaten) = (BTreeSet::new(), begun);
+    async fn wait_hold(&self) -> ControllerError {
+        let started = Instant::now();
+        let (mut beats, mut last_beat_at) = (BTreeSet::new(), started);
         loop {
-            let status = match self.status().await {
+            let status = match self.read_status().await {
                 Ok(status) => status,
                 Err(error) => return error,
             };
             if beats.insert(status.heartbeat) {
-                beaten = Instant::now();
+                last_beat_at = Instant::now();
             }
             match status.state {
-                State::Idle if beats.len() > 2 && status.executed == status.accepted => break,
-                State::Idle | State::Running => self.hold(),
+                WindowState::Idle
+                    if beats.len() > 2 && status.executed_sequence == status.accepted_sequence =>
+                {
+                    break;
+                }
+                WindowState::Idle | WindowState::Running => self.hold(),
                 _ => break,
             }
-            if beaten.elapsed() > self.patience.heartbeat {
+            if last_beat_at.elapsed() > self.timeouts.heartbeat {
                 return ControllerError::Frozen;
             }
-            if begun.elapsed() > self.patience.answer {
-                return ControllerError::NotHeld { seconds: self.patience.answer.as_secs_f64() };
+            if started.elapsed() > self.timeouts.reply {
+                return ControllerError::HoldFailed { seconds: self.timeouts.reply.as_secs_f64() };
             }
-            sleep(self.patience.poll).await;
+            sleep(self.timeouts.poll_interval).await;
         }
         ControllerError::Halted
     }
 
     /// Starts the heartbeat of `trued` and waits until the control's heartbeat changes; returns the status
     /// that shows it.
-    pub(super) async fn living(&self) -> Result<Status, ControllerError> {
-        let heart = || beats(self.link.clone(), self.map.clone(), self.beat.clone());
-        self.beating.get_or_init(|| tokio::spawn(heart()));
-        let (at, words) =
-            self.map.command.heartbeat.write(next_beat(&self.beat)).map_err(unwritable)?;
+    pub(super) async fn wait_for_heartbeat(&self) -> Result<WindowStatus, ControllerError> {
+        let heart =
+            || write_heartbeats(self.link.clone(), self.map.clone(), self.own_heartbeat.clone());
+        self.heartbeat_task.get_or_init(|| tokio::spawn(heart()));
+        let (at, words) = self
+            .map
+            .command
+            .heartbeat
+            .write(next_heartbeat(&self.own_heartbeat))
+            .map_err(encoding_error)?;
         match self.link.write_without_echo(at, &words).await {
-            Err(error) if !may_pass(&error) => return Err(error.into()),
+            Err(error) if !is_transient(&error) => return Err(error.into()),
             _ => {}
         }
-        let first = self.status().await?;
-        let deadline = Instant::now() + self.patience.heartbeat;
+        let first = self.read_status().await?;
+        let deadline = Instant::now() + self.timeouts.heartbeat;
         loop {
-            sleep(self.patience.poll).await;
-            let status = self.status().await?;
+            sleep(self.timeouts.poll_interval).await;
+            let status = self.read_status().await?;
             if status.heartbeat != first.heartbeat {
                 return Ok(status);
             }
@@ -325,17 +338,23 @@ impl Window {
     }
 }
 
-pub(super) fn next_beat(beat: &AtomicU16) -> u16 {
-    beat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
+pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
+    heartbeat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
 }
 
 /// Writes heartbeats until the task is aborted, or a hold closes the link. A lost beat is followed by
 /// another.
-async fn beats(link: Arc<Modbus>, map: Map, beat: Arc<AtomicU16>) {
+async fn write_heartbeats(
+    link: Arc<ModbusClient>,
+    map: RegisterMap,
+    own_heartbeat: Arc<AtomicU16>,
+) {
     loop {
-        sleep(BEAT).await;
-        let Ok((at, words)) = map.command.heartbeat.write(next_beat(&beat)) else { return };
-        if let Err(ModbusError::Held { .. } | ModbusError::Ended { .. }) =
+        sleep(HEARTBEAT_INTERVAL).await;
+        let Ok((at, words)) = map.command.heartbeat.write(next_heartbeat(&own_heartbeat)) else {
+            return;
+        };
+        if let Err(ModbusError::HoldActive { .. } | ModbusError::LinkEnded { .. }) =
             link.write_without_echo(at, &words).await
         {
             return;

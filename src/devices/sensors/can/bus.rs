@@ -1,52 +1,53 @@
 //! State of the bus while no frame arrives, with the reason if it is known.
 
-use link::can::{CanError, CanEvent, Id};
+use link::can::{CanError, CanEvent, CanId};
 
 #[derive(Debug, Default)]
-pub(super) struct Bus {
+pub(super) struct BusState {
     down: Option<String>,
     /// Reason why the CAN controller has left the bus (bus-off).
     off: Option<String>,
     /// Last bus errors that the controller has reported.
     errors: Option<String>,
     /// Identifiers of the other frames that arrive.
-    others: Vec<Id>,
+    foreign_ids: Vec<CanId>,
 }
 
-impl Bus {
+impl BusState {
     /// Stores an event that is not a frame.
-    pub fn hears(&mut self, heard: CanEvent) {
-        match heard {
+    pub fn record_event(&mut self, event: CanEvent) {
+        match event {
             CanEvent::Frame(_) => {}
             CanEvent::Down(why) => self.down = Some(why),
             CanEvent::Up => (self.down, self.off) = (None, None),
-            CanEvent::Off(why) => self.off = Some(why),
-            CanEvent::Lost(_) => self.off = None,
-            CanEvent::ErrorFrameClass(why) => self.errors = Some(why),
-            CanEvent::Other(id) => self.others.push(id),
+            CanEvent::BusOff(why) => self.off = Some(why),
+            CanEvent::LostFrames(_) => self.off = None,
+            CanEvent::BusErrors(why) => self.errors = Some(why),
+            CanEvent::ForeignId(id) => self.foreign_ids.push(id),
         }
     }
 
     /// Clears all earlier events when a frame has arrived.
-    pub fn speaks(&mut self) {
+    pub fn clear(&mut self) {
         *self = Self::default();
     }
 
     /// Returns the fault of the bus, if one is known; the fault that explains most comes first.
-    pub fn ails(&self, interface: &str, id: Id) -> Option<CanError> {
+    pub fn fault(&self, interface: &str, id: CanId) -> Option<CanError> {
         let (interface, id) = (interface.to_owned(), id.to_string());
         if let Some(why) = self.down.clone() {
             return Some(CanError::Down { interface, why });
         }
         if let Some(why) = self.off.clone() {
-            return Some(CanError::Off { interface, why });
+            return Some(CanError::BusOff { interface, why });
         }
         // Frames of other nodes arrive, so the bus itself works.
-        if !self.others.is_empty() {
-            let others = self.others.iter().map(Id::to_string).collect::<Vec<_>>().join(", ");
-            return Some(CanError::ForeignIdDetector { interface, id, others });
+        if !self.foreign_ids.is_empty() {
+            let foreign_ids =
+                self.foreign_ids.iter().map(CanId::to_string).collect::<Vec<_>>().join(", ");
+            return Some(CanError::ForeignIds { interface, id, foreign_ids });
         }
         let why = self.errors.clone()?;
-        Some(CanError::ErrorFrameClass { interface, id, why })
+        Some(CanError::BusErrors { interface, id, why })
     }
 }

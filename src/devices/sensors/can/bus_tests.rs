@@ -4,30 +4,30 @@ use std::sync::Arc;
 
 use tokio::sync::mpsc;
 
-use super::driver::Driver;
+use super::driver::CanDriver;
 use super::tests::{Stands, config, noun};
-use crate::sensors::{Driver as _, Sample, SensorError};
-use link::can::{Can, CanError, CanEvent, Frame, Id};
-use machine::record::reading::Flag;
+use crate::sensors::{Sample, SensorDriver as _, SensorError};
+use link::can::{CanError, CanEvent, CanFrame, CanId, CanReceiver};
+use machine::record::reading::ReadingFlag;
 
 const COUNTED: &str = "counter = { byte = 3, width = 8 }";
 
 /// A driver, and the sender of the events that it receives.
-fn driver(counter: &str, timeout_s: f64) -> (Driver, mpsc::Sender<CanEvent>) {
+fn driver(counter: &str, timeout_s: f64) -> (CanDriver, mpsc::Sender<CanEvent>) {
     let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
                 value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
     let config = config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter}")).unwrap();
     let (say, heard) = mpsc::channel(64);
-    let can = Can::over("can0", heard);
-    (Driver::new(&config, can, noun().range_mm, Arc::new(Stands)), say)
+    let can = CanReceiver::from_events("can0", heard);
+    (CanDriver::new(&config, can, noun().range_mm, Arc::new(Stands)), say)
 }
 
-fn id(raw: u32) -> Id {
-    Id::new(raw, false).unwrap()
+fn id(raw: u32) -> CanId {
+    CanId::new(raw, false).unwrap()
 }
 
 fn frame(count: u8) -> CanEvent {
-    CanEvent::Frame(Frame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
+    CanEvent::Frame(CanFrame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
 }
 
 fn words(words: &str) -> String {
@@ -49,38 +49,41 @@ async fn refused(said: Vec<CanEvent>) -> CanError {
 #[tokio::test]
 async fn a_bus_with_errors_alone_names_the_bit_rate() {
     let error = refused(vec![
-        CanEvent::ErrorFrameClass(words("controller problem: rx warning")),
-        CanEvent::ErrorFrameClass(words("protocol violation")),
+        CanEvent::BusErrors(words("controller problem: rx warning")),
+        CanEvent::BusErrors(words("protocol violation")),
     ])
     .await;
     let said = error.to_string();
-    assert!(said.contains("no frame 123 came on `can0`"), "{said}");
+    assert!(said.contains("no frame 123 was received on `can0`"), "{said}");
     assert!(said.contains("the bus has errors: protocol violation"), "{said}");
     assert!(error.remedy().contains("compare the bit rate (`ip -details link show can0`)"));
 }
 
 #[tokio::test]
 async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
-    let errors = || CanEvent::ErrorFrameClass(words("bus error"));
-    let off = || CanEvent::Off(words("bus off"));
+    let errors = || CanEvent::BusErrors(words("bus error"));
+    let off = || CanEvent::BusOff(words("bus off"));
     let error = refused(vec![errors(), off(), errors()]).await;
-    assert!(matches!(error, CanError::Off { .. }), "{error}");
+    assert!(matches!(error, CanError::BusOff { .. }), "{error}");
     assert!(error.remedy().contains("restart-ms"), "{}", error.remedy());
     let error = refused(vec![off(), CanEvent::Down(words("network is down"))]).await;
     assert!(matches!(error, CanError::Down { .. }), "{error}");
     // The bus was restarted, or set up again, meanwhile.
-    let error = refused(vec![errors(), off(), CanEvent::Lost(1)]).await;
-    assert!(matches!(error, CanError::ErrorFrameClass { .. }), "{error}");
+    let error = refused(vec![errors(), off(), CanEvent::LostFrames(1)]).await;
+    assert!(matches!(error, CanError::BusErrors { .. }), "{error}");
     let error = refused(vec![errors(), CanEvent::Down(words("gone")), off(), CanEvent::Up]).await;
-    assert!(matches!(error, CanError::ErrorFrameClass { .. }), "{error}");
+    assert!(matches!(error, CanError::BusErrors { .. }), "{error}");
 }
 
 #[tokio::test]
 async fn frames_of_others_alone_are_named() {
-    let other = |raw| CanEvent::Other(id(raw));
+    let other = |raw| CanEvent::ForeignId(id(raw));
     let error =
-        refused(vec![CanEvent::ErrorFrameClass(words("bus error")), other(0x182), other(7)]).await;
-    assert_eq!(error.to_string(), "no frame 123 came on `can0`, but those of others did: 182, 007");
+        refused(vec![CanEvent::BusErrors(words("bus error")), other(0x182), other(7)]).await;
+    assert_eq!(
+        error.to_string(),
+        "no frame 123 was received on `can0`, only frames with other identifiers: 182, 007"
+    );
     assert!(error.remedy().contains("compare `id`"), "{}", error.remedy());
 }
 
@@ -97,12 +100,12 @@ async fn a_counter_that_always_says_the_same_is_named() {
         }
     });
     let error = driver.prepare().await.unwrap_err();
-    assert!(matches!(error, SensorError::Stands), "{error}");
+    assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
-async fn samples(counter: &str, said: Vec<CanEvent>, count: usize) -> Vec<(Flag, u32)> {
+async fn samples(counter: &str, said: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
     let (mut driver, say) = driver(counter, 30.0);
-    driver.forget().await.unwrap();
+    driver.discard_old_samples().await.unwrap();
     for heard in said {
         say.send(heard).await.unwrap();
     }
@@ -120,16 +123,16 @@ async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
     let said = || {
         vec![
             frame(1),
-            CanEvent::ErrorFrameClass(words("bus error")),
+            CanEvent::BusErrors(words("bus error")),
             frame(2),
-            CanEvent::Off(words("bus off")),
-            CanEvent::Lost(1),
+            CanEvent::BusOff(words("bus off")),
+            CanEvent::LostFrames(1),
             frame(7),
             frame(8),
         ]
     };
-    let (well, stale) = ((Flag::None, 0), (Flag::Stale, 0));
-    assert_eq!(samples(COUNTED, said(), 5).await, [well, well, stale, (Flag::Gap, 4), well]);
+    let (well, stale) = ((ReadingFlag::None, 0), (ReadingFlag::Stale, 0));
+    assert_eq!(samples(COUNTED, said(), 5).await, [well, well, stale, (ReadingFlag::Gap, 4), well]);
     // Without a counter the number of missing samples is unknown.
-    assert_eq!(samples("", said(), 5).await, [well, well, stale, (Flag::Gap, 0), well]);
+    assert_eq!(samples("", said(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
 }

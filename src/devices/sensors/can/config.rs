@@ -5,10 +5,12 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use crate::sensors::field::Order;
-use crate::sensors::layout::{CounterKeys, EncoderCountKeys, Layout, StatusKeys, ValueKeys};
+use crate::sensors::field::Endianness;
+use crate::sensors::frame_layout::{
+    CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys,
+};
 use link::Clock;
-use link::can::{Can, CanError, Id};
+use link::can::{CanError, CanId, CanReceiver};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,12 +21,12 @@ struct Keys {
     #[serde(default)]
     extended: bool,
     /// Length of a frame, bytes.
-    #[serde(default = "most_bytes")]
+    #[serde(default = "default_length")]
     length: u16,
     /// Maximum time between two frames, s; a longer silence is flagged.
-    #[serde(default = "usual_timeout")]
+    #[serde(default = "default_timeout_s")]
     timeout_s: f64,
-    order: Option<Order>,
+    order: Option<Endianness>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
@@ -32,16 +34,16 @@ struct Keys {
     status: Vec<StatusKeys>,
 }
 
-const MOST_BYTES: u16 = 8;
-const LONGEST_TIMEOUT_S: f64 = 60.0;
+const MAX_FRAME_BYTES: u16 = 8;
+const MAX_TIMEOUT_S: f64 = 60.0;
 /// Maximum length of an interface's name in the kernel (IFNAMSIZ), characters.
-const LONGEST_NAME: usize = 15;
+const MAX_INTERFACE_NAME_LENGTH: usize = 15;
 
-fn most_bytes() -> u16 {
-    MOST_BYTES
+fn default_length() -> u16 {
+    MAX_FRAME_BYTES
 }
 
-fn usual_timeout() -> f64 {
+fn default_timeout_s() -> f64 {
     0.1
 }
 
@@ -49,9 +51,9 @@ fn usual_timeout() -> f64 {
 #[serde(try_from = "Keys")]
 pub struct Config {
     pub(super) interface: String,
-    pub(super) id: Id,
+    pub(super) id: CanId,
     pub(super) timeout: Duration,
-    pub(super) layout: Layout,
+    pub(super) layout: FrameLayout,
 }
 
 impl TryFrom<Keys> for Config {
@@ -59,22 +61,27 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { interface, length, timeout_s, .. } = keys;
-        if interface.is_empty() || interface.len() > LONGEST_NAME || interface.contains('/') {
+        if interface.is_empty()
+            || interface.len() > MAX_INTERFACE_NAME_LENGTH
+            || interface.contains('/')
+        {
             return Err(format!(
-                "`interface` is `{interface}`; it is a name as `ip link` shows it, e.g. `can0`"
+                "`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"
             ));
         }
-        let id = Id::new(keys.id, keys.extended).map_err(|why| format!("`id` {why}"))?;
-        if !(1..=MOST_BYTES).contains(&length) {
-            return Err(format!("`length` is {length}; a frame has 1 to {MOST_BYTES} bytes"));
+        let id = CanId::new(keys.id, keys.extended).map_err(|why| format!("`id` {why}"))?;
+        if !(1..=MAX_FRAME_BYTES).contains(&length) {
+            return Err(format!("`length` is {length}; a frame has 1 to {MAX_FRAME_BYTES} bytes"));
         }
-        if timeout_s <= 0.0 || timeout_s > LONGEST_TIMEOUT_S {
-            return Err(format!("`timeout_s` must lie between 0 and {LONGEST_TIMEOUT_S}"));
+        if timeout_s <= 0.0 || timeout_s > MAX_TIMEOUT_S {
+            return Err(format!(
+                "`timeout_s` is {timeout_s}; permitted: above 0 to {MAX_TIMEOUT_S} s"
+            ));
         }
         let timeout = Duration::from_secs_f64(timeout_s);
         let length = usize::from(length);
         let Keys { value, counter, encoder_count, status, order, .. } = keys;
-        let layout = Layout::new(value, counter, encoder_count, status, order, length)?;
+        let layout = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
         Ok(Self { interface, id, timeout, layout })
     }
 }
@@ -84,7 +91,7 @@ impl Config {
     ///
     /// # Errors
     /// The kernel has no CAN, or the interface does not exist.
-    pub fn listen(&self, clock: Arc<dyn Clock>) -> Result<Can, CanError> {
-        Can::open(&self.interface, self.id, clock)
+    pub fn open_bus(&self, clock: Arc<dyn Clock>) -> Result<CanReceiver, CanError> {
+        CanReceiver::open(&self.interface, self.id, clock)
     }
 }

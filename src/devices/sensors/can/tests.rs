@@ -5,12 +5,12 @@ use std::sync::Arc;
 use super::Config;
 use crate::sensors::{Sample, Sensor};
 use link::Clock;
-use link::can::{Can, Frame, Id};
+use link::can::{CanFrame, CanId, CanReceiver};
 use link::clock::HostClock;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
-use simulator::Sensed;
-use simulator::sensors::{Sense, can};
+use simulator::SensorOutput;
+use simulator::sensors::{SampleSource, can};
 
 pub(super) fn noun() -> sensor::Sensor {
     serde_json::from_value(serde_json::json!({
@@ -25,16 +25,16 @@ pub(super) fn config(text: &str) -> Result<Config, String> {
 }
 
 /// A sensor that sends these frames, one each millisecond, and then nothing.
-fn over(config: &Config, frames: &[&[u8]]) -> Sensor {
+fn spawn_sensor(config: &Config, frames: &[&[u8]]) -> Sensor {
     let mut left: std::collections::VecDeque<Vec<u8>> =
         frames.iter().map(|frame| frame.to_vec()).collect();
-    let id = Id::new(0x123, false).unwrap();
+    let id = CanId::new(0x123, false).unwrap();
     let mut t_s = 0.0;
-    let can = Can::on_demand("memory", move || {
+    let can = CanReceiver::on_demand("memory", move || {
         t_s += 1e-3;
-        Some(Frame::new(t_s, id, &left.pop_front()?))
+        Some(CanFrame::new(t_s, id, &left.pop_front()?))
     });
-    config.over(can, &noun(), Arc::new(HostClock::start()), None)
+    config.spawn_sensor(can, &noun(), Arc::new(HostClock::start()), None)
 }
 
 const LITTLE: &str = r#"
@@ -44,7 +44,7 @@ value = { byte = 0, width = 24, order = "little", signed = true, scale_mm = 1e-5
 counter = { byte = 3, width = 8 }
 "#;
 
-fn seen(samples: &[Sample]) -> Vec<(Option<f64>, Flag, u32)> {
+fn seen(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
     // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
     let told = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing);
@@ -54,7 +54,7 @@ fn seen(samples: &[Sample]) -> Vec<(Option<f64>, Flag, u32)> {
 #[tokio::test]
 async fn frames_become_samples_with_their_flags() {
     let config = config(LITTLE).unwrap();
-    let sensor = over(
+    let sensor = spawn_sensor(
         &config,
         &[
             &[0xFF, 0xFF, 0x7F, 250],
@@ -64,23 +64,23 @@ async fn frames_become_samples_with_their_flags() {
             &[0xA0, 0x37, 0xA0, 255],
         ],
     );
-    let samples = sensor.take(6).await.unwrap();
+    let samples = sensor.read_samples(6).await.unwrap();
     assert_eq!(
         seen(&samples),
         [
-            (Some(83.88607), Flag::None, 0),
-            (Some(-83.88608), Flag::None, 0),
-            (Some(1e-5), Flag::Gap, 2),
-            (None, Flag::Stale, 0),
-            (Some(-62.77216), Flag::None, 0),
-            (None, Flag::Stale, 0),
+            (Some(83.88607), ReadingFlag::None, 0),
+            (Some(-83.88608), ReadingFlag::None, 0),
+            (Some(1e-5), ReadingFlag::Gap, 2),
+            (None, ReadingFlag::Stale, 0),
+            (Some(-62.77216), ReadingFlag::None, 0),
+            (None, ReadingFlag::Stale, 0),
         ]
     );
-    let short = over(&config, &[&[1, 2, 3]]).take(1).await.unwrap_err();
+    let short = spawn_sensor(&config, &[&[1, 2, 3]]).read_samples(1).await.unwrap_err();
     assert_eq!(
         short.to_string(),
-        "what the sensor says cannot be understood: a frame of 3 bytes came \
-                                   where the layout needs 4 (id 123 on memory)"
+        "the data of the sensor do not match the machine file: the frame has 3 bytes, \
+                                   but the layout needs 4 (id 123 on memory)"
     );
 }
 
@@ -95,34 +95,34 @@ impl Clock for Stands {
 #[tokio::test]
 async fn frames_of_the_simulated_sensor_are_read() {
     let sees = [
-        Sensed::Distance(1.234_56),
-        Sensed::NoEcho,
-        Sensed::Saturated,
-        Sensed::OutOfRange(11.0),
-        Sensed::Distance(-0.5),
+        SensorOutput::Distance(1.234_56),
+        SensorOutput::NoEcho,
+        SensorOutput::Saturated,
+        SensorOutput::OutOfRange(11.0),
+        SensorOutput::Distance(-0.5),
         // A distance beyond the range of 24 bits.
-        Sensed::Distance(90.0),
+        SensorOutput::Distance(90.0),
     ];
     let mut sees = sees.into_iter();
-    let sense: Sense = Box::new(move || sees.next().unwrap());
+    let sense: SampleSource = Box::new(move || sees.next().unwrap());
     let clock: Arc<dyn Clock> = Arc::new(Stands);
-    let mut frames = can::frames(sense, clock.clone());
+    let mut frames = can::frame_source(sense, clock.clone());
     // By hand from the data sheet: 123456 counts are 0x01E240.
     let first = frames().unwrap();
     assert_eq!(first.data(), [0, 1, 0x01, 0xE2, 0x40, 0]);
-    assert_eq!((first.id, first.t_s), (Id::new(0x181, false).unwrap(), 12.5));
-    let can = Can::on_demand("memory", frames);
+    assert_eq!((first.id, first.t_s), (CanId::new(0x181, false).unwrap(), 12.5));
+    let can = CanReceiver::on_demand("memory", frames);
     let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET);
     let config: Config = toml::from_str(&keys).unwrap();
-    let samples = config.over(can, &noun(), clock, None).take(5).await.unwrap();
+    let samples = config.spawn_sensor(can, &noun(), clock, None).read_samples(5).await.unwrap();
     assert_eq!(
         seen(&samples),
         [
-            (None, Flag::Range, 0),
-            (None, Flag::Saturated, 0),
-            (None, Flag::Range, 0),
-            (Some(-0.5), Flag::None, 0),
-            (None, Flag::Range, 0),
+            (None, ReadingFlag::Range, 0),
+            (None, ReadingFlag::Saturated, 0),
+            (None, ReadingFlag::Range, 0),
+            (Some(-0.5), ReadingFlag::None, 0),
+            (None, ReadingFlag::Range, 0),
         ]
     );
     assert!(samples.iter().all(|sample| sample.t_s == 12.5));
@@ -135,10 +135,10 @@ fn what_cannot_be_is_refused_with_its_key() {
         ("interface = \"can0\"\nid = 0x800", "`id` 0x800 is too large for 11 bits"),
         ("interface = \"can0\"\nid = 0x20000000\nextended = true", "`id` 0x20000000 is too large"),
         ("interface = \"\"\nid = 1", "`interface` is ``"),
-        ("interface = \"../../etc/x\"\nid = 1", "it is a name as `ip link` shows it"),
+        ("interface = \"../../etc/x\"\nid = 1", "set a name from `ip link`"),
         ("interface = \"can0\"\nid = 1\nlength = 9", "`length` is 9"),
-        ("interface = \"can0\"\nid = 1\nlength = 2", "`value` reaches into byte 2"),
-        ("interface = \"can0\"\nid = 1\ntimeout_s = 0.0", "`timeout_s` must lie between"),
+        ("interface = \"can0\"\nid = 1\nlength = 2", "`value` extends to byte 2"),
+        ("interface = \"can0\"\nid = 1\ntimeout_s = 0.0", "`timeout_s` is 0"),
         ("interface = \"can0\"\nid = \"0x123\"", "invalid type: string"),
         ("interface = \"can0\"\nid = 1\nbitrate = 500000", "unknown field `bitrate`"),
     ];

@@ -5,10 +5,12 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::map::{CounterKeys, EncoderCountKeys, Map, StatusKeys, ValueKeys};
-use crate::sensors::Port;
+use super::map::{CounterKeys, EncoderCountKeys, RegisterMap, StatusKeys, ValueKeys};
+use crate::sensors::SharedPort;
 use link::HostPort;
-use link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
+use link::modbus::{
+    AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace,
+};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,13 +22,13 @@ struct Keys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "timeout_s")]
+    #[serde(default = "default_timeout_s")]
     timeout_s: f64,
     /// Maximum rate of the reads, Hz.
-    #[serde(default = "rate_hz")]
+    #[serde(default = "default_rate_hz")]
     rate_hz: f64,
-    #[serde(default = "input")]
-    space: Space,
+    #[serde(default = "default_space")]
+    space: RegisterSpace,
     value: ValueKeys,
     counter: Option<CounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
@@ -34,26 +36,26 @@ struct Keys {
     status: Vec<StatusKeys>,
 }
 
-fn timeout_s() -> f64 {
+fn default_timeout_s() -> f64 {
     0.5
 }
 
-fn rate_hz() -> f64 {
+fn default_rate_hz() -> f64 {
     50.0
 }
 
-fn input() -> Space {
-    Space::Input
+fn default_space() -> RegisterSpace {
+    RegisterSpace::Input
 }
 
 /// Address of a sensor behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    pub(super) device: Device,
+    pub(super) device: ModbusDevice,
     /// Time between two reads.
-    pub(super) pace: Duration,
-    pub(super) map: Map,
+    pub(super) read_interval: Duration,
+    pub(super) map: RegisterMap,
 }
 
 impl TryFrom<Keys> for Config {
@@ -61,37 +63,40 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = Device::try_from(device)?;
+        let device =
+            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDevice::try_from(device)?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
-            return Err(format!("`rate_hz` is {}; it lies between 0.001 and 10000", keys.rate_hz));
+            return Err(format!("`rate_hz` is {}; permitted: 0.001 to 10000", keys.rate_hz));
         }
-        if !matches!(keys.space, Space::Input | Space::Holding) {
-            return Err("`space` is `input` or `holding`: a bit holds no distance".to_owned());
+        if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
+            return Err(
+                "`space` must be `input` or `holding`: a bit cannot hold a distance".to_owned()
+            );
         }
-        let pace = Duration::from_secs_f64(1.0 / keys.rate_hz);
+        let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let Keys { space, value, counter, encoder_count, status, .. } = keys;
-        let map = Map::new(space, value, counter, encoder_count, status)?;
-        Ok(Self { device, pace, map })
+        let map = RegisterMap::new(space, value, counter, encoder_count, status)?;
+        Ok(Self { device, read_interval, map })
     }
 }
 
 impl Config {
     /// Limits of the link: it may read these registers only, and write none.
-    pub(super) fn settings(&self) -> Settings {
-        let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
-        Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
+    pub(super) fn device_settings(&self) -> DeviceSettings {
+        let allowed = AccessList { read: vec![self.map.span], write: Vec::new() };
+        DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed }
     }
 
     /// Returns an RTU line, which units may share; over Modbus TCP each sensor has its own connection.
-    pub(super) fn shared_port(&self) -> Option<Port> {
-        let Device { line, .. } = &self.device;
+    pub(super) fn shared_port(&self) -> Option<SharedPort> {
+        let ModbusDevice { line, .. } = &self.device;
         let parity = format!("{:?}", line.parity).to_lowercase();
         let keys = vec![
             ("its table", "[sensor.modbus]".to_owned()),
-            ("`baud`", line.at.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`baud`", line.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
             ("`parity`", parity),
         ];
-        (line.framing == Framing::Rtu).then(|| Port { name: line.to_string(), keys })
+        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), keys })
     }
 }

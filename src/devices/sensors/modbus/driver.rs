@@ -2,36 +2,38 @@
 
 use std::sync::Arc;
 
-use tokio::time::{Duration, Instant, sleep_until};
+use tokio::time::{Instant, sleep_until};
 
 use super::Config;
-use super::standing::FrozenValueDetector;
-use crate::sensors::follow::CounterTracker;
-use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, Named, Opening, Port, Prepared, Sample, Sensor, SensorError};
-use link::modbus::{Modbus, ModbusError};
+use super::frozen_value::FrozenValueDetector;
+use crate::sensors::counter_tracker::CounterTracker;
+use crate::sensors::sample_layout::DecodedSample;
+use crate::sensors::{
+    OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo,
+    SharedPort,
+};
+use link::modbus::{ModbusClient, ModbusError};
 use link::{Clock, SharedPorts};
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
 
-/// Time for which the sensor is read before it counts as ready. `ENOUGH`: number of samples that is enough.
-const LISTEN: Duration = Duration::from_millis(500);
-const ENOUGH: usize = 20;
+/// Number of samples after which the rate is determined before the end of the window.
+const RATE_SAMPLES: usize = 20;
 
-pub struct Registers {
+pub struct ModbusSensorDriver {
     config: Config,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
-    link: Modbus,
-    counting: CounterTracker,
+    link: ModbusClient,
+    counter: CounterTracker,
     /// Detects an unchanged value by its noise, if there is no counter.
-    standing: Option<FrozenValueDetector>,
+    frozen_detector: Option<FrozenValueDetector>,
     /// Samples a second of a simulated sensor whose time advances only when it is read.
     simulated_hz: Option<f64>,
     next_read: Instant,
 }
 
-impl Registers {
+impl ModbusSensorDriver {
     /// Opens the link of `config`. `simulated_hz`: sample rate of a simulated sensor that measures only
     /// when it is read.
     ///
@@ -43,12 +45,12 @@ impl Registers {
         clock: Arc<dyn Clock>,
         simulated_hz: Option<f64>,
     ) -> Result<Self, SensorError> {
-        let link = Modbus::open(config.device.line.clone(), config.settings()).await?;
-        Ok(Self::over(link, config, sensor, clock, simulated_hz))
+        let link = ModbusClient::open(config.device.line.clone(), config.device_settings()).await?;
+        Ok(Self::from_link(link, config, sensor, clock, simulated_hz))
     }
 
-    fn over(
-        link: Modbus,
+    fn from_link(
+        link: ModbusClient,
         config: Config,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
@@ -58,11 +60,11 @@ impl Registers {
             range_mm: sensor.range_mm,
             clock,
             link,
-            counting: CounterTracker::new(config.map.round()),
+            counter: CounterTracker::new(config.map.sample.counter_modulus()),
             // A sensor that measures when it is read has no unchanged values.
-            standing: match simulated_hz {
+            frozen_detector: match simulated_hz {
                 Some(_) => None,
-                None => FrozenValueDetector::of(&config.map, sensor, config.device.timeout),
+                None => FrozenValueDetector::for_sensor(&config.map, sensor, config.device.timeout),
             },
             simulated_hz,
             next_read: Instant::now(),
@@ -71,37 +73,37 @@ impl Registers {
     }
 
     /// Reads the registers, not before the next read is due.
-    async fn read(&mut self) -> Result<Decoded, SensorError> {
+    async fn read_registers(&mut self) -> Result<DecodedSample, SensorError> {
         if self.simulated_hz.is_none() {
             if Instant::now() < self.next_read {
                 sleep_until(self.next_read).await;
             }
-            self.next_read = Instant::now().max(self.next_read + self.config.pace);
+            self.next_read = Instant::now().max(self.next_read + self.config.read_interval);
         }
         let span = self.config.map.span;
         let words = self.link.read(span.space, span.first, span.last - span.first + 1).await?;
-        let read = self.config.map.read(&words);
-        read.map_err(|error| SensorError::UnexpectedDevice {
+        let read = self.config.map.sample.decode(&words);
+        read.map_err(|error| SensorError::InvalidData {
             text: format!("registers {} to {}: {error}", span.first, span.last),
             remedy:
-                "compare [sensor.modbus] with the sensor's manual: register, type, order; `nan` \
-                     says what it means where there is no number"
+                "compare [sensor.modbus] with the sensor's manual: register, type, order; set `nan` \
+                     to the meaning of a number that is not finite"
                     .to_owned(),
         })
     }
 
-    async fn sample(&mut self) -> Result<Sample, SensorError> {
-        let said = self.read().await?.within(self.range_mm);
-        if let (Some(standing), Ok(mm)) = (&mut self.standing, said.value)
-            && standing.sees(mm, Instant::now())
+    async fn read_sample(&mut self) -> Result<Sample, SensorError> {
+        let decoded = self.read_registers().await?.flag_out_of_range(self.range_mm);
+        if let (Some(frozen_detector), Ok(mm)) = (&mut self.frozen_detector, decoded.value)
+            && frozen_detector.check_value(mm, Instant::now())
         {
-            return Ok(self.stale());
+            return Ok(self.stale_sample());
         }
-        let mut sample = self.counting.follow(self.clock.now_s(), said);
-        if !self.config.map.gaps {
+        let mut sample = self.counter.complete_sample(self.clock.now_s(), decoded);
+        if !self.config.map.counts_gaps {
             sample.missing = 0;
-            if sample.flag == Flag::Gap {
-                sample.flag = Flag::None;
+            if sample.flag == ReadingFlag::Gap {
+                sample.flag = ReadingFlag::None;
             }
         }
         Ok(sample)
@@ -109,76 +111,84 @@ impl Registers {
 
     /// Describes the sensor, with the faults that cannot be detected.
     fn identity(&self) -> String {
-        let unseen = match (self.config.map.round(), &self.standing, self.simulated_hz) {
+        let counter = self.config.map.sample.counter;
+        let limitation = match (counter, &self.frozen_detector, self.simulated_hz) {
             (Some(_), ..) | (_, _, Some(_)) => "",
             (None, Some(_), None) => {
-                ", without a counter: that it stands is seen by its noise alone"
+                ", without a counter: a frozen value is detected only by its noise"
             }
             (None, None, None) => {
-                ", without a counter: should its value stand, nobody sees it (noise_um of four counts or \
-                 more would show it)"
+                ", without a counter: a frozen value cannot be detected (possible with noise_um of four counts \
+                 or more)"
             }
         };
-        format!("Modbus sensor at {}{unseen}", self.config.at())
+        format!("Modbus sensor at {}{limitation}", self.config.describe_address())
     }
 
-    fn stale(&self) -> Sample {
+    fn stale_sample(&self) -> Sample {
         Sample::stale(self.clock.now_s())
     }
 }
 
 /// Whether the error counts as silence: no answer, or an invalid one; a later answer may come.
-fn may_pass(error: &SensorError) -> bool {
-    use ModbusError::{Late, Misfit, Unclear};
-    matches!(error, SensorError::Modbus(Late { .. } | Misfit { .. } | Unclear { .. }))
+fn is_transient(error: &SensorError) -> bool {
+    use ModbusError::{LineNotCleared, Timeout, UnexpectedReply};
+    matches!(
+        error,
+        SensorError::Modbus(Timeout { .. } | UnexpectedReply { .. } | LineNotCleared { .. })
+    )
 }
 
-impl Driver for Registers {
-    async fn prepare(&mut self) -> Result<Prepared, SensorError> {
-        self.counting.begin();
+impl SensorDriver for ModbusSensorDriver {
+    async fn prepare(&mut self) -> Result<SensorInfo, SensorError> {
+        self.counter.restart();
         // An error of the first read is reported.
-        let first = self.read().await?;
+        let first = self.read_registers().await?;
         let mut rate_hz = self.simulated_hz.unwrap_or_default();
         if self.simulated_hz.is_none() {
-            self.counting.follow(self.clock.now_s(), first);
-            let begun = Instant::now();
+            self.counter.complete_sample(self.clock.now_s(), first);
+            let start = Instant::now();
             let mut count = 0;
-            let all_the_same = |standing: &Option<FrozenValueDetector>, count: usize| {
-                standing.as_ref().is_some_and(|seen| seen.times() as usize >= count)
+            let is_unchanged = |frozen_detector: &Option<FrozenValueDetector>, count: usize| {
+                frozen_detector
+                    .as_ref()
+                    .is_some_and(|detector| detector.repeat_count() as usize >= count)
             };
-            while (count < ENOUGH || all_the_same(&self.standing, count))
-                && begun.elapsed() < LISTEN.max(2 * self.config.device.timeout)
+            while (count < RATE_SAMPLES || is_unchanged(&self.frozen_detector, count))
+                && start.elapsed() < RATE_WINDOW.max(2 * self.config.device.timeout)
             {
-                let stands = self.next().await?.flag == Flag::Stale;
-                count += usize::from(!stands);
+                let is_stale = self.next().await?.flag == ReadingFlag::Stale;
+                count += usize::from(!is_stale);
             }
-            if count == 0 || self.standing.as_ref().is_some_and(FrozenValueDetector::stood) {
-                return Err(SensorError::UnexpectedDevice {
-                    text: "its registers stand: counter or value is always the same, or the status says \
-                           so"
+            if count == 0
+                || self.frozen_detector.as_ref().is_some_and(FrozenValueDetector::is_frozen)
+            {
+                return Err(SensorError::InvalidData {
+                    text: "the registers of the sensor never change: counter or value is constant, or the status \
+                           reports an old value"
                         .to_owned(),
-                    remedy: "see that the sensor measures; compare `counter` and `status` of \
+                    remedy: "check that the sensor measures; compare `counter` and `status` of \
                              [sensor.modbus] with its manual"
                         .to_owned(),
                 });
             }
-            rate_hz = count as f64 / begun.elapsed().as_secs_f64();
+            rate_hz = count as f64 / start.elapsed().as_secs_f64();
         }
-        Ok(Prepared { identity: self.identity(), rate_hz })
+        Ok(SensorInfo { identity: self.identity(), rate_hz })
     }
 
-    async fn forget(&mut self) -> Result<(), SensorError> {
-        self.counting.begin();
-        if self.simulated_hz.is_some() || self.config.map.round().is_none() {
+    async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
+        self.counter.restart();
+        if self.simulated_hz.is_some() || self.config.map.sample.counter_modulus().is_none() {
             return Ok(());
         }
         // The registers hold an earlier sample; the next one has another count.
-        match self.read().await {
-            Ok(said) => {
-                self.counting.follow(self.clock.now_s(), said);
+        match self.read_registers().await {
+            Ok(decoded) => {
+                self.counter.complete_sample(self.clock.now_s(), decoded);
                 Ok(())
             }
-            Err(error) if may_pass(&error) => Ok(()),
+            Err(error) if is_transient(&error) => Ok(()),
             Err(error) => Err(error),
         }
     }
@@ -186,30 +196,30 @@ impl Driver for Registers {
     async fn next(&mut self) -> Result<Sample, SensorError> {
         let end = Instant::now() + self.config.device.timeout;
         loop {
-            match self.sample().await {
-                Ok(sample) if sample.flag == Flag::Stale && Instant::now() < end => {}
-                Err(error) if may_pass(&error) => return Ok(self.stale()),
-                ended => return ended,
+            match self.read_sample().await {
+                Ok(sample) if sample.flag == ReadingFlag::Stale && Instant::now() < end => {}
+                Err(error) if is_transient(&error) => return Ok(self.stale_sample()),
+                result => return result,
             }
         }
     }
 
-    fn on_demand(&self) -> bool {
+    fn is_on_demand(&self) -> bool {
         self.simulated_hz.is_some()
     }
 }
 
-impl Named for Config {
-    fn at(&self) -> String {
-        self.device.in_full()
+impl SensorConfig for Config {
+    fn describe_address(&self) -> String {
+        self.device.describe()
     }
 
-    fn port(&self) -> Option<Port> {
+    fn port(&self) -> Option<SharedPort> {
         self.shared_port()
     }
 
-    fn encoder_round(&self) -> Option<u64> {
-        self.map.encoder_round()
+    fn encoder_modulus(&self) -> Option<u64> {
+        self.map.sample.encoder_modulus()
     }
 
     fn open<'a>(
@@ -217,10 +227,10 @@ impl Named for Config {
         sensor: &'a sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: &'a SharedPorts,
-    ) -> Opening<'a> {
+    ) -> OpenFuture<'a> {
         Box::pin(async move {
-            let link = ports.modbus(self.device.line.clone(), self.settings()).await?;
-            let driver = Registers::over(link, self.clone(), sensor, clock, None);
+            let link = ports.modbus(self.device.line.clone(), self.device_settings()).await?;
+            let driver = ModbusSensorDriver::from_link(link, self.clone(), sensor, clock, None);
             Ok(Sensor::spawn(sensor.name.as_str(), driver))
         })
     }

@@ -13,10 +13,10 @@
 
 mod config;
 mod driver;
+mod frozen_value;
 mod map;
-mod standing;
 #[cfg(test)]
 mod tests;
 
 pub use config::Config;
-pub use driver::Registers;
+pub use driver::ModbusSensorDriver;

@@ -4,14 +4,14 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::Registers;
+use super::ModbusSensorDriver;
 use super::config::Config;
-use crate::sensors::Driver;
+use crate::sensors::SensorDriver;
 use link::clock::HostClock;
-use machine::record::reading::Flag;
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor::Sensor;
-use simulator::Sensed;
-use simulator::sensors::modbus::{Measures, serve_on_tcp};
+use simulator::SensorOutput;
+use simulator::sensors::modbus::{SampleTiming, serve_on_tcp};
 
 const MAP: &str = r#"
 [value]
@@ -51,25 +51,25 @@ fn registers_are_read_as_the_map_says() {
     let map = &config.map;
     assert_eq!((map.span.first, map.span.last), (9, 12));
     let read = |words: [u16; 4]| {
-        let said = map.read(&words).unwrap();
+        let said = map.sample.decode(&words).unwrap();
         (said.value, said.counter)
     };
     assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
     // -1500 = FFFF FA24.
     assert_eq!(read([8, 0xFFFF, 0xFA24, 65_535]), (Ok(-1.5), Some(65_535)));
-    assert_eq!(read([12, 0, 2000, 8]), (Err(Flag::Saturated), Some(8)));
-    assert_eq!(read([0x8000, 0, 2000, 8]), (Err(Flag::Stale), Some(8)));
-    assert_eq!(read([0, 0x8000, 0, 8]), (Err(Flag::Range), Some(8)));
-    assert_eq!(map.round(), Some(65_536));
+    assert_eq!(read([12, 0, 2000, 8]), (Err(ReadingFlag::Saturated), Some(8)));
+    assert_eq!(read([0x8000, 0, 2000, 8]), (Err(ReadingFlag::Stale), Some(8)));
+    assert_eq!(read([0, 0x8000, 0, 8]), (Err(ReadingFlag::Range), Some(8)));
+    assert_eq!(map.sample.counter_modulus(), Some(65_536));
     // Only the span may be read, and nothing written.
-    let allowed = config.settings().allowed;
+    let allowed = config.device_settings().allowed;
     assert_eq!((allowed.read, allowed.write), (vec![map.span], vec![]));
 
     let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
     let nan = [0x7FC0, 0];
     let map = |keys: &str| toml::from_str::<Config>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
-    assert_eq!(map(float).read(&nan).unwrap().value, Err(Flag::Range));
-    assert!(map(&float.replace(", nan = \"no-echo\"", "")).read(&nan).is_err());
+    assert_eq!(map(float).sample.decode(&nan).unwrap().value, Err(ReadingFlag::Range));
+    assert!(map(&float.replace(", nan = \"no-echo\"", "")).sample.decode(&nan).is_err());
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn the_count_of_an_encoder_is_read_beside_the_value() {
         let map = toml::from_str::<Config>(&text).unwrap().map;
         // A 16-bit number is the last register that is read.
         let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
-        (map.encoder_round(), map.read(words).unwrap().encoder_count)
+        (map.sample.encoder_modulus(), map.sample.decode(words).unwrap().encoder_count)
     };
     assert_eq!(read("u32", [0, 0, 2000, 7, 0xFFFE, 0x0001]), (Some(1 << 32), Some(0x1_FFFE)));
     assert_eq!(read("i32", [0, 0, 2000, 7, 0xFFFF, 0xFFFF]), (Some(1 << 32), Some(u32::MAX)));
@@ -100,23 +100,23 @@ fn maps_that_cannot_be_are_refused_in_words() {
             .contains("`value` and `counter` overlap at register 11")
     );
     assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
-    assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("every reading would be the same"));
+    assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("all readings would be equal"));
     assert!(map("scale_mm = 0.001", "scale_mm = \"0.001\"").contains("invalid type"));
     assert!(map("register = 12", "register = 300").contains("too many for one request"));
     assert!(
         map("register = 12\ntype = \"u16\"", "register = 12\ntype = \"f32\"")
-            .contains("whole number")
+            .contains("unsigned integer")
     );
     assert!(map("is = 3", "is = 4").contains("can never be 4"));
     assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
-    assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("two words hold at once"));
+    assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("are met at the same time"));
     let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
     assert!(toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
     assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
     assert!(
-        map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("belongs to `f32`")
+        map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("is only for `f32`")
     );
-    assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit holds no distance"));
+    assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit cannot hold a distance"));
     assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
 }
 
@@ -128,16 +128,16 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
         let mut place = 0.0;
         let sense = move || {
             place += step;
-            Sensed::Distance(place % 1.0)
+            SensorOutput::Distance(place % 1.0)
         };
-        let (at, _) = serve_on_tcp(Measures::AtItsRate, Box::new(sense), 100.0).unwrap();
+        let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, Box::new(sense), 100.0).unwrap();
         let value =
             "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
         let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
         let config = toml::from_str::<Config>(&config).unwrap();
         let sensor = Sensor { noise_um, ..sensor() };
         let clock = Arc::new(HostClock::start());
-        let mut registers = Registers::open(config, &sensor, clock, None).await.unwrap();
+        let mut registers = ModbusSensorDriver::open(config, &sensor, clock, None).await.unwrap();
         registers
             .prepare()
             .await
@@ -145,13 +145,13 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
             .map_err(|error| error.to_string())
     };
     let stands = prepared(Some(0.5), 0.0).await.unwrap_err();
-    assert!(stands.contains("value is always the same"), "{stands}");
+    assert!(stands.contains("never change"), "{stands}");
     let lives = prepared(Some(0.5), 0.013).await.unwrap();
-    assert!(lives.contains("seen by its noise alone"), "{lives}");
+    assert!(lives.contains("only by its noise"), "{lives}");
     // The noise is less than the counts require, or unknown: detection is impossible, and the identity
     // states it.
     for noise_um in [None, Some(0.01)] {
         let unseen = prepared(noise_um, 0.0).await.unwrap();
-        assert!(unseen.contains("should its value stand, nobody sees it"), "{unseen}");
+        assert!(unseen.contains("a frozen value cannot be detected"), "{unseen}");
     }
 }

@@ -5,12 +5,12 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::form::Form;
+use super::format::DataFormat;
 use super::{frame, line};
-use crate::sensors::Port;
+use crate::sensors::SharedPort;
 use link::HostPort;
 
-const USUAL_BAUD: u32 = 115_200;
+const DEFAULT_BAUD: u32 = 115_200;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,7 +19,7 @@ struct Keys {
     serial_id: Option<String>,
     baud: Option<u32>,
     tcp: Option<HostPort>,
-    #[serde(default = "timeout_s")]
+    #[serde(default = "default_timeout_s")]
     timeout_s: f64,
     /// Request for one sample; if absent, the sensor sends by itself.
     request: Option<String>,
@@ -29,7 +29,7 @@ struct Keys {
     frame: Option<frame::Keys>,
 }
 
-fn timeout_s() -> f64 {
+fn default_timeout_s() -> f64 {
     0.5
 }
 
@@ -37,66 +37,69 @@ fn timeout_s() -> f64 {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    pub(super) at: link::Named,
+    pub(super) link: link::LinkConfig,
     /// Maximum time without data.
     pub(super) timeout: Duration,
     pub(super) request: Option<Vec<u8>>,
     /// Time between two requests.
-    pub(super) pace: Duration,
-    pub(super) form: Form,
+    pub(super) request_interval: Duration,
+    pub(super) format: DataFormat,
 }
 
 impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let at = link::Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
-        let timeout = link::timeout(keys.timeout_s)?;
+        let link = link::LinkConfig::from_keys(
+            (keys.serial, keys.serial_id, keys.tcp),
+            keys.baud,
+            DEFAULT_BAUD,
+        )?;
+        let timeout = link::parse_timeout_s(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
-            return Err(
-                "`request` is empty; leave it out where the sensor sends by itself".to_owned()
-            );
+            return Err("`request` is empty; remove it for a sensor that sends without a request"
+                .to_owned());
         }
         if keys.rate_hz.is_some() && keys.request.is_none() {
             return Err(
-                "`rate_hz` belongs to `request`: a sensor that sends by itself has its own rate"
+                "`rate_hz` is only for sensors with `request`; remove it for a sensor that sends without a request"
                     .to_owned(),
             );
         }
-        let pace = match keys.rate_hz {
+        let request_interval = match keys.rate_hz {
             Some(hz) if (0.001..=1e5).contains(&hz) => Duration::from_secs_f64(1.0 / hz),
-            Some(hz) => return Err(format!("`rate_hz` is {hz}; it lies between 0.001 and 100000")),
+            Some(hz) => return Err(format!("`rate_hz` is {hz}; permitted: 0.001 to 100000")),
             None => Duration::ZERO,
         };
-        let form = match (keys.line, keys.frame) {
-            (Some(line), None) => Form::Line(line.try_into()?),
-            (None, Some(frame)) => Form::Frame(frame.try_into()?),
+        let format = match (keys.line, keys.frame) {
+            (Some(line), None) => DataFormat::Line(line.try_into()?),
+            (None, Some(frame)) => DataFormat::Frame(frame.try_into()?),
             _ => {
-                return Err("needs exactly one of [sensor.serial.line] (text) and \
-                            [sensor.serial.frame] (bytes): what the sensor says"
+                return Err("needs exactly one of [sensor.serial.line] (lines of text) and \
+                            [sensor.serial.frame] (frames of bytes)"
                     .to_owned());
             }
         };
         let request = keys.request.map(String::into_bytes);
-        Ok(Self { at, timeout, request, pace, form })
+        Ok(Self { link, timeout, request, request_interval, format })
     }
 }
 
 impl Config {
     /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
     /// requests reads only its own replies, so its format may differ.
-    pub(super) fn shared_port(&self) -> Port {
+    pub(super) fn shared_port(&self) -> SharedPort {
         let seconds = self.timeout.as_secs_f64();
         let request = if self.request.is_some() { "set" } else { "not set" };
         let mut keys = vec![
             ("its table", "[sensor.serial]".to_owned()),
-            ("`baud`", self.at.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`baud`", self.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
             ("`timeout_s`", seconds.to_string()),
             ("`request`", request.to_owned()),
         ];
         if self.request.is_none() {
-            keys.extend(self.form.framing());
+            keys.extend(self.format.framing_keys());
         }
-        Port { name: self.at.to_string(), keys }
+        SharedPort { name: self.link.to_string(), keys }
     }
 }

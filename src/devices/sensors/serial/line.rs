@@ -5,14 +5,15 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use crate::sensors::encoder;
-use crate::sensors::layout::{Decoded, Means};
-use machine::record::reading::Flag;
+use crate::sensors::sample_layout::{
+    DecodedSample, InvalidReason, Location, SampleLayout, check_scale,
+};
 
 /// Keys of `[sensor.serial.line]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Keys {
-    #[serde(default = "feed")]
+    #[serde(default = "default_end")]
     end: String,
     /// Text at the beginning of each line; `suffix`: text at its end.
     #[serde(default)]
@@ -34,7 +35,7 @@ pub(super) struct Keys {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ValueKeys {
-    #[serde(default = "one")]
+    #[serde(default = "default_column")]
     column: usize,
     scale_mm: f64,
     #[serde(default)]
@@ -48,7 +49,7 @@ struct ValueKeys {
 #[serde(deny_unknown_fields)]
 struct CodeKeys {
     is: String,
-    means: Means,
+    means: InvalidReason,
 }
 
 /// Keys of the counter: it increases by one with each sample, up to `round` - 1, and restarts from 0.
@@ -72,51 +73,64 @@ struct EncoderCountKeys {
 struct StatusKeys {
     column: usize,
     is: String,
-    means: Means,
+    means: InvalidReason,
 }
 
-fn feed() -> String {
+fn default_end() -> String {
     "\n".to_owned()
 }
 
-fn one() -> usize {
+fn default_column() -> usize {
     1
 }
 
 /// A line layout that has passed the checks.
 #[derive(Debug, Clone)]
-pub(super) struct Layout {
+pub(super) struct LineFormat {
     pub end: Vec<u8>,
     prefix: String,
     suffix: String,
     separator: Option<String>,
     columns: Option<usize>,
-    value: usize,
-    scale_mm: f64,
-    offset_mm: f64,
-    counter: Option<CounterKeys>,
-    /// Column of the encoder's count, and number of different counts.
-    encoder: Option<(usize, u64)>,
-    /// Column, text and meaning of each status.
-    says: Vec<(usize, String, Flag)>,
+    pub sample: SampleLayout<Column>,
 }
 
-/// Permitted range of the number of different counts of a counter.
-const ROUNDS: std::ops::RangeInclusive<u64> = 2..=1 << 32;
+/// Number of a column, from 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Column(usize);
+
+impl Column {
+    fn text<'t>(self, columns: &[&'t str]) -> Option<&'t str> {
+        columns.get(self.0 - 1).copied()
+    }
+}
+
+impl Location for Column {
+    type Data<'d> = &'d [&'d str];
+    type Error = ();
+    /// Column and its text.
+    type Condition = (Column, String);
+
+    fn read_number(self, columns: &[&str]) -> Result<f64, ()> {
+        self.text(columns).and_then(parse_number).ok_or(())
+    }
+
+    fn read_integer(self, columns: &[&str]) -> Result<i128, ()> {
+        let number = self.text(columns).and_then(|text| text.parse::<i64>().ok());
+        number.map(i128::from).ok_or(())
+    }
+
+    fn is_met((column, text): &(Column, String), columns: &[&str]) -> bool {
+        column.text(columns) == Some(text)
+    }
+}
+
 /// Characters of a number.
-const OF_NUMBERS: &str = "0123456789+-.eE";
+const NUMBER_CHARACTERS: &str = "0123456789+-.eE";
 
-impl Layout {
-    pub fn round(&self) -> Option<u64> {
-        self.counter.map(|counter| counter.round)
-    }
-
-    pub fn encoder_round(&self) -> Option<u64> {
-        self.encoder.map(|(_, round)| round)
-    }
-
+impl LineFormat {
     /// Keys that must be equal for all sensors of one port.
-    pub fn framing(&self) -> [(&'static str, String); 6] {
+    pub fn framing_keys(&self) -> [(&'static str, String); 6] {
         let or_none = |text: Option<String>| text.unwrap_or("not set".to_owned());
         [
             ("its table", "[sensor.serial.line]".to_owned()),
@@ -129,36 +143,18 @@ impl Layout {
     }
 
     /// Decodes a line without its end; `None` if it is invalid.
-    pub fn read(&self, line: &[u8]) -> Option<Decoded> {
+    pub fn decode(&self, line: &[u8]) -> Option<DecodedSample> {
         let text = std::str::from_utf8(line).ok()?;
         let rest = text.strip_prefix(self.prefix.as_str())?.strip_suffix(self.suffix.as_str())?;
         let columns = self.split(rest);
         if self.columns.is_some_and(|count| count != columns.len()) {
             return None;
         }
-        let counter = match self.counter {
-            Some(CounterKeys { column, round }) => {
-                let count: u64 = columns.get(column - 1)?.parse().ok()?;
-                Some(Some(count).filter(|count| *count < round)?)
-            }
-            None => None,
-        };
-        let encoder_count = match self.encoder {
-            Some((column, round)) => {
-                let count: i64 = columns.get(column - 1)?.parse().ok()?;
-                Some(encoder::wrapped(count.into(), round))
-            }
-            None => None,
-        };
-        let value = *columns.get(self.value - 1)?;
-        let said = |(column, is, _): &&(usize, String, Flag)| {
-            columns.get(column - 1) == Some(&is.as_str())
-        };
-        let value = match self.says.iter().find(said) {
-            Some((.., flag)) => Err(*flag),
-            None => Ok(self.offset_mm + self.scale_mm * number(value)?),
-        };
-        Some(Decoded { value, counter, encoder_count })
+        // A line without the value's column is invalid, whatever its status is.
+        self.sample.value.text(&columns)?;
+        let decoded = self.sample.decode(&columns).ok()?;
+        let modulus = self.sample.counter_modulus().unwrap_or_default();
+        decoded.counter.is_none_or(|count| count < modulus).then_some(decoded)
     }
 
     fn split<'t>(&self, text: &'t str) -> Vec<&'t str> {
@@ -171,77 +167,65 @@ impl Layout {
 }
 
 /// Parses a decimal number; unlike Rust it accepts no `inf` or `nan`.
-fn number(text: &str) -> Option<f64> {
-    let plain = text.chars().all(|character| OF_NUMBERS.contains(character));
+fn parse_number(text: &str) -> Option<f64> {
+    let plain = text.chars().all(|character| NUMBER_CHARACTERS.contains(character));
     text.parse().ok().filter(|number: &f64| plain && number.is_finite())
 }
 
-impl TryFrom<Keys> for Layout {
+impl TryFrom<Keys> for LineFormat {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        check_ends(&keys)?;
-        check_numbers(&keys.value)?;
+        check_delimiters(&keys)?;
+        let ValueKeys { scale_mm, offset_mm, .. } = keys.value;
+        check_scale(scale_mm, offset_mm)?;
         check_columns(&keys)?;
-        if keys.counter.is_some_and(|counter| !ROUNDS.contains(&counter.round)) {
-            return Err("`counter.round` is how many different numbers it counts: 2 to 4294967296"
-                .to_owned());
-        }
-        let round = |keys: EncoderCountKeys| {
-            encoder::round(keys.round, 64).map(|round| (keys.column, round))
+        let modulus = |name: &str, column, round| {
+            encoder::modulus(name, round, 64).map(|modulus| (Column(column), modulus))
         };
-        let encoder = keys.encoder_count.map(round).transpose()?;
+        let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
+        let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
+        let (counter, encoder) = (counter.transpose()?, encoder.transpose()?);
+        let value = Column(keys.value.column);
         let codes = keys.value.codes.into_iter();
-        let codes = codes.map(|code| (keys.value.column, code.is, code.means.flag()));
-        let status = keys.status.into_iter().map(|s| (s.column, s.is, s.means.flag()));
+        let codes = codes.map(|code| ((value, code.is), code.means.flag()));
+        let status = keys.status.into_iter().map(|s| ((Column(s.column), s.is), s.means.flag()));
+        let flags = codes.chain(status).collect();
         Ok(Self {
             end: keys.end.into_bytes(),
             prefix: keys.prefix,
             suffix: keys.suffix,
             separator: keys.separator,
             columns: keys.columns,
-            value: keys.value.column,
-            scale_mm: keys.value.scale_mm,
-            offset_mm: keys.value.offset_mm,
-            counter: keys.counter,
-            encoder,
-            says: codes.chain(status).collect(),
+            sample: SampleLayout { value, scale_mm, offset_mm, counter, encoder, flags },
         })
     }
 }
 
-fn check_ends(keys: &Keys) -> Result<(), String> {
+fn check_delimiters(keys: &Keys) -> Result<(), String> {
     if keys.end.is_empty() {
-        return Err("`end` must be what ends a line: \"\\r\\n\", \"\\n\" or \"\\r\"".to_owned());
+        return Err(
+            "`end` is empty; set the end of a line: \"\\r\\n\", \"\\n\" or \"\\r\"".to_owned()
+        );
     }
     for (name, text) in [("prefix", &keys.prefix), ("suffix", &keys.suffix)] {
         if text.contains(&keys.end) {
-            return Err(format!("`{name}` holds the line's `end`: it would never be seen"));
+            return Err(format!(
+                "`{name}` contains `end`: a line could never match; remove `end` from `{name}`"
+            ));
         }
     }
     match &keys.separator {
         Some(separator) if separator.is_empty() => {
-            Err("`separator` is empty; leave it out where a line has one column".to_owned())
+            Err("`separator` is empty; remove it for lines with one column".to_owned())
         }
-        Some(separator) if separator.chars().any(|character| OF_NUMBERS.contains(character)) => {
-            Err(format!("`separator` is `{separator}`, which can stand in a number"))
+        Some(separator)
+            if separator.chars().any(|character| NUMBER_CHARACTERS.contains(character)) =>
+        {
+            Err(format!("`separator` is `{separator}`, which can be part of a number"))
         }
         _ => Ok(()),
     }
-}
-
-fn check_numbers(value: &ValueKeys) -> Result<(), String> {
-    if value.scale_mm == 0.0 || !value.scale_mm.is_finite() {
-        return Err(format!(
-            "`value.scale_mm` is {}: every reading would be the same; it is the mm of what the line \
-             counts, 1.0 where it writes mm",
-            value.scale_mm
-        ));
-    }
-    if !value.offset_mm.is_finite() {
-        return Err("`value.offset_mm` must be a finite number".to_owned());
-    }
-    Ok(())
 }
 
 /// Checks that no column has two meanings, except several texts of one status.
@@ -256,9 +240,9 @@ fn check_columns(keys: &Keys) -> Result<(), String> {
     for (name, column) in named.into_iter().chain(status) {
         let Some(column) = column else { continue };
         check_column(name, column, keys)?;
-        let other = taken.insert(column, name);
-        if let Some(other) = other.filter(|other| *other != "status") {
-            return Err(format!("`{other}` and `{name}` are both column {column}"));
+        let previous = taken.insert(column, name);
+        if let Some(previous) = previous.filter(|previous| *previous != "status") {
+            return Err(format!("`{previous}` and `{name}` are both column {column}"));
         }
     }
     Ok(())
@@ -270,8 +254,8 @@ fn check_column(name: &str, column: usize, keys: &Keys) -> Result<(), String> {
         return Ok(());
     }
     let why = match (column, &keys.separator, keys.columns) {
-        (0, ..) => "columns count from 1".to_owned(),
-        (_, None, _) => "without a `separator` a line has one column".to_owned(),
+        (0, ..) => "the first column is 1".to_owned(),
+        (_, None, _) => "a line without a `separator` has only one column".to_owned(),
         (_, _, columns) => format!("a line has {} columns", columns.unwrap_or_default()),
     };
     Err(format!("`{name}.column` is {column}: {why}"))

@@ -14,14 +14,14 @@
 
 mod checksum;
 mod config;
-mod cut;
+mod diagnosis;
 mod driver;
-mod form;
+mod format;
 mod frame;
 mod line;
-mod suspect;
+mod splitter;
 #[cfg(test)]
 mod tests;
 
 pub use config::Config;
-pub use driver::Serial;
+pub use driver::SerialDriver;

@@ -8,12 +8,12 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::config::Config;
-use super::cut::{Cutter, Piece};
-use super::driver::Serial;
-use crate::sensors::{Driver, Sample, SensorError};
+use super::driver::SerialDriver;
+use super::splitter::{StreamPiece, StreamSplitter};
+use crate::sensors::{Sample, SensorDriver, SensorError};
 use link::clock::HostClock;
-use link::{Pty, SharedPorts, pty_at};
-use machine::record::reading::Flag;
+use link::{Pty, SharedPorts, create_pty_at_baud};
+use machine::record::reading::ReadingFlag;
 use machine::record::sensor::Sensor;
 
 const LINE: &str = r#"
@@ -58,17 +58,17 @@ fn clock() -> Arc<HostClock> {
 }
 
 /// Value or flag, and the count.
-type Told = (Result<f64, Flag>, Option<u64>);
+type Told = (Result<f64, ReadingFlag>, Option<u64>);
 
 /// Result of the cutter for `bytes`: values or flags with their counts, and `None` for bytes that could not
 /// be decoded.
 fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
-    let mut cutter = Cutter::new(config(layout).form);
-    cutter.begin(false);
-    let pieces = parts.iter().flat_map(|part| cutter.push(part)).collect::<Vec<_>>();
+    let mut splitter = StreamSplitter::new(config(layout).format);
+    splitter.restart(false);
+    let pieces = parts.iter().flat_map(|part| splitter.push(part)).collect::<Vec<_>>();
     let told = |piece| match piece {
-        Piece::Whole { said, .. } => Some((said.value, said.counter)),
-        Piece::Undecodable(_) => None,
+        StreamPiece::Whole { sample, .. } => Some((sample.value, sample.counter)),
+        StreamPiece::Undecodable(_) => None,
     };
     pieces.into_iter().map(told).collect()
 }
@@ -83,8 +83,8 @@ fn lines_split_anywhere_say_the_same() {
     let expected = [
         mm(2.0, 7),
         mm(-1.5, 8),
-        Some((Err(Flag::Range), Some(9))),
-        Some((Err(Flag::Saturated), Some(10))),
+        Some((Err(ReadingFlag::Range), Some(9))),
+        Some((Err(ReadingFlag::Saturated), Some(10))),
     ];
     for at in 0..bytes.len() {
         assert_eq!(cut(LINE, &[&bytes[..at], &bytes[at..]]), expected, "cut at {at}");
@@ -111,7 +111,7 @@ const FAR: [u8; 9] = [0xA5, 0x5A, 0x00, 0x00, 0x00, 0x09, 0x80, 0x89, 0x0D];
 #[test]
 fn frames_split_anywhere_say_the_same() {
     let bytes = [TWO, MINUS, FAR].concat();
-    let expected = [mm(2.0, 7), mm(-1.5, 8), Some((Err(Flag::Range), Some(9)))];
+    let expected = [mm(2.0, 7), mm(-1.5, 8), Some((Err(ReadingFlag::Range), Some(9)))];
     for at in 0..bytes.len() {
         assert_eq!(cut(FRAME, &[&bytes[..at], &bytes[at..]]), expected, "cut at {at}");
     }
@@ -138,41 +138,45 @@ fn a_byte_too_few_or_too_many_spoils_one_frame() {
 #[test]
 fn layouts_that_cannot_be_are_refused_in_words() {
     let line = |from: &str, to: &str| refused(&LINE.replace(from, to));
-    assert!(line("scale_mm = 0.001", "scale_mm = 0.0").contains("every reading would be the same"));
+    assert!(line("scale_mm = 0.001", "scale_mm = 0.0").contains("all readings would be equal"));
     assert!(line("scale_mm = 0.001", "scale_mm = \"x\"").contains("invalid type"));
     assert!(line("{ column = 2, round", "{ column = 1, round").contains("are both column 1"));
     assert!(line("column = 3, is", "column = 2, is").contains("are both column 2"));
-    assert!(line("{ column = 1,", "{ column = 0,").contains("count from 1"));
-    assert!(line("separator = \";\"", "").contains("one column"));
-    assert!(line("separator = \";\"", "separator = \".\"").contains("stand in a number"));
+    assert!(line("{ column = 1,", "{ column = 0,").contains("the first column is 1"));
+    assert!(line("separator = \";\"", "").contains("has only one column"));
+    assert!(line("separator = \";\"", "separator = \".\"").contains("can be part of a number"));
     assert!(line("separator = \";\"", "separator = \";\"\ncolumns = 2").contains("has 2 columns"));
     assert!(line("round = 100", "round = 1").contains("2 to 4294967296"));
-    assert!(line("end = \"\\r\\n\"", "end = \"\"").contains("ends a line"));
-    assert!(line("prefix = \"D\"", "prefix = \"D\\r\\n\"").contains("never be seen"));
-    assert!(line("[line]", "rate_hz = 5\n[line]").contains("belongs to `request`"));
+    assert!(line("end = \"\\r\\n\"", "end = \"\"").contains("`end` is empty"));
+    assert!(line("prefix = \"D\"", "prefix = \"D\\r\\n\"").contains("a line could never match"));
+    assert!(line("[line]", "rate_hz = 5\n[line]").contains("is only for sensors with `request`"));
     assert!(refused("").contains("exactly one of"));
     let frame = |from: &str, to: &str| refused(&FRAME.replace(from, to));
     assert!(frame("{ byte = 3, width = 8 }", "{ byte = 2, width = 8 }").contains("overlap"));
-    assert!(frame("length = 5", "length = 4").contains("reaches into byte 4"));
-    assert!(frame("sync = [0xA5, 0x5A]", "sync = []").contains("where a frame begins"));
-    assert!(frame("scale_mm = 0.001", "scale_mm = 0").contains("every reading would be the same"));
+    assert!(frame("length = 5", "length = 4").contains("extends to byte 4"));
+    assert!(frame("sync = [0xA5, 0x5A]", "sync = []").contains("the first bytes of each frame"));
+    assert!(frame("scale_mm = 0.001", "scale_mm = 0").contains("all readings would be equal"));
     assert!(frame("kind = \"xor\"", "kind = \"crc32\"").contains("needs an `order`"));
     assert!(frame("kind = \"xor\"", "kind = \"luhn\"").contains("unknown variant"));
 }
 
 /// A driver, and the far end of its connection.
-async fn over_tcp(layout: &str) -> (Serial, TcpStream) {
+async fn over_tcp(layout: &str) -> (SerialDriver, TcpStream) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
     let config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{layout}")).unwrap();
-    let serial = Serial::open(config, &sensor(), clock(), SharedPorts::default()).await.unwrap();
+    let serial =
+        SerialDriver::open(config, &sensor(), clock(), SharedPorts::default()).await.unwrap();
     (serial, listener.accept().await.unwrap().0)
 }
 
 /// Value in um or flag, and number of missing samples.
 fn short(sample: Sample) -> (i64, &'static str, u32) {
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
-    assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, Flag::None | Flag::Gap));
+    assert_eq!(
+        sample.value_mm.is_some(),
+        matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap)
+    );
     (um, sample.flag.as_str(), sample.missing)
 }
 
@@ -201,7 +205,7 @@ async fn what_a_sensor_says_is_flagged_as_it_is() {
     }
     far.write_all(b"D9;11;\r\nD10;12;\r\n").await.unwrap();
     assert_eq!(short(serial.next().await.unwrap()), (9, "", 0));
-    serial.forget().await.unwrap();
+    serial.discard_old_samples().await.unwrap();
     // Samples that were not read are not missing.
     far.write_all(b"D11;50;\r\nD12;51;\r\n").await.unwrap();
     assert_eq!(short(serial.next().await.unwrap()), (12, "", 0));
@@ -257,10 +261,10 @@ async fn a_sensor_that_cannot_be_understood_is_refused_with_the_remedy() {
     assert!(matches!(silent, SensorError::Silent { .. }), "{silent}");
     let noise = not_ready(LINE, b"\x80\xF8\x00\x98\x1E\r\n").await;
     assert!(noise.to_string().contains("mostly noise"), "{noise}");
-    assert!(noise.remedy().contains("bit rate"), "{}", noise.remedy());
+    assert!(noise.remedy().contains("baud rate"), "{}", noise.remedy());
     let text = not_ready(LINE, b"Dabc;1;\r\n").await;
     assert!(text.to_string().contains("Dabc;1;"), "{text}");
-    assert!(text.remedy().contains("a number where the value is"), "{}", text.remedy());
+    assert!(text.remedy().contains("a number in the column of the value"), "{}", text.remedy());
     let endless = not_ready(LINE, b"D1;1;\r").await;
     assert!(endless.remedy().contains("`end`"), "{endless}: {}", endless.remedy());
     let frames = not_ready(FRAME, b"D1;1;\r\n").await;
@@ -269,7 +273,7 @@ async fn a_sensor_that_cannot_be_understood_is_refused_with_the_remedy() {
 
 #[tokio::test]
 async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
-    let Pty { mut device, path, .. } = pty_at(38_400).unwrap();
+    let Pty { mut device, path, .. } = create_pty_at_baud(38_400).unwrap();
     let sends = tokio::spawn(async move {
         for count in 0_u64.. {
             let line = format!("D{};{};\r\n", 1000 + count % 7, count % 100);
@@ -280,7 +284,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
     let at = |baud: u32| {
         let keys = format!("serial = \"{path}\"\nbaud = {baud}\n{LINE}");
         let config = toml::from_str(&keys).unwrap();
-        async move { Serial::open(config, &sensor(), clock(), SharedPorts::default()).await }
+        async move { SerialDriver::open(config, &sensor(), clock(), SharedPorts::default()).await }
     };
     for baud in [115_200, 57_600, 9_600] {
         let mut serial = loop {
@@ -292,7 +296,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
         };
         let error = serial.prepare().await.unwrap_err();
         assert!(
-            error.remedy().contains(&format!("another bit rate than {baud}")),
+            error.remedy().contains(&format!("another baud rate than {baud}")),
             "{baud}: {error}"
         );
     }
@@ -311,8 +315,8 @@ async fn the_count_of_an_encoder_comes_with_the_sample() {
     // No data come.
     assert_eq!(serial.next().await.unwrap().encoder_count, None);
     let endless = format!("[line]\n{columns}encoder_count = {{ column = 2 }}");
-    assert_eq!(config(&endless).form.encoder_round(), Some(1 << 32));
-    assert_eq!(config(LINE).form.encoder_round(), None);
+    assert_eq!(config(&endless).format.encoder_modulus(), Some(1 << 32));
+    assert_eq!(config(LINE).format.encoder_modulus(), None);
     let same = format!("[line]\n{columns}encoder_count = {{ column = 1 }}");
     assert!(refused(&same).contains("`value` and `encoder_count` are both column 1"));
 }

@@ -1,6 +1,6 @@
 //! Errors of a thermometer, and what the operator should do next.
 
-use super::SENSIBLE_C;
+use super::PLAUSIBLE_RANGE_C;
 use link::modbus::ModbusError;
 use link::modbus::value::ValueError;
 
@@ -9,11 +9,11 @@ pub enum ThermometerError {
     #[error(transparent)]
     Modbus(#[from] ModbusError),
     #[error(transparent)]
-    Number(#[from] ValueError),
-    #[error("it says {celsius:.1} °C, which no place of a machine has")]
-    Nonsense { celsius: f64 },
-    #[error("it is simulated, and there is nothing to feel: the control is a real one")]
-    NothingToFeel,
+    InvalidNumber(#[from] ValueError),
+    #[error("the temperature {celsius:.1} °C is not plausible")]
+    ImplausibleValue { celsius: f64 },
+    #[error("the thermometer is simulated, but the control is not")]
+    NoSimulatedMachine,
 }
 
 impl ThermometerError {
@@ -21,21 +21,22 @@ impl ThermometerError {
     pub fn remedy(&self) -> String {
         match self {
             // The link's own message concerns the machine, whose state is not in doubt here.
-            Self::Modbus(ModbusError::Lost { .. } | ModbusError::Ended { .. }) => {
-                "see to the thermometer's power and cable".to_owned()
+            Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) => {
+                "check the thermometer's power and cable".to_owned()
             }
             Self::Modbus(error) => {
-                format!("{}; of the thermometer it stands in [thermometer.modbus]", error.remedy())
+                format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy())
             }
-            Self::Number(_) => "compare `value` of [thermometer.modbus] with its manual".to_owned(),
-            Self::Nonsense { .. } => format!(
-                "it should lie between {} and {} °C: compare `register`, `type`, `order`, `scale_c` and \
-                 `offset_c` with its manual; a broken wire shows as the end of its range",
-                SENSIBLE_C.start(),
-                SENSIBLE_C.end()
+            Self::InvalidNumber(_) => "compare `value` of [thermometer.modbus] with the thermometer's manual".to_owned(),
+            Self::ImplausibleValue { .. } => format!(
+                "plausible are {} to {} °C: compare `register`, `type`, `order`, `scale_c` and \
+                 `offset_c` with the thermometer's manual; with a broken wire a thermometer reports the end of \
+                 its range",
+                PLAUSIBLE_RANGE_C.start(),
+                PLAUSIBLE_RANGE_C.end()
             ),
-            Self::NothingToFeel => {
-                "say in [thermometer.modbus] how the real one is reached, or take it out".to_owned()
+            Self::NoSimulatedMachine => {
+                "write the connection of the real thermometer in [thermometer.modbus], or remove the thermometer".to_owned()
             }
         }
     }

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use super::{ThermometerError, sensible};
+use super::{ThermometerError, check_plausible};
 use link::HostPort;
-use link::modbus::value::{Kind, Number, Order};
+use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use link::modbus::{
-    Allowed, Device, DeviceKeys, Framing, Modbus, ModbusError, Parity, Range, Settings, Space,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDevice, ModbusDeviceKeys, ModbusError,
+    Parity, RegisterRange, RegisterSpace,
 };
 
 #[derive(Debug, Deserialize)]
@@ -22,10 +23,10 @@ struct Keys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "timeout_s")]
+    #[serde(default = "default_timeout_s")]
     timeout_s: f64,
-    #[serde(default = "input")]
-    space: Space,
+    #[serde(default = "default_space")]
+    space: RegisterSpace,
     value: ValueKeys,
 }
 
@@ -35,30 +36,30 @@ struct Keys {
 struct ValueKeys {
     register: u16,
     #[serde(rename = "type")]
-    kind: Kind,
+    kind: NumberType,
     #[serde(default)]
-    order: Order,
+    order: ByteOrder,
     scale_c: f64,
     #[serde(default)]
     offset_c: f64,
 }
 
-fn timeout_s() -> f64 {
+fn default_timeout_s() -> f64 {
     0.5
 }
 
-fn input() -> Space {
-    Space::Input
+fn default_space() -> RegisterSpace {
+    RegisterSpace::Input
 }
 
 /// Address of a thermometer behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub(super) struct Config {
-    device: Device,
-    span: Range,
+    device: ModbusDevice,
+    span: RegisterRange,
     /// Format of the number, with its scale.
-    number: Number,
+    number: NumberFormat,
     offset_c: f64,
 }
 
@@ -67,46 +68,49 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device = DeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
-        let device = Device::try_from(device)?;
-        if !matches!(keys.space, Space::Input | Space::Holding) {
-            return Err("`space` is `input` or `holding`: a bit holds no temperature".to_owned());
+        let device =
+            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDevice::try_from(device)?;
+        if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
+            return Err(
+                "`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned()
+            );
         }
         let ValueKeys { register, kind, order, scale_c, offset_c } = keys.value;
         if scale_c == 0.0 || !scale_c.is_finite() || !offset_c.is_finite() {
             return Err(format!(
-                "`value.scale_c` is {scale_c}, `value.offset_c` {offset_c}: the first is the °C of one \
-                 count, e.g. 0.1, the second what zero counts are"
+                "`value.scale_c` is {scale_c}, `value.offset_c` is {offset_c}; set `scale_c` to the °C of one \
+                 count, e.g. 0.1, and `offset_c` to the °C at zero counts"
             ));
         }
-        let number = Number { kind, order, scale: scale_c };
-        let last = register.checked_add(number.registers() - 1).ok_or_else(|| {
-            format!("`value.register` at {register} reaches beyond register 65535")
+        let number = NumberFormat { kind, order, scale: scale_c };
+        let last = register.checked_add(number.register_count() - 1).ok_or_else(|| {
+            format!("`value.register` at {register} extends beyond register 65535")
         })?;
-        let span = Range { space: keys.space, first: register, last };
+        let span = RegisterRange { space: keys.space, first: register, last };
         Ok(Self { device, span, number, offset_c })
     }
 }
 
 impl Config {
-    pub fn at(&self) -> String {
-        self.device.in_full()
+    pub fn describe_address(&self) -> String {
+        self.device.describe()
     }
 }
 
 /// Link to a device. The first read opens it, and reopens it after it has ended.
-pub(super) struct Bus {
-    device: Option<Device>,
-    allowed: Allowed,
-    link: Option<Modbus>,
+pub(super) struct ThermometerReader {
+    device: Option<ModbusDevice>,
+    allowed: AccessList,
+    link: Option<ModbusClient>,
 }
 
-impl Bus {
+impl ThermometerReader {
     /// Creates the link to the device that all `configs` share.
-    pub fn of<'c>(mut configs: impl Iterator<Item = &'c Config> + Clone) -> Self {
+    pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c Config> + Clone) -> Self {
         let read = configs.clone().map(|config| config.span).collect();
         let device = configs.next().map(|config| config.device.clone());
-        Self { device, allowed: Allowed { read, write: Vec::new() }, link: None }
+        Self { device, allowed: AccessList { read, write: Vec::new() }, link: None }
     }
 
     /// Reads the temperature, °C.
@@ -114,22 +118,22 @@ impl Bus {
     /// # Errors
     /// There is no answer, no number, or an impossible temperature.
     pub async fn read(&mut self, config: &Config) -> Result<f64, ThermometerError> {
-        let Range { space, first, last } = config.span;
-        let said = self.link().await?.read(space, first, last - first + 1).await;
-        if matches!(said, Err(ModbusError::Ended { .. })) {
+        let RegisterRange { space, first, last } = config.span;
+        let words = self.link().await?.read(space, first, last - first + 1).await;
+        if matches!(words, Err(ModbusError::LinkEnded { .. })) {
             self.link = None;
         }
-        sensible(config.offset_c + config.number.read(&said?)?)
+        check_plausible(config.offset_c + config.number.decode(&words?)?)
     }
 
-    async fn link(&mut self) -> Result<&Modbus, ThermometerError> {
+    async fn link(&mut self) -> Result<&ModbusClient, ThermometerError> {
         if self.link.is_none()
-            && let Some(Device { line, unit, timeout }) = self.device.clone()
+            && let Some(ModbusDevice { line, unit, timeout }) = self.device.clone()
         {
-            let settings = Settings { unit, timeout, allowed: self.allowed.clone() };
-            self.link = Some(Modbus::open(line, settings).await?);
+            let settings = DeviceSettings { unit, timeout, allowed: self.allowed.clone() };
+            self.link = Some(ModbusClient::open(line, settings).await?);
         }
-        let ended = || ModbusError::Ended { link: "no device".to_owned() };
+        let ended = || ModbusError::LinkEnded { link: "no device".to_owned() };
         Ok(self.link.as_ref().ok_or_else(ended)?)
     }
 }

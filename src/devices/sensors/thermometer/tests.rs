@@ -2,7 +2,10 @@
 
 use std::time::Duration;
 
-use super::{Entry, SimulatedTemperature, ThermometerError, Watch, by_device, once};
+use super::{
+    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller, group_by_device,
+    read_once,
+};
 
 const MODBUS: &str = r#"
 name = "spindle"
@@ -12,11 +15,11 @@ tcp = "127.0.0.1:9"
 value = { register = 4, type = "i16", scale_c = 0.1, offset_c = -10 }
 "#;
 
-fn entry(text: &str) -> Result<Entry, String> {
+fn entry(text: &str) -> Result<ThermometerConfig, String> {
     toml::from_str(text).map_err(|error: toml::de::Error| error.to_string())
 }
 
-fn simulated(name: &str) -> Entry {
+fn simulated(name: &str) -> ThermometerConfig {
     entry(&format!("name = \"{name}\"\n[simulated]")).unwrap()
 }
 
@@ -24,7 +27,7 @@ fn simulated(name: &str) -> Entry {
 fn what_cannot_be_is_refused_in_words() {
     let made = entry(MODBUS).unwrap();
     assert_eq!(
-        (made.stale, made.at()),
+        (made.max_age, made.describe_address()),
         (Duration::from_secs(10), "127.0.0.1:9, unit 255".to_owned())
     );
     let cases = [
@@ -40,7 +43,7 @@ fn what_cannot_be_is_refused_in_words() {
             "beyond register 65535",
         ),
         ("[modbus]", "[simulated]\n[modbus]", "exactly one of"),
-        ("[modbus]\n", "[modbus]\nspace = \"coil\"\n", "a bit holds no temperature"),
+        ("[modbus]\n", "[modbus]\nspace = \"coil\"\n", "a bit cannot hold a temperature"),
         ("[modbus]\n", "[modbus]\nbaud = 9600\n", "baud"),
     ];
     for (from, to, words) in cases {
@@ -60,7 +63,7 @@ fn those_behind_one_device_share_its_link() {
         of("[modbus]\n", "[modbus]\nunit = 3\n"),
         simulated("bed"),
     ];
-    let counts: Vec<_> = by_device(&entries).values().map(Vec::len).collect();
+    let counts: Vec<_> = group_by_device(&entries).values().map(Vec::len).collect();
     assert_eq!(counts, [2, 1]);
 }
 
@@ -73,13 +76,13 @@ fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<SimulatedTemperature> {
 async fn nonsense_is_no_temperature() {
     let entries = [simulated("bed")];
     for (celsius, good) in [(-40.0, true), (80.0, true), (80.1, false), (-200.0, false)] {
-        let said = once(&entries, says(Some(celsius))).await;
+        let said = read_once(&entries, says(Some(celsius))).await;
         assert_eq!(said[0].1.is_ok(), good, "{celsius}");
-        let now = Watch::of(&entries, says(Some(celsius)));
-        assert_eq!(now.now()[0].1.is_ok(), good, "{celsius}");
+        let now = ThermometerPoller::start(&entries, says(Some(celsius)));
+        assert_eq!(now.current_values()[0].1.is_ok(), good, "{celsius}");
     }
-    let said = once(&entries, says(Some(850.0))).await.remove(0).1.unwrap_err();
+    let said = read_once(&entries, says(Some(850.0))).await.remove(0).1.unwrap_err();
     assert!(said.to_string().contains("850.0 °C") && said.remedy().contains("broken wire"));
-    let nothing = once(&entries, |_| None).await.remove(0).1;
-    assert!(matches!(nothing, Err(ThermometerError::NothingToFeel)));
+    let nothing = read_once(&entries, |_| None).await.remove(0).1;
+    assert!(matches!(nothing, Err(ThermometerError::NoSimulatedMachine)));
 }

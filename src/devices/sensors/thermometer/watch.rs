@@ -6,133 +6,152 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-use super::modbus::{Bus, Config};
-use super::{Entry, Reached, SimulatedTemperature, ThermometerError, by_device, felt};
+use super::modbus::{Config, ThermometerReader};
+use super::{
+    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device,
+    read_simulated,
+};
 
 /// Maximum time for the first values before the first touch: longer than a port may take to be released.
-const PATIENCE: Duration = Duration::from_secs(6);
-const LOOK: Duration = Duration::from_millis(10);
+const MAX_FIRST_VALUES_WAIT: Duration = Duration::from_secs(6);
+const FIRST_VALUES_CHECK_INTERVAL: Duration = Duration::from_millis(10);
 /// Number of requests while a value is valid; the interval of the requests is between the two of `POLL_INTERVAL_LIMITS`.
 const POLLS_PER_VALIDITY: u32 = 4;
 const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// Thermometers that are polled until this is dropped.
-pub struct Watch {
-    all: Vec<Watched>,
+pub struct ThermometerPoller {
+    all: Vec<PolledThermometer>,
     /// Ends the polling tasks when it is dropped, after the request that is running.
-    _until: Vec<oneshot::Sender<()>>,
+    _stop: Vec<oneshot::Sender<()>>,
 }
 
-struct Watched {
+struct PolledThermometer {
     name: String,
-    by: By,
+    source: ValueSource,
 }
 
-enum By {
+enum ValueSource {
     Polled(Arc<Mutex<LastValue>>, Duration),
     /// Simulated time does not advance during the read.
-    Felt(Option<SimulatedTemperature>),
+    Simulated(Option<SimulatedTemperature>),
 }
 
 /// Values of one thermometer.
 #[derive(Default)]
 struct LastValue {
-    newest: Option<(f64, Instant)>,
+    latest: Option<(f64, Instant)>,
     /// Reason why the last request gave no value.
     why: Option<String>,
-    asked: bool,
+    was_polled: bool,
 }
 
-impl Watch {
-    /// Starts to poll `entries`; `feel` returns the source of a simulated thermometer by its name, if there
+impl ThermometerPoller {
+    /// Starts to poll `entries`; `simulated` returns the source of a simulated thermometer by its name, if there
     /// is one. Call inside a tokio runtime.
-    pub fn of(entries: &[Entry], feel: impl Fn(&str) -> Option<SimulatedTemperature>) -> Self {
-        let (mut all, mut until) = (Vec::new(), Vec::new());
-        for entry in entries.iter().filter(|entry| matches!(entry.reached, Reached::Simulated)) {
-            all.push(Watched { name: entry.name.clone(), by: By::Felt(feel(&entry.name)) });
+    pub fn start(
+        entries: &[ThermometerConfig],
+        simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
+    ) -> Self {
+        let (mut all, mut stop) = (Vec::new(), Vec::new());
+        for entry in
+            entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated))
+        {
+            all.push(PolledThermometer {
+                name: entry.name.clone(),
+                source: ValueSource::Simulated(simulated(&entry.name)),
+            });
         }
-        for of_device in by_device(entries).into_values() {
+        for device in group_by_device(entries).into_values() {
             let mut channels = Vec::new();
-            for (entry, config) in &of_device {
-                let said = Arc::new(Mutex::new(LastValue::default()));
-                channels.push(((*config).clone(), said.clone()));
-                all.push(Watched { name: entry.name.clone(), by: By::Polled(said, entry.stale) });
+            for (entry, config) in &device {
+                let last_value = Arc::new(Mutex::new(LastValue::default()));
+                channels.push(((*config).clone(), last_value.clone()));
+                all.push(PolledThermometer {
+                    name: entry.name.clone(),
+                    source: ValueSource::Polled(last_value, entry.max_age),
+                });
             }
-            let soonest = of_device.iter().map(|(entry, _)| entry.stale).min().unwrap_or_default();
-            let (keep, ended) = oneshot::channel();
-            until.push(keep);
-            tokio::spawn(poll(
+            let min_age = device.iter().map(|(entry, _)| entry.max_age).min().unwrap_or_default();
+            let (stop_sender, stop_receiver) = oneshot::channel();
+            stop.push(stop_sender);
+            tokio::spawn(poll_device(
                 channels,
-                (soonest / POLLS_PER_VALIDITY)
+                (min_age / POLLS_PER_VALIDITY)
                     .clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
-                ended,
+                stop_receiver,
             ));
         }
-        Self { all, _until: until }
+        Self { all, _stop: stop }
     }
 
-    /// Waits until each thermometer was read once, at most for `PATIENCE`.
-    pub async fn begun(&self) {
-        let begun = Instant::now();
-        let asked = |watched: &Watched| match &watched.by {
-            By::Felt(_) => true,
-            By::Polled(said, _) => locked(said).asked,
+    /// Waits until each thermometer was read once, at most for `MAX_FIRST_VALUES_WAIT`.
+    pub async fn wait_for_first_values(&self) {
+        let start = Instant::now();
+        let was_polled = |thermometer: &PolledThermometer| match &thermometer.source {
+            ValueSource::Simulated(_) => true,
+            ValueSource::Polled(last_value, _) => lock(last_value).was_polled,
         };
-        while !self.all.iter().all(asked) && begun.elapsed() < PATIENCE {
-            sleep(LOOK).await;
+        while !self.all.iter().all(was_polled) && start.elapsed() < MAX_FIRST_VALUES_WAIT {
+            sleep(FIRST_VALUES_CHECK_INTERVAL).await;
         }
     }
 
     /// Returns each name with the valid temperature, °C, or the reason why there is none.
-    pub fn now(&self) -> Vec<(&str, Result<f64, String>)> {
-        let now = |watched: &Watched| match &watched.by {
-            By::Felt(feel) => felt(feel.as_ref()).map_err(|error| error.to_string()),
-            By::Polled(said, stale) => locked(said).within(*stale),
+    pub fn current_values(&self) -> Vec<(&str, Result<f64, String>)> {
+        let value = |thermometer: &PolledThermometer| match &thermometer.source {
+            ValueSource::Simulated(simulated) => {
+                read_simulated(simulated.as_ref()).map_err(|error| error.to_string())
+            }
+            ValueSource::Polled(last_value, max_age) => lock(last_value).value_within(*max_age),
         };
-        self.all.iter().map(|watched| (watched.name.as_str(), now(watched))).collect()
+        self.all.iter().map(|thermometer| (thermometer.name.as_str(), value(thermometer))).collect()
     }
 }
 
 impl LastValue {
-    fn keep(&mut self, said: Result<f64, ThermometerError>) {
-        self.asked = true;
-        match said {
+    fn record(&mut self, result: Result<f64, ThermometerError>) {
+        self.was_polled = true;
+        match result {
             Ok(celsius) => {
-                (self.newest, self.why) = (Some((celsius, Instant::now())), None);
+                (self.latest, self.why) = (Some((celsius, Instant::now())), None);
             }
             Err(error) => self.why = Some(error.to_string()),
         }
     }
 
-    fn within(&self, stale: Duration) -> Result<f64, String> {
-        match self.newest {
-            Some((celsius, at)) if at.elapsed() <= stale => Ok(celsius),
-            _ => Err(self.why.clone().unwrap_or_else(|| "it has not answered yet".to_owned())),
+    fn value_within(&self, max_age: Duration) -> Result<f64, String> {
+        match self.latest {
+            Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
+            _ => Err(self
+                .why
+                .clone()
+                .unwrap_or_else(|| "no reply from the thermometer yet".to_owned())),
         }
     }
 }
 
-fn locked(said: &Mutex<LastValue>) -> std::sync::MutexGuard<'_, LastValue> {
-    said.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(last_value: &Mutex<LastValue>) -> std::sync::MutexGuard<'_, LastValue> {
+    last_value.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Polls one device, channel by channel.
-async fn poll(
+async fn poll_device(
     channels: Vec<(Config, Arc<Mutex<LastValue>>)>,
-    pace: Duration,
-    mut until: oneshot::Receiver<()>,
+    interval: Duration,
+    mut stop: oneshot::Receiver<()>,
 ) {
-    let mut bus = Bus::of(channels.iter().map(|(config, _)| config));
+    let mut bus = ThermometerReader::for_device(channels.iter().map(|(config, _)| config));
     loop {
-        for (config, said) in &channels {
-            let answer = bus.read(config).await;
-            locked(said).keep(answer);
-            if !matches!(until.try_recv(), Err(oneshot::error::TryRecvError::Empty)) {
+        for (config, last_value) in &channels {
+            let result = bus.read(config).await;
+            lock(last_value).record(result);
+            if !matches!(stop.try_recv(), Err(oneshot::error::TryRecvError::Empty)) {
                 return;
             }
         }
         // The end interrupts the pause, never a request.
-        if timeout(pace, &mut until).await.is_ok() {
+        if timeout(interval, &mut stop).await.is_ok() {
             return;
         }
     }
@@ -147,16 +166,16 @@ mod tests {
     #[test]
     fn what_was_said_is_true_for_a_while() {
         const HOUR: Duration = Duration::from_secs(3600);
-        let mut said = LastValue::default();
-        assert!(said.within(HOUR).is_err());
-        said.keep(Ok(21.5));
-        assert_eq!(said.within(HOUR), Ok(21.5));
-        said.keep(Err(ThermometerError::Nonsense { celsius: 850.0 }));
-        assert_eq!(said.within(HOUR), Ok(21.5));
+        let mut last_value = LastValue::default();
+        assert!(last_value.value_within(HOUR).is_err());
+        last_value.record(Ok(21.5));
+        assert_eq!(last_value.value_within(HOUR), Ok(21.5));
+        last_value.record(Err(ThermometerError::ImplausibleValue { celsius: 850.0 }));
+        assert_eq!(last_value.value_within(HOUR), Ok(21.5));
         std::thread::sleep(Duration::from_millis(2));
-        let why = said.within(Duration::from_millis(1)).unwrap_err();
+        let why = last_value.value_within(Duration::from_millis(1)).unwrap_err();
         assert!(why.contains("850.0 °C"), "{why}");
-        said.keep(Ok(22.0));
-        assert_eq!(said.within(HOUR), Ok(22.0));
+        last_value.record(Ok(22.0));
+        assert_eq!(last_value.value_within(HOUR), Ok(22.0));
     }
 }

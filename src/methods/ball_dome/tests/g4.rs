@@ -2,15 +2,15 @@
 
 use nalgebra::Vector3;
 
-use super::super::found::variants;
-use super::super::points::Points;
-use super::super::prior::known_machine;
-use super::super::variant::Variant;
+use super::super::points::MeasuredPoints;
+use super::super::prior::machine_errors_from_prior;
+use super::super::stylus_fit::compute_variants;
+use super::super::variant::DomeVariant;
 use super::{BASE_MM, certified, observed, plan};
-use crate::ball_measurement::stated_balls;
+use crate::ball_measurement::artefact_balls;
 use crate::samba::tests::exact_estimate;
-use estimation::random::stream;
-use machine::kinematics::Chain;
+use estimation::random::seeded_stream;
+use machine::kinematics::KinematicChain;
 use machine::record::plan::Plan;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -21,13 +21,13 @@ fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f
     plan.priors = vec![exact_estimate()];
     let observed = observed(&plan, noise);
     println!("{} measurements", observed.centres.len());
-    let chain = Chain::new(&plan.machine).unwrap();
+    let chain = KinematicChain::new(&plan.machine).unwrap();
     let stylus = Vector3::from(plan.machine.tool_mm);
-    let points = Points::new(chain, stylus, &observed, stated_balls(&plan).unwrap());
-    let known = known_machine(&plan).unwrap();
-    let (variants, lost) = variants(&points, known.as_ref(), 0);
+    let points = MeasuredPoints::new(chain, stylus, &observed, artefact_balls(&plan).unwrap());
+    let known = machine_errors_from_prior(&plan).unwrap();
+    let (variants, lost) = compute_variants(&points, known.as_ref(), 0);
     assert_eq!((variants.len(), lost.len()), (7, 0), "{lost:?}");
-    let result = |variant: &Variant| {
+    let result = |variant: &DomeVariant| {
         let norms: Vec<f64> = variant.fit.deviations.iter().map(|d| d.norm() * 1e3).collect();
         let largest = norms.iter().copied().fold(0.0, f64::max);
         let mean = norms.iter().sum::<f64>() / norms.len() as f64;
@@ -40,7 +40,7 @@ fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f
 #[test]
 fn paper_table_3_stands_in_the_built_in_file() {
     let Plan { artefact, .. } = plan();
-    let balls = stated_balls(&Plan { artefact, ..plan() }).unwrap().clone();
+    let balls = artefact_balls(&Plan { artefact, ..plan() }).unwrap().clone();
     let certified = certified();
     assert_eq!((balls.balls.len(), certified.len()), (32, 32));
     for (ball, centre) in balls.balls.iter().zip(certified) {
@@ -65,7 +65,7 @@ fn g4_deviations_without_noise() {
 
 #[test]
 fn g4_deviations_with_noise() {
-    let mut random = stream(1, &[4]);
+    let mut random = seeded_stream(1, &[4]);
     let all = results(|| 1e-3 * Distribution::<f64>::sample(&StandardNormal, &mut random));
     let of = |name: &str| all.iter().find(|(own, ..)| *own == name).unwrap();
     assert!((165.0..190.0).contains(&of("N1").1) && (45.0..65.0).contains(&of("S1").1));

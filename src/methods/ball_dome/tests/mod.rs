@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::Settings;
 use super::design;
-use crate::ball_measurement::{BallCentre, Label, Observed, Pass};
+use crate::ball_measurement::{BallCentre, Label, MeasurementPass, ObservedBalls};
 use crate::samba::tests::htm::{Triple, Truth};
 use crate::samba::tests::{TOOL, built_in, paper_errors, table};
 use machine::Axis;
@@ -28,36 +28,38 @@ fn certified() -> Vec<Vector3<f64>> {
 
 /// Readings at all visits of the built-in design on the machine of the paper's table 2 with the stylus of its
 /// item S3: axis positions from plain matrix products, changed by `noise` (measurement, axis).
-fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> Observed {
+fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> ObservedBalls {
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool: TOOL };
     let settings = Settings::default();
-    let setup = design::setup(plan, &settings).unwrap();
-    let mut observed = Observed::default();
-    for (place, visit) in design::visits(&setup, &settings).unwrap().into_iter().enumerate() {
-        let triple: Triple = [visit.at.at(Axis::B), visit.at.at(Axis::C), 0.0];
+    let setup = design::dome_setup(plan, &settings).unwrap();
+    let mut observed = ObservedBalls::default();
+    for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate()
+    {
+        let triple: Triple =
+            [visit.rotary.get_or_zero(Axis::B), visit.rotary.get_or_zero(Axis::C), 0.0];
         for ball in visit.balls {
             let centre = Vector3::from(setup.balls.balls[ball].centre_mm);
             let xyz = truth.axes_at(centre, triple);
             let id = setup.balls.balls[ball].id.clone();
             observed.centres.push(BallCentre {
                 label: Label {
-                    pass: Pass::Slow,
+                    pass: MeasurementPass::Slow,
                     indexation: place as u32,
                     ball: id,
                     touch: "pole".into(),
                 },
                 ball,
-                place,
-                commanded: place,
-                xyz: xyz + Vector3::from_fn(|_, _| noise()),
-                radius: 0.0,
-                form: 0.0,
+                rotary_index: place,
+                commanded_index: place,
+                axes_mm: xyz + Vector3::from_fn(|_, _| noise()),
+                radius_mm: 0.0,
+                form_mm: 0.0,
                 touches: Vec::new(),
                 t_s: 0.0,
             });
         }
-        observed.places.push(visit.at.clone());
-        observed.commanded.push(visit.at);
+        observed.rotary_positions.push(visit.rotary.clone());
+        observed.commanded_positions.push(visit.rotary);
     }
     observed
 }

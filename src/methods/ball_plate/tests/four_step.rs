@@ -3,31 +3,31 @@
 
 use nalgebra::Vector3;
 
-use super::g5::{ORDER, Truth, errors, kept_visits, measured, median_and_p95, scatter, setting};
-use crate::ball_plate::basis::Basis;
+use super::g5::{ORDER, Truth, errors, kept_visits, median_and_p95, observe_run, scatter, setting};
+use crate::ball_plate::basis::AngleBasis;
 use crate::ball_plate::cross_check::{CoefficientDifference, CrossCheck};
-use crate::ball_plate::equations::{BallObservation, solve};
-use crate::ball_plate::four_steps::four_steps;
+use crate::ball_plate::equations::{BallObservation, solve_equations};
+use crate::ball_plate::four_steps::solve_in_four_steps;
 use machine::record::estimate::Unit;
 
 /// Largest errors of each motion with the four steps, and with least squares.
 fn both(seed: u64, missing: f64) -> [[f64; 6]; 2] {
     let setting = setting();
-    let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
+    let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let truth = Truth::draw(seed, &setting);
-    let sightings = kept_visits(measured(&setting, &truth, scatter(seed)), missing);
+    let observations = kept_visits(observe_run(&setting, &truth, scatter(seed)), missing);
     let layout = setting.layout(basis.clone());
-    let sigma = vec![1.0; 3 * sightings.len()];
-    let (_, global) = solve(&layout, &setting.stops(), &sightings, &sigma).unwrap();
-    let four = of_sightings(&sightings).unwrap();
+    let sigma = vec![1.0; 3 * observations.len()];
+    let (_, global) = solve_equations(&layout, &setting.stops(), &observations, &sigma).unwrap();
+    let four = of_sightings(&observations).unwrap();
     [four, global.x].map(|x| errors(&setting, &truth, &basis, &x))
 }
 
-fn of_sightings(sightings: &[BallObservation]) -> Option<Vec<f64>> {
+fn of_sightings(observations: &[BallObservation]) -> Option<Vec<f64>> {
     let setting = setting();
-    let layout = setting.layout(Basis::Fourier { order: ORDER, sub_order: 0 });
-    let deviations: Vec<Vector3<f64>> = sightings.iter().map(|s| s.deviation).collect();
-    four_steps(&layout, &setting.stops(), sightings, &deviations)
+    let layout = setting.layout(AngleBasis::Fourier { order: ORDER, sub_order: 0 });
+    let deviations: Vec<Vector3<f64>> = observations.iter().map(|s| s.deviation).collect();
+    solve_in_four_steps(&layout, &setting.stops(), observations, &deviations)
 }
 
 fn worst_um(errors: &[f64; 6]) -> f64 {
@@ -45,10 +45,10 @@ fn four_steps_and_least_squares_are_equal_on_complete_visits() {
 #[test]
 fn the_four_steps_reach_the_simulation_of_the_paper() {
     let setting = setting();
-    let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
+    let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let of_seed = |seed: u64| {
         let truth = Truth::draw(seed, &setting);
-        let x = of_sightings(&measured(&setting, &truth, scatter(seed))).unwrap();
+        let x = of_sightings(&observe_run(&setting, &truth, scatter(seed))).unwrap();
         worst_um(&errors(&setting, &truth, &basis, &x))
     };
     let [median, p95] = median_and_p95((0..100).map(of_seed).collect());
@@ -68,7 +68,8 @@ fn four_steps_do_not_bear_missing_visits() {
 fn a_difference_beyond_u_is_a_warning() {
     let warning = |by: f64| {
         let symbol = "EXC_c2".to_owned();
-        let difference = CoefficientDifference { symbol, unit: Unit::Um, by, expanded: 0.3e-3 };
+        let difference =
+            CoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 };
         CrossCheck::Compared(difference).warning()
     };
     assert_eq!(warning(0.29e-3), None);

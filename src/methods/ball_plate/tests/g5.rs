@@ -7,11 +7,11 @@ use rand::RngExt;
 use rand_distr::{Distribution, Normal, Uniform};
 
 use super::Setting;
-use crate::ball_plate::basis::Basis;
-use crate::ball_plate::equations::{BallObservation, solve};
-use crate::ball_plate::layout::Layout;
-use crate::identification::multiply;
-use estimation::random::stream;
+use crate::ball_plate::basis::AngleBasis;
+use crate::ball_plate::equations::{BallObservation, solve_equations};
+use crate::ball_plate::layout::UnknownsLayout;
+use crate::identification::multiply_vector;
+use estimation::random::seeded_stream;
 
 const ARCSECOND: f64 = TAU / (360.0 * 3600.0);
 pub const ORDER: usize = 8;
@@ -40,7 +40,7 @@ pub struct Truth {
 
 impl Truth {
     pub fn draw(seed: u64, setting: &Setting) -> Self {
-        let mut random = stream(seed, &[1]);
+        let mut random = seeded_stream(seed, &[1]);
         let normal = Normal::new(0.0, 1.0).unwrap();
         let mut harmonics = SIZES.map(|size| -> Vec<[f64; 2]> {
             (0..ORDER).map(|_| [0, 0].map(|_| size * normal.sample(&mut random))).collect()
@@ -59,7 +59,7 @@ impl Truth {
         Self { harmonics, places, balls }
     }
 
-    fn motion(&self, component: usize, angle: f64) -> f64 {
+    fn motion_index(&self, component: usize, angle: f64) -> f64 {
         let terms = (1..=ORDER).zip(&self.harmonics[component]);
         terms
             .map(|(k, [c, s])| {
@@ -79,7 +79,7 @@ impl Truth {
         let tilt = Rotation3::new(Vector3::new(TILT[0], TILT[1], 0.0));
         let on_table = Vector3::new(ECCENTRICITY_MM[0], ECCENTRICITY_MM[1], 0.0)
             + tilt * (nominal + self.balls[ball]);
-        let [x, y, z, a, b, c] = std::array::from_fn(|k| self.motion(k, angle));
+        let [x, y, z, a, b, c] = std::array::from_fn(|k| self.motion_index(k, angle));
         let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         let table = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
             * Rotation3::from_axis_angle(&Vector3::y_axis(), b)
@@ -91,26 +91,26 @@ impl Truth {
 
 /// Normal scatter of 3σ = 0.3 µm and uniform scatter of ±0.15 µm.
 pub fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
-    let mut random = stream(seed, &[2]);
+    let mut random = seeded_stream(seed, &[2]);
     let normal = Normal::new(0.0, 0.1e-3).unwrap();
     move || {
         Vector3::from_fn(|_, _| normal.sample(&mut random) + random.random_range(-0.15e-3..0.15e-3))
     }
 }
 
-pub fn measured(
+pub fn observe_run(
     setting: &Setting,
     truth: &Truth,
     mut noise: impl FnMut() -> Vector3<f64>,
 ) -> Vec<BallObservation> {
     let stops = setting.stops();
-    setting.sightings(|stop, ball, place| {
+    setting.observations(|stop, ball, place| {
         Some(truth.deviation(setting, (stops[stop].angle, ball, place)) + noise())
     })
 }
 
 /// Largest error of each motion over the positions, mm or rad.
-pub fn errors(setting: &Setting, truth: &Truth, basis: &Basis, x: &[f64]) -> [f64; 6] {
+pub fn errors(setting: &Setting, truth: &Truth, basis: &AngleBasis, x: &[f64]) -> [f64; 6] {
     let stops = setting.stops();
     let turn = stops.iter().take(setting.positions);
     let at = turn.map(|stop| (stop.angle, basis.values(stop.angle, 0)));
@@ -119,8 +119,9 @@ pub fn errors(setting: &Setting, truth: &Truth, basis: &Basis, x: &[f64]) -> [f6
         let coefficients = &x[k * basis.len()..][..basis.len()];
         let found =
             |values: &[f64]| values.iter().zip(coefficients).map(|(v, c)| v * c).sum::<f64>();
-        let error =
-            |(angle, values): &(f64, Vec<f64>)| (found(values) - truth.motion(k, *angle)).abs();
+        let error = |(angle, values): &(f64, Vec<f64>)| {
+            (found(values) - truth.motion_index(k, *angle)).abs()
+        };
         at.iter().map(error).fold(0.0, f64::max)
     })
 }
@@ -131,16 +132,16 @@ pub fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
 }
 
 /// The visits without a share of them that is missing, the same for every seed.
-pub fn kept_visits(sightings: Vec<BallObservation>, missing: f64) -> Vec<BallObservation> {
-    let mut random = stream(1, &[3]);
-    sightings.into_iter().filter(|_| random.random::<f64>() >= missing).collect()
+pub fn kept_visits(observations: Vec<BallObservation>, missing: f64) -> Vec<BallObservation> {
+    let mut random = seeded_stream(1, &[3]);
+    observations.into_iter().filter(|_| random.random::<f64>() >= missing).collect()
 }
 
 /// The balls are at equal angles, so the mean of their positions is the centre of the circle.
-fn eccentricity_error_mm(layout: &Layout, truth: &Truth, x: &[f64]) -> f64 {
+fn eccentricity_error_mm(layout: &UnknownsLayout, truth: &Truth, x: &[f64]) -> f64 {
     let balls = truth.balls.len();
     let error = |axis: usize| {
-        let found = (0..balls).map(|ball| x[layout.ball(ball, axis)]).sum::<f64>();
+        let found = (0..balls).map(|ball| x[layout.ball_index(ball, axis)]).sum::<f64>();
         let true_mean = truth.balls.iter().map(|ball| ball[axis]).sum::<f64>();
         (found - true_mean) / balls as f64 - ECCENTRICITY_MM[axis]
     };
@@ -150,17 +151,17 @@ fn eccentricity_error_mm(layout: &Layout, truth: &Truth, x: &[f64]) -> f64 {
 /// The design is the same for every seed, so it is solved once.
 fn population(seeds: u64, missing: f64) -> [[f64; 2]; 3] {
     let setting = setting();
-    let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
+    let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let (layout, stops) = (setting.layout(basis.clone()), setting.stops());
-    let design = kept_visits(setting.sightings(|_, _, _| Some(Vector3::zeros())), missing);
+    let design = kept_visits(setting.observations(|_, _, _| Some(Vector3::zeros())), missing);
     let sigma = vec![1.0; 3 * design.len()];
-    let (_, solution) = solve(&layout, &stops, &design, &sigma).unwrap();
+    let (_, solution) = solve_equations(&layout, &stops, &design, &sigma).unwrap();
     let (mut translations, mut angles, mut centres) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 0..seeds {
         let truth = Truth::draw(seed, &setting);
-        let sightings = kept_visits(measured(&setting, &truth, scatter(seed)), missing);
-        let y: Vec<f64> = sightings.iter().flat_map(|s| s.deviation.iter().copied()).collect();
-        let x = multiply(&solution.gain, &y);
+        let observations = kept_visits(observe_run(&setting, &truth, scatter(seed)), missing);
+        let y: Vec<f64> = observations.iter().flat_map(|s| s.deviation.iter().copied()).collect();
+        let x = multiply_vector(&solution.gain, &y);
         centres.push(eccentricity_error_mm(&layout, &truth, &x) * 1e3);
         let worst = errors(&setting, &truth, &basis, &x);
         translations.push(worst[..3].iter().copied().fold(0.0, f64::max) * 1e3);
@@ -189,12 +190,12 @@ fn a_twentieth_of_the_visits_may_be_missing() {
 #[test]
 fn without_scatter_the_truth_is_found() {
     let setting = setting();
-    let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
+    let basis = AngleBasis::Fourier { order: ORDER, sub_order: 0 };
     let truth = Truth::draw(7, &setting);
-    let sightings = measured(&setting, &truth, Vector3::zeros);
-    let sigma = vec![1.0; 3 * sightings.len()];
+    let observations = observe_run(&setting, &truth, Vector3::zeros);
+    let sigma = vec![1.0; 3 * observations.len()];
     let layout = setting.layout(basis.clone());
-    let (_, solution) = solve(&layout, &setting.stops(), &sightings, &sigma).unwrap();
+    let (_, solution) = solve_equations(&layout, &setting.stops(), &observations, &sigma).unwrap();
     let worst = errors(&setting, &truth, &basis, &solution.x);
     println!("{worst:?}");
     // The remaining error is of second order: 0.1 mm times a few 1e-6 rad.

@@ -5,9 +5,9 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use super::Setting;
-use crate::ball_plate::basis::Basis;
-use crate::ball_plate::design::{lost_harmonics, staggered};
-use crate::ball_plate::equations::survey;
+use crate::ball_plate::basis::AngleBasis;
+use crate::ball_plate::design::{stagger_balls, undetermined_harmonics};
+use crate::ball_plate::equations::survey_equations;
 
 const POSITIONS: usize = 48;
 
@@ -18,9 +18,9 @@ fn even(balls: usize) -> Vec<usize> {
 /// Nullity and condition (unscaled, for a plate of radius 1) with a value for each stop.
 fn surveyed(steps: Vec<usize>, with_gauge: bool) -> (usize, f64) {
     let setting = Setting { positions: POSITIONS, revolutions: 1, radius_mm: 1.0, steps };
-    let layout = setting.layout(Basis::Stops(POSITIONS));
-    let sightings = setting.sightings(|_, _, _| Some(Vector3::zeros()));
-    let survey = survey(&layout, &setting.stops(), &sightings, with_gauge).unwrap();
+    let layout = setting.layout(AngleBasis::Stops(POSITIONS));
+    let observations = setting.observations(|_, _, _| Some(Vector3::zeros()));
+    let survey = survey_equations(&layout, &setting.stops(), &observations, with_gauge).unwrap();
     (survey.nullity, survey.condition_unscaled)
 }
 
@@ -28,8 +28,8 @@ fn surveyed(steps: Vec<usize>, with_gauge: bool) -> (usize, f64) {
 fn even_balls_lose_the_multiples_of_their_number() {
     assert_eq!(surveyed(even(12), false).0, 31);
     assert_eq!(surveyed(even(6), false).0, 55);
-    assert_eq!(lost_harmonics(&even(12), POSITIONS, 24), [12, 24]);
-    assert_eq!(lost_harmonics(&even(6), POSITIONS, 24), [6, 12, 18, 24]);
+    assert_eq!(undetermined_harmonics(&even(12), POSITIONS, 24), [12, 24]);
+    assert_eq!(undetermined_harmonics(&even(6), POSITIONS, 24), [6, 12, 18, 24]);
 }
 
 #[test]
@@ -39,17 +39,17 @@ fn staggered_balls_lose_the_gauge_alone() {
     assert_eq!(nullity, 13);
     assert!((condition - 11.0).abs() < 0.5, "{condition}");
     for balls in [4, 6, 12] {
-        let steps = staggered(balls, POSITIONS);
+        let steps = stagger_balls(balls, POSITIONS);
         let (nullity, condition) = surveyed(steps.clone(), false);
         println!("{steps:?}: condition {condition:.2}");
         assert_eq!(nullity, 13, "{steps:?}");
-        assert!(lost_harmonics(&steps, POSITIONS, POSITIONS / 2).is_empty());
+        assert!(undetermined_harmonics(&steps, POSITIONS, POSITIONS / 2).is_empty());
     }
 }
 
 #[test]
 fn the_gauge_takes_what_is_lost_and_no_more() {
-    assert_eq!(surveyed(staggered(6, POSITIONS), true).0, 0);
+    assert_eq!(surveyed(stagger_balls(6, POSITIONS), true).0, 0);
     assert_eq!(surveyed(even(12), true).0, 31 - 13);
 }
 
@@ -58,14 +58,16 @@ fn the_gauge_takes_what_is_lost_and_no_more() {
 fn sub_harmonics_need_as_many_revolutions() {
     let setting = Setting { positions: POSITIONS, revolutions: 3, radius_mm: 1.0, steps: even(12) };
     let condition = |sub_order: usize| {
-        let basis = Basis::Fourier { order: 8, sub_order };
+        let basis = AngleBasis::Fourier { order: 8, sub_order };
         let rows: Vec<Vec<f64>> = setting
             .stops()
             .iter()
             .map(|stop| [vec![1.0], basis.values(stop.angle, 0)].concat())
             .collect();
         let a = Mat::from_fn(rows.len(), basis.len() + 1, |i, j| rows[i][j]);
-        estimation::linear::survey(a.as_ref(), None, RANK_THRESHOLD).unwrap().condition_unscaled
+        estimation::linear::analyse_rank(a.as_ref(), None, RANK_THRESHOLD)
+            .unwrap()
+            .condition_unscaled
     };
     let (enough, too_many) = (condition(3), condition(4));
     println!("condition {enough:.2} up to θ/3, {too_many:.1} up to θ/4");

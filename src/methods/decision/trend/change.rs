@@ -6,9 +6,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 use serde::Serialize;
 
-use super::Point;
+use super::TrendPoint;
 use estimation::coverage;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 
 /// Minimum number of values on each side of a step (`MIN_VALUES_PER_SIDE`) and of a line after its beginning (`MIN_DRIFT_VALUES`): a
 /// single value may be an outlier.
@@ -22,14 +22,14 @@ const MAX_SERIES_LENGTH: usize = 100;
 /// draws. It is small, because a parameter that is checked daily for years must not give frequent false
 /// alarms.
 const SIGNIFICANCE_LEVEL: f64 = 0.001;
-const DRAWS: u32 = 4999;
+const SIMULATED_SERIES_COUNT: u32 = 4999;
 /// Probability of the interval in which a change happened.
 const TIME_INTERVAL_PROBABILITY: f64 = 0.95;
-const DAY_S: f64 = 86_400.0;
+const SECONDS_PER_DAY: f64 = 86_400.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum ChangeKind {
     /// A step between two successive runs.
     Step,
     /// A line that begins at a run.
@@ -39,7 +39,7 @@ pub enum Kind {
 /// A change that random scatter does not explain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Change {
-    pub kind: Kind,
+    pub kind: ChangeKind,
     /// Height of a step; change per day of a drift.
     pub by: f64,
     /// Expanded uncertainty of `by`.
@@ -55,10 +55,10 @@ pub struct Change {
 
 /// The changes in `points` (ordered), oldest first. After a step, the newer values are evaluated by
 /// themselves.
-pub(super) fn changes(points: &[Point]) -> Vec<Change> {
+pub(super) fn detect_changes(points: &[TrendPoint]) -> Vec<Change> {
     let mut changes: Vec<Change> = Vec::new();
     let mut begin = points.len().saturating_sub(MAX_SERIES_LENGTH);
-    while let Some(found) = points.get(begin..).and_then(largest) {
+    while let Some(found) = points.get(begin..).and_then(most_significant_change) {
         let [before, after] = found.between;
         let change = Change {
             first: found.first + begin,
@@ -66,7 +66,7 @@ pub(super) fn changes(points: &[Point]) -> Vec<Change> {
             ..found
         };
         begin = change.first;
-        let ends = change.kind == Kind::Drift;
+        let ends = change.kind == ChangeKind::Drift;
         changes.push(change);
         if ends {
             break;
@@ -76,113 +76,123 @@ pub(super) fn changes(points: &[Point]) -> Vec<Change> {
 }
 
 /// One possible change as a function of the values' index, with mean zero.
-struct Possible {
-    kind: Kind,
+struct CandidateChange {
+    kind: ChangeKind,
     first: usize,
-    column: Vec<f64>,
+    shape_column: Vec<f64>,
     norm: f64,
 }
 
-impl Possible {
-    fn new(kind: Kind, first: usize, column: Vec<f64>) -> Self {
+impl CandidateChange {
+    fn new(kind: ChangeKind, first: usize, column: Vec<f64>) -> Self {
         let mean = column.iter().sum::<f64>() / column.len() as f64;
         let column: Vec<f64> = column.into_iter().map(|value| value - mean).collect();
         let norm = column.iter().map(|value| value * value).sum::<f64>().sqrt();
-        Self { kind, first, column, norm }
+        Self { kind, first, shape_column: column, norm }
     }
 
     /// Reduction of Σ(value − mean)² by the change.
-    fn explains(&self, values: &[f64]) -> f64 {
-        (self.along(values) / self.norm).powi(2)
+    fn explained_squares(&self, values: &[f64]) -> f64 {
+        (self.projection(values) / self.norm).powi(2)
     }
 
-    fn along(&self, values: &[f64]) -> f64 {
-        self.column.iter().zip(values).map(|(column, value)| column * value).sum()
+    fn projection(&self, values: &[f64]) -> f64 {
+        self.shape_column.iter().zip(values).map(|(column, value)| column * value).sum()
     }
 
     /// Index of the last value before the change, and of the first after it.
-    fn between(&self) -> [usize; 2] {
+    fn bounding_indices(&self) -> [usize; 2] {
         match self.kind {
-            Kind::Step => [self.first - 1, self.first],
-            Kind::Drift => [self.first, self.first + 1],
+            ChangeKind::Step => [self.first - 1, self.first],
+            ChangeKind::Drift => [self.first, self.first + 1],
         }
     }
 }
 
-fn possible(days: &[f64]) -> Vec<Possible> {
+fn candidate_changes(days: &[f64]) -> Vec<CandidateChange> {
     let count = days.len();
     let step = |first: usize| {
         let column = (0..count).map(|i| f64::from(u8::from(i >= first))).collect();
-        Possible::new(Kind::Step, first, column)
+        CandidateChange::new(ChangeKind::Step, first, column)
     };
     let line = |first: usize| {
         let column = days.iter().map(|day| (day - days[first]).max(0.0)).collect();
-        Possible::new(Kind::Drift, first, column)
+        CandidateChange::new(ChangeKind::Drift, first, column)
     };
     let steps = (MIN_VALUES_PER_SIDE..=count - MIN_VALUES_PER_SIDE).map(step);
     let lines = (0..count - MIN_DRIFT_VALUES).map(line);
     steps.chain(lines).filter(|possible| possible.norm > 0.0).collect()
 }
 
-fn largest(points: &[Point]) -> Option<Change> {
+fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
     if points.len() < MIN_SERIES_LENGTH {
         return None;
     }
     let origin = points.first()?.t_s;
-    let days: Vec<f64> = points.iter().map(|point| (point.t_s - origin) / DAY_S).collect();
+    let days: Vec<f64> =
+        points.iter().map(|point| (point.t_s - origin) / SECONDS_PER_DAY).collect();
     let values: Vec<f64> = points.iter().map(|point| point.value).collect();
-    let all = possible(&days);
-    let scatter = squares(&values);
+    let all = candidate_changes(&days);
+    let scatter = sum_of_squares(&values);
     let size = values.iter().map(|value| value * value).sum::<f64>();
     // The scatter is rounding only.
     if scatter <= f64::EPSILON.powi(2) * size * values.len() as f64 {
         return None;
     }
-    let best = all
-        .iter()
-        .max_by(|one, other| one.explains(&values).total_cmp(&other.explains(&values)))?;
-    let chance = chance(&all, values.len(), best.explains(&values) / scatter)?;
-    (chance <= SIGNIFICANCE_LEVEL).then(|| change(&all, best, &values, chance))
+    let best = all.iter().max_by(|one, other| {
+        one.explained_squares(&values).total_cmp(&other.explained_squares(&values))
+    })?;
+    let chance = random_probability(&all, values.len(), best.explained_squares(&values) / scatter)?;
+    (chance <= SIGNIFICANCE_LEVEL).then(|| change_from_candidate(&all, best, &values, chance))
 }
 
 /// Sum of squares: Σ(value − mean)².
-fn squares(values: &[f64]) -> f64 {
+fn sum_of_squares(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     values.iter().map(|value| (value - mean).powi(2)).sum()
 }
 
 /// Fraction of random normal series without a change in which the best of these changes explains `share` of
 /// the scatter. `None` as soon as the fraction is certainly too large.
-fn chance(all: &[Possible], count: usize, share: f64) -> Option<f64> {
-    let most = (SIGNIFICANCE_LEVEL * f64::from(DRAWS + 1)) as u32;
-    let mut rng = stream(0, &[count as u64]);
+fn random_probability(all: &[CandidateChange], count: usize, share: f64) -> Option<f64> {
+    let most = (SIGNIFICANCE_LEVEL * f64::from(SIMULATED_SERIES_COUNT + 1)) as u32;
+    let mut rng = seeded_stream(0, &[count as u64]);
     let (mut as_much, mut draw) = (0, vec![0.0; count]);
-    for _ in 0..DRAWS {
+    for _ in 0..SIMULATED_SERIES_COUNT {
         draw.fill_with(|| StandardNormal.sample(&mut rng));
-        let enough = share * squares(&draw);
-        as_much += u32::from(all.iter().any(|possible| possible.explains(&draw) >= enough));
+        let enough = share * sum_of_squares(&draw);
+        as_much +=
+            u32::from(all.iter().any(|possible| possible.explained_squares(&draw) >= enough));
         if as_much >= most {
             return None;
         }
     }
-    Some(f64::from(as_much + 1) / f64::from(DRAWS + 1))
+    Some(f64::from(as_much + 1) / f64::from(SIMULATED_SERIES_COUNT + 1))
 }
 
-fn change(all: &[Possible], best: &Possible, values: &[f64], chance: f64) -> Change {
+fn change_from_candidate(
+    all: &[CandidateChange],
+    best: &CandidateChange,
+    values: &[f64],
+    chance: f64,
+) -> Change {
     // Level, height and position of the change are fitted to the values.
     let dof = (values.len() - 3) as f64;
-    let left = |possible: &Possible| (squares(values) - possible.explains(values)).max(0.0);
+    let left = |possible: &CandidateChange| {
+        (sum_of_squares(values) - possible.explained_squares(values)).max(0.0)
+    };
     let least = left(best);
     let u = (least / dof).sqrt() / best.norm;
-    let bound = least * (1.0 + coverage::two_sided(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
+    let bound =
+        least * (1.0 + coverage::two_sided_factor(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
     let may = all.iter().filter(|other| other.kind == best.kind && left(other) <= bound);
-    let [mut before, mut after] = best.between();
-    for [earlier, later] in may.map(Possible::between) {
+    let [mut before, mut after] = best.bounding_indices();
+    for [earlier, later] in may.map(CandidateChange::bounding_indices) {
         (before, after) = (before.min(earlier), after.max(later));
     }
     Change {
         kind: best.kind,
-        by: best.along(values) / best.norm.powi(2),
+        by: best.projection(values) / best.norm.powi(2),
         expanded: coverage::coverage_factor(dof) * u,
         first: best.first,
         between: [before, after],

@@ -4,18 +4,18 @@
 
 mod change;
 mod chart;
-mod order;
-mod words;
+mod clock_correction;
+mod description;
 
 use serde::Serialize;
 
-pub use change::{Change, Kind};
-pub use chart::{Ewma, Individuals};
-pub use words::{Told, what_changed};
+pub use change::{Change, ChangeKind};
+pub use chart::{Ewma, IndividualsChart};
+pub use description::{NamedTrend, describe_changes};
 
 /// Value of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct TrendPoint {
     /// Time of the measurement, s from any origin.
     pub t_s: f64,
     pub value: f64,
@@ -26,12 +26,12 @@ pub struct Point {
 pub struct Trend {
     /// Points, oldest first, with non-decreasing times.
     #[serde(skip)]
-    pub points: Vec<Point>,
+    pub points: Vec<TrendPoint>,
     /// Changes, oldest first, with increasing times.
     pub changes: Vec<Change>,
     /// Control limits from the values since the last step. The newest value is excluded, because the limits
     /// judge it. `None`: fewer than [`MIN_CHART_VALUES`] such values.
-    pub individuals: Option<Individuals>,
+    pub individuals: Option<IndividualsChart>,
     /// EWMA of the same values and the newest one.
     pub ewma: Option<Ewma>,
 }
@@ -42,25 +42,27 @@ pub const MIN_CHART_VALUES: usize = 8;
 impl Trend {
     /// The trend of `points` in the order in which they were measured, whatever the clock showed. A time that
     /// does not fit this order is replaced by that of the point before it. Values must be finite.
-    pub fn of(mut points: Vec<Point>) -> Self {
-        order::mend(&mut points);
-        let changes = change::changes(&points);
-        let begins = changes.iter().filter(|change| change.kind == Kind::Step).map(|c| c.first);
+    pub fn from_points(mut points: Vec<TrendPoint>) -> Self {
+        clock_correction::correct_times(&mut points);
+        let changes = change::detect_changes(&points);
+        let begins =
+            changes.iter().filter(|change| change.kind == ChangeKind::Step).map(|c| c.first);
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let regime = values.get(begins.max().unwrap_or(0)..).unwrap_or_default();
         let before = regime.split_last().map_or(&[][..], |(_, before)| before);
-        let individuals =
-            (before.len() >= MIN_CHART_VALUES).then(|| Individuals::of(before)).flatten();
-        let ewma = individuals.map(|chart| Ewma::of(regime, chart.centre, chart.sigma));
+        let individuals = (before.len() >= MIN_CHART_VALUES)
+            .then(|| IndividualsChart::from_values(before))
+            .flatten();
+        let ewma = individuals.map(|chart| Ewma::from_values(regime, chart.centre, chart.sigma));
         Self { points, changes, individuals, ewma }
     }
 
     /// Whether the newest value lies outside the limits from the earlier values.
-    pub fn is_out(&self) -> Option<bool> {
+    pub fn is_outside_limits(&self) -> Option<bool> {
         let chart = self.individuals?;
         let newest = self.points.last()?;
-        let by_ewma = self.ewma.as_ref().is_some_and(Ewma::is_out);
-        Some(!chart.holds(newest.value) || by_ewma)
+        let by_ewma = self.ewma.as_ref().is_some_and(Ewma::is_outside_limits);
+        Some(!chart.contains(newest.value) || by_ewma)
     }
 }
 

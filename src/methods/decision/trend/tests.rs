@@ -1,14 +1,14 @@
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 
 /// Flow rate of ten batches, the example of NIST/SEMATECH e-Handbook, 6.3.2.2.
 const FLOW: [f64; 10] = [49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1];
 
 #[test]
 fn paper_nist_individuals_chart() {
-    let chart = Individuals::of(&FLOW).unwrap();
+    let chart = IndividualsChart::from_values(&FLOW).unwrap();
     let [lower, upper] = chart.limits();
     assert!((chart.centre - 50.81).abs() < 1e-9);
     assert!((upper - 55.8041).abs() < 5e-5 && (lower - 45.8159).abs() < 5e-5, "{lower} {upper}");
@@ -23,12 +23,12 @@ fn paper_nist_ewma_chart() {
         50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33, 50.11, 49.36, 49.52,
         50.05, 49.38, 49.92, 50.73, 51.23, 51.94, 51.99,
     ];
-    let ewma = Ewma::of(&values, 50.0, 2.0539);
+    let ewma = Ewma::from_values(&values, 50.0, 2.0539);
     for (mean, published) in ewma.means.iter().zip(published) {
         assert!((mean - published).abs() < 0.0051, "{mean} {published}");
     }
     // The UCL of 52.5884 is the limit for many values; after 20 values the limits have settled.
-    assert!((ewma.widths[19] - 2.5884).abs() < 5e-4 && !ewma.is_out());
+    assert!((ewma.widths[19] - 2.5884).abs() < 5e-4 && !ewma.is_outside_limits());
     // The limits of the first mean are 0.3 times those of one value.
     assert!((ewma.widths[0] - 3.0 * 0.3 * 2.0539).abs() < 1e-12);
 }
@@ -42,17 +42,17 @@ fn name(t_s: f64) -> String {
 }
 
 /// A series of one run per day with a scatter of 1.
-fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<Point> {
-    let mut rng = stream(seed, &[7]);
+fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<TrendPoint> {
+    let mut rng = seeded_stream(seed, &[7]);
     let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
-    (0..days).map(|i| Point { t_s: at_s(i as f64), value: truth(i as f64) + draw() }).collect()
+    (0..days).map(|i| TrendPoint { t_s: at_s(i as f64), value: truth(i as f64) + draw() }).collect()
 }
 
 #[test]
 fn nothing_is_told_of_a_machine_that_stays() {
     let false_alarms = (0..2000)
         .filter(|seed| {
-            !Trend::of(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
+            !Trend::from_points(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
         })
         .count();
     // False alarms have a probability of 1 in 1000: 2 of 2000 on average; 8 or more with a probability of 0.1
@@ -61,9 +61,12 @@ fn nothing_is_told_of_a_machine_that_stays() {
     // No change is reported for identical values either, even if their mean is rounded.
     for value in [1.5, 49.504_871_3, -13.8, 0.0] {
         for count in 9..20 {
-            let points = (0..count).map(|i| Point { t_s: at_s(f64::from(i)), value });
-            let same = Trend::of(points.collect());
-            assert!(same.changes.is_empty() && same.is_out() == Some(false), "{count} of {value}");
+            let points = (0..count).map(|i| TrendPoint { t_s: at_s(f64::from(i)), value });
+            let same = Trend::from_points(points.collect());
+            assert!(
+                same.changes.is_empty() && same.is_outside_limits() == Some(false),
+                "{count} of {value}"
+            );
         }
     }
 }
@@ -74,8 +77,9 @@ fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
     let (mut found, mut height, mut when) = (0, 0, 0);
     let seeds = 60;
     for seed in 0..seeds {
-        let trend = Trend::of(series(seed, 40, |day| if day < 25.0 { 3.0 } else { 6.5 }));
-        let Some(change) = trend.changes.first().filter(|change| change.kind == Kind::Step) else {
+        let trend = Trend::from_points(series(seed, 40, |day| if day < 25.0 { 3.0 } else { 6.5 }));
+        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Step)
+        else {
             continue;
         };
         found += 1;
@@ -92,8 +96,9 @@ fn a_drift_is_no_step() {
     let (mut found, mut slope, mut when) = (0, 0, 0);
     let seeds = 60;
     for seed in 0..seeds {
-        let trend = Trend::of(series(seed, 60, |day| 0.25 * (day - 30.0f64).max(0.0)));
-        let Some(change) = trend.changes.first().filter(|change| change.kind == Kind::Drift) else {
+        let trend = Trend::from_points(series(seed, 60, |day| 0.25 * (day - 30.0f64).max(0.0)));
+        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Drift)
+        else {
             continue;
         };
         found += 1;
@@ -111,62 +116,61 @@ fn a_drift_is_no_step() {
 fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
     let stepped = |last: f64| {
         let mut points = series(3, 40, |day| if day < 20.0 { 0.0 } else { 10.0 });
-        points.push(Point { t_s: at_s(40.0), value: last });
-        Trend::of(points)
+        points.push(TrendPoint { t_s: at_s(40.0), value: last });
+        Trend::from_points(points)
     };
     let trend = stepped(10.0);
     assert_eq!(trend.changes.len(), 1);
     assert_eq!(trend.changes[0].first, 20);
     assert!((trend.individuals.unwrap().centre - 10.0).abs() < 1.0);
-    assert_eq!(trend.is_out(), Some(false));
-    assert_eq!(stepped(16.0).is_out(), Some(true));
-    assert_eq!(Trend::of(series(1, 8, |_| 0.0)).is_out(), None);
+    assert_eq!(trend.is_outside_limits(), Some(false));
+    assert_eq!(stepped(16.0).is_outside_limits(), Some(true));
+    assert_eq!(Trend::from_points(series(1, 8, |_| 0.0)).is_outside_limits(), None);
 }
 
 #[test]
 fn what_changed_is_one_sentence() {
-    let step = Trend::of(series(1, 40, |day| if day < 33.0 { 0.0 } else { 8.0 }));
-    let drift = Trend::of(series(2, 40, |day| 0.4 * day));
-    let same = Trend::of(series(3, 40, |_| 0.0));
-    let few = Trend::of(series(4, 40, |_| 0.0).split_off(37));
-    let told = |symbol, trend| Told { symbol, unit: "µm", trend };
+    let step = Trend::from_points(series(1, 40, |day| if day < 33.0 { 0.0 } else { 8.0 }));
+    let drift = Trend::from_points(series(2, 40, |day| 0.4 * day));
+    let same = Trend::from_points(series(3, 40, |_| 0.0));
+    let few = Trend::from_points(series(4, 40, |_| 0.0).split_off(37));
+    let told = |symbol, trend| NamedTrend { symbol, unit: "µm", trend };
     let all = [told("EX0C", &step), told("EY0C", &drift), told("EA0B", &same), told("EB0B", &few)];
     assert_eq!(
-        what_changed(&all, at_s(30.0), name),
+        describe_changes(&all, at_s(30.0), name),
         "Since day 30: EX0C changed by +8.5 µm (U 0.8 µm), between day 32 and day 33; \
-         EY0C drifts by +0.39 µm a day (U 0.03 µm), all along; the other value stayed as it was; of EB0B \
-         there are fewer than 6 runs, too few to tell."
+         EY0C drifts by +0.39 µm a day (U 0.03 µm), since the first run; the other value did not change; \
+         fewer than 6 runs of EB0B, too few for a trend."
     );
     assert_eq!(
-        what_changed(&[told("EA0B", &same)], at_s(30.0), name),
-        "Since day 30: nothing changed beyond the scatter."
+        describe_changes(&[told("EA0B", &same)], at_s(30.0), name),
+        "Since day 30: no change beyond the scatter."
     );
     // The step is older than the given time.
     assert_eq!(
-        what_changed(&[told("EX0C", &step)], at_s(39.0), name),
-        "Since day 39: nothing changed beyond the scatter."
+        describe_changes(&[told("EX0C", &step)], at_s(39.0), name),
+        "Since day 39: no change beyond the scatter."
     );
 }
 
 /// A value without a new measurement does not count as unchanged.
 #[test]
 fn what_was_not_measured_since_then_is_said_to_be_so() {
-    let same = Trend::of(series(3, 40, |_| 0.0));
-    let newer = Trend::of(series(3, 60, |_| 0.0));
-    let drift = Trend::of(series(2, 40, |day| 0.4 * day));
-    let told = |symbol, trend| Told { symbol, unit: "µm", trend };
+    let same = Trend::from_points(series(3, 40, |_| 0.0));
+    let newer = Trend::from_points(series(3, 60, |_| 0.0));
+    let drift = Trend::from_points(series(2, 40, |day| 0.4 * day));
+    let told = |symbol, trend| NamedTrend { symbol, unit: "µm", trend };
     assert_eq!(
-        what_changed(&[told("EA0B", &same)], at_s(50.0), name),
-        "Since day 50: nothing was measured, the newest values are of day 39."
+        describe_changes(&[told("EA0B", &same)], at_s(50.0), name),
+        "Since day 50: no run; the newest values are of day 39."
     );
     assert_eq!(
-        what_changed(&[told("EA0B", &same), told("EB0B", &newer)], at_s(50.0), name),
-        "Since day 50: EA0B was not measured, the newest is of day 39; nothing changed beyond the scatter."
+        describe_changes(&[told("EA0B", &same), told("EB0B", &newer)], at_s(50.0), name),
+        "Since day 50: no new value of EA0B, the newest is of day 39; no change beyond the scatter."
     );
-    let drifts = what_changed(&[told("EA0B", &same), told("EY0C", &drift)], at_s(50.0), name);
-    let words =
-        "Since day 50: nothing was measured, the newest values are of day 39; EY0C drifts by ";
-    assert!(drifts.starts_with(words) && !drifts.contains("stayed"), "{drifts}");
+    let drifts = describe_changes(&[told("EA0B", &same), told("EY0C", &drift)], at_s(50.0), name);
+    let words = "Since day 50: no run; the newest values are of day 39; EY0C drifts by ";
+    assert!(drifts.starts_with(words) && !drifts.contains("did not change"), "{drifts}");
 }
 
 /// Thirteen runs; the newest has a clock time of 1970 and a value that is 400 µm off. It remains the newest
@@ -175,14 +179,14 @@ fn what_was_not_measured_since_then_is_said_to_be_so() {
 fn a_clock_set_back_hides_no_value() {
     let mut points = series(5, 12, |day| 3.0 + 0.0 * day);
     points.iter_mut().for_each(|point| point.t_s += at_s(20_000.0));
-    let before = Trend::of([points.clone(), vec![points[11]]].concat());
-    points.push(Point { t_s: 60.0, value: 403.0 });
-    let trend = Trend::of(points);
+    let before = Trend::from_points([points.clone(), vec![points[11]]].concat());
+    points.push(TrendPoint { t_s: 60.0, value: 403.0 });
+    let trend = Trend::from_points(points);
     assert_eq!(trend.points[12].value, 403.0);
-    assert_eq!(trend.is_out(), Some(true));
+    assert_eq!(trend.is_outside_limits(), Some(true));
     assert_eq!(trend.individuals, before.individuals);
     assert!(trend.points.windows(2).all(|pair| pair[0].t_s <= pair[1].t_s));
-    let told = Told { symbol: "EX0C", unit: "µm", trend: &trend };
-    let words = what_changed(&[told], at_s(20_000.0), name);
-    assert!(words.contains("the newest EX0C, 403.0 µm, lies outside"), "{words}");
+    let told = NamedTrend { symbol: "EX0C", unit: "µm", trend: &trend };
+    let words = describe_changes(&[told], at_s(20_000.0), name);
+    assert!(words.contains("the newest EX0C, 403.0 µm, is outside"), "{words}");
 }

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::assert_near;
 use crate::identification::declared::{
     display_step_mm, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
-    resolution_mm, rotary_motions,
+    resolution_u_mm, rotary_error_motions,
 };
 
 fn plan() -> Plan {
@@ -42,7 +42,7 @@ fn regress_sizes_are_the_declared_ones() {
     assert_near(display_step_mm(&plan, Vector3::x()), 3e-3, 1e-18);
     let diagonal = Vector3::new(0.6, 0.8, 0.0);
     assert_near(display_step_mm(&plan, diagonal), (1.8_f64.hypot(3.2)) * 1e-3, 1e-17);
-    assert_near(resolution_mm(&plan, -Vector3::y()), 4e-3 / 12f64.sqrt(), 1e-18);
+    assert_near(resolution_u_mm(&plan, -Vector3::y()), 4e-3 / 12f64.sqrt(), 1e-18);
     assert_near(drift_mm_per_s(&plan), 2e-6, 1e-20);
 }
 
@@ -90,7 +90,7 @@ fn regress_linear_motions_have_the_declared_covariance() {
 fn regress_rotary_motions_share_the_declared_variance() {
     let mut plan = plan();
     plan.machine.axes.get_mut(&Axis::C).unwrap().error_motion_orders = vec![2, 3, 4, 5];
-    let motions = rotary_motions(&plan, &[8]);
+    let motions = rotary_error_motions(&plan, &[8]);
     assert_eq!(motions.len(), 4 * 2 * 3);
     assert!(motions.iter().all(|motion| motion.error.axis() == Axis::C));
     let total: f64 = motions.iter().map(|motion| motion.size_mm.powi(2)).sum();
@@ -104,7 +104,7 @@ fn regress_rotary_motions_share_the_declared_variance() {
 #[test]
 fn each_order_that_is_not_declared_counts_with_the_whole() {
     let mut plan = plan();
-    let motions = rotary_motions(&plan, &[3, 8]);
+    let motions = rotary_error_motions(&plan, &[3, 8]);
     assert_eq!(motions.len(), 2 * 2 * 3);
     assert!(motions.iter().all(|motion| motion.size_mm == 1e-3));
     plan.probe.lobing_orders.clear();

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use estimation::monte_carlo::Trials;
+use estimation::monte_carlo::TrialCount;
 use faer::{Mat, MatRef};
 use machine::kinematics::ErrorParameter;
 use machine::record::estimate::{FigureKind, Unit};
@@ -10,24 +10,27 @@ use machine::record::estimate::{FigureKind, Unit};
 use super::{Mean, assert_near};
 use crate::identification::{
     Curve, Effect, NonlinearOutputs, Output, Outputs, TrialPlan, UncertaintySource,
-    central_differences, identify, reported_parameter, reported_unit,
+    central_differences, identify, parameter_without_budget, reported_unit,
 };
 
 #[test]
 fn regress_a_source_of_another_size_is_refused_by_its_name() {
     let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
     let fit = mean.fit();
-    let each = |count| UncertaintySource::new("scatter", Effect::Each(vec![1e-3; count]));
+    let each = |count| UncertaintySource::new("scatter", Effect::Independent(vec![1e-3; count]));
     let direct = |rows: Vec<Vec<f64>>| UncertaintySource { direct_changes: rows, ..each(4) };
     let long = UncertaintySource::new("scatter", Effect::Joint(vec![vec![1e-3; 5]]));
     let one = || vec![1.0];
     let wrong = [each(5), long, direct(vec![one()]), direct(vec![vec![1.0, 2.0]; 4])];
     for source in wrong {
-        let plan = TrialPlan { seed: 1, trials: Trials::Fixed(100) };
+        let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(100) };
         let solution = mean.solution(&fit, true);
         let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
-        let why = refused.err().map(|error| error.to_string()).unwrap_or_default();
-        assert!(why.contains("`scatter` does not fit 4 observations and 1 unknowns"), "{why}");
+        let reason = refused.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(
+            reason.contains("`scatter` does not match 4 observations and 1 unknowns"),
+            "{reason}"
+        );
     }
     let solution = mean.solution(&fit, true);
     assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
@@ -49,8 +52,8 @@ fn regress_an_estimate_by_hand() {
     let x = [4e-3];
     let outputs = Outputs {
         parameters: vec![
-            Output::unknown("EX0C", Unit::Um, 0, &x),
-            Output::linear("EB0C", Unit::Urad, vec![0.002], &x),
+            Output::from_unknown("EX0C", Unit::Um, 0, &x),
+            Output::from_coefficients("EB0C", Unit::Urad, vec![0.002], &x),
         ],
         curves: vec![Curve {
             symbol: "E".into(),
@@ -64,10 +67,10 @@ fn regress_an_estimate_by_hand() {
         }],
         nonlinear: Some(magnitude()),
     };
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![2e-3; 4]))];
-    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(100_000) };
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![2e-3; 4]))];
+    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(100_000) };
     let identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
-    assert!(identified.contradicted().is_empty());
+    assert!(identified.contradicted_symbols().is_empty());
     let estimate = identified.estimate("mean");
     let [location, angle, size] = estimate.parameters.as_slice() else { panic!() };
     for (found, expected) in [(location.value, 4.0), (location.u, 1.0), (location.expanded, 2.0)] {
@@ -97,12 +100,12 @@ fn regress_an_estimate_by_hand() {
 fn regress_an_estimate_without_linear_parameters() {
     let mean = Mean::of(&[0.0, 0.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1e-3; 2]))];
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1e-3; 2]))];
     let outputs = Outputs { nonlinear: Some(magnitude()), ..Outputs::default() };
     let identified = identify(&mean.solution(&fit, true), &sources, outputs, None).unwrap();
     let estimate = identified.estimate("mean");
     assert!(estimate.parameters[0].u.is_nan() && estimate.covariance.rows.is_empty());
-    assert!(identified.contradicted().is_empty());
+    assert!(identified.contradicted_symbols().is_empty());
 }
 
 /// A stated u that is ten times too small.
@@ -110,26 +113,26 @@ fn regress_an_estimate_without_linear_parameters() {
 fn regress_trials_contradict_a_wrong_slope() {
     let mean = Mean::of(&[0.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0]))];
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0]))];
     let outputs = Outputs {
-        parameters: vec![Output::unknown("x", Unit::Mm, 0, &[0.0])],
+        parameters: vec![Output::from_unknown("x", Unit::Mm, 0, &[0.0])],
         ..Outputs::default()
     };
-    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(10_000) };
+    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(10_000) };
     let mut identified =
         identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
-    assert!(identified.contradicted().is_empty());
+    assert!(identified.contradicted_symbols().is_empty());
     identified.outputs.parameters[0].slope = Some(vec![0.1]);
-    assert_eq!(identified.contradicted(), ["x"]);
+    assert_eq!(identified.contradicted_symbols(), ["x"]);
 }
 
 /// Test with GUM table G.2: k = 2.65 for 5 degrees of freedom.
 #[test]
 fn paper_gum_reported_parameter() {
-    let parameter = reported_parameter("T_scan", Unit::Ms, 2e-3, 1e-4, Some(5.0));
+    let parameter = parameter_without_budget("T_scan", Unit::Ms, 2e-3, 1e-4, Some(5.0));
     assert_near(parameter.value, 2.0, 1e-12);
     assert_near(parameter.expanded, 0.265, 6e-4);
-    assert_eq!(reported_parameter("a", Unit::Mm, 0.0, 1.0, None).k, 2.0);
+    assert_eq!(parameter_without_budget("a", Unit::Mm, 0.0, 1.0, None).k, 2.0);
 }
 
 /// Derivatives of the functions x² + y and x·y at (3, 5).

@@ -68,9 +68,8 @@ fn coefficients_with_their_covariance_come_before_points() {
     assert_near(covariance(0, 0), 0.09e-6, 1e-18);
     assert_near(covariance(1, 1), 0.16e-6, 1e-18);
     assert_near(covariance(0, 1), 0.06e-6, 1e-18);
-    let words =
-        "taken as known from an estimate of ball-plate: EXC by its Fourier coefficients to order 2";
-    assert_eq!(known.in_words(), [words]);
+    let words = "known error motions from an estimate of ball-plate: EXC from its Fourier coefficients up to order 2";
+    assert_eq!(known.describe(), [words]);
 }
 
 /// The mean is subtracted; u is the same draw at all angles.
@@ -91,22 +90,28 @@ fn points_are_linear_between_and_fully_correlated() {
 
 #[test]
 fn what_is_of_no_use_is_refused_with_its_reason() {
-    let why = |priors: &[Estimate]| KnownMotions::new(Axis::C, priors).unwrap_err().why;
+    let reason = |priors: &[Estimate]| KnownMotions::new(Axis::C, priors).unwrap_err().reason;
     let of_b = estimate(&[function("EXB", "B", "um")]);
-    assert!(why(&[of_b]).ends_with("its function EXB is of the axis B"));
+    assert!(reason(&[of_b]).ends_with("the function EXB is of the axis B"));
     for other in ["EXC_total", "EXC_spectrum", "EXC@Z50.0", "W_form", "EXX"] {
-        let found = why(&[estimate(&[function(other, "C", "um")])]);
+        let found = reason(&[estimate(&[function(other, "C", "um")])]);
         assert!(found.contains("no error motions of C") && found.ends_with("no such function"));
     }
-    assert!(why(&[estimate(&[function("EXC", "C", "urad")])]).ends_with("no such function"));
+    assert!(reason(&[estimate(&[function("EXC", "C", "urad")])]).ends_with("no such function"));
     let of = |symbol: &str, unit: &str| estimate(&[function(symbol, "C", unit)]);
-    assert_eq!(why(&[of("EXC", "um"), of("EXC", "um")]), "two estimates give EXC");
+    assert_eq!(reason(&[of("EXC", "um"), of("EXC", "um")]), "two estimates contain EXC");
     let mut turns = of("EXC", "um");
     turns.functions[0].x.iter_mut().for_each(|deg| *deg *= 3.0);
     assert!(
-        why(&[turns]).contains("EXC of the estimate of ball-plate covers more than one revolution")
+        reason(&[turns])
+            .contains("EXC of the estimate of ball-plate covers more than one revolution")
     );
     let priors = [of("EXC", "um"), of("EAC", "urad")];
     let known = KnownMotions::new(Axis::C, &priors).unwrap();
-    assert!(known.has(Axis::X) && known.has(Axis::A) && !known.has(Axis::Y) && !known.is_empty());
+    assert!(
+        known.has_component(Axis::X)
+            && known.has_component(Axis::A)
+            && !known.has_component(Axis::Y)
+            && !known.is_empty()
+    );
 }

@@ -37,11 +37,15 @@ impl Mean {
 
     pub fn fit(&self) -> LinearFit<'_> {
         let Self { x, a, sigma, gain, .. } = self;
-        LinearFit { x, a, sigma, gain }
+        LinearFit { x, design_matrix: a, sigma, gain }
     }
 
-    pub fn solution<'a>(&'a self, fit: &'a LinearFit<'a>, is_declared: bool) -> Solution<'a> {
-        solution(fit, &self.residuals, is_declared)
+    pub fn solution<'a>(
+        &'a self,
+        fit: &'a LinearFit<'a>,
+        has_declared_sizes: bool,
+    ) -> Solution<'a> {
+        solution(fit, &self.residuals, has_declared_sizes)
     }
 }
 
@@ -49,12 +53,12 @@ impl Mean {
 pub fn solution<'a>(
     model: &'a dyn ObservationModel,
     residuals: &'a [f64],
-    is_declared: bool,
+    has_declared_sizes: bool,
 ) -> Solution<'a> {
     let rank = model.unknowns();
     let dof = residuals.len().saturating_sub(rank);
     let figures = FitFigures { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
-    Solution { model, residuals, is_declared, figures, measurements: &[] }
+    Solution { model, residuals, has_declared_sizes, figures, measurements: &[] }
 }
 
 pub fn assert_near(found: f64, expected: f64, tolerance: f64) {

@@ -1,25 +1,26 @@
 //! Tests of the outlier detection.
 
 use super::{Mean, assert_near};
-use crate::identification::outliers::{RowResiduals, are_alike};
+use crate::identification::outliers::{RowResiduals, are_indistinguishable};
 use crate::identification::{Effect, Measurement, Outputs, Solution, UncertaintySource, identify};
 
 /// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
-fn checked(readings: &[f64], is_declared: bool, rows: usize) -> Vec<(String, f64)> {
+fn checked(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(String, f64)> {
     let mean = Mean::of(readings);
     let fit = mean.fit();
     let measurement = |i: usize| Measurement {
         label: i.to_string(),
-        in_words: format!("reading {i}"),
+        description: format!("reading {i}"),
         rows: rows * i..rows * (i + 1),
         residual_mm: mean.residuals[rows * i],
         u_mm: 1.0,
     };
     let measurements: Vec<Measurement> = (0..readings.len() / rows).map(measurement).collect();
-    let solution = Solution { measurements: &measurements, ..mean.solution(&fit, is_declared) };
-    let source = UncertaintySource::new("each", Effect::Each(vec![1.0; readings.len()]));
+    let solution =
+        Solution { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
+    let source = UncertaintySource::new("each", Effect::Independent(vec![1.0; readings.len()]));
     let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
-    let outliers = found.checked.outliers.into_iter();
+    let outliers = found.outlier_check.outliers.into_iter();
     outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
 }
 
@@ -51,11 +52,11 @@ fn limits_are_those_of_tables() {
         variances: &[1.0; 3],
         chi2: 20.0,
         dof: 20.0,
-        is_declared: true,
+        has_declared_sizes: true,
     };
-    assert_near(rows.limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
+    assert_near(rows.studentised_limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
     let three = RowResiduals { dof: 23.0, ..rows };
-    assert_near(three.limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
+    assert_near(three.studentised_limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
 }
 
 /// A row that explains only itself is not checked; without degrees of freedom no row is checked.
@@ -66,18 +67,21 @@ fn what_no_other_row_checks_is_not_judged() {
         variances: &[0.6, 0.6, 0.6, 0.0],
         chi2: 0.1,
         dof,
-        is_declared: false,
+        has_declared_sizes: false,
     };
-    assert!(rows(20.0).limit(0..1, 1e-3).is_some() && rows(1.5).limit(0..1, 1e-3).is_none());
-    assert!(rows(20.0).limit(3..4, 1e-3).is_none());
-    assert_eq!(rows(20.0).studentised(3..4), 0.0);
+    assert!(
+        rows(20.0).studentised_limit(0..1, 1e-3).is_some()
+            && rows(1.5).studentised_limit(0..1, 1e-3).is_none()
+    );
+    assert!(rows(20.0).studentised_limit(3..4, 1e-3).is_none());
+    assert_eq!(rows(20.0).studentised_residual(3..4), 0.0);
     // Of the three rows of a point only the two that are checked count.
-    assert_eq!(rows(20.0).limit(1..4, 1e-3), rows(20.0).limit(0..2, 1e-3));
+    assert_eq!(rows(20.0).studentised_limit(1..4, 1e-3), rows(20.0).studentised_limit(0..2, 1e-3));
 }
 
 #[test]
 fn parallel_patterns_are_alike_whatever_their_sense_and_size() {
     let pattern = [0.5, -0.25, 0.1];
-    assert!(are_alike([&pattern, &pattern.map(|p| -3.0 * p)]));
-    assert!(!are_alike([&pattern, &[0.5, -0.25, 0.2]]));
+    assert!(are_indistinguishable([&pattern, &pattern.map(|p| -3.0 * p)]));
+    assert!(!are_indistinguishable([&pattern, &[0.5, -0.25, 0.2]]));
 }

@@ -1,13 +1,13 @@
 //! Tests of the first-order propagation.
 
-use estimation::nonlinear::{Minimum, minimise};
-use estimation::schur::Rows;
+use estimation::nonlinear::{NonlinearSolution, minimise_squares};
+use estimation::schur::BlockRows;
 use faer::Mat;
 
 use super::{Mean, assert_near, solution};
 use crate::identification::{
-    Effect, EvaluationType, InResiduals, LeastSquares, ObservationEquation, ObservationModel,
-    ObservationRun, Propagation, UncertaintySource,
+    Effect, EvaluationType, LeastSquares, ObservationEquation, ObservationModel, ObservationSpan,
+    Propagation, ResidualTreatment, UncertaintySource,
 };
 
 /// Mean of two readings. Independent 0.3 and 0.4: 0.25·(0.09 + 0.16) = 0.25²; common 0.5: 0.5².
@@ -16,11 +16,11 @@ fn regress_two_inputs_by_hand() {
     let mean = Mean::of(&[1.0, 3.0]);
     let fit = mean.fit();
     let both = UncertaintySource::new("both", Effect::Joint(vec![vec![0.5, 0.5]]));
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![0.3, 0.4])), both];
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![0.3, 0.4])), both];
     let propagation = Propagation::new(&mean.solution(&fit, true), &sources);
     // χ² = 2 is above the expectation 0.5·(0.3² + 0.4²) = 0.125, and both sources are scaled by 4.
     assert_near(propagation.misfit.expected, 0.125, 1e-15);
-    assert_near(propagation.misfit.factor, 4.0, 1e-12);
+    assert_near(propagation.misfit.uncertainty_factor, 4.0, 1e-12);
     let found = propagation.uncertainty(&[2.0]);
     assert_near(found.u, 2.0 * 4.0 * 0.3125_f64.sqrt(), 1e-12);
     let lines: Vec<(&str, f64)> =
@@ -40,11 +40,11 @@ fn paper_gum_mean_of_repeated_readings() {
     let fit = mean.fit();
     let repeatability = UncertaintySource {
         evaluation: EvaluationType::A,
-        ..UncertaintySource::new("repeatability", Effect::Each(vec![1.0; 6]))
+        ..UncertaintySource::new("repeatability", Effect::Independent(vec![1.0; 6]))
     };
     let certificate = UncertaintySource {
         dof: 8.0,
-        in_residuals: InResiduals::Absent,
+        in_residuals: ResidualTreatment::Absent,
         ..UncertaintySource::new("certificate", Effect::Joint(vec![vec![3.0; 6]]))
     };
     let sources = [repeatability, certificate];
@@ -66,13 +66,13 @@ fn paper_gum_mean_of_repeated_readings() {
 fn regress_declared_sizes_stand_where_residuals_agree() {
     let mean = Mean::of(&[0.5, -0.5, 1.0, -1.0]);
     let fit = mean.fit();
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0; 4]))];
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0; 4]))];
     let found = Propagation::new(&mean.solution(&fit, true), &sources).uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof, found.expanded()), (0.5, None, 1.0));
     // With as many unknowns as rows the residuals scale nothing, not even undeclared sizes.
     let single = Mean::of(&[7.0]);
     let fit = single.fit();
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0]))];
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0]))];
     let found = Propagation::new(&single.solution(&fit, false), &sources).uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof), (1.0, None));
 }
@@ -82,18 +82,20 @@ fn regress_declared_sizes_stand_where_residuals_agree() {
 fn regress_effects_of_the_same_draws_agree() {
     let mean = Mean::of(&[0.1, 0.0, -0.1]);
     let fit = mean.fit();
-    let run = |first, values: &[f64]| ObservationRun { first, values: values.to_vec() };
-    let runs = Effect::Runs(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
+    let run =
+        |first, values: &[f64]| ObservationSpan { first_index: first, changes_mm: values.to_vec() };
+    let runs = Effect::Spans(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
     let columns = Effect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
-    let propagated = |effect: Effect, in_residuals: InResiduals| {
+    let propagated = |effect: Effect, in_residuals: ResidualTreatment| {
         let source = UncertaintySource { in_residuals, ..UncertaintySource::new("one", effect) };
         Propagation::new(&mean.solution(&fit, true), &[source])
     };
-    let [a, b] = [runs.clone(), columns].map(|effect| propagated(effect, InResiduals::Expected));
+    let [a, b] =
+        [runs.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::Expected));
     assert_eq!(a.uncertainty(&[1.0]).u, b.uncertainty(&[1.0]).u);
     assert_eq!(a.misfit.expected, b.misfit.expected);
     assert_near(a.uncertainty(&[1.0]).u, (0.25_f64 + 0.25).sqrt() / 3.0, 1e-15);
-    assert_eq!(propagated(runs, InResiduals::Absent).misfit.expected, 0.0);
+    assert_eq!(propagated(runs, ResidualTreatment::Absent).misfit.expected, 0.0);
 }
 
 /// y_i = exp(x·t_i), a nonlinear model of one unknown with standard uncertainty `SIGMA`.
@@ -105,16 +107,16 @@ const TIMES: [f64; 4] = [0.5, 1.0, 1.5, 2.0];
 const SIGMA: f64 = 0.01;
 
 impl Growth {
-    pub fn minimum(&self) -> Minimum {
+    pub fn minimum(&self) -> NonlinearSolution {
         let rows = |x: &[f64]| {
-            let mut rows = Rows::zeros(TIMES.len(), 0, 1);
+            let mut rows = BlockRows::zeros(TIMES.len(), 0, 1);
             for (i, t) in TIMES.into_iter().enumerate() {
                 rows.set_common(i, 0, t * (x[0] * t).exp() / SIGMA);
                 rows.set_value(i, (self.readings[i] - (x[0] * t).exp()) / SIGMA);
             }
             vec![rows]
         };
-        minimise(vec![0.2], rows, |x| self.residuals(x, &[0.0; 4])).unwrap()
+        minimise_squares(vec![0.2], rows, |x| self.residuals(x, &[0.0; 4])).unwrap()
     }
 }
 
@@ -150,7 +152,7 @@ fn regress_response_is_the_derivative_of_the_solution() {
         Growth { readings: readings.collect() }.minimum()
     };
     let (up, down) = (solved(1.0), solved(-1.0));
-    let response = model.respond(&change);
+    let response = model.linear_response(&change);
     assert_near(response.unknowns[0], 0.5 * (up.x[0] - down.x[0]), 1e-9);
     assert!(response.unknowns[0] > 5e-6);
     for (i, found) in response.residuals.iter().enumerate() {
@@ -166,7 +168,7 @@ fn regress_near_solution_is_right_to_second_order() {
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let error = |step: f64| {
         let change = TIMES.map(|t| ((0.3 + step) * t).exp() - (0.3 * t).exp());
-        (model.near(&change)[0] - 0.3 - step).abs()
+        (model.solve_for_change(&change)[0] - 0.3 - step).abs()
     };
     let ratio = error(0.02) / error(0.01);
     assert!((7.0..9.0).contains(&ratio), "{ratio}");
@@ -180,7 +182,7 @@ fn regress_opposite_effects_of_a_draw_cancel() {
     let mean = Mean::of(&[0.1, 0.2, 0.3]);
     let fit = mean.fit();
     let source = UncertaintySource {
-        in_residuals: InResiduals::Absent,
+        in_residuals: ResidualTreatment::Absent,
         direct_changes: vec![vec![-0.4]],
         ..UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]]))
     };
@@ -193,7 +195,7 @@ fn regress_opposite_effects_of_a_draw_cancel() {
     let shift: Vec<f64> = TIMES.iter().map(|t| 0.01 * t * (minimum.x[0] * t).exp()).collect();
     assert_eq!((model.observations(), model.unknowns()), (4, 1));
     let mut source = UncertaintySource {
-        in_residuals: InResiduals::Absent,
+        in_residuals: ResidualTreatment::Absent,
         ..UncertaintySource::new("shift", Effect::Joint(vec![shift]))
     };
     let alone = solution(&model, &minimum.residuals, true);

@@ -5,20 +5,20 @@ use nalgebra::Matrix2;
 
 use super::{Mean, assert_near};
 use crate::identification::{
-    Effect, InResiduals, ObservationRun, Output, Outputs, UncertaintySource, block_covariances,
-    identify,
+    Effect, ObservationSpan, Output, Outputs, ResidualTreatment, UncertaintySource,
+    block_covariances, identify,
 };
 
-fn run(first: usize, values: &[f64]) -> ObservationRun {
-    ObservationRun { first, values: values.to_vec() }
+fn run(first: usize, values: &[f64]) -> ObservationSpan {
+    ObservationSpan { first_index: first, changes_mm: values.to_vec() }
 }
 
 /// Hand calculation with two blocks of two observations and one more observation.
 #[test]
 fn regress_block_covariances_by_hand() {
     let sources = [
-        UncertaintySource::new("each", Effect::Each(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
-        UncertaintySource::new("run", Effect::Runs(vec![run(1, &[0.5, 0.25]), run(4, &[9.0])])),
+        UncertaintySource::new("each", Effect::Independent(vec![1.0, 2.0, 3.0, 4.0, 5.0])),
+        UncertaintySource::new("run", Effect::Spans(vec![run(1, &[0.5, 0.25]), run(4, &[9.0])])),
         UncertaintySource::new("joint", Effect::Joint(vec![vec![1.0, -1.0], vec![0.0; 5]])),
         UncertaintySource {
             is_in_weights: false,
@@ -34,12 +34,12 @@ fn regress_block_covariances_by_hand() {
 #[test]
 fn regress_draws_as_changes_of_all_observations() {
     let [each, runs, joint] = [
-        Effect::Each(vec![1.0, 2.0, 3.0]),
-        Effect::Runs(vec![run(1, &[4.0, 5.0])]),
+        Effect::Independent(vec![1.0, 2.0, 3.0]),
+        Effect::Spans(vec![run(1, &[4.0, 5.0])]),
         Effect::Joint(vec![vec![6.0], vec![7.0, 8.0]]),
     ]
     .map(|effect| UncertaintySource::new("one", effect));
-    assert_eq!([&each, &runs, &joint].map(UncertaintySource::draws), [3, 1, 2]);
+    assert_eq!([&each, &runs, &joint].map(UncertaintySource::draw_count), [3, 1, 2]);
     assert_eq!(each.observation_change(1, 3), [0.0, 2.0, 0.0]);
     assert_eq!(runs.observation_change(0, 3), [0.0, 4.0, 5.0]);
     assert_eq!(joint.observation_change(1, 3), [7.0, 8.0, 0.0]);
@@ -58,22 +58,22 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
     let fit = mean.fit();
     let each = UncertaintySource {
         dof: 7.0,
-        in_residuals: InResiduals::Absent,
-        ..UncertaintySource::new("each", Effect::Each(vec![3e-3, 4e-3]))
+        in_residuals: ResidualTreatment::Absent,
+        ..UncertaintySource::new("each", Effect::Independent(vec![3e-3, 4e-3]))
     };
     let mut outputs = Outputs::default();
     for (symbol, unit, slope) in [("EX0C", Unit::Um, 2.0), ("EA0C", Unit::Urad, -0.1)] {
-        outputs.parameters.push(Output::linear(symbol, unit, vec![slope], &[1.5]));
+        outputs.parameters.push(Output::from_coefficients(symbol, unit, vec![slope], &[1.5]));
     }
     let identified = identify(&mean.solution(&fit, true), &[each], outputs, None).unwrap();
     let prior = identified.estimate("mean");
     assert_near(prior.covariance.rows[0][1], -2.0 * 0.1 * 2.5e-3_f64.powi(2) * 1e9, 1e-9);
 
     let columns = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 5.0]];
-    let source = UncertaintySource::of_prior(&prior, &["EA0C", "EX0C"], &columns).unwrap();
+    let source = UncertaintySource::from_prior(&prior, &["EA0C", "EX0C"], &columns).unwrap();
     assert_eq!(
         (source.name.as_str(), source.in_residuals),
-        ("estimate of mean", InResiduals::Expected)
+        ("estimate of mean", ResidualTreatment::Expected)
     );
     assert_near(source.dof, 7.0, 1e-9);
     let changes: Vec<Vec<f64>> = (0..2).map(|draw| source.observation_change(draw, 3)).collect();
@@ -85,5 +85,5 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
             assert_near(covariance, di * dj, 1e-12);
         }
     }
-    assert!(UncertaintySource::of_prior(&prior, &["EY0C"], &columns[..1]).is_none());
+    assert!(UncertaintySource::from_prior(&prior, &["EY0C"], &columns[..1]).is_none());
 }

@@ -13,8 +13,8 @@ use crate::identification::{
 fn regress_amplitudes_by_hand() {
     let x = [3e-3, 4e-3];
     let one = Mat::identity(2, 2);
-    let fit = LinearFit { x: &x, a: &one, sigma: &[1.0; 2], gain: &one };
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1e-3, 2e-3]))];
+    let fit = LinearFit { x: &x, design_matrix: &one, sigma: &[1.0; 2], gain: &one };
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1e-3, 2e-3]))];
     let solution = solution(&fit, &[0.0; 2], true);
     let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
     let [first, second] = [0, 1].map(|index| unit_slope(index, 2));

@@ -1,7 +1,7 @@
 //! Tests of the Monte Carlo propagation.
 
 use estimation::misfit::Misfit;
-use estimation::monte_carlo::{Summary, Trials};
+use estimation::monte_carlo::{TrialCount, TrialStatistics};
 use faer::Mat;
 use machine::record::estimate::Unit;
 
@@ -9,32 +9,42 @@ use super::propagation::growth;
 use super::{Mean, assert_near};
 use crate::IdentifyError;
 use crate::identification::{
-    Effect, InResiduals, LeastSquares, LinearFit, ObservationModel, ObservationRun, Output,
-    Outputs, Shape, TrialPlan, UncertaintySource, propagate_by_trials,
+    DrawDistribution, Effect, LeastSquares, LinearFit, ObservationModel, ObservationSpan, Output,
+    Outputs, ResidualTreatment, TrialPlan, UncertaintySource, propagate_by_trials,
 };
 
 const TRIALS: usize = 200_001;
 
-pub const AS_DECLARED: Misfit =
-    Misfit { chi2: 1.0, expected: 1.0, dof: 1.0, factor: 1.0, above: false, below: false };
+pub const AS_DECLARED: Misfit = Misfit {
+    chi2: 1.0,
+    expected: 1.0,
+    dof: 1.0,
+    uncertainty_factor: 1.0,
+    is_above_bound: false,
+    is_below_bound: false,
+};
 
 fn plan(trials: usize) -> TrialPlan {
-    TrialPlan { seed: 4, trials: Trials::Fixed(trials) }
+    TrialPlan { seed: 4, trials: TrialCount::Fixed(trials) }
 }
 
 fn outputs(slopes: &[&[f64]]) -> Outputs {
-    let output = |slope: &&[f64]| Output::linear("x", Unit::Mm, slope.to_vec(), &[]);
+    let output = |slope: &&[f64]| Output::from_coefficients("x", Unit::Mm, slope.to_vec(), &[]);
     Outputs { parameters: slopes.iter().map(output).collect(), ..Outputs::default() }
 }
 
-fn run(model: &dyn ObservationModel, sources: &[UncertaintySource], slopes: &[&[f64]]) -> Summary {
+fn run(
+    model: &dyn ObservationModel,
+    sources: &[UncertaintySource],
+    slopes: &[&[f64]],
+) -> TrialStatistics {
     propagate_by_trials(model, sources, &AS_DECLARED, &outputs(slopes), plan(TRIALS)).unwrap()
 }
 
 /// The sum of four quantities.
-fn sum_of_four(sources: &[UncertaintySource]) -> Summary {
+fn sum_of_four(sources: &[UncertaintySource]) -> TrialStatistics {
     let (a, gain) = (Mat::from_fn(4, 1, |_, _| 0.25), Mat::from_fn(1, 4, |_, _| 1.0));
-    let fit = LinearFit { x: &[0.0], a: &a, sigma: &[1.0; 4], gain: &gain };
+    let fit = LinearFit { x: &[0.0], design_matrix: &a, sigma: &[1.0; 4], gain: &gain };
     run(&fit, sources, &[&[1.0]])
 }
 
@@ -42,16 +52,21 @@ fn sum_of_four(sources: &[UncertaintySource]) -> Summary {
 /// of 95.45 % is ±4 for normal quantities; it is shorter for rectangular ones.
 #[test]
 fn paper_jcgm_101_additive_model() {
-    let each = UncertaintySource::new("each", Effect::Each(vec![1.0; 4]));
+    let each = UncertaintySource::new("each", Effect::Independent(vec![1.0; 4]));
     let normal = sum_of_four(std::slice::from_ref(&each));
-    let rectangular = sum_of_four(&[UncertaintySource { shape: Shape::Rectangular, ..each }]);
+    let rectangular =
+        sum_of_four(&[UncertaintySource { shape: DrawDistribution::Rectangular, ..each }]);
     for found in [&normal, &rectangular] {
         assert_near(found.mean[0], 0.0, 4.0 * 2.0 / (TRIALS as f64).sqrt());
         assert_near(found.standard_deviation[0], 2.0, 2.0 * 4.0 / (2.0 * TRIALS as f64).sqrt());
     }
-    assert_near(normal.interval[0][1], 4.0, 0.05);
+    assert_near(normal.symmetric_interval[0][1], 4.0, 0.05);
     // JCGM 101, table 3: [-3.88, 3.88] at 95 %; ±2·√12 is the upper bound.
-    assert!((3.88..3.99).contains(&rectangular.interval[0][1]), "{:?}", rectangular.interval);
+    assert!(
+        (3.88..3.99).contains(&rectangular.symmetric_interval[0][1]),
+        "{:?}",
+        rectangular.symmetric_interval
+    );
 }
 
 /// Two unknowns from three rows: their standard deviations and that of their difference, by hand.
@@ -59,11 +74,11 @@ fn paper_jcgm_101_additive_model() {
 fn regress_linear_fit_against_propagation_by_hand() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
     let a = Mat::zeros(3, 2);
-    let fit = LinearFit { x: &[10.0, -3.0], a: &a, sigma: &[1.0; 3], gain: &gain };
-    let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0, 2.0, 0.5]))];
+    let fit = LinearFit { x: &[10.0, -3.0], design_matrix: &a, sigma: &[1.0; 3], gain: &gain };
+    let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0, 2.0, 0.5]))];
     let found = run(&fit, &sources, &[&[1.0, 0.0], &[0.0, 1.0], &[1.0, -1.0]]);
     let expected = [(10.0, 1.25), (-3.0, 2.0), (13.0, 0.25 + 1.0 + 1.0)];
-    assert_eq!((found.trials, found.stable), (TRIALS, true));
+    assert_eq!((found.trials, found.is_stable), (TRIALS, true));
     for (j, (mean, variance)) in expected.into_iter().enumerate() {
         let (sd, root) = (f64::sqrt(variance), (TRIALS as f64).sqrt());
         assert_near(found.mean[j], mean, 4.0 * sd / root);
@@ -83,11 +98,11 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
     let sizes = [0.5, 0.2, 0.7];
     let column = |i: usize, size: f64| [vec![0.0; i], vec![size]].concat();
     let numbered = || sizes.into_iter().enumerate();
-    let run_of = |(first, size)| ObservationRun { first, values: vec![size] };
+    let run_of = |(first, size)| ObservationSpan { first_index: first, changes_mm: vec![size] };
     let before = UncertaintySource::new("before", Effect::Joint(vec![vec![0.3; 3], vec![0.1; 2]]));
     let found = [
-        Effect::Each(sizes.to_vec()),
-        Effect::Runs(numbered().map(run_of).collect()),
+        Effect::Independent(sizes.to_vec()),
+        Effect::Spans(numbered().map(run_of).collect()),
         Effect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
     ]
     .map(|effect| {
@@ -106,9 +121,10 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
 #[test]
 fn regress_misfit_scales_judged_sources() {
     let mean = Mean::of(&[0.0]);
-    let judged = UncertaintySource::new("judged", Effect::Each(vec![1.0]));
-    let expected = UncertaintySource { in_residuals: InResiduals::Expected, ..judged.clone() };
-    let misfit = Misfit { factor: 3.0, ..AS_DECLARED };
+    let judged = UncertaintySource::new("judged", Effect::Independent(vec![1.0]));
+    let expected =
+        UncertaintySource { in_residuals: ResidualTreatment::Expected, ..judged.clone() };
+    let misfit = Misfit { uncertainty_factor: 3.0, ..AS_DECLARED };
     for (source, sd) in [(judged, 3.0), (expected, 1.0)] {
         let outputs = outputs(&[&[1.0]]);
         let found = propagate_by_trials(&mean.fit(), &[source], &misfit, &outputs, plan(10_000));
@@ -122,11 +138,11 @@ fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
     let mean = Mean::of(&[1.0, 2.0, 3.0]);
     let mut source = UncertaintySource::new("shift", Effect::Joint(vec![vec![0.4; 3]; 2]));
     source.direct_changes = vec![vec![-0.4]; 2];
-    let noise = UncertaintySource::new("noise", Effect::Each(vec![1.0; 3]));
+    let noise = UncertaintySource::new("noise", Effect::Independent(vec![1.0; 3]));
     let found = run(&mean.fit(), std::slice::from_ref(&source), &[&[1.0]]);
     assert_near(found.mean[0], 2.0, 1e-14);
     assert_near(found.standard_deviation[0], 0.0, 1e-14);
-    source.effect = Effect::Each(vec![0.0; 2]);
+    source.effect = Effect::Independent(vec![0.0; 2]);
     let found = run(&mean.fit(), &[noise, source], &[&[1.0]]);
     let variance = 1.0 / 3.0 + 2.0 * 0.16_f64;
     assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.007);
@@ -141,7 +157,8 @@ fn regress_trials_follow_the_curvature() {
     let change = [0.02, 0.06, 0.12, 0.2];
     let source = UncertaintySource::new("growth", Effect::Joint(vec![change.to_vec()]));
     let found = run(&model, &[source], &[&[1.0]]);
-    let at = |unit: f64| model.near(&change.map(|change| unit * change))[0] - minimum.x[0];
+    let at =
+        |unit: f64| model.solve_for_change(&change.map(|change| unit * change))[0] - minimum.x[0];
     // Moments of the near solution by Gauss–Hermite quadrature of five points.
     let nodes = [(2.856_970, 0.011_257_4), (1.355_626, 0.222_075_9)];
     let moment = |power: i32| -> f64 {
@@ -159,5 +176,7 @@ fn regress_trials_follow_the_curvature() {
 fn regress_one_trial_is_refused() {
     let mean = Mean::of(&[0.0]);
     let found = propagate_by_trials(&mean.fit(), &[], &AS_DECLARED, &outputs(&[&[1.0]]), plan(1));
-    assert!(matches!(found, Err(IdentifyError::Numerical(why)) if why.starts_with("1 trials")));
+    assert!(
+        matches!(found, Err(IdentifyError::IdentificationFailed(reason)) if reason.starts_with("1 trials"))
+    );
 }

@@ -5,17 +5,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::g2::{EDGE, FIVE};
-use super::played::{TABLE_5, World, commanded, run, table_5};
+use super::g2::{FIVE_PARAMETERS, TABLE_FACTORS};
+use super::played::{PAPER_TABLE_5, SimulatedMachine, commanded_position, run, table_5_machine};
 use super::{ideal, settings};
 use crate::IdentifyError;
 use crate::laser_r_test::Settings;
-use crate::laser_r_test::bench::LaserSetup;
-use crate::laser_r_test::cells::cells;
+use crate::laser_r_test::cells::average_cells;
 use crate::laser_r_test::identify::identify;
-use crate::laser_r_test::observe::observe;
+use crate::laser_r_test::observe::observe_scans;
+use crate::laser_r_test::position_history::PositionHistory;
 use crate::laser_r_test::settings::{MeasuringDevice, SamplingMode};
-use crate::laser_r_test::track::PositionHistory;
+use crate::laser_r_test::setup::LaserSetup;
 use estimation::coverage::chi_square_bounds;
 use machine::Position;
 use machine::record::estimate::Estimate;
@@ -24,28 +24,29 @@ use machine::record::reading::Reading;
 use testing::population::{population, ratio_bounds};
 
 /// A lower sampling rate than usual keeps the tests fast.
-fn flowing() -> Settings {
+fn continuous_settings() -> Settings {
     Settings { sampling: SamplingMode::Continuous, rate_hz: 250.0, ..settings() }
 }
 
-fn late(noise_um: f64, seed: u64) -> World {
-    World { latency_s: 3.3e-3, gap_mm: 4e-3, ..table_5(noise_um, seed) }
+fn machine_with_latency(noise_um: f64, seed: u64) -> SimulatedMachine {
+    SimulatedMachine { latency_s: 3.3e-3, gap_mm: 4e-3, ..table_5_machine(noise_um, seed) }
 }
 
-fn estimated(world: &World, own: &Settings) -> Estimate {
+fn estimate_run(world: &SimulatedMachine, own: &Settings) -> Estimate {
     let (plan, _, readings) = run(ideal(0.5), own, world, 9).unwrap();
-    let bench = LaserSetup::new(&plan, own).unwrap();
-    identify(&bench, &readings).unwrap()
+    let setup = LaserSetup::new(&plan, own).unwrap();
+    identify(&setup, &readings).unwrap()
 }
 
-fn found(estimate: &Estimate, symbol: &str) -> (f64, f64) {
+fn value_and_u(estimate: &Estimate, symbol: &str) -> (f64, f64) {
     let of = estimate.parameters.iter().find(|p| p.symbol == symbol);
     of.map(|p| (p.value, p.u)).unwrap_or_else(|| panic!("no {symbol}"))
 }
 
 #[test]
 fn crosses_are_walked_forward_and_back_and_the_references_stand() {
-    let (plan, done, _) = run(ideal(0.5), &flowing(), &late(0.0, 1), 9).unwrap();
+    let (plan, done, _) =
+        run(ideal(0.5), &continuous_settings(), &machine_with_latency(0.0, 1), 9).unwrap();
     let names: Vec<&str> = done.iter().map(|stage| stage.name.as_str()).collect();
     assert_eq!(names[..4], ["find the sphere", "latency", "beam direction", "reference"]);
     let rests =
@@ -69,12 +70,16 @@ fn crosses_are_walked_forward_and_back_and_the_references_stand() {
 
 #[test]
 fn latency_and_reversal_come_back_without_noise() {
-    let estimate = estimated(&late(0.0, 1), &flowing());
-    let (latency, _) = found(&estimate, "latency");
-    println!("latency {latency} ms, reversal {:?}", found(&estimate, "reversal_X"));
+    let estimate = estimate_run(&machine_with_latency(0.0, 1), &continuous_settings());
+    let (latency, _) = value_and_u(&estimate, "latency");
+    println!("latency {latency} ms, reversal {:?}", value_and_u(&estimate, "reversal_X"));
     assert!((latency - 3.3).abs() < 3e-3, "{latency}");
     for axis in ["reversal_X", "reversal_Y"] {
-        assert!((found(&estimate, axis).0 - 4.0).abs() < 0.05, "{:?}", found(&estimate, axis));
+        assert!(
+            (value_and_u(&estimate, axis).0 - 4.0).abs() < 0.05,
+            "{:?}",
+            value_and_u(&estimate, axis)
+        );
     }
     let said = estimate.gauge.iter().find(|line| line.contains("continuous scans")).unwrap();
     println!("{said}");
@@ -85,10 +90,10 @@ fn latency_and_reversal_come_back_without_noise() {
 /// EC0B would be wrong by 0.7 µrad.
 #[test]
 fn table_5_comes_back_without_noise() {
-    let estimate = estimated(&late(0.0, 1), &flowing());
-    for (i, name) in FIVE.into_iter().enumerate() {
-        let (value, error) = (found(&estimate, name).0, 0.01);
-        assert!((value - TABLE_5[i] * EDGE[i]).abs() < error, "{name}: {value}");
+    let estimate = estimate_run(&machine_with_latency(0.0, 1), &continuous_settings());
+    for (i, name) in FIVE_PARAMETERS.into_iter().enumerate() {
+        let (value, error) = (value_and_u(&estimate, name).0, 0.01);
+        assert!((value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]).abs() < error, "{name}: {value}");
     }
 }
 
@@ -96,8 +101,11 @@ fn table_5_comes_back_without_noise() {
 #[test]
 fn a_latency_is_not_lost_motion_and_has_its_sign() {
     let of = |latency_s: f64, gap_mm: f64| {
-        let estimate = estimated(&World { latency_s, gap_mm, ..table_5(0.0, 1) }, &flowing());
-        (found(&estimate, "latency").0, found(&estimate, "reversal_X").0)
+        let estimate = estimate_run(
+            &SimulatedMachine { latency_s, gap_mm, ..table_5_machine(0.0, 1) },
+            &continuous_settings(),
+        );
+        (value_and_u(&estimate, "latency").0, value_and_u(&estimate, "reversal_X").0)
     };
     for (latency_ms, gap_um) in [(0.0, 0.0), (20.0, 0.0), (-5.0, 0.0), (3.3, 4.0)] {
         let (latency, lag) = of(latency_ms * 1e-3, gap_um * 1e-3);
@@ -111,24 +119,28 @@ fn a_latency_is_not_lost_motion_and_has_its_sign() {
 /// point.
 #[test]
 fn lost_motion_alone_is_found() {
-    let world = World { gap_mm: 6e-3, ..table_5(0.0, 1) };
-    let estimate = estimated(&world, &flowing());
-    assert!((found(&estimate, "reversal_X").0 - 6.0).abs() < 0.05);
-    assert!(found(&estimate, "latency").0.abs() < 3e-3);
+    let world = SimulatedMachine { gap_mm: 6e-3, ..table_5_machine(0.0, 1) };
+    let estimate = estimate_run(&world, &continuous_settings());
+    assert!((value_and_u(&estimate, "reversal_X").0 - 6.0).abs() < 0.05);
+    assert!(value_and_u(&estimate, "latency").0.abs() < 3e-3);
 }
 
 #[test]
 fn regress_latency_and_errors_scatter_as_predicted() {
-    const FULL: u64 = 40;
-    let seeds = population(FULL);
-    let names = [&FIVE[..], &["latency", "reversal_X", "reversal_Y"]].concat();
-    let truth: Vec<f64> =
-        TABLE_5.iter().zip(EDGE).map(|(t, edge)| t * edge).chain([3.3, 4.0, 4.0]).collect();
+    const FULL_SEED_COUNT: u64 = 40;
+    let seeds = population(FULL_SEED_COUNT);
+    let names = [&FIVE_PARAMETERS[..], &["latency", "reversal_X", "reversal_Y"]].concat();
+    let truth: Vec<f64> = PAPER_TABLE_5
+        .iter()
+        .zip(TABLE_FACTORS)
+        .map(|(t, edge)| t * edge)
+        .chain([3.3, 4.0, 4.0])
+        .collect();
     let (mut squares, mut predicted) = (vec![0.0; 8], vec![0.0; 8]);
     for seed in 0..seeds {
-        let estimate = estimated(&late(0.5, seed), &flowing());
+        let estimate = estimate_run(&machine_with_latency(0.5, seed), &continuous_settings());
         for (i, name) in names.iter().enumerate() {
-            let (value, u) = found(&estimate, name);
+            let (value, u) = value_and_u(&estimate, name);
             squares[i] += (value - truth[i]).powi(2) / seeds as f64;
             predicted[i] += u * u / seeds as f64;
         }
@@ -139,7 +151,7 @@ fn regress_latency_and_errors_scatter_as_predicted() {
         println!("{name}: observed {observed:.4}, predicted {predicted:.4}");
     }
     let mean = (0..5).map(ratio).sum::<f64>() / 5.0;
-    let (low, high) = ratio_bounds(5 * seeds, 5 * FULL, (0.85, 1.15));
+    let (low, high) = ratio_bounds(5 * seeds, 5 * FULL_SEED_COUNT, (0.85, 1.15));
     assert!((low..=high).contains(&mean.sqrt()), "{}", mean.sqrt());
     let (low, high) = chi_square_bounds(seeds as f64, 0.99).unwrap();
     for (i, name) in names.iter().enumerate() {
@@ -151,17 +163,17 @@ fn regress_latency_and_errors_scatter_as_predicted() {
 /// The same readings, each at the position stamped with it. The deviation shows the effect of the correction.
 #[test]
 fn uncorrected_scans_are_visibly_wrong() {
-    let world = World { latency_s: 20e-3, ..table_5(0.0, 1) };
-    let own = flowing();
+    let world = SimulatedMachine { latency_s: 20e-3, ..table_5_machine(0.0, 1) };
+    let own = continuous_settings();
     let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
-    let bench = LaserSetup::new(&plan, &own).unwrap();
-    let observed = observe(&bench, &readings).unwrap();
+    let setup = LaserSetup::new(&plan, &own).unwrap();
+    let observed = observe_scans(&setup, &readings).unwrap();
     let scan = observed.scans.iter().find(|scan| scan.label == "pose/B30/C60").unwrap();
     let step = plan.steps.iter().find(|step| step.label == scan.label).unwrap();
     let of_step: Vec<&Reading> = readings.iter().filter(|r| r.step == step.id).collect();
     let track = PositionHistory::new(&of_step);
     let scatter_um = |latency_s: f64| {
-        let (_, (squares, dof)) = cells(&bench, scan, &track.seen(latency_s));
+        let (_, (squares, dof)) = average_cells(&setup, scan, &track.timed_samples(latency_s));
         (squares / dof as f64).sqrt() * 1e3
     };
     let (without, with) = (scatter_um(0.0), scatter_um(world.latency_s));
@@ -170,32 +182,32 @@ fn uncorrected_scans_are_visibly_wrong() {
 }
 
 /// Identifies a run from those readings that `keep` accepts, by the step and the time since the start of the step.
-fn identified(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyError> {
-    let own = flowing();
-    let (plan, _, mut readings) = run(ideal(0.5), &own, &late(0.5, 1), 9).unwrap();
+fn identify_selected(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyError> {
+    let own = continuous_settings();
+    let (plan, _, mut readings) = run(ideal(0.5), &own, &machine_with_latency(0.5, 1), 9).unwrap();
     let mut began: BTreeMap<u32, f64> = BTreeMap::new();
     readings.retain(|reading| {
         let begins = *began.entry(reading.step).or_insert(reading.t_s);
         let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
         keep(step, reading.t_s - begins)
     });
-    let bench = LaserSetup::new(&plan, &own).unwrap();
-    identify(&bench, &readings)
+    let setup = LaserSetup::new(&plan, &own).unwrap();
+    identify(&setup, &readings)
 }
 
 /// Arrival times at the points of a step's path.
-fn arrivals(step: &Step) -> Vec<f64> {
+fn arrival_times(step: &Step) -> Vec<f64> {
     let path = &step.scan.as_ref().unwrap().path;
-    (1..=path.len()).map(|n| commanded(&path[..n], step.feed_mm_min, 0.0).1).collect()
+    (1..=path.len()).map(|n| commanded_position(&path[..n], step.feed_mm_min, 0.0).1).collect()
 }
 
 /// Whether the time `t` is in the section `number` of the path, counted from 1.
-fn is_way(step: &Step, number: usize, t: f64) -> bool {
-    let at = arrivals(step);
+fn is_in_section(step: &Step, number: usize, t: f64) -> bool {
+    let at = arrival_times(step);
     (at[number - 1]..at[number]).contains(&t)
 }
 
-fn is_latency(step: &Step) -> bool {
+fn is_latency_step(step: &Step) -> bool {
     step.label.starts_with("latency")
 }
 
@@ -204,27 +216,31 @@ fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
     let check = |error: IdentifyError| {
         println!("{error}\n  -> {}", error.remedy());
         assert!(error.to_string().contains("rank"), "{error}");
-        assert!(error.to_string().contains("do not tell apart"), "{error}");
+        assert!(error.to_string().contains("do not separate"), "{error}");
         assert!(
             error.remedy().contains("two feeds") || error.remedy().contains("fast_feed_mm_min")
         );
     };
-    check(identified(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err());
+    check(
+        identify_selected(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err(),
+    );
     // Forward motion alone: of the six sections the second and the fifth go backward.
-    let forward =
-        |step: &Step, t: f64| !is_latency(step) || !(is_way(step, 2, t) || is_way(step, 5, t));
-    check(identified(forward).map(|_| ()).unwrap_err());
-    let none = identified(|step, _| !is_latency(step)).map(|_| ()).unwrap_err();
-    assert!(none.to_string().contains("too few to find the sensor's latency"), "{none}");
+    let forward = |step: &Step, t: f64| {
+        !is_latency_step(step) || !(is_in_section(step, 2, t) || is_in_section(step, 5, t))
+    };
+    check(identify_selected(forward).map(|_| ()).unwrap_err());
+    let none = identify_selected(|step, _| !is_latency_step(step)).map(|_| ()).unwrap_err();
+    assert!(none.to_string().contains("too few for the latency of the sensor"), "{none}");
 }
 
 #[test]
 fn a_lost_pass_is_named() {
     let estimate =
-        identified(|step, t| step.label != "pose/B30/C120" || !is_way(step, 2, t)).unwrap();
+        identify_selected(|step, t| step.label != "pose/B30/C120" || !is_in_section(step, 2, t))
+            .unwrap();
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
-    assert!(said("pose/B30/C120: 0 samples of its way along "), "{:?}", estimate.warnings);
-    let (value, u) = found(&estimate, "EB0B");
+    assert!(said("pose/B30/C120: only 0 samples along "), "{:?}", estimate.warnings);
+    let (value, u) = value_and_u(&estimate, "EB0B");
     assert!((value + 42.0).abs() < 4.0 * u, "{value} {u}");
 }
 
@@ -232,13 +248,14 @@ fn a_lost_pass_is_named() {
 fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
     let check = |own: Settings, why: &str, instead: &str| {
         let refused = own.check().unwrap_err();
-        println!("{}\n  -> {}", refused.why, refused.instead);
-        assert!(refused.why.contains(why) && refused.instead.contains(instead), "{refused:?}");
+        println!("{}\n  -> {}", refused.reason, refused.remedy);
+        assert!(refused.reason.contains(why) && refused.remedy.contains(instead), "{refused:?}");
     };
-    let one = Settings { fast_feed_mm_min: 700.0, ..flowing() };
-    check(one, "not told from", "three times");
-    check(Settings { rate_hz: 0.0, ..flowing() }, "rate_hz", "1000");
-    check(Settings { by: MeasuringDevice::Probe, ..flowing() }, "touch probe", "laser");
-    let dwells = Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..flowing() };
+    let one = Settings { fast_feed_mm_min: 700.0, ..continuous_settings() };
+    check(one, "do not separate", "three times");
+    check(Settings { rate_hz: 0.0, ..continuous_settings() }, "rate_hz", "1000");
+    check(Settings { by: MeasuringDevice::Probe, ..continuous_settings() }, "touch probe", "laser");
+    let dwells =
+        Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..continuous_settings() };
     dwells.check().unwrap();
 }

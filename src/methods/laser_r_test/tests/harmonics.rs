@@ -2,16 +2,16 @@
 
 use nalgebra::Vector3;
 
-use super::g2::{FIVE, problem};
+use super::g2::{FIVE_PARAMETERS, problem};
 use super::ideal;
-use crate::laser_r_test::parameters::chosen;
-use machine::kinematics::Chain;
+use crate::laser_r_test::parameters::select_parameters;
+use machine::kinematics::KinematicChain;
 
-const BALL: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
+const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
 
 #[test]
 fn second_harmonics_of_b_have_full_rank() {
-    let (problem, x) = problem(&[], &[2], BALL, 1e-3);
+    let (problem, x) = problem(&[], &[2], BALL_CENTRE_MM, 1e-3);
     let survey = problem.survey(&x).unwrap();
     println!("condition {}", survey.condition);
     assert_eq!((survey.rank, survey.nullity), (23, 0));
@@ -23,8 +23,8 @@ fn second_harmonics_of_b_have_full_rank() {
 #[test]
 fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let lost = |motions: &[&str]| {
-        let names = [&FIVE[..], motions].concat();
-        let (problem, x) = problem(&names, &[], BALL, 1e-3);
+        let names = [&FIVE_PARAMETERS[..], motions].concat();
+        let (problem, x) = problem(&names, &[], BALL_CENTRE_MM, 1e-3);
         problem.survey(&x).unwrap().nullity
     };
     let angles = ["EAB_cos1", "EAB_sin1", "ECB_cos1", "ECB_sin1"];
@@ -32,12 +32,12 @@ fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let places = ["EXB_cos1", "EXB_sin1", "EZB_cos1", "EZB_sin1"];
     assert_eq!(lost(&[&angles[..], &places].concat()), 4);
 
-    let chain = Chain::new(&ideal(1.0).machine).unwrap();
-    let chosen = chosen(&chain, &[], &[1]).unwrap();
+    let chain = KinematicChain::new(&ideal(1.0).machine).unwrap();
+    let chosen = select_parameters(&chain, &[], &[1]).unwrap();
     println!("{:#?}", chosen.gauge);
     let held = chosen.gauge.len();
     assert_eq!(chosen.parameters.len() + held, 5 + 12);
-    let (problem, x) = problem(&[], &[1], BALL, 1e-3);
+    let (problem, x) = problem(&[], &[1], BALL_CENTRE_MM, 1e-3);
     assert_eq!(problem.survey(&x).unwrap().nullity, 0);
     assert!(chosen.gauge.iter().any(|line| line.contains("EA0C")), "{:?}", chosen.gauge);
     assert!(chosen.gauge.iter().any(|line| line.contains("EX0C")), "{:?}", chosen.gauge);

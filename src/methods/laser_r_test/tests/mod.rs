@@ -27,7 +27,7 @@ pub fn plan() -> Plan {
     machine.as_table_mut().unwrap().insert("axes".to_owned(), axes);
     Plan {
         trued_plan: PLAN_VERSION,
-        method: super::NAME.into(),
+        method: super::METHOD_NAME.into(),
         settings: serde_json::Value::Null,
         machine: machine.try_into().unwrap(),
         probe: part("probe").try_into().unwrap(),

@@ -5,19 +5,19 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::laser_r_test::{LaserRTest, Settings};
-use crate::{Method, Next, Refused, Registered, Source};
-use estimation::random::stream;
+use crate::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
+use estimation::random::seeded_stream;
 use machine::frame::Pose;
 use machine::record::plan::{Plan, Sampling, Stage, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
 /// Paper 2, Table 5: α_BY, β_BY, γ_BY (rad), δx_CB (mm), α_CB (rad).
-pub const TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
+pub const PAPER_TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
 
 /// True values of the simulated machine.
 #[derive(Debug, Clone)]
-pub struct World {
+pub struct SimulatedMachine {
     pub w: [f64; 5],
     /// True zero point relative to the spindle datum, and true beam. They differ from the machine file.
     pub zero: Vector3<f64>,
@@ -31,14 +31,14 @@ pub struct World {
     /// Lost motion of X, Y and Z, mm.
     pub gap_mm: f64,
     /// Additional displacement of the table (machine frame, mm) at these positions and this time.
-    pub shift: fn(&World, &Position, f64) -> Vector3<f64>,
+    pub shift: fn(&SimulatedMachine, &Position, f64) -> Vector3<f64>,
     /// Deviation of the reading from the distance.
-    pub curve: fn(&World, f64) -> f64,
+    pub curve: fn(&SimulatedMachine, f64) -> f64,
 }
 
-pub fn table_5(noise_um: f64, seed: u64) -> World {
-    World {
-        w: TABLE_5,
+pub fn table_5_machine(noise_um: f64, seed: u64) -> SimulatedMachine {
+    SimulatedMachine {
+        w: PAPER_TABLE_5,
         zero: Vector3::new(0.21, -0.34, -149.83),
         beam: Vector3::new(1.3e-3, -0.9e-3, -1.0).normalize(),
         ball: Vector3::new(80.4, -0.3, 60.2),
@@ -52,13 +52,13 @@ pub fn table_5(noise_um: f64, seed: u64) -> World {
     }
 }
 
-fn turned(matrix: Matrix3<f64>) -> Pose {
+fn rotation_pose(matrix: Matrix3<f64>) -> Pose {
     Pose::from_parts(Translation3::identity(), Rotation3::from_matrix_unchecked(matrix))
 }
 
 fn d_a(a: f64) -> Pose {
     let (s, c) = a.sin_cos();
-    turned(Matrix3::from_columns(&[
+    rotation_pose(Matrix3::from_columns(&[
         Vector3::x(),
         Vector3::new(0.0, c, s),
         Vector3::new(0.0, -s, c),
@@ -67,7 +67,7 @@ fn d_a(a: f64) -> Pose {
 
 fn d_b(b: f64) -> Pose {
     let (s, c) = b.sin_cos();
-    turned(Matrix3::from_columns(&[
+    rotation_pose(Matrix3::from_columns(&[
         Vector3::new(c, 0.0, -s),
         Vector3::y(),
         Vector3::new(s, 0.0, c),
@@ -76,7 +76,7 @@ fn d_b(b: f64) -> Pose {
 
 fn d_c(g: f64) -> Pose {
     let (s, c) = g.sin_cos();
-    turned(Matrix3::from_columns(&[
+    rotation_pose(Matrix3::from_columns(&[
         Vector3::new(c, s, 0.0),
         Vector3::new(-s, c, 0.0),
         Vector3::z(),
@@ -87,7 +87,7 @@ fn d_x(x: f64) -> Pose {
     Pose::from(Translation3::from(Vector3::x() * x))
 }
 
-impl World {
+impl SimulatedMachine {
     /// Pose of the table by Eq. (1), without the three parameters that drop out.
     pub fn table(&self, b: f64, c: f64) -> Pose {
         let [alpha, beta, gamma, delta_x, alpha_cb] = self.w;
@@ -97,9 +97,11 @@ impl World {
 
     /// Distance along the beam to its first intersection with the sphere. X moves the table.
     fn distance(&self, at: &Position, t_s: f64) -> Option<f64> {
-        let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
+        let table = d_x(-at.get_or_zero(Axis::X))
+            * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
         let centre = table.transform_point(&self.ball.into()).coords + (self.shift)(self, at, t_s);
-        let origin = Vector3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+        let origin =
+            Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
         let (from, along) = (origin - centre, self.beam);
         let half = from.dot(&along);
         let root = half * half - from.norm_squared() + self.radius * self.radius;
@@ -110,11 +112,13 @@ impl World {
     /// touch.
     fn touch(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
         let apart = |at: &Position| {
-            let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
-            let tip = Vector3::new(0.0, at.at(Axis::Y), at.at(Axis::Z)) + self.zero;
+            let table = d_x(-at.get_or_zero(Axis::X))
+                * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
+            let tip =
+                Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
             tip - table.transform_point(&self.ball.into()).coords - (self.shift)(self, at, t_s)
         };
-        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+        let mut noise = StandardNormal.sample_iter(seeded_stream(self.seed, &[u64::from(step.id)]));
         let deviation: f64 = noise.next().unwrap();
         let reach = self.radius + stylus + deviation * self.noise_um * 1e-3;
         let (from, way) = (apart(&step.from), apart(&step.to) - apart(&step.from));
@@ -122,39 +126,39 @@ impl World {
         let root = half * half - a * (from.norm_squared() - reach * reach);
         let share = (-half - root.sqrt()) / a;
         assert!((0.0..=1.0).contains(&share), "{}: no contact", step.label);
-        let between = |(axis, value)| (axis, value + share * (step.to.at(axis) - value));
-        let linear = step.from.only(Axis::is_linear).iter().map(between).collect();
+        let between = |(axis, value)| (axis, value + share * (step.to.get_or_zero(axis) - value));
+        let linear = step.from.filter_axes(Axis::is_linear).iter().map(between).collect();
         step.from.updated_by(&linear)
     }
 
     /// Reading of a touch with a stylus ball of radius `stylus`.
-    fn touched(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
+    fn touch_readings(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
         *t_s += 4.0;
         vec![Reading {
             step: step.id,
             repeat: 0,
             position: self.touch(step, stylus, *t_s),
             value_mm: None,
-            sensor: step.sensor().to_owned(),
+            sensor: step.first_sensor().to_owned(),
             t_s: *t_s,
-            flag: Flag::None,
+            flag: ReadingFlag::None,
             temperatures_c: Default::default(),
         }]
     }
 
     pub fn play(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
-        let Some(scan) = &step.scan else { return self.touched(step, stylus, t_s) };
+        let Some(scan) = &step.scan else { return self.touch_readings(step, stylus, t_s) };
         let samples = match scan.sampling {
             Sampling::Dwell { samples, .. } => samples,
             Sampling::Continuous { rate_hz, .. } => {
-                return self.flown(step, &scan.path, rate_hz, t_s);
+                return self.continuous_readings(step, &scan.path, rate_hz, t_s);
             }
         };
-        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+        let mut noise = StandardNormal.sample_iter(seeded_stream(self.seed, &[u64::from(step.id)]));
         let (mut readings, mut stands) = (Vec::new(), scan.path[0].clone());
         for at in &scan.path {
             *t_s += 0.3;
-            self.follow(&mut stands, at);
+            self.follow_command(&mut stands, at);
             let distance = self.distance(&stands, *t_s);
             for _ in 0..samples {
                 *t_s += 1e-3;
@@ -165,9 +169,9 @@ impl World {
                     repeat: 0,
                     position: at.clone(),
                     value_mm: distance.map(shown),
-                    sensor: step.sensor().to_owned(),
+                    sensor: step.first_sensor().to_owned(),
                     t_s: *t_s,
-                    flag: if distance.is_some() { Flag::None } else { Flag::Range },
+                    flag: if distance.is_some() { ReadingFlag::None } else { ReadingFlag::Range },
                     temperatures_c: Default::default(),
                 });
             }
@@ -177,31 +181,35 @@ impl World {
 }
 
 /// Acceleration of the simulated axes, mm/s².
-const ACCELERATION: f64 = 500.0;
+const ACCELERATION_MM_S2: f64 = 500.0;
 
 /// Distance along a straight path from rest to rest at `t_s` after its start, and its total duration.
-fn ramped(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
-    let speed = speed.min((way * ACCELERATION).sqrt());
-    let (rise, whole) = (speed / ACCELERATION, way / speed + speed / ACCELERATION);
+fn ramped_motion(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
+    let speed = speed.min((way * ACCELERATION_MM_S2).sqrt());
+    let (rise, whole) = (speed / ACCELERATION_MM_S2, way / speed + speed / ACCELERATION_MM_S2);
     let t = t_s.clamp(0.0, whole);
     let s = match (t < rise, t > whole - rise) {
-        (true, _) => ACCELERATION * t * t / 2.0,
-        (_, true) => way - ACCELERATION * (whole - t) * (whole - t) / 2.0,
+        (true, _) => ACCELERATION_MM_S2 * t * t / 2.0,
+        (_, true) => way - ACCELERATION_MM_S2 * (whole - t) * (whole - t) / 2.0,
         _ => speed * (t - rise / 2.0),
     };
     (s, whole)
 }
 
 /// Commanded axis positions along these points, and the arrival time.
-pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f64) {
+pub fn commanded_position(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f64) {
     let (mut begins, mut at) = (0.0, path[0].clone());
     for pair in path.windows(2) {
-        let xyz = |p: &Position| Vector3::from(Axis::LINEAR.map(|axis| p.at(axis)));
+        let xyz = |p: &Position| Vector3::from(Axis::LINEAR.map(|axis| p.get_or_zero(axis)));
         let way = (xyz(&pair[1]) - xyz(&pair[0])).norm();
-        let (s, whole) = ramped(way, feed_mm_min / 60.0, t_s - begins);
+        let (s, whole) = ramped_motion(way, feed_mm_min / 60.0, t_s - begins);
         if t_s > begins {
             for axis in Axis::LINEAR {
-                at.set(axis, pair[0].at(axis) + (pair[1].at(axis) - pair[0].at(axis)) * s / way);
+                at.set(
+                    axis,
+                    pair[0].get_or_zero(axis)
+                        + (pair[1].get_or_zero(axis) - pair[0].get_or_zero(axis)) * s / way,
+                );
             }
         }
         begins += whole;
@@ -209,26 +217,32 @@ pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f6
     (at, begins)
 }
 
-impl World {
+impl SimulatedMachine {
     /// Updates the true axis positions for the command `to`, without a reversal in between.
-    fn follow(&self, stands: &mut Position, to: &Position) {
+    fn follow_command(&self, stands: &mut Position, to: &Position) {
         for axis in Axis::LINEAR {
-            let (at, half) = (to.at(axis), self.gap_mm / 2.0);
-            stands.set(axis, stands.at(axis).clamp(at - half, at + half));
+            let (at, half) = (to.get_or_zero(axis), self.gap_mm / 2.0);
+            stands.set(axis, stands.get_or_zero(axis).clamp(at - half, at + half));
         }
     }
 
     /// Readings of a continuous scan: the stamped positions are the commanded ones, the axes follow once the lost
     /// motion is taken up, and the sensor reports the value of one latency earlier.
-    fn flown(&self, step: &Step, path: &[Position], rate_hz: f64, t_s: &mut f64) -> Vec<Reading> {
-        let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
+    fn continuous_readings(
+        &self,
+        step: &Step,
+        path: &[Position],
+        rate_hz: f64,
+        t_s: &mut f64,
+    ) -> Vec<Reading> {
+        let mut noise = StandardNormal.sample_iter(seeded_stream(self.seed, &[u64::from(step.id)]));
         let mut stands = path[0].clone();
-        let (begins, (_, whole)) = (*t_s + 0.3, commanded(path, step.feed_mm_min, 0.0));
+        let (begins, (_, whole)) = (*t_s + 0.3, commanded_position(path, step.feed_mm_min, 0.0));
         let mut readings = Vec::new();
         for k in 0..=(whole * rate_hz) as usize {
             let t = k as f64 / rate_hz;
-            let (followed, _) = commanded(path, step.feed_mm_min, t - self.latency_s);
-            self.follow(&mut stands, &followed);
+            let (followed, _) = commanded_position(path, step.feed_mm_min, t - self.latency_s);
+            self.follow_command(&mut stands, &followed);
             *t_s = begins + t;
             let distance = self.distance(&stands, *t_s);
             let deviation: f64 = noise.next().unwrap();
@@ -236,11 +250,11 @@ impl World {
             readings.push(Reading {
                 step: step.id,
                 repeat: 0,
-                position: commanded(path, step.feed_mm_min, t).0,
+                position: commanded_position(path, step.feed_mm_min, t).0,
                 value_mm: distance.map(shown),
-                sensor: step.sensor().to_owned(),
+                sensor: step.first_sensor().to_owned(),
                 t_s: *t_s,
-                flag: if distance.is_some() { Flag::None } else { Flag::Range },
+                flag: if distance.is_some() { ReadingFlag::None } else { ReadingFlag::Range },
                 temperatures_c: Default::default(),
             });
         }
@@ -252,14 +266,14 @@ impl World {
 pub fn run(
     mut plan: Plan,
     settings: &Settings,
-    world: &World,
+    world: &SimulatedMachine,
     stages: usize,
-) -> Result<(Plan, Vec<Stage>, Vec<Reading>), Refused> {
+) -> Result<(Plan, Vec<Stage>, Vec<Reading>), MethodRefusal> {
     let method = LaserRTest::new(settings.clone());
     let (mut done, mut readings, mut t_s) = (Vec::new(), Vec::new(), 0.0);
     while done.len() < stages {
-        let next = method.next(&plan, &done, Source::Measured(&readings))?;
-        let Next::Stage { stage, new_steps } = next else { break };
+        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings))?;
+        let NextStage::Stage { stage, new_steps } = next else { break };
         plan.steps.extend(new_steps);
         for id in &stage.steps {
             let step = plan.steps.iter().find(|step| step.id == *id).unwrap();

@@ -1,19 +1,20 @@
 //! Refusals with their messages, and counts of excluded samples.
 
-use super::played::{run, table_5};
+use super::played::{run, table_5_machine};
 use super::{ideal, settings};
-use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::identify;
+use crate::laser_r_test::setup::LaserSetup;
 use crate::laser_r_test::{LaserRTest, Settings};
-use crate::{IdentifyError, Method, Registered, Source};
+use crate::{IdentifyError, Method, PositionSource, RegisteredMethod};
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 
-fn refused(plan: &Plan, settings: Settings) -> (String, String) {
-    let refused = LaserRTest::new(settings).next(plan, &[], Source::Nominal).unwrap_err();
-    (refused.why, refused.instead)
+fn refusal_texts(plan: &Plan, settings: Settings) -> (String, String) {
+    let refused =
+        LaserRTest::new(settings).next_stage(plan, &[], PositionSource::Nominal).unwrap_err();
+    (refused.reason, refused.remedy)
 }
 
 fn balls(plan: &mut Plan) -> &mut Balls {
@@ -25,7 +26,7 @@ fn balls(plan: &mut Plan) -> &mut Balls {
 
 #[track_caller]
 fn check(plan: &Plan, settings: Settings, why: &str, instead: &str) {
-    let (found, remedy) = refused(plan, settings);
+    let (found, remedy) = refusal_texts(plan, settings);
     println!("{found}\n  -> {remedy}");
     assert!(found.contains(why), "{found}");
     assert!(remedy.contains(instead), "{remedy}");
@@ -38,45 +39,48 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     blind.sensors.clear();
     check(&blind, settings(), "no displacement sensor", "[[sensor]]");
     let other = Settings { sensor: "other".into(), ..settings() };
-    check(&plan, other, "no sensor `other`; there are laser", "[[sensor]]");
+    check(&plan, other, "no sensor `other`; its sensors are laser", "[[sensor]]");
     let two = Settings { heights_mm: vec![-5.0, 5.0, 5.1], ..settings() };
-    check(&plan, two, "2 heights", "three heights");
+    check(&plan, two, "2 different heights", "three or more heights");
     let far = Settings { tilt_deg: vec![0.0, 130.0], ..settings() };
-    check(&plan, far, "tilt_deg names B 130°", "tilt_deg");
+    check(&plan, far, "tilt_deg contains B 130°", "tilt_deg");
     let endless = Settings { samples: 2_000_000_000, ..settings() };
     check(&plan, endless, "more than 10000", "about 20");
     let asleep = Settings { dwell_s: 1e9, ..settings() };
-    check(&plan, asleep, "dwell_s lies between 0 and 60", "0.1");
+    check(&plan, asleep, "dwell_s must be 0 to 60", "0.1");
     let twice = Settings { harmonics: vec![2, 3, 2], ..settings() };
     check(&plan, twice, "order 2 twice", "once");
     let fast = Settings { harmonics: vec![4_000_000_000], ..settings() };
     check(&plan, fast, "order 4000000000", "harmonics = [2]");
     let few = Settings { tilt_deg: vec![0.0], turn_deg: vec![90.0], ..settings() };
-    check(&plan, few, "2 poses", "more positions");
+    check(&plan, few, "2 poses", "add positions");
     let mut unsure = plan.clone();
     balls(&mut unsure).uncertainty_mm = 4.5;
-    check(&unsure, settings(), "incidence limit", "uncertainty_mm");
+    check(&unsure, settings(), "incidence angle", "uncertainty_mm");
     let high = Settings { heights_mm: vec![-5.0, 0.0, 9.5], ..settings() };
-    let (_, _, readings) = run(plan.clone(), &settings(), &table_5(0.0, 1), 1).unwrap();
+    let (_, _, readings) = run(plan.clone(), &settings(), &table_5_machine(0.0, 1), 1).unwrap();
     assert!(!readings.is_empty());
-    let late = run(plan.clone(), &high, &table_5(0.0, 1), 9).unwrap_err();
-    assert!(late.why.contains("out of the sensor's range"), "{}", late.why);
+    let late = run(plan.clone(), &high, &table_5_machine(0.0, 1), 9).unwrap_err();
+    assert!(late.reason.contains("out of the sensor's range"), "{}", late.reason);
     let mut wide = plan.clone();
     balls(&mut wide).balls[0].centre_mm[0] = 205.0;
-    let mut world = table_5(0.0, 1);
+    let mut world = table_5_machine(0.0, 1);
     world.ball.x = 205.0;
     let beyond = run(wide, &settings(), &world, 9).unwrap_err();
-    assert!(beyond.why.contains("would have to go to"), "{}", beyond.why);
+    assert!(beyond.reason.contains("the scan needs"), "{}", beyond.reason);
     let mut over = plan.clone();
     over.machine.axes.get_mut(&machine::Axis::B).unwrap().max = 180.0;
     let above = Settings { tilt_deg: vec![0.0, 60.0, 150.0], ..settings() };
-    let stem = run(over, &above, &table_5(0.0, 1), 9).unwrap_err();
-    assert!(stem.why.contains("stem"), "{}", stem.why);
+    let stem = run(over, &above, &table_5_machine(0.0, 1), 9).unwrap_err();
+    assert!(stem.reason.contains("stem"), "{}", stem.reason);
 }
 
 /// Identifies a run whose readings are modified by `change`.
-fn identified(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, IdentifyError> {
-    let (plan, _, mut readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
+fn identify_changed(
+    change: impl Fn(&Step, usize, &mut Reading),
+) -> Result<Estimate, IdentifyError> {
+    let (plan, _, mut readings) =
+        run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
     let mut count = 0;
     let mut last = u32::MAX;
     for reading in &mut readings {
@@ -86,52 +90,52 @@ fn identified(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, I
         change(step, count, reading);
     }
     let own = settings();
-    let bench = LaserSetup::new(&plan, &own).unwrap();
-    identify(&bench, &readings)
+    let setup = LaserSetup::new(&plan, &own).unwrap();
+    identify(&setup, &readings)
 }
 
-fn five_are_right(estimate: &Estimate) {
+fn assert_five_parameters(estimate: &Estimate) {
     let beta = estimate.parameters.iter().find(|p| p.symbol == "EB0B").unwrap();
     assert!((beta.value + 42.0).abs() < 4.0, "{}", beta.value);
 }
 
 #[test]
 fn flagged_samples_are_excluded_and_counted() {
-    let estimate = identified(|step, count, reading| {
+    let estimate = identify_changed(|step, count, reading| {
         if step.label == "pose/B30/C120" && count < 40 {
-            reading.flag = Flag::Saturated;
+            reading.flag = ReadingFlag::Saturated;
             reading.value_mm = Some(99.0);
         }
     })
     .unwrap();
-    five_are_right(&estimate);
+    assert_five_parameters(&estimate);
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
     assert!(said("40 of 24440 samples were not used: saturated 40"), "{:?}", estimate.warnings);
 }
 
 #[test]
 fn a_pose_that_is_missing_is_named() {
-    let estimate = identified(|step, _, reading| {
+    let estimate = identify_changed(|step, _, reading| {
         if step.label == "pose/B30/C120" {
-            reading.flag = Flag::Stale;
+            reading.flag = ReadingFlag::Stale;
         }
     })
     .unwrap();
-    five_are_right(&estimate);
+    assert_five_parameters(&estimate);
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
-    assert!(said("pose/B30/C120: no sample that could be used"), "{:?}", estimate.warnings);
+    assert!(said("pose/B30/C120: no usable sample"), "{:?}", estimate.warnings);
 }
 
 #[test]
 fn one_height_is_not_enough() {
-    let error = identified(|step, _, reading| {
+    let error = identify_changed(|step, _, reading| {
         if step.label.starts_with("height/1") || step.label.starts_with("height/2") {
-            reading.flag = Flag::Range;
+            reading.flag = ReadingFlag::Range;
         }
     })
     .unwrap_err();
     println!("{error}\n  -> {}", error.remedy());
-    assert!(error.to_string().contains("three heights, there are 1"), "{error}");
+    assert!(error.to_string().contains("three heights, the readings have 1"), "{error}");
     assert!(error.remedy().contains("beam direction"));
 }
 
@@ -139,9 +143,9 @@ fn one_height_is_not_enough() {
 fn samples_on_one_great_circle_say_nothing_across() {
     // Only the first line of every cross.
     let first_line = |count: usize| count < 13 * 20;
-    let error = identified(|_, count, reading| {
+    let error = identify_changed(|_, count, reading| {
         if !first_line(count) {
-            reading.flag = Flag::Gap;
+            reading.flag = ReadingFlag::Gap;
         }
     })
     .unwrap_err();
@@ -152,13 +156,14 @@ fn samples_on_one_great_circle_say_nothing_across() {
 
 #[test]
 fn samples_beyond_the_incidence_limit_are_left_out_and_counted() {
-    let (mut plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
+    let (mut plan, _, readings) =
+        run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
     // The ends of a line have an incidence of 24.8°.
     plan.sensors[0].incidence_limit_deg = 23.0;
     let own = settings();
-    let bench = LaserSetup::new(&plan, &own).unwrap();
-    let estimate = identify(&bench, &readings).unwrap();
-    five_are_right(&estimate);
+    let setup = LaserSetup::new(&plan, &own).unwrap();
+    let estimate = identify(&setup, &readings).unwrap();
+    assert_five_parameters(&estimate);
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
     assert!(said("beyond the incidence limit"), "{:?}", estimate.warnings);
 }

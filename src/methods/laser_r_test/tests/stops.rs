@@ -2,66 +2,68 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::played::{World, run, table_5};
+use super::played::{SimulatedMachine, run, table_5_machine};
 use super::{ideal, settings};
 use crate::decision::reference_check::References;
 use crate::identification::Effect;
-use crate::laser_r_test::bench::LaserSetup;
-use crate::laser_r_test::identify::{identify, parts};
-use crate::laser_r_test::sources::sources;
-use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
+use crate::laser_r_test::identify::{identify, identify_scans};
+use crate::laser_r_test::setup::LaserSetup;
+use crate::laser_r_test::sources::uncertainty_sources;
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
 const NOISE_UM: f64 = 0.5;
 /// Duration of the interruption after the first poses.
-const RESTS_S: f64 = 600.0;
+const INTERRUPTION_S: f64 = 600.0;
 
-struct Stopped {
+struct InterruptedRun {
     plan: Plan,
     before: Vec<Reading>,
     later: Vec<Reading>,
 }
 
-impl Stopped {
+impl InterruptedRun {
     fn new() -> Self {
-        let world = table_5(NOISE_UM, 1);
+        let world = table_5_machine(NOISE_UM, 1);
         let (mut plan, _, readings) = run(ideal(NOISE_UM), &settings(), &world, 9).unwrap();
         let reference = plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap().id;
         let (before, mut later): (Vec<_>, Vec<_>) =
             readings.into_iter().partition(|reading| reading.step < reference + 9);
-        later.iter_mut().for_each(|reading| reading.t_s += RESTS_S);
+        later.iter_mut().for_each(|reading| reading.t_s += INTERRUPTION_S);
         plan.gaps_s.push(before.last().unwrap().t_s);
         Self { plan, before, later }
     }
 
     /// Repeats the reference twice on a machine displaced by `by`, the first time with the noise of the original
     /// measurement.
-    fn again(&self, by: Vector3<f64>) -> Vec<Reading> {
+    fn repeated_references(&self, by: Vector3<f64>) -> Vec<Reading> {
         let step: &Step =
             self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
-        let mut t_s = self.plan.gaps_s[0] + RESTS_S / 2.0;
+        let mut t_s = self.plan.gaps_s[0] + INTERRUPTION_S / 2.0;
         let mut readings = Vec::new();
         for (round, seed) in [(0, 1), (1, 9)] {
-            let world = table_5(NOISE_UM, seed);
-            let mut taken = World { zero: world.zero + by, ..world }.play(step, 0.0, &mut t_s);
-            taken.iter_mut().for_each(|reading| reading.repeat = REPEAT_AFTER_STOP + round);
+            let world = table_5_machine(NOISE_UM, seed);
+            let mut taken =
+                SimulatedMachine { zero: world.zero + by, ..world }.play(step, 0.0, &mut t_s);
+            taken.iter_mut().for_each(|reading| reading.repeat = FIRST_REPEAT_AFTER_STOP + round);
             readings.extend(taken);
         }
         readings
     }
 
     /// Whether the reference check accepts the displacement `by`.
-    fn agrees(&self, by: Vector3<f64>) -> bool {
-        let (shifts, _) = References::of(&self.plan, &self.before).compare(&self.again(by));
-        shifts.len() == 26 && shifts.iter().all(|shift| shift.agrees())
+    fn references_accept(&self, by: Vector3<f64>) -> bool {
+        let (shifts, _) = References::from_readings(&self.plan, &self.before)
+            .compare(&self.repeated_references(by));
+        shifts.len() == 26 && shifts.iter().all(|shift| shift.is_within_limit())
     }
 
     /// Largest displacement along `way` that the reference check accepts, mm.
-    fn most_mm(&self, way: Vector3<f64>) -> f64 {
+    fn max_accepted_mm(&self, way: Vector3<f64>) -> f64 {
         let (mut least, mut most) = (0.0, 0.1);
         while most - least > 1e-6 {
             let middle = (least + most) / 2.0;
-            if self.agrees(way * middle) { least = middle } else { most = middle }
+            if self.references_accept(way * middle) { least = middle } else { most = middle }
         }
         least
     }
@@ -69,7 +71,7 @@ impl Stopped {
 
 /// Sizes of the source's steps along X, Y and Z. The contribution at a spot is the component along the normal, and
 /// the squares of the components of a normal sum to 1.
-fn sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
+fn step_sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for i in (0..columns[0].len()).filter(|i| columns[2][*i] != 0.0) {
         let squares = Vector3::from([0, 1, 2].map(|k| columns[k][i].powi(2) * 1e6));
@@ -82,19 +84,20 @@ fn sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
 
 #[test]
 fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
-    let stopped = Stopped::new();
+    let stopped = InterruptedRun::new();
     let own = settings();
-    let bench = LaserSetup::new(&stopped.plan, &own).unwrap();
+    let setup = LaserSetup::new(&stopped.plan, &own).unwrap();
     let [before, again, later] =
-        [&stopped.before, &stopped.again(Vector3::zeros()), &stopped.later];
+        [&stopped.before, &stopped.repeated_references(Vector3::zeros()), &stopped.later];
     let readings = [before.as_slice(), again, later].concat();
-    let parts = parts(&bench, &readings).unwrap();
-    let all = sources(&bench, &parts.observed, &parts.grouped, &parts.fitted.x, 0);
+    let result = identify_scans(&setup, &readings).unwrap();
+    let all =
+        uncertainty_sources(&setup, &result.observed, &result.grouped, &result.centre_fit.x, 0);
     let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
     let Effect::Joint(columns) = &step.effect else { panic!("each by itself") };
-    let granted = sizes_mm(columns);
+    let granted = step_sizes_mm(columns);
     for (k, way) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
-        let let_pass = stopped.most_mm(way);
+        let let_pass = stopped.max_accepted_mm(way);
         println!("granted {:.3} um, let pass {:.3} um", granted[k] * 1e3, let_pass * 1e3);
         // The middle of the scan is that of the sphere to a few µm.
         assert!((granted[k] / let_pass - 1.0).abs() < 0.02, "{k}: {granted:?} {let_pass}");
@@ -103,11 +106,11 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
 
 #[test]
 fn a_stop_without_references_after_it_is_refused() {
-    let stopped = Stopped::new();
+    let stopped = InterruptedRun::new();
     let own = settings();
-    let bench = LaserSetup::new(&stopped.plan, &own).unwrap();
-    let error = identify(&bench, &[stopped.before, stopped.later].concat()).unwrap_err();
+    let setup = LaserSetup::new(&stopped.plan, &own).unwrap();
+    let error = identify(&setup, &[stopped.before, stopped.later].concat()).unwrap_err();
     println!("{error}\n  -> {}", error.remedy());
-    assert!(error.to_string().contains("no readings of its references"), "{error}");
+    assert!(error.to_string().contains("contain no references"), "{error}");
     assert!(error.remedy().contains("trued export"), "{}", error.remedy());
 }

@@ -4,43 +4,43 @@
 use nalgebra::{Rotation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::g2::{EDGE, FIVE};
-use super::played::{TABLE_5, World, run, table_5};
+use super::g2::{FIVE_PARAMETERS, TABLE_FACTORS};
+use super::played::{PAPER_TABLE_5, SimulatedMachine, run, table_5_machine};
 use super::{ideal, plan, settings};
 use crate::laser_r_test::Settings;
-use crate::laser_r_test::bench::LaserSetup;
-use crate::laser_r_test::group::grouped;
-use crate::laser_r_test::identify::{identify, parts};
-use crate::laser_r_test::observe::observe;
+use crate::laser_r_test::identify::{identify, identify_scans};
+use crate::laser_r_test::observe::observe_scans;
+use crate::laser_r_test::pose_groups::group_scans;
+use crate::laser_r_test::setup::LaserSetup;
 use estimation::coverage::chi_square_bounds;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
 use testing::population::{count_bound, population};
 
 /// A smooth random function of standard deviation 1 and correlation length `length`, less its value at 0.
-fn smooth(seed: u64, key: u64, length: f64, at: f64) -> f64 {
-    const WAVES: usize = 24;
-    let mut normal = StandardNormal.sample_iter(stream(seed, &[77, key]));
+fn smooth_function(seed: u64, key: u64, length: f64, at: f64) -> f64 {
+    const WAVE_COUNT: usize = 24;
+    let mut normal = StandardNormal.sample_iter(seeded_stream(seed, &[77, key]));
     let mut next = || -> f64 { normal.next().unwrap() };
     let wave = |_| {
         // A phase with a standard deviation of many turns is practically uniform.
         let (rate, phase) = (next() / length, next() * 60.0);
         (rate * at + phase).cos() - phase.cos()
     };
-    (0..WAVES).map(wave).sum::<f64>() * (2.0 / WAVES as f64).sqrt()
+    (0..WAVE_COUNT).map(wave).sum::<f64>() * (2.0 / WAVE_COUNT as f64).sqrt()
 }
 
 /// Displacements as config/laser.toml declares them.
-fn shift(world: &World, at: &Position, t_s: f64) -> Vector3<f64> {
+fn shift(world: &SimulatedMachine, at: &Position, t_s: f64) -> Vector3<f64> {
     let um = 1e-3;
     let mut all = Vector3::zeros();
     for (key, axis) in (0u64..).zip(Axis::LINEAR) {
-        let along = |k: u64| smooth(world.seed, 3 * key + k, 200.0, at.at(axis));
+        let along = |k: u64| smooth_function(world.seed, 3 * key + k, 200.0, at.get_or_zero(axis));
         all += Vector3::new(along(0), along(1), along(2)) * 0.3 * um;
     }
     let harmonics = |key: u64, angle: f64| {
-        let mut normal = StandardNormal.sample_iter(stream(world.seed, &[78, key]));
+        let mut normal = StandardNormal.sample_iter(seeded_stream(world.seed, &[78, key]));
         let mut sum = Vector3::zeros();
         for order in 2..=5 {
             let (s, c) = (f64::from(order) * angle).sin_cos();
@@ -50,43 +50,44 @@ fn shift(world: &World, at: &Position, t_s: f64) -> Vector3<f64> {
         }
         sum * 0.15 * um
     };
-    all += harmonics(0, at.at(Axis::B));
-    all += Rotation3::from_axis_angle(&Vector3::y_axis(), -at.at(Axis::B))
-        * harmonics(1, at.at(Axis::C));
-    let mut rate = StandardNormal.sample_iter(stream(world.seed, &[79]));
+    all += harmonics(0, at.get_or_zero(Axis::B));
+    all += Rotation3::from_axis_angle(&Vector3::y_axis(), -at.get_or_zero(Axis::B))
+        * harmonics(1, at.get_or_zero(Axis::C));
+    let mut rate = StandardNormal.sample_iter(seeded_stream(world.seed, &[79]));
     let rate = Vector3::from([0; 3].map(|_| -> f64 { rate.next().unwrap() }));
     all + rate * um * t_s / 3600.0
 }
 
-fn curve(world: &World, distance: f64) -> f64 {
-    smooth(world.seed, 99, 5.0, distance) * 0.5e-3
+fn curve(world: &SimulatedMachine, distance: f64) -> f64 {
+    smooth_function(world.seed, 99, 5.0, distance) * 0.5e-3
 }
 
-fn square(estimate: &Estimate) -> f64 {
+fn chi2_of_estimate(estimate: &Estimate) -> f64 {
     let at = |name: &str| estimate.parameters.iter().position(|p| p.symbol == name).unwrap();
-    let at = FIVE.map(at);
+    let at = FIVE_PARAMETERS.map(at);
     let rows = &estimate.covariance.rows;
     let covariance = faer::Mat::from_fn(5, 5, |i, j| rows[at[i]][at[j]]);
-    let error =
-        faer::Mat::from_fn(5, 1, |i, _| estimate.parameters[at[i]].value - TABLE_5[i] * EDGE[i]);
+    let error = faer::Mat::from_fn(5, 1, |i, _| {
+        estimate.parameters[at[i]].value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]
+    });
     use faer::linalg::solvers::Solve;
     (error.transpose() * covariance.partial_piv_lu().solve(&error))[(0, 0)]
 }
 
 #[test]
 fn regress_the_declared_uncertainty_covers_what_is_declared() {
-    const FULL: u64 = 100;
-    let seeds = population(FULL);
+    const FULL_SEED_COUNT: u64 = 100;
+    let seeds = population(FULL_SEED_COUNT);
     let own = Settings { samples: 5, ..settings() };
     let (mut sum, mut above) = (0.0, 0);
     for seed in 0..seeds {
-        let world = World { shift, curve, ..table_5(0.5, seed) };
+        let world = SimulatedMachine { shift, curve, ..table_5_machine(0.5, seed) };
         let mut start = plan();
         start.machine.axes.values_mut().for_each(|spec| spec.resolution_um = 0.0);
         let (plan, _, readings) = run(start, &own, &world, 9).unwrap();
-        let bench = LaserSetup::new(&plan, &own).unwrap();
-        let estimate = identify(&bench, &readings).unwrap();
-        sum += square(&estimate);
+        let setup = LaserSetup::new(&plan, &own).unwrap();
+        let estimate = identify(&setup, &readings).unwrap();
+        sum += chi2_of_estimate(&estimate);
         above +=
             usize::from(estimate.warnings.iter().any(|line| line.contains("does not explain")));
     }
@@ -94,16 +95,16 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
     println!("χ² {sum:.0} of {}, bounds {low:.0} to {high:.0}; above {above}", 5 * seeds);
     assert!((low..=high).contains(&sum), "{sum}");
     // A misfit is declared at the 1 % level.
-    assert!(above as u64 <= count_bound(seeds, FULL, (0.01, 3)), "{above} false alarms");
+    assert!(above as u64 <= count_bound(seeds, FULL_SEED_COUNT, (0.01, 3)), "{above} false alarms");
 }
 
 #[test]
 fn regress_monte_carlo_agrees_with_first_order() {
     let own = Settings { monte_carlo_trials: 4000, ..settings() };
-    let (plan, _, readings) = run(plan(), &own, &table_5(0.5, 3), 9).unwrap();
-    let bench = LaserSetup::new(&plan, &own).unwrap();
+    let (plan, _, readings) = run(plan(), &own, &table_5_machine(0.5, 3), 9).unwrap();
+    let setup = LaserSetup::new(&plan, &own).unwrap();
     let start = std::time::Instant::now();
-    let estimate = identify(&bench, &readings).unwrap();
+    let estimate = identify(&setup, &readings).unwrap();
     println!("{:?} for 4000 trials", start.elapsed());
     for p in &estimate.parameters {
         println!(
@@ -126,14 +127,15 @@ fn regress_monte_carlo_agrees_with_first_order() {
 /// An undeclared second harmonic of B increases the residuals, and is identified if it is requested.
 #[test]
 fn regress_an_error_motion_of_b_is_noticed_and_found() {
-    let shift =
-        |_: &World, at: &Position, _: f64| Vector3::x() * 3e-3 * (2.0 * at.at(Axis::B)).cos();
-    let world = World { shift, ..table_5(0.5, 1) };
+    let shift = |_: &SimulatedMachine, at: &Position, _: f64| {
+        Vector3::x() * 3e-3 * (2.0 * at.get_or_zero(Axis::B)).cos()
+    };
+    let world = SimulatedMachine { shift, ..table_5_machine(0.5, 1) };
     let found = |harmonics: &[u32]| {
         let own = Settings { harmonics: harmonics.to_vec(), ..settings() };
         let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
-        let bench = LaserSetup::new(&plan, &own).unwrap();
-        identify(&bench, &readings).unwrap()
+        let setup = LaserSetup::new(&plan, &own).unwrap();
+        identify(&setup, &readings).unwrap()
     };
     let without = found(&[]);
     assert!(without.warnings.iter().any(|line| line.contains("does not explain")));
@@ -153,8 +155,8 @@ fn regress_an_error_motion_of_b_is_noticed_and_found() {
 #[test]
 fn paper_cube_of_fig_8() {
     let own = settings();
-    let curve = |_: &World, d: f64| 4e-3 * (d / 20.0 * std::f64::consts::TAU).sin();
-    let world = World { curve, ..table_5(0.5, 1) };
+    let curve = |_: &SimulatedMachine, d: f64| 4e-3 * (d / 20.0 * std::f64::consts::TAU).sin();
+    let world = SimulatedMachine { curve, ..table_5_machine(0.5, 1) };
     let (mut plan, _, mut readings) = run(ideal(0.5), &own, &world, 2).unwrap();
     let scan = plan.steps.iter().find(|step| step.label.starts_with("height/2")).unwrap().clone();
     let mut t_s = 1e3;
@@ -166,26 +168,26 @@ fn paper_cube_of_fig_8() {
         for at in path.iter_mut() {
             for (bit, axis) in Axis::LINEAR.into_iter().enumerate() {
                 let by = if corner >> bit & 1 == 1 { 0.1 } else { -0.1 };
-                at.set(axis, at.at(axis) + by);
+                at.set(axis, at.get_or_zero(axis) + by);
             }
         }
         (step.from, step.to) = (path[0].clone(), path[path.len() - 1].clone());
         readings.extend(world.play(&step, 0.0, &mut t_s));
         plan.steps.push(step);
     }
-    let bench = LaserSetup::new(&plan, &own).unwrap();
-    let mut observed = observe(&bench, &readings).unwrap();
-    let grouped = grouped(&bench, &mut observed).unwrap();
+    let setup = LaserSetup::new(&plan, &own).unwrap();
+    let mut observed = observe_scans(&setup, &readings).unwrap();
+    let grouped = group_scans(&setup, &mut observed).unwrap();
     let fitted = grouped.centres.solve().unwrap();
-    let first = grouped.centres.centre(&fitted.x, 0);
+    let first = grouped.centres.group_centre(&fitted.x, 0);
     let mut worst = 0.0_f64;
     for group in 1..grouped.groups.len() {
-        let off = grouped.centres.centre(&fitted.x, group) - first;
+        let off = grouped.centres.group_centre(&fitted.x, group) - first;
         let mean_off = off * 1e3;
         println!("corner {group}: {mean_off:.3?} µm");
         worst = worst.max(mean_off.norm());
     }
     assert_eq!(grouped.groups.len(), 9);
     assert!(worst < 1.4, "{worst} µm");
-    assert!(parts(&bench, &readings).is_err());
+    assert!(identify_scans(&setup, &readings).is_err());
 }

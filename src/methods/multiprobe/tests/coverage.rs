@@ -9,15 +9,15 @@ use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
 use super::super::settings::{Settings, TurnSampling};
 use super::super::sources::SourceSizes;
-use super::super::{Separated, identify};
-use super::generator::{ScanSize, World, sum};
+use super::super::{SeparatedMotions, identify_motions};
+use super::generator::{ScanSize, SimulatedMotions, sum_of_terms};
 use super::nullities::layout;
 use crate::identification::TrialPlan;
 use estimation::coverage::coverage_factor;
-use estimation::monte_carlo::{Random, Shape, Trials};
+use estimation::monte_carlo::{DrawDistribution, DrawStream, TrialCount};
 
-const ORDERS: usize = 4;
-const SAMPLES: usize = 24;
+const MAX_ORDER: usize = 4;
+const SAMPLES_PER_REVOLUTION: usize = 24;
 
 fn range_of(values: &[f64]) -> f64 {
     let [largest, least] = [f64::max, f64::min].map(|pick| values.iter().copied().reduce(pick));
@@ -25,7 +25,7 @@ fn range_of(values: &[f64]) -> f64 {
 }
 
 /// Settings with all declared values exactly known.
-fn exact() -> Settings {
+fn exact_settings() -> Settings {
     Settings {
         sampling: TurnSampling::Continuous,
         u_gain: 0.0,
@@ -40,18 +40,27 @@ fn exact() -> Settings {
 const DRIFT_MM: f64 = 0.02e-3;
 
 /// Source sizes of the settings, with the drift in mm per revolution.
-fn sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
-    SourceSizes { settings, sensors: None, drift_mm_per_revolution, linearity: Vec::new() }
+fn source_sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
+    SourceSizes {
+        settings,
+        sensor_covariance: None,
+        drift_mm_per_revolution,
+        linearity: Vec::new(),
+    }
 }
 
-fn identified(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> Separated {
-    let data = HarmonicData::from_revolutions(measured, ORDERS).unwrap();
-    identify(layout, &data, sizes, None).unwrap()
+fn identify_measured(
+    layout: &ProbeLayout,
+    measured: &[RowRevolutions],
+    sizes: &SourceSizes,
+) -> SeparatedMotions {
+    let data = HarmonicData::from_revolutions(measured, MAX_ORDER).unwrap();
+    identify_motions(layout, &data, sizes, None).unwrap()
 }
 
 /// Truth of a parameter such as `EXC_c2`, internal unit. `None` for a first harmonic, as a part of it is
 /// eccentricity.
-fn truth(world: &World, symbol: &str) -> Option<f64> {
+fn true_value(world: &SimulatedMotions, symbol: &str) -> Option<f64> {
     let (name, part) =
         symbol.split_once('_').filter(|(_, part)| part.len() > 2 || !part.ends_with('1'))?;
     let terms = match name {
@@ -67,19 +76,19 @@ fn truth(world: &World, symbol: &str) -> Option<f64> {
 }
 
 #[derive(Default)]
-struct Covered {
+struct CoverageCount {
     inside: usize,
     all: usize,
     /// Σ (error/u)².
     squares: f64,
 }
 
-impl Covered {
+impl CoverageCount {
     /// Counts the parameters whose symbols start with `prefix`.
-    fn count(&mut self, separated: &Separated, world: &World, prefix: &str) {
+    fn count(&mut self, separated: &SeparatedMotions, world: &SimulatedMotions, prefix: &str) {
         let parameters = &separated.identification.outputs.parameters;
         for (i, output) in parameters.iter().enumerate() {
-            let Some(truth) = truth(world, &output.symbol) else { continue };
+            let Some(truth) = true_value(world, &output.symbol) else { continue };
             if !output.symbol.starts_with(prefix) {
                 continue;
             }
@@ -102,26 +111,30 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
     let layout = layout(3, -1.0);
     let rows = layout.all_rows();
     for (asynchronous_mm, prefix) in [(0.0, "E"), (0.5e-3, "EXC"), (0.5e-3, "EB")] {
-        let mut covered = Covered::default();
+        let mut covered = CoverageCount::default();
         for seed in 0..300 {
-            let world = World::random(seed, ORDERS, 2, 0.1e-3);
+            let world = SimulatedMotions::random(seed, MAX_ORDER, 2, 0.1e-3);
             let mut measured = world.revolutions(
                 &layout,
                 &rows,
-                ScanSize { samples: SAMPLES, revolutions: 4 },
+                ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
                 seed,
             );
-            let mut random = Random::of(seed, &[5]);
-            let count = layout.index_angles_rad.len() * 4 * SAMPLES;
-            let together = random.units(count, &[Shape::Normal]);
+            let mut random = DrawStream::from_key(seed, &[5]);
+            let count = layout.index_angles_rad.len() * 4 * SAMPLES_PER_REVOLUTION;
+            let together = random.unit_draws(count, &[DrawDistribution::Normal]);
             for row in &mut measured {
-                let channel = &layout.channels[row.row.channel];
+                let channel = &layout.channels[row.key.channel];
                 let Surface::Section(_) = channel.surface else { continue };
-                let own = &together[row.row.index * 4 * SAMPLES..];
+                let own = &together[row.key.index * 4 * SAMPLES_PER_REVOLUTION..];
                 let values = row.revolutions.iter_mut().flatten().zip(own);
                 values.for_each(|(m, x)| *m += asynchronous_mm * x * channel.angle_rad.cos());
             }
-            covered.count(&identified(&layout, &measured, &sizes(&exact(), 0.0)), &world, prefix);
+            covered.count(
+                &identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0)),
+                &world,
+                prefix,
+            );
         }
         let (share, squares) = (covered.share(), covered.squares / covered.all as f64);
         println!("asynchronous {asynchronous_mm} {prefix}: {share:.4}, χ² {squares:.3}");
@@ -139,36 +152,38 @@ fn regress_coverage_of_all_sources() {
         u_section_distance_mm: 0.1,
         u_face_radius_mm: 0.1,
         u_index_angle_deg: 0.1,
-        ..exact()
+        ..exact_settings()
     };
-    let sizes = sizes(&declared, DRIFT_MM);
+    let sizes = source_sizes(&declared, DRIFT_MM);
     let nominal = layout(3, -1.0);
-    let (mut covered, mut ratios) = (Covered::default(), Vec::new());
+    let (mut covered, mut ratios) = (CoverageCount::default(), Vec::new());
     for seed in 0..300 {
-        let drawn = Drawn::new(&nominal, &declared, seed);
-        let world = World::random(seed, ORDERS, 2, 0.01e-3);
+        let drawn = DrawnLayout::new(&nominal, &declared, seed);
+        let world = SimulatedMotions::random(seed, MAX_ORDER, 2, 0.01e-3);
         let measured = drawn.measured(&world, seed);
-        let separated = identified(&nominal, &measured, &sizes);
+        let separated = identify_measured(&nominal, &measured, &sizes);
         let misfit = &separated.identification.propagation.misfit;
         ratios.push(misfit.chi2 / misfit.expected);
         covered.count(&separated, &world, "E");
     }
-    let Covered { squares, all, .. } = covered;
+    let CoverageCount { squares, all, .. } = covered;
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
     println!("all {:.4}, χ² {:.3}, misfit {mean:.3}", covered.share(), squares / all as f64);
     assert!(covered.share() > 0.93 && covered.share() < 0.975, "{}", covered.share());
     assert!((squares / all as f64 - 1.0).abs() < 0.1 && (mean - 1.0).abs() < 0.1);
 }
 
-struct Drawn {
+struct DrawnLayout {
     layout: ProbeLayout,
     gains: Vec<f64>,
     drift: [f64; 3],
 }
 
-impl Drawn {
+impl DrawnLayout {
     fn new(nominal: &ProbeLayout, declared: &Settings, seed: u64) -> Self {
-        let mut units = Random::of(seed, &[9]).units(64, &[Shape::Normal]).into_iter();
+        let mut units = DrawStream::from_key(seed, &[9])
+            .unit_draws(64, &[DrawDistribution::Normal])
+            .into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();
         layout.section_z_mm[1] += draw(declared.u_section_distance_mm);
@@ -188,24 +203,25 @@ impl Drawn {
     }
 
     /// The drift starts again in each revolution.
-    fn measured(&self, world: &World, seed: u64) -> Vec<RowRevolutions> {
+    fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<RowRevolutions> {
         let rows = self.layout.all_rows();
         let mut measured = world.revolutions(
             &self.layout,
             &rows,
-            ScanSize { samples: SAMPLES, revolutions: 4 },
+            ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
             seed,
         );
         for row in &mut measured {
-            let channel = &self.layout.channels[row.row.channel];
+            let channel = &self.layout.channels[row.key.channel];
             let (sin, cos) = channel.angle_rad.sin_cos();
             let along = match channel.surface {
                 Surface::Section(_) => self.drift[0] * cos + self.drift[1] * sin,
                 Surface::Face { .. } => self.drift[2],
             };
             for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
-                let part = (i % SAMPLES) as f64 / SAMPLES as f64 - 0.5;
-                *value = self.gains[row.row.channel] * (*value + along * part);
+                let part =
+                    (i % SAMPLES_PER_REVOLUTION) as f64 / SAMPLES_PER_REVOLUTION as f64 - 0.5;
+                *value = self.gains[row.key.channel] * (*value + along * part);
             }
         }
         measured
@@ -215,14 +231,14 @@ impl Drawn {
 #[test]
 fn regress_what_turns_with_the_table_is_eccentricity() {
     let layout = layout(3, -1.0);
-    let world = World::random(2, ORDERS, 2, 1e-7);
+    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
     let measured = world.revolutions(
         &layout,
         &layout.all_rows(),
-        ScanSize { samples: SAMPLES, revolutions: 2 },
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
         1,
     );
-    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
+    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     assert!(
         ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
         "{}",
@@ -237,7 +253,7 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
         outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
     };
     // The counter-rotating part of x alone remains: half of it along X and half along Y.
-    let sign = layout.turn;
+    let sign = layout.turn_sign;
     let (x, y) = (world.x[0], world.y[0]);
     let counter_rotating = [(x.a - sign * y.b) / 2.0, (x.b + sign * y.a) / 2.0];
     assert!((value("EXC_c1").unwrap() - counter_rotating[0]).abs() < 1e-6);
@@ -247,8 +263,9 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
     let form = world.sections[1][0];
     let co_x = (x.a + height * world.b[0].a + sign * (y.b - height * world.a[0].b)) / 2.0;
     assert!((value("ecc_X2").unwrap() - co_x - form.a).abs() < 1e-6);
-    let exy =
-        |q: f64| sum(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin();
+    let exy = |q: f64| {
+        sum_of_terms(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin()
+    };
     let values: Vec<f64> = (0..360).map(|i| exy(f64::from(i) * TAU / 360.0)).collect();
     let range = range_of(&values);
     assert!((value("EZC_synchronous").unwrap() - range).abs() < 1e-6);
@@ -259,16 +276,18 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
 #[test]
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
     let layout = layout(3, -1.0);
-    let world = World::random(2, ORDERS, 2, 0.1e-3);
+    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.1e-3);
     let measured = world.revolutions(
         &layout,
         &layout.all_rows(),
-        ScanSize { samples: SAMPLES, revolutions: 4 },
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
         1,
     );
-    let data = HarmonicData::from_revolutions(&measured, ORDERS).unwrap();
-    let plan = TrialPlan { seed: 1, trials: Trials::Fixed(20_000) };
-    let separated = identify(&layout, &data, &sizes(&exact(), 0.0), Some(plan)).unwrap();
+    let data = HarmonicData::from_revolutions(&measured, MAX_ORDER).unwrap();
+    let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(20_000) };
+    let separated =
+        identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan))
+            .unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {
         let trials = parameter.u_monte_carlo.unwrap();
@@ -286,7 +305,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 #[test]
 fn regress_asynchronous_and_total_values() {
     let layout = layout(4, -1.0);
-    let mut world = World::random(2, ORDERS, 2, 0.0);
+    let mut world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.0);
     // Motion that turns with the table is not reported as error motion.
     for term in [&mut world.x[0], &mut world.y[0]] {
         (term.a, term.b) = (0.0, 0.0);
@@ -294,11 +313,11 @@ fn regress_asynchronous_and_total_values() {
     let mut measured = world.revolutions(
         &layout,
         &layout.all_rows(),
-        ScanSize { samples: SAMPLES, revolutions: 4 },
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
         1,
     );
     for row in &mut measured {
-        let channel = &layout.channels[row.row.channel];
+        let channel = &layout.channels[row.key.channel];
         let Surface::Section(_) = channel.surface else { continue };
         for (r, revolution) in row.revolutions.iter_mut().enumerate() {
             let by_mm = if r % 2 == 0 { 0.5e-3 } else { -0.5e-3 };
@@ -306,16 +325,19 @@ fn regress_asynchronous_and_total_values() {
             moved.for_each(|m| *m += by_mm * channel.angle_rad.cos());
         }
     }
-    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
+    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     let motions = ReportedMotions::new(&layout, &separated.fit);
     let values = revolution_values(&layout, &motions, &measured);
     let value = |symbol: &str| values.iter().find(|p| p.symbol == symbol).unwrap();
     assert!((value("EXC_asynchronous").value - 1.0).abs() < 1e-9);
     assert!(value("EYC_asynchronous").value < 1e-9 && value("EBC_asynchronous").value < 1e-6);
     assert!(value("EXC_asynchronous").u < 1e-9 && value("EXC_total").dof == Some(3.0));
-    let angles = || (0..SAMPLES).map(|i| i as f64 * TAU / SAMPLES as f64);
-    let moved = angles().step_by(3).flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum(&world.x, q) + by));
-    let all: Vec<f64> = angles().map(|q| sum(&world.x, q)).chain(moved).collect();
+    let angles =
+        || (0..SAMPLES_PER_REVOLUTION).map(|i| i as f64 * TAU / SAMPLES_PER_REVOLUTION as f64);
+    let moved = angles()
+        .step_by(3)
+        .flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum_of_terms(&world.x, q) + by));
+    let all: Vec<f64> = angles().map(|q| sum_of_terms(&world.x, q)).chain(moved).collect();
     let expected_um = range_of(&all) * 1e3;
     println!("total {} {expected_um}", value("EXC_total").value);
     assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
@@ -325,10 +347,10 @@ fn regress_asynchronous_and_total_values() {
 #[test]
 fn regress_multiprobe_alone_reports_four_motions() {
     let layout = layout(1, -1.0);
-    let world = World::random(2, ORDERS, 2, 1e-7);
-    let size = ScanSize { samples: SAMPLES, revolutions: 3 };
+    let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
+    let size = ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 3 };
     let measured = world.revolutions(&layout, &layout.all_rows(), size, 1);
-    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
+    let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     let outputs = &separated.identification.outputs;
     assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));
     assert!(outputs.curves.iter().all(|curve| curve.symbol != "EZC"));

@@ -1,23 +1,27 @@
 //! Gate G3 of METHODS.
 
 use super::super::fit::SeparationFit;
-use super::super::layout::{Separation, noise_gain, noise_gains};
+use super::super::layout::{Separation, noise_gains, rms_noise_gain};
 use super::super::model::ProbeLayout;
 use super::determinant::{determinant, suppressed_orders, weak_orders};
-use super::generator::{ScanSize, World};
-use estimation::revolutions::{HarmonicBasis, HarmonicData, Row};
+use super::generator::{ScanSize, SimulatedMotions};
+use estimation::revolutions::{HarmonicBasis, HarmonicData, RowKey};
 
-const ANGLES: [f64; 3] = [0.0, 90.0, 230.0];
-const SAMPLES: usize = 360;
+const SENSOR_ANGLES_DEG: [f64; 3] = [0.0, 90.0, 230.0];
+const SAMPLES_PER_REVOLUTION: usize = 360;
 const NOISE_MM: f64 = 0.05e-3;
 
 #[test]
 fn gate_g3_determinant_and_noise_gain() {
-    assert!((determinant(ANGLES, 4) - 0.8158).abs() < 5e-5, "{}", determinant(ANGLES, 4));
-    assert_eq!(suppressed_orders(ANGLES, 40), [1, 35, 37]);
-    assert_eq!(weak_orders(ANGLES, 40), [4, 32, 40]);
+    assert!(
+        (determinant(SENSOR_ANGLES_DEG, 4) - 0.8158).abs() < 5e-5,
+        "{}",
+        determinant(SENSOR_ANGLES_DEG, 4)
+    );
+    assert_eq!(suppressed_orders(SENSOR_ANGLES_DEG, 40), [1, 35, 37]);
+    assert_eq!(weak_orders(SENSOR_ANGLES_DEG, 40), [4, 32, 40]);
     for order in [4, 32, 40] {
-        assert!((determinant(ANGLES, order) - 0.8158).abs() < 5e-5);
+        assert!((determinant(SENSOR_ANGLES_DEG, order) - 0.8158).abs() < 5e-5);
     }
     for beta in [100.0, 130.0, 200.0, 250.0, 310.0] {
         let zeros = suppressed_orders([0.0, 90.0, beta], 37);
@@ -26,7 +30,7 @@ fn gate_g3_determinant_and_noise_gain() {
     let zeros = suppressed_orders([0.0, 90.0, 240.0], 20);
     assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
     // The least squares do not determine the harmonics with a zero determinant.
-    for angles in [ANGLES, [0.0, 90.0, 240.0]] {
+    for angles in [SENSOR_ANGLES_DEG, [0.0, 90.0, 240.0]] {
         let layout = ProbeLayout::radial(&angles, 1);
         let gains = noise_gains(&layout, Separation::Multiprobe, 2..=40).unwrap();
         let lost = gains.iter().filter(|(_, gain)| gain.is_infinite());
@@ -36,20 +40,20 @@ fn gate_g3_determinant_and_noise_gain() {
     }
     for (beta, expected) in [(220.0, 1.48), (230.0, 1.53), (250.0, 1.75), (260.0, 2.52)] {
         let layout = ProbeLayout::radial(&[0.0, 90.0, beta], 1);
-        let gain = noise_gain(&layout, Separation::Multiprobe).unwrap();
+        let gain = rms_noise_gain(&layout, Separation::Multiprobe).unwrap();
         assert!((gain - expected).abs() < 0.0051, "{beta}: {gain}");
     }
 }
 
 /// The paper's measurement: all three sensors at the first index, then the first two at ten indexes.
-fn paper_rows() -> Vec<Row> {
-    let mut rows: Vec<Row> = (0..3).map(|channel| Row { index: 0, channel }).collect();
-    rows.extend((0..10).flat_map(|n| [0, 1].map(|channel| Row { index: n + 1, channel })));
+fn paper_rows() -> Vec<RowKey> {
+    let mut rows: Vec<RowKey> = (0..3).map(|channel| RowKey { index: 0, channel }).collect();
+    rows.extend((0..10).flat_map(|n| [0, 1].map(|channel| RowKey { index: n + 1, channel })));
     rows
 }
 
 fn paper_layout() -> ProbeLayout {
-    let mut layout = ProbeLayout::radial(&ANGLES, 10);
+    let mut layout = ProbeLayout::radial(&SENSOR_ANGLES_DEG, 10);
     layout.index_angles_rad.insert(0, 0.0);
     layout
 }
@@ -57,22 +61,31 @@ fn paper_layout() -> ProbeLayout {
 #[test]
 fn gate_g3_monte_carlo_of_the_combined_separation() {
     let (layout, rows) = (paper_layout(), paper_rows());
-    let basis = HarmonicBasis::new(SAMPLES, 20);
+    let basis = HarmonicBasis::new(SAMPLES_PER_REVOLUTION, 20);
     let (mut squares, mut predicted, mut trials) = (vec![0.0; 20], vec![0.0; 20], 0.0);
     for seed in 0..200 {
-        let mut world = World::random(seed, 20, 1, NOISE_MM);
+        let mut world = SimulatedMotions::random(seed, 20, 1, NOISE_MM);
         world.a.clear();
         world.b.clear();
-        let measured =
-            world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES, revolutions: 1 }, seed);
+        let measured = world.revolutions(
+            &layout,
+            &rows,
+            ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 1 },
+            seed,
+        );
         let of =
             |k: usize| measured.iter().map(|row| basis.harmonics(&row.revolutions[0])[k]).collect();
         let means = (0..20).map(of).collect();
-        let data = HarmonicData::declared(rows.clone(), means, NOISE_MM, SAMPLES);
+        let data = HarmonicData::from_declared_uncertainty(
+            rows.clone(),
+            means,
+            NOISE_MM,
+            SAMPLES_PER_REVOLUTION,
+        );
         let fit = SeparationFit::new(&layout, &data).unwrap();
         trials += 1.0;
         for (k, harmonic) in fit.blocks.iter().enumerate() {
-            assert!(harmonic.lost.is_empty(), "{:?}", harmonic.lost);
+            assert!(harmonic.undetermined.is_empty(), "{:?}", harmonic.undetermined);
             let truth = [world.x[k].a, world.x[k].b, world.y[k].a, world.y[k].b];
             let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| x - truth);
             // Squared error of the complex harmonic, mean of X and Y.
@@ -103,11 +116,15 @@ fn gate_g3_monte_carlo_of_the_combined_separation() {
 #[test]
 fn gate_g3_noise_free_separation_is_exact() {
     let (layout, rows) = (paper_layout(), paper_rows());
-    let mut world = World::random(7, 20, 1, 0.0);
+    let mut world = SimulatedMotions::random(7, 20, 1, 0.0);
     world.a.clear();
     world.b.clear();
-    let measured =
-        world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES, revolutions: 2 }, 1);
+    let measured = world.revolutions(
+        &layout,
+        &rows,
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
+        1,
+    );
     let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
     let fit = SeparationFit::new(&layout, &data).unwrap();
     let mut worst: f64 = 0.0;
@@ -118,7 +135,7 @@ fn gate_g3_noise_free_separation_is_exact() {
         let truth = [x.a, x.b, y.a, y.b, form.a, -form.b];
         let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| (x - truth).abs());
         worst = errors.fold(worst, f64::max);
-        assert!(harmonic.lost.is_empty());
+        assert!(harmonic.undetermined.is_empty());
     }
     println!("noise-free {worst:e} mm");
     assert!(worst < 1e-9, "{worst}");

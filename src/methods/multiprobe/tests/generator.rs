@@ -1,36 +1,36 @@
 //! Simulated table and cylinder as functions of the angle. They use no formula of the estimator, but displacements
 //! of points in space and the form over the angle on the artefact.
 
-use estimation::revolutions::{Row, RowRevolutions};
+use estimation::revolutions::{RowKey, RowRevolutions};
 use std::f64::consts::TAU;
 
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use rand::RngExt;
 
 use super::super::model::{ProbeLayout, Surface};
 
 /// Term a·cos kq + b·sin kq.
 #[derive(Debug, Clone, Copy)]
-pub struct Term {
+pub struct HarmonicTerm {
     pub order: f64,
     pub a: f64,
     pub b: f64,
 }
 
-pub fn sum(terms: &[Term], angle: f64) -> f64 {
+pub fn sum_of_terms(terms: &[HarmonicTerm], angle: f64) -> f64 {
     terms.iter().map(|t| t.a * (t.order * angle).cos() + t.b * (t.order * angle).sin()).sum()
 }
 
 /// Error motions over the commanded angle (mm, rad), form over the angle on the artefact (mm).
 #[derive(Debug, Clone, Default)]
-pub struct World {
-    pub x: Vec<Term>,
-    pub y: Vec<Term>,
-    pub z: Vec<Term>,
-    pub a: Vec<Term>,
-    pub b: Vec<Term>,
-    pub sections: Vec<Vec<Term>>,
-    pub face: Vec<Term>,
+pub struct SimulatedMotions {
+    pub x: Vec<HarmonicTerm>,
+    pub y: Vec<HarmonicTerm>,
+    pub z: Vec<HarmonicTerm>,
+    pub a: Vec<HarmonicTerm>,
+    pub b: Vec<HarmonicTerm>,
+    pub sections: Vec<Vec<HarmonicTerm>>,
+    pub face: Vec<HarmonicTerm>,
     /// Standard deviation of a sample, mm.
     pub noise_mm: f64,
 }
@@ -43,13 +43,13 @@ pub struct ScanSize {
 }
 
 /// Terms of orders 1..=`orders` with amplitudes up to `size`.
-pub fn random_terms(seed: u64, key: u64, orders: usize, size: f64) -> Vec<Term> {
-    let mut random = stream(seed, &[key]);
+pub fn random_terms(seed: u64, key: u64, orders: usize, size: f64) -> Vec<HarmonicTerm> {
+    let mut random = seeded_stream(seed, &[key]);
     let mut draw = || size * (2.0 * random.random::<f64>() - 1.0);
-    (1..=orders).map(|order| Term { order: order as f64, a: draw(), b: draw() }).collect()
+    (1..=orders).map(|order| HarmonicTerm { order: order as f64, a: draw(), b: draw() }).collect()
 }
 
-impl World {
+impl SimulatedMotions {
     /// World with all five motions and all forms, with harmonics up to `orders`.
     pub fn random(seed: u64, orders: usize, sections: usize, noise_mm: f64) -> Self {
         let terms = |key, size| random_terms(seed, key, orders, size);
@@ -66,23 +66,24 @@ impl World {
     }
 
     /// Displacement of the surface towards the sensor at the table angle `q`, without noise.
-    pub fn deviation(&self, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
+    pub fn deviation(&self, layout: &ProbeLayout, row: RowKey, q: f64) -> f64 {
         let channel = &layout.channels[row.channel];
         let gamma = channel.angle_rad;
-        let on_artefact = gamma - layout.turn * q - layout.index_angles_rad[row.index];
-        let (a, b) = (sum(&self.a, q), sum(&self.b, q));
+        let on_artefact = gamma - layout.turn_sign * q - layout.index_angles_rad[row.index];
+        let (a, b) = (sum_of_terms(&self.a, q), sum_of_terms(&self.b, q));
         match channel.surface {
             Surface::Section(section) => {
                 // The rotation vector (a, b, 0) moves the centre of the section by (a, b, 0) × (0, 0, h).
                 let height = layout.section_z_mm[section] - layout.reference_z_mm;
-                let centre = [sum(&self.x, q) + b * height, sum(&self.y, q) - a * height];
+                let centre =
+                    [sum_of_terms(&self.x, q) + b * height, sum_of_terms(&self.y, q) - a * height];
                 let along = centre[0] * gamma.cos() + centre[1] * gamma.sin();
-                along + sum(&self.sections[section], on_artefact)
+                along + sum_of_terms(&self.sections[section], on_artefact)
             }
             Surface::Face { radius_mm } => {
                 let point = [radius_mm * gamma.cos(), radius_mm * gamma.sin()];
                 let tilted = a * point[1] - b * point[0];
-                sum(&self.z, q) + tilted + sum(&self.face, on_artefact)
+                sum_of_terms(&self.z, q) + tilted + sum_of_terms(&self.face, on_artefact)
             }
         }
     }
@@ -91,23 +92,23 @@ impl World {
     pub fn revolutions(
         &self,
         layout: &ProbeLayout,
-        rows: &[Row],
+        rows: &[RowKey],
         size: ScanSize,
         seed: u64,
     ) -> Vec<RowRevolutions> {
         let ScanSize { samples, revolutions } = size;
-        let mut noise = estimation::monte_carlo::Random::of(seed, &[77]);
-        let normal = [estimation::monte_carlo::Shape::Normal];
-        let of = |row: &Row| {
+        let mut noise = estimation::monte_carlo::DrawStream::from_key(seed, &[77]);
+        let normal = [estimation::monte_carlo::DrawDistribution::Normal];
+        let of = |row: &RowKey| {
             let clean: Vec<f64> = (0..samples)
                 .map(|i| self.deviation(layout, *row, i as f64 * TAU / samples as f64))
                 .collect();
             let mut revolution = || {
-                let units = noise.units(samples, &normal);
+                let units = noise.unit_draws(samples, &normal);
                 clean.iter().zip(units).map(|(m, unit)| m + self.noise_mm * unit).collect()
             };
             let revolutions: Vec<Vec<f64>> = (0..revolutions).map(|_| revolution()).collect();
-            RowRevolutions { row: *row, revolutions }
+            RowRevolutions { key: *row, revolutions }
         };
         rows.iter().map(of).collect()
     }

@@ -1,12 +1,12 @@
 //! Sensors that intersect their line in space with the surface. The tests check the sign of the reading, the
 //! frames, and the size of the terms that the linear equation omits.
 
-use estimation::revolutions::{HarmonicData, Row, RowRevolutions};
+use estimation::revolutions::{HarmonicData, RowKey, RowRevolutions};
 use std::f64::consts::TAU;
 
 use super::super::fit::SeparationFit;
 use super::super::model::{ProbeLayout, Surface};
-use super::generator::{World, sum};
+use super::generator::{SimulatedMotions, sum_of_terms};
 use super::nullities::layout;
 
 const RADIUS_MM: f64 = 40.0;
@@ -14,10 +14,11 @@ const STAND_OFF_MM: f64 = 0.5;
 const FACE_HEIGHT_MM: f64 = 150.0;
 
 /// Distance from the zero point of the sensor along its direction to the surface.
-fn reading(world: &World, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
+fn reading(world: &SimulatedMotions, layout: &ProbeLayout, row: RowKey, q: f64) -> f64 {
     let channel = &layout.channels[row.channel];
-    let [x, y, z, a, b] = [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum(t, q));
-    let turned = layout.turn * q + layout.index_angles_rad[row.index];
+    let [x, y, z, a, b] =
+        [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum_of_terms(t, q));
+    let turned = layout.turn_sign * q + layout.index_angles_rad[row.index];
     let (sin, cos) = channel.angle_rad.sin_cos();
     let mut distance = STAND_OFF_MM;
     match channel.surface {
@@ -28,14 +29,14 @@ fn reading(world: &World, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
                 let reach = RADIUS_MM + STAND_OFF_MM - distance;
                 let point = [reach * cos - centre[0], reach * sin - centre[1]];
                 let on_artefact = point[1].atan2(point[0]) - turned;
-                let radius = RADIUS_MM + sum(&world.sections[section], on_artefact);
+                let radius = RADIUS_MM + sum_of_terms(&world.sections[section], on_artefact);
                 distance += point[0].hypot(point[1]) - radius;
             }
         }
         Surface::Face { radius_mm } => {
             let point = [radius_mm * cos - x, radius_mm * sin - y];
             let on_artefact = point[1].atan2(point[0]) - turned;
-            let surface = z + a * point[1] - b * point[0] + sum(&world.face, on_artefact);
+            let surface = z + a * point[1] - b * point[0] + sum_of_terms(&world.face, on_artefact);
             distance = FACE_HEIGHT_MM + STAND_OFF_MM - (FACE_HEIGHT_MM + surface);
         }
     }
@@ -46,12 +47,12 @@ fn reading(world: &World, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
 fn regress_readings_in_space() {
     for turn in [1.0, -1.0] {
         let layout = layout(7, turn);
-        let world = World::random(3, 6, 2, 0.0);
+        let world = SimulatedMotions::random(3, 6, 2, 0.0);
         let samples = 64;
-        let row = |row: &Row| {
+        let row = |row: &RowKey| {
             let angle = |i: usize| i as f64 * TAU / samples as f64;
             let own = (0..samples).map(|i| -reading(&world, &layout, *row, angle(i))).collect();
-            RowRevolutions { row: *row, revolutions: vec![own; 2] }
+            RowRevolutions { key: *row, revolutions: vec![own; 2] }
         };
         let measured: Vec<RowRevolutions> = layout.all_rows().iter().map(row).collect();
         let data = HarmonicData::from_revolutions(&measured, 6).unwrap();
@@ -60,7 +61,7 @@ fn regress_readings_in_space() {
         for (k, harmonic) in fit.blocks.iter().enumerate() {
             let [x, y, a, b, z] =
                 [&world.x, &world.y, &world.a, &world.b, &world.z].map(|terms| terms[k]);
-            let form = |term: super::generator::Term| [term.a, -turn * term.b];
+            let form = |term: super::generator::HarmonicTerm| [term.a, -turn * term.b];
             let truth = [
                 [x.a, x.b],
                 [y.a, y.b],

@@ -1,8 +1,8 @@
 //! Nullities of the architecture page: two sections with sensors at 0°, 90°, 230°, one axial sensor.
 
 use super::super::model::{Channel, ProbeLayout, Surface};
-use estimation::linear::{RANK_THRESHOLD, survey};
-use estimation::revolutions::Row;
+use estimation::linear::{RANK_THRESHOLD, analyse_rank};
+use estimation::revolutions::RowKey;
 
 pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
     let channel = |name: &str, surface, deg: f64| Channel {
@@ -21,12 +21,12 @@ pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
         reference_z_mm: 0.0,
         index_angles_rad: (0..indexes).map(|n| (n as f64 * step).to_radians()).collect(),
         axis: machine::Axis::C,
-        turn,
+        turn_sign: turn,
     }
 }
 
-fn nullity(layout: &ProbeLayout, rows: &[Row], order: usize) -> usize {
-    survey(layout.design(rows, order).as_ref(), None, RANK_THRESHOLD).unwrap().nullity
+fn nullity(layout: &ProbeLayout, rows: &[RowKey], order: usize) -> usize {
+    analyse_rank(layout.design_matrix(rows, order).as_ref(), None, RANK_THRESHOLD).unwrap().nullity
 }
 
 #[test]
@@ -34,9 +34,9 @@ fn gate_g3_nullities_of_a_block() {
     for turn in [1.0, -1.0] {
         let layout = layout(10, turn);
         let all = layout.all_rows();
-        let multiprobe: Vec<Row> = all.iter().copied().filter(|row| row.index == 0).collect();
-        let is_of_pair = |row: &Row| ![2, 5].contains(&row.channel);
-        let multistep: Vec<Row> = all.iter().copied().filter(is_of_pair).collect();
+        let multiprobe: Vec<RowKey> = all.iter().copied().filter(|row| row.index == 0).collect();
+        let is_of_pair = |row: &RowKey| ![2, 5].contains(&row.channel);
+        let multistep: Vec<RowKey> = all.iter().copied().filter(is_of_pair).collect();
         for order in 1..=40 {
             let expected = if [1, 35, 37].contains(&order) { 6 } else { 2 };
             assert_eq!(nullity(&layout, &multiprobe, order), expected, "multiprobe {order}");

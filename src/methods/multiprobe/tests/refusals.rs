@@ -1,10 +1,14 @@
 //! Refusals, and the alternatives that they name.
 
-use super::super::checks::{check_orders, check_sensor_angles, check_surfaces, weak_points};
-use super::super::layout::{RANKED_ORDERS, Separation, noise_gain, noise_gains, third_angles};
+use super::super::checks::{
+    check_orders, check_sensor_angles, check_surfaces, describe_weak_points,
+};
+use super::super::layout::{
+    RANKED_HARMONICS, Separation, noise_gains, rms_noise_gain, third_sensor_angles,
+};
 use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
-use estimation::revolutions::{AngleRange, HarmonicData, Row, RowRevolutions};
+use estimation::revolutions::{AngleRange, HarmonicData, RowKey, RowRevolutions};
 
 #[test]
 fn regress_coinciding_and_opposed_sensors() {
@@ -15,9 +19,9 @@ fn regress_coinciding_and_opposed_sensors() {
     ] {
         let layout = ProbeLayout::radial(&angles, 10);
         let refused = check_sensor_angles(&layout, &[]).unwrap_err();
-        println!("{} | {}", refused.why, refused.instead);
-        assert!(refused.instead.starts_with(instead), "{}", refused.instead);
-        assert!(refused.why.contains("coincide or are opposed"));
+        println!("{} | {}", refused.reason, refused.remedy);
+        assert!(refused.remedy.starts_with(instead), "{}", refused.remedy);
+        assert!(refused.reason.contains("coincide or are opposed"));
     }
     assert!(check_sensor_angles(&layout(10, -1.0), &[]).is_ok());
 }
@@ -28,25 +32,26 @@ fn regress_a_step_that_suppresses_a_harmonic() {
     let radial = [Component::X, Component::Y, Component::A, Component::B];
     assert!(check_orders(&ten, &radial, 1..=20).is_ok());
     let refused = check_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
-    println!("{} | {}", refused.why, refused.instead);
+    println!("{} | {}", refused.reason, refused.remedy);
     assert!(
-        refused.why.contains("suppress 2 harmonics") && refused.why.contains("EZC harmonic 10")
+        refused.reason.contains("do not determine 2 harmonics")
+            && refused.reason.contains("EZC harmonic 10")
     );
-    assert!(refused.instead.starts_with("index the artefact in 21 steps"));
+    assert!(refused.remedy.starts_with("index the artefact in 21 steps"));
     let better = layout(21, -1.0);
     assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
     // Two sensors and ten steps do not determine the orders 10 and 20 of X. Multiprobe alone determines all but the
     // co-rotating first harmonic.
     let pair = ProbeLayout::radial(&[0.0, 90.0], 10);
     let refused = check_orders(&pair, &[Component::X], 2..=20).unwrap_err();
-    assert!(refused.why.contains("2 sensors with 10 indexes suppress 2 harmonics"));
+    assert!(refused.reason.contains("2 sensors with 10 indexes do not determine 2 harmonics"));
     let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 1);
     assert!(check_orders(&probes, &[Component::X, Component::Y], 1..=20).is_ok());
 }
 
 #[test]
 fn regress_best_third_angle_outside_exclusions() {
-    let free = third_angles([0.0, 90.0], 10.0, &[]);
+    let free = third_sensor_angles([0.0, 90.0], 10.0, &[]);
     println!("{:?}", &free[..6]);
     assert!(free.windows(2).all(|pair| pair[0].1 <= pair[1].1));
     assert!(free.iter().all(|(deg, _)| ![0.0, 90.0, 180.0, 270.0, 240.0].contains(deg)));
@@ -54,12 +59,12 @@ fn regress_best_third_angle_outside_exclusions() {
         AngleRange { from_deg: 350.0, to_deg: 200.0 },
         AngleRange { from_deg: 265.0, to_deg: 345.0 },
     ];
-    let limited = third_angles([0.0, 90.0], 10.0, &exclusions);
+    let limited = third_sensor_angles([0.0, 90.0], 10.0, &exclusions);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
     let combined = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
-    let gain = noise_gain(&combined, Separation::Combined).unwrap();
-    let multistep = noise_gains(&combined, Separation::Multistep, RANKED_ORDERS).unwrap();
+    let gain = rms_noise_gain(&combined, Separation::Combined).unwrap();
+    let multistep = noise_gains(&combined, Separation::Multistep, RANKED_HARMONICS).unwrap();
     let lost = multistep.iter().filter(|(_, gain)| gain.is_infinite());
     assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), [10, 20]);
     println!("combined {gain}");
@@ -70,16 +75,18 @@ fn regress_best_third_angle_outside_exclusions() {
 #[test]
 fn the_prompt_tells_the_noise_gain_and_a_better_place() {
     let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
-    let text =
-        |to_deg: f64| weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
+    let text = |to_deg: f64| {
+        describe_weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap()
+    };
     let better = text(200.0);
-    assert!(better.contains("in one mounting: 1.53; it is 1.48 with 230° at 220°"), "{better}");
+    assert!(better.contains("in one mounting: 1.53; 1.48 with 230° at 220°"), "{better}");
     assert!(text(340.0).ends_with("in one mounting: 1.53."), "{}", text(340.0));
 }
 
 #[test]
 fn regress_too_few_revolutions_and_samples() {
-    let row = |channel, revolutions| RowRevolutions { row: Row { index: 0, channel }, revolutions };
+    let row =
+        |channel, revolutions| RowRevolutions { key: RowKey { index: 0, channel }, revolutions };
     let samples = vec![0.0; 32];
     let one = HarmonicData::from_revolutions(&[row(0, vec![samples.clone()])], 8).unwrap_err();
     assert!(one.remedy().contains("at least two revolutions"), "{one}");
@@ -88,7 +95,7 @@ fn regress_too_few_revolutions_and_samples() {
     assert!(short.remedy().contains("more than 32 angles"), "{short}");
     let three = vec![samples.clone(); 3];
     let uneven = HarmonicData::from_revolutions(&[row(0, two), row(1, three)], 8).unwrap_err();
-    assert!(uneven.to_string().contains("another number"), "{uneven}");
+    assert!(uneven.to_string().contains("a different number"), "{uneven}");
     assert!(HarmonicData::from_revolutions(&[], 8).is_err());
 }
 
@@ -96,12 +103,12 @@ fn regress_too_few_revolutions_and_samples() {
 fn regress_surfaces_that_the_equation_does_not_hold() {
     let whole = layout(3, -1.0);
     assert!(check_surfaces(&whole).is_ok());
-    let why = |layout: &ProbeLayout| check_surfaces(layout).unwrap_err().why;
+    let why = |layout: &ProbeLayout| check_surfaces(layout).unwrap_err().reason;
     let mut one_section = whole.clone();
     one_section.section_z_mm.pop();
-    assert!(why(&one_section).contains("sections without height"));
+    assert!(why(&one_section).contains("without a declared height"));
     one_section.channels.drain(3..6);
-    assert!(check_surfaces(&one_section).unwrap_err().instead.contains("second section"));
+    assert!(check_surfaces(&one_section).unwrap_err().remedy.contains("second section"));
     let mut radii = whole.clone();
     let axial = super::super::model::Channel {
         surface: Surface::Face { radius_mm: 30.0 },

@@ -4,151 +4,161 @@
 use std::collections::BTreeSet;
 
 use super::information::{CandidateMeasurement, Information};
-use crate::Refused;
+use crate::MethodRefusal;
 use crate::samba::settings::Criterion;
 
 /// Minimum number of measurements of a ball. An uncalibrated ball adds three unknowns; with fewer
 /// measurements it gives hardly any information about the machine.
-pub const LEAST_VISITS: usize = 3;
+pub const MIN_VISITS: usize = 3;
 
 /// Additional time for a new indexation, in units of the time of a ball measurement: the rotation and the
 /// path to it.
-const OPENING: f64 = 0.25;
+const NEW_INDEXATION_TIME: f64 = 0.25;
 
 /// Maximum size of the design.
 #[derive(Debug, Clone, Copy)]
-pub struct Budget {
-    pub balls: usize,
-    pub indexations: usize,
+pub struct DesignBudget {
+    pub max_measurements: usize,
+    pub max_indexations: usize,
 }
 
-/// Indices of the sights in the order in which they were chosen.
-pub struct Chosen {
-    pub sights: Vec<usize>,
-    /// Number of sights after which each ball has [`LEAST_VISITS`] indexations.
-    pub least: usize,
+/// Indices of the candidates in the order in which they were chosen.
+pub struct ChosenMeasurements {
+    pub indices: Vec<usize>,
+    /// Number of candidates after which each ball has [`MIN_VISITS`] indexations.
+    pub min_count: usize,
 }
 
 /// State of the greedy choice.
-struct Choice<'a> {
-    sights: &'a [CandidateMeasurement],
-    budget: Budget,
+struct GreedyChoice<'a> {
+    candidates: &'a [CandidateMeasurement],
+    budget: DesignBudget,
     criterion: Criterion,
     information: Information,
-    taken: Vec<usize>,
-    opened: BTreeSet<usize>,
+    chosen: Vec<usize>,
+    open_indexations: BTreeSet<usize>,
     /// Number of visits of each ball.
-    visits: Vec<usize>,
+    visit_counts: Vec<usize>,
 }
 
-/// Chooses sights. `nothing` holds the information of the lengths only.
+/// Chooses candidates. `lengths` holds the information of the lengths only.
 ///
 /// First an indexation with most balls is chosen, then indexations for the remaining balls, then every ball
-/// at [`LEAST_VISITS`] indexations, then the sights with the most information.
+/// at [`MIN_VISITS`] indexations, then the candidates with the most information.
 ///
 /// # Errors
-/// The budget does not suffice for [`LEAST_VISITS`] of each ball.
-pub fn choose(
-    sights: &[CandidateMeasurement],
+/// The budget does not suffice for [`MIN_VISITS`] of each ball.
+pub fn choose_measurements(
+    candidates: &[CandidateMeasurement],
     balls: usize,
-    nothing: Information,
-    budget: Budget,
+    lengths: Information,
+    budget: DesignBudget,
     criterion: Criterion,
-) -> Result<Chosen, Refused> {
-    let mut choice = Choice {
-        sights,
+) -> Result<ChosenMeasurements, MethodRefusal> {
+    let mut choice = GreedyChoice {
+        candidates,
         budget,
         criterion,
-        information: nothing,
-        taken: Vec::new(),
-        opened: BTreeSet::new(),
-        visits: vec![0; balls],
+        information: lengths,
+        chosen: Vec::new(),
+        open_indexations: BTreeSet::new(),
+        visit_counts: vec![0; balls],
     };
-    while choice.show_more() {}
-    while choice.visits.iter().any(|visits| *visits < LEAST_VISITS) {
-        if !choice.take_best(true) {
-            return Err(choice.too_small());
+    while choice.add_indexation() {}
+    while choice.visit_counts.iter().any(|visits| *visits < MIN_VISITS) {
+        if !choice.add_best(true) {
+            return Err(choice.budget_refusal());
         }
     }
-    let least = choice.taken.len();
-    while choice.take_best(false) {}
-    Ok(Chosen { sights: choice.taken, least })
+    let min_count = choice.chosen.len();
+    while choice.add_best(false) {}
+    Ok(ChosenMeasurements { indices: choice.chosen, min_count })
 }
 
-impl Choice<'_> {
+impl GreedyChoice<'_> {
     /// Adds all balls of the indexation with the most balls not measured yet.
-    fn show_more(&mut self) -> bool {
-        let new = |sight: &&CandidateMeasurement| self.visits.get(sight.ball) == Some(&0);
-        let indexations = self.sights.iter().map(|sight| sight.indexation);
-        let count =
-            |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
-        let candidates: BTreeSet<usize> = indexations.collect();
+    fn add_indexation(&mut self) -> bool {
+        let is_new =
+            |candidate: &&CandidateMeasurement| self.visit_counts.get(candidate.ball) == Some(&0);
+        let indexations = self.candidates.iter().map(|candidate| candidate.indexation);
+        let count = |at: usize| {
+            self.candidates.iter().filter(|s| s.indexation == at).filter(is_new).count()
+        };
+        let indexation_set: BTreeSet<usize> = indexations.collect();
         // The first of equal indexations.
-        let best = candidates.into_iter().rev().max_by_key(|at| count(*at));
+        let best = indexation_set.into_iter().rev().max_by_key(|at| count(*at));
         let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
-        let there = |(_, sight): &(usize, &CandidateMeasurement)| {
-            sight.indexation == best && (new(sight) || self.taken.is_empty())
+        let is_there = |(_, candidate): &(usize, &CandidateMeasurement)| {
+            candidate.indexation == best && (is_new(candidate) || self.chosen.is_empty())
         };
         let found: Vec<usize> =
-            self.sights.iter().enumerate().filter(there).map(|(index, _)| index).collect();
-        let allowed: Vec<usize> = found.into_iter().filter(|index| self.allows(*index)).collect();
-        allowed.iter().for_each(|index| self.take(*index));
+            self.candidates.iter().enumerate().filter(is_there).map(|(index, _)| index).collect();
+        let allowed: Vec<usize> =
+            found.into_iter().filter(|index| self.is_allowed(*index)).collect();
+        allowed.iter().for_each(|index| self.add_candidate(*index));
         !allowed.is_empty()
     }
 
-    /// Adds the sight with the most information per time within the budget; with `wanting` only of balls that
+    /// Adds the candidate with the most information per time within the budget; with `needs_visits` only of balls that
     /// need more visits.
-    fn take_best(&mut self, wanting: bool) -> bool {
-        let wants = |sight: &CandidateMeasurement| {
-            !wanting || self.visits.get(sight.ball).is_some_and(|visits| *visits < LEAST_VISITS)
+    fn add_best(&mut self, needs_visits: bool) -> bool {
+        let is_eligible = |candidate: &CandidateMeasurement| {
+            !needs_visits
+                || self.visit_counts.get(candidate.ball).is_some_and(|visits| *visits < MIN_VISITS)
         };
         let mut best: Option<(f64, usize)> = None;
-        for (index, sight) in self.sights.iter().enumerate() {
-            if wants(sight) && self.allows(index) {
-                let score = self.information.gain(sight, self.criterion) / self.time_for(sight);
+        for (index, candidate) in self.candidates.iter().enumerate() {
+            if is_eligible(candidate) && self.is_allowed(index) {
+                let score = self.information.information_gain(candidate, self.criterion)
+                    / self.measurement_time(candidate);
                 if best.is_none_or(|(highest, _)| score > highest) {
                     best = Some((score, index));
                 }
             }
         }
         if let Some((_, index)) = best {
-            self.take(index);
+            self.add_candidate(index);
         }
         best.is_some()
     }
 
-    fn allows(&self, index: usize) -> bool {
-        let Some(sight) = self.sights.get(index) else { return false };
-        let room = self.opened.len() < self.budget.indexations;
-        !self.taken.contains(&index)
-            && self.taken.len() < self.budget.balls
-            && (room || self.opened.contains(&sight.indexation))
+    fn is_allowed(&self, index: usize) -> bool {
+        let Some(candidate) = self.candidates.get(index) else { return false };
+        let has_room = self.open_indexations.len() < self.budget.max_indexations;
+        !self.chosen.contains(&index)
+            && self.chosen.len() < self.budget.max_measurements
+            && (has_room || self.open_indexations.contains(&candidate.indexation))
     }
 
     /// Time in units of a ball measurement.
-    fn time_for(&self, sight: &CandidateMeasurement) -> f64 {
-        if self.opened.contains(&sight.indexation) { 1.0 } else { 1.0 + OPENING }
+    fn measurement_time(&self, candidate: &CandidateMeasurement) -> f64 {
+        if self.open_indexations.contains(&candidate.indexation) {
+            1.0
+        } else {
+            1.0 + NEW_INDEXATION_TIME
+        }
     }
 
-    fn take(&mut self, index: usize) {
-        let Some(sight) = self.sights.get(index) else { return };
-        self.information.add(sight);
-        self.taken.push(index);
-        self.opened.insert(sight.indexation);
-        if let Some(visits) = self.visits.get_mut(sight.ball) {
+    fn add_candidate(&mut self, index: usize) {
+        let Some(candidate) = self.candidates.get(index) else { return };
+        self.information.add_measurement(candidate);
+        self.chosen.push(index);
+        self.open_indexations.insert(candidate.indexation);
+        if let Some(visits) = self.visit_counts.get_mut(candidate.ball) {
             *visits += 1;
         }
     }
 
-    fn too_small(&self) -> Refused {
-        let least = LEAST_VISITS * self.visits.len();
-        Refused {
-            why: format!(
-                "the budget of {} ball measurements at {} indexations does not suffice: every \
-                 ball must be measured at {LEAST_VISITS} indexations or more, {least} measurements",
-                self.budget.balls, self.budget.indexations
+    fn budget_refusal(&self) -> MethodRefusal {
+        let min_measurements = MIN_VISITS * self.visit_counts.len();
+        MethodRefusal {
+            reason: format!(
+                "the budget of {} ball measurements at {} indexations is too small: every ball \
+                 must be measured at {MIN_VISITS} indexations or more, which needs \
+                 {min_measurements} measurements",
+                self.budget.max_measurements, self.budget.max_indexations
             ),
-            instead: "raise balls and indexations in [method.samba], or take balls out of \
+            remedy: "increase balls and indexations in [method.samba], or remove balls from \
                       [artefact]"
                 .to_owned(),
         }

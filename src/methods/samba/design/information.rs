@@ -7,7 +7,7 @@ use crate::samba::settings::Criterion;
 use machine::Axis;
 
 /// Initial variance of the unknowns in their units, so large that it contributes no information.
-const UNKNOWN: f64 = 1e6;
+const INITIAL_VARIANCE: f64 = 1e6;
 
 /// A measurement of one ball at one indexation: ∂(tip on the table)/∂(machine errors, then tool), each column
 /// in the unit of its unknown, divided by the standard uncertainty of a centre.
@@ -15,58 +15,58 @@ const UNKNOWN: f64 = 1e6;
 pub struct CandidateMeasurement {
     pub indexation: usize,
     pub ball: usize,
-    pub columns: Vec<Vector3<f64>>,
+    pub derivatives: Vec<Vector3<f64>>,
 }
 
 /// A certified distance: its balls, the direction from one to the other, and the inverse of its standard
 /// uncertainty (in the unit of a ball coordinate).
 #[derive(Debug, Clone, Copy)]
-pub struct Bar {
-    pub balls: [usize; 2],
+pub struct LengthBar {
+    pub ball_indices: [usize; 2],
     pub direction: Vector3<f64>,
     pub weight: f64,
 }
 
 /// Inverse of an information matrix, square, row by row.
 #[derive(Debug, Clone)]
-struct Inverse {
+struct InverseInformation {
     size: usize,
     entries: Vec<f64>,
 }
 
 /// Terms of the update of an inverse P by three rows W: P·Wᵀ, and I + W·P·Wᵀ.
-struct Effect {
-    along: Vec<Vector3<f64>>,
+struct UpdateTerms {
+    gain: Vec<Vector3<f64>>,
     core: Matrix3<f64>,
 }
 
-impl Effect {
+impl UpdateTerms {
     /// (I + W·P·Wᵀ)⁻¹. It exists because P is positive definite.
-    fn solved(&self) -> Matrix3<f64> {
+    fn core_inverse(&self) -> Matrix3<f64> {
         self.core.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     }
 }
 
-impl Inverse {
+impl InverseInformation {
     fn new(size: usize) -> Self {
-        let diagonal = |i: usize| if i.is_multiple_of(size + 1) { UNKNOWN } else { 0.0 };
+        let diagonal = |i: usize| if i.is_multiple_of(size + 1) { INITIAL_VARIANCE } else { 0.0 };
         Self { size, entries: (0..size * size).map(diagonal).collect() }
     }
 
     /// `columns`: columns of W, one for each unknown.
-    fn effect(&self, columns: &[Vector3<f64>]) -> Effect {
+    fn update_terms(&self, columns: &[Vector3<f64>]) -> UpdateTerms {
         let rows = self.entries.chunks_exact(self.size);
         let along: Vec<Vector3<f64>> =
             rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
         let parts = columns.iter().zip(&along).map(|(w, pw)| w * pw.transpose());
         let core = Matrix3::identity() + parts.sum::<Matrix3<f64>>();
-        Effect { along, core }
+        UpdateTerms { gain: along, core }
     }
 
     /// Adds the rows (Woodbury identity).
-    fn join(&mut self, columns: &[Vector3<f64>]) {
-        let effect = self.effect(columns);
-        let (along, solved) = (&effect.along, effect.solved());
+    fn add_rows(&mut self, columns: &[Vector3<f64>]) {
+        let effect = self.update_terms(columns);
+        let (along, solved) = (&effect.gain, effect.core_inverse());
         for (row, left) in self.entries.chunks_exact_mut(self.size).zip(along) {
             let left = solved * left;
             row.iter_mut().zip(along).for_each(|(entry, right)| *entry -= left.dot(right));
@@ -78,14 +78,14 @@ impl Inverse {
 #[derive(Debug, Clone)]
 pub struct Information {
     /// Number of machine parameters, which are the first unknowns.
-    machine: usize,
+    parameter_count: usize,
     /// Index of the first coordinate of each ball among the unknowns; `None`: the ball is eliminated.
-    slots: Vec<Option<usize>>,
+    ball_unknowns: Vec<Option<usize>>,
     /// Number of measurements of each ball so far, and the mean of their columns.
-    seen: Vec<(f64, Vec<Vector3<f64>>)>,
-    full: Inverse,
+    measurement_means: Vec<(f64, Vec<Vector3<f64>>)>,
+    with_machine: InverseInformation,
     /// Inverse for tool and balls alone, with the machine known.
-    rest: Inverse,
+    without_machine: InverseInformation,
     /// Unit of a ball coordinate divided by the standard uncertainty of a centre.
     ball_unit: f64,
 }
@@ -93,50 +93,69 @@ pub struct Information {
 impl Information {
     /// `shared`: number of machine parameters and tool coordinates. Balls with a certified length remain
     /// among the unknowns.
-    pub fn new(machine: usize, shared: usize, balls: usize, bars: &[Bar], ball_unit: f64) -> Self {
+    pub fn new(
+        machine: usize,
+        shared: usize,
+        balls: usize,
+        bars: &[LengthBar],
+        ball_unit: f64,
+    ) -> Self {
         let mut size = shared;
-        let mut slots = vec![None; balls];
-        for ball in bars.iter().flat_map(|bar| bar.balls) {
-            if let Some(slot @ None) = slots.get_mut(ball) {
+        let mut ball_unknowns = vec![None; balls];
+        for ball in bars.iter().flat_map(|bar| bar.ball_indices) {
+            if let Some(slot @ None) = ball_unknowns.get_mut(ball) {
                 *slot = Some(size);
                 size += 3;
             }
         }
-        let seen = vec![(0.0, vec![Vector3::zeros(); shared]); balls];
-        let (full, rest) = (Inverse::new(size), Inverse::new(size - machine));
-        let mut new = Self { machine, slots, seen, full, rest, ball_unit };
-        bars.iter().for_each(|bar| new.join_bar(bar));
-        new
+        let measured = vec![(0.0, vec![Vector3::zeros(); shared]); balls];
+        let (with_machine, without_machine) =
+            (InverseInformation::new(size), InverseInformation::new(size - machine));
+        let mut information = Self {
+            parameter_count: machine,
+            ball_unknowns,
+            measurement_means: measured,
+            with_machine,
+            without_machine,
+            ball_unit,
+        };
+        bars.iter().for_each(|bar| information.add_length(bar));
+        information
     }
 
-    fn join_bar(&mut self, bar: &Bar) {
-        let mut columns = vec![Vector3::zeros(); self.full.size];
-        for (ball, sign) in bar.balls.into_iter().zip([-1.0, 1.0]) {
-            let Some(slot) = self.slots.get(ball).copied().flatten() else { continue };
+    fn add_length(&mut self, bar: &LengthBar) {
+        let mut columns = vec![Vector3::zeros(); self.with_machine.size];
+        for (ball, sign) in bar.ball_indices.into_iter().zip([-1.0, 1.0]) {
+            let Some(slot) = self.ball_unknowns.get(ball).copied().flatten() else { continue };
             for (column, part) in columns.iter_mut().skip(slot).zip(&bar.direction) {
                 *column = Vector3::new(sign * bar.weight * part, 0.0, 0.0);
             }
         }
-        self.join(&columns);
+        self.add_rows(&columns);
     }
 
-    fn join(&mut self, columns: &[Vector3<f64>]) {
-        self.full.join(columns);
-        self.rest.join(columns.get(self.machine..).unwrap_or_default());
+    fn add_rows(&mut self, columns: &[Vector3<f64>]) {
+        self.with_machine.add_rows(columns);
+        self.without_machine.add_rows(columns.get(self.parameter_count..).unwrap_or_default());
     }
 
     /// The rows of the measurement for the unknowns. For an eliminated ball, the information about the ball
     /// itself is removed: n/(n+1) of the difference from the mean of the n earlier measurements remains.
-    fn columns(&self, sight: &CandidateMeasurement) -> Vec<Vector3<f64>> {
-        let slot = self.slots.get(sight.ball).copied().flatten();
-        let mut columns = match (slot, self.seen.get(sight.ball)) {
+    fn reduced_columns(&self, candidate: &CandidateMeasurement) -> Vec<Vector3<f64>> {
+        let slot = self.ball_unknowns.get(candidate.ball).copied().flatten();
+        let mut columns = match (slot, self.measurement_means.get(candidate.ball)) {
             (None, Some((count, mean))) => {
                 let share = (count / (count + 1.0)).sqrt();
-                sight.columns.iter().zip(mean).map(|(new, mean)| (*new - *mean) * share).collect()
+                candidate
+                    .derivatives
+                    .iter()
+                    .zip(mean)
+                    .map(|(new, mean)| (*new - *mean) * share)
+                    .collect()
             }
-            _ => sight.columns.clone(),
+            _ => candidate.derivatives.clone(),
         };
-        columns.resize(self.full.size, Vector3::zeros());
+        columns.resize(self.with_machine.size, Vector3::zeros());
         if let Some(slot) = slot {
             let axes = Axis::LINEAR.map(|axis| -self.ball_unit * axis.direction());
             columns.iter_mut().skip(slot).zip(axes).for_each(|(column, to)| *column = to);
@@ -146,19 +165,21 @@ impl Information {
 
     /// Information gain of the measurement. D: increase of the logarithm of det(information); A: decrease of
     /// the sum of variances.
-    pub fn gain(&self, sight: &CandidateMeasurement, criterion: Criterion) -> f64 {
-        let columns = self.columns(sight);
-        let full = self.full.effect(&columns);
+    pub fn information_gain(&self, candidate: &CandidateMeasurement, criterion: Criterion) -> f64 {
+        let columns = self.reduced_columns(candidate);
+        let full = self.with_machine.update_terms(&columns);
         match criterion {
             Criterion::D => {
-                let rest = self.rest.effect(columns.get(self.machine..).unwrap_or_default());
-                full.core.determinant().ln() - rest.core.determinant().ln()
+                let partial = self
+                    .without_machine
+                    .update_terms(columns.get(self.parameter_count..).unwrap_or_default());
+                full.core.determinant().ln() - partial.core.determinant().ln()
             }
             Criterion::A => {
-                let solved = full.solved();
-                full.along
+                let solved = full.core_inverse();
+                full.gain
                     .iter()
-                    .take(self.machine)
+                    .take(self.parameter_count)
                     .map(|along| along.dot(&(solved * *along)))
                     .sum()
             }
@@ -166,12 +187,12 @@ impl Information {
     }
 
     /// Adds the measurement.
-    pub fn add(&mut self, sight: &CandidateMeasurement) {
-        let columns = self.columns(sight);
-        self.join(&columns);
-        if let Some((count, mean)) = self.seen.get_mut(sight.ball) {
+    pub fn add_measurement(&mut self, candidate: &CandidateMeasurement) {
+        let columns = self.reduced_columns(candidate);
+        self.add_rows(&columns);
+        if let Some((count, mean)) = self.measurement_means.get_mut(candidate.ball) {
             *count += 1.0;
-            for (mean, new) in mean.iter_mut().zip(&sight.columns) {
+            for (mean, new) in mean.iter_mut().zip(&candidate.derivatives) {
                 *mean += (*new - *mean) / *count;
             }
         }

@@ -1,10 +1,10 @@
 //! The measuring design: the balls at each indexation, their order, and the check that they suffice.
 
-mod bench;
 mod choose;
 mod information;
 mod paper;
-mod survey;
+mod rank_check;
+mod setup;
 
 #[cfg(test)]
 mod refusal_tests;
@@ -13,189 +13,210 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-pub use self::bench::DesignSetup;
-use self::choose::{Budget, LEAST_VISITS, choose};
+use self::choose::{DesignBudget, MIN_VISITS, choose_measurements};
 use self::information::CandidateMeasurement;
-use super::settings::Design as Kind;
-use crate::Refused;
-use crate::ball_measurement::{Visit, balls_in_order, describe_position, in_order, indexations};
+pub use self::setup::DesignSetup;
+use super::settings::Design as DesignKind;
+use crate::MethodRefusal;
+use crate::ball_measurement::{
+    BallVisit, describe_position, list_indexations, order_balls_in_xy, order_visits,
+};
 use machine::record::artefact::Ball;
 use machine::{Axis, Position};
-use planning::Access;
+use planning::TouchAccess;
 
 /// Maximum distance of a stylus from the spindle axis at which it counts as on the axis in the access checks,
 /// mm.
-const CENTRAL_MM: f64 = 0.1;
+const MAX_CENTRAL_OFFSET_MM: f64 = 0.1;
 
 /// All measurements that are possible: rotary positions, and the balls accessible at each.
-pub struct Candidates {
-    pub at: Vec<Position>,
-    pub sights: Vec<CandidateMeasurement>,
+pub struct DesignCandidates {
+    pub positions: Vec<Position>,
+    pub measurements: Vec<CandidateMeasurement>,
 }
 
 /// The visits in measuring order, with rank and condition checked. `time_s` gives the machine time of visits,
 /// s.
 ///
 /// # Errors
-/// The errors of [`Candidates::new`]; the budget does not suffice; the machine or artefact does not allow the
+/// The errors of [`DesignCandidates::new`]; the budget does not suffice; the machine or artefact does not allow the
 /// paper's design; the design does not separate the errors of the machine. The text states the reason.
-pub fn design(
-    bench: &DesignSetup<'_>,
-    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
-) -> Result<Vec<Visit>, Refused> {
-    let access = bench.measurement().access(&bench.plan.artefact)?;
-    let candidates = Candidates::new(bench, &access)?;
-    let visits = match bench.settings.design {
+pub fn design_visits(
+    setup: &DesignSetup<'_>,
+    time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
+    let access = setup.measurement_setup().access(&setup.plan.artefact)?;
+    let candidates = DesignCandidates::new(setup, &access)?;
+    let visits = match setup.settings.design {
         // In the order that the definition of the paper's design gives.
-        Kind::Paper => {
-            balls_in_order(&bench.measurement(), &access, paper::visits(bench, &candidates)?)?
-        }
-        Kind::Optimal => optimal(bench, (&candidates, &access), time_s)?,
+        DesignKind::Paper => order_balls_in_xy(
+            &setup.measurement_setup(),
+            &access,
+            paper::paper_visits(setup, &candidates)?,
+        )?,
+        DesignKind::Optimal => choose_optimal(setup, (&candidates, &access), time_s)?,
     };
-    survey::check(bench, &visits)?;
+    rank_check::check_design(setup, &visits)?;
     Ok(visits)
 }
 
 /// The greedy choice, as far as the time limit in minutes allows.
-fn optimal(
-    bench: &DesignSetup<'_>,
-    (candidates, access): (&Candidates, &Access),
-    time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
-) -> Result<Vec<Visit>, Refused> {
-    let (balls, settings) = (bench.balls.balls.len(), bench.settings);
-    let budget = Budget { balls: settings.balls, indexations: settings.indexations };
-    let sights = &candidates.sights;
-    let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
-    let first = |count: usize| {
-        let some = chosen.sights.get(..count).unwrap_or_default();
-        let visits = in_order(&bench.plan.machine, candidates.visits(some));
-        balls_in_order(&bench.measurement(), access, visits)
+fn choose_optimal(
+    setup: &DesignSetup<'_>,
+    (candidates, access): (&DesignCandidates, &TouchAccess),
+    time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
+    let (balls, settings) = (setup.balls.balls.len(), setup.settings);
+    let budget =
+        DesignBudget { max_measurements: settings.balls, max_indexations: settings.indexations };
+    let sights = &candidates.measurements;
+    let chosen =
+        choose_measurements(sights, balls, setup.length_information(), budget, settings.criterion)?;
+    let first_visits = |count: usize| {
+        let indices = chosen.indices.get(..count).unwrap_or_default();
+        let visits = order_visits(&setup.plan.machine, candidates.visits(indices));
+        order_balls_in_xy(&setup.measurement_setup(), access, visits)
     };
     if settings.minutes == 0.0 {
-        return first(chosen.sights.len());
+        return first_visits(chosen.indices.len());
     }
     let limit_s = settings.minutes * 60.0;
-    let least_s = time_s(&first(chosen.least)?)?;
-    if least_s > limit_s {
-        return Err(Refused {
-            why: format!(
-                "{} minutes do not suffice: to measure every ball at {LEAST_VISITS} indexations takes \
-                 {:.1} minutes of machine time",
+    let min_time_s = time_s(&first_visits(chosen.min_count)?)?;
+    if min_time_s > limit_s {
+        return Err(MethodRefusal {
+            reason: format!(
+                "minutes = {} is too short: the measurement of every ball at {MIN_VISITS} \
+                 indexations takes {:.1} minutes of machine time",
                 settings.minutes,
-                least_s / 60.0
+                min_time_s / 60.0
             ),
-            instead: "raise minutes, choose find = \"once\", or take balls out of [artefact]"
+            remedy: "increase minutes, choose find = \"once\", or remove balls from [artefact]"
                 .to_owned(),
         });
     }
     // Bisection: `fits` is known to fit.
-    let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
-    while beyond - fits > 1 {
-        let middle = (fits + beyond) / 2;
-        if time_s(&first(middle)?)? <= limit_s { fits = middle } else { beyond = middle }
+    let (mut fits, mut exceeds) = (chosen.min_count, chosen.indices.len() + 1);
+    while exceeds - fits > 1 {
+        let middle = (fits + exceeds) / 2;
+        if time_s(&first_visits(middle)?)? <= limit_s { fits = middle } else { exceeds = middle }
     }
-    first(fits)
+    first_visits(fits)
 }
 
-impl Candidates {
+impl DesignCandidates {
     /// # Errors
     /// An indexation is outside the limits; a ball is accessible at fewer than three indexations.
-    pub fn new(bench: &DesignSetup<'_>, access: &Access) -> Result<Self, Refused> {
+    pub fn new(setup: &DesignSetup<'_>, access: &TouchAccess) -> Result<Self, MethodRefusal> {
         let paper;
-        let settings = match bench.settings.design {
-            Kind::Optimal => bench.settings,
-            Kind::Paper => {
-                paper = paper::settings(bench.settings);
+        let settings = match setup.settings.design {
+            DesignKind::Optimal => setup.settings,
+            DesignKind::Paper => {
+                paper = paper::paper_settings(setup.settings);
                 &paper
             }
         };
-        let positions = settings.positions(bench.oriented);
-        let chain = bench.model.chain();
-        let at = indexations(crate::samba::NAME, &bench.plan.machine, chain, &positions)?;
-        let mut sights = Vec::new();
-        for (ball, of) in bench.balls.balls.iter().enumerate() {
-            let (mut count, mut why_not) = (0, BTreeMap::<String, &Position>::new());
-            for (indexation, free) in free(bench, access, &at, of).into_iter().enumerate() {
+        let positions = settings.candidate_positions(setup.is_spindle_oriented);
+        let chain = setup.model.chain();
+        let at =
+            list_indexations(crate::samba::METHOD_NAME, &setup.plan.machine, chain, &positions)?;
+        let mut measurements = Vec::new();
+        for (index, ball) in setup.balls.balls.iter().enumerate() {
+            let (mut count, mut reasons_by_position) = (0, BTreeMap::<String, &Position>::new());
+            for (indexation, free) in
+                accessibility(setup, access, &at, ball).into_iter().enumerate()
+            {
                 let Some(at) = at.get(indexation) else { continue };
                 match free {
                     Ok(()) => {
-                        sights.push(bench.sight((indexation, at), (ball, of))?);
+                        measurements
+                            .push(setup.candidate_measurement((indexation, at), (index, ball))?);
                         count += 1;
                     }
-                    Err(why) => drop(why_not.entry(why).or_insert(at)),
+                    Err(why) => drop(reasons_by_position.entry(why).or_insert(at)),
                 }
             }
-            if count < LEAST_VISITS {
-                return Err(unreachable_ball(&of.id, count, at.len(), &why_not));
+            if count < MIN_VISITS {
+                return Err(refuse_unreachable_ball(
+                    &ball.id,
+                    count,
+                    at.len(),
+                    &reasons_by_position,
+                ));
             }
         }
-        Ok(Self { at, sights })
+        Ok(Self { positions: at, measurements })
     }
 
     /// The chosen sights, grouped by indexation.
-    pub fn visits(&self, chosen: &[usize]) -> Vec<Visit> {
-        let mut by_place: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for sight in chosen.iter().filter_map(|index| self.sights.get(*index)) {
-            by_place.entry(sight.indexation).or_default().push(sight.ball);
+    pub fn visits(&self, chosen: &[usize]) -> Vec<BallVisit> {
+        let mut by_indexation: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for measurement in chosen.iter().filter_map(|index| self.measurements.get(*index)) {
+            by_indexation.entry(measurement.indexation).or_default().push(measurement.ball);
         }
-        let visit = |(place, balls): (usize, Vec<usize>)| {
-            Some(Visit::new(self.at.get(place)?.clone(), balls))
+        let visit = |(indexation, balls): (usize, Vec<usize>)| {
+            Some(BallVisit::new(self.positions.get(indexation)?.clone(), balls))
         };
-        by_place.into_iter().filter_map(visit).collect()
+        by_indexation.into_iter().filter_map(visit).collect()
     }
 }
 
 /// Whether a ball can be measured at each indexation, or the reason why not. The check uses the search at the
 /// stated position, enlarged by its uncertainty; the ball can then be measured wherever it is found.
-fn free(
-    bench: &DesignSetup<'_>,
-    access: &Access,
+fn accessibility(
+    setup: &DesignSetup<'_>,
+    access: &TouchAccess,
     at: &[Position],
     ball: &Ball,
 ) -> Vec<Result<(), String>> {
-    let approach = bench.measurement().search(bench.balls.uncertainty_mm);
+    let approach = setup.measurement_setup().search_approach(setup.balls.uncertainty_mm);
     // A stylus on the spindle axis occupies the same space at every spindle angle.
-    let central = bench.tip.mm.xy().norm() < CENTRAL_MM;
+    let is_central = setup.tip.mm.xy().norm() < MAX_CENTRAL_OFFSET_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
     let mut all = Vec::with_capacity(at.len());
-    for place in at {
-        let rotary = if central { place.only(|axis| axis != Axis::S) } else { place.clone() };
-        let answer = match last.take().filter(|(before, _)| *before == rotary) {
-            Some((_, answer)) => answer,
-            None => match access.accessible(&bench.measurement().task(ball, place, approach)) {
+    for position in at {
+        let rotary = if is_central {
+            position.filter_axes(|axis| axis != Axis::S)
+        } else {
+            position.clone()
+        };
+        let result = match last.take().filter(|(before, _)| *before == rotary) {
+            Some((_, result)) => result,
+            None => match access
+                .accessible_touches(&setup.measurement_setup().ball_task(ball, position, approach))
+            {
                 Ok(_) => Ok(()),
                 Err(why) => Err(why.to_string()),
             },
         };
-        all.push(answer.clone());
-        last = Some((rotary, answer));
+        all.push(result.clone());
+        last = Some((rotary, result));
     }
     all
 }
 
-fn unreachable_ball(
+fn refuse_unreachable_ball(
     id: &str,
     count: usize,
-    of: usize,
-    why_not: &BTreeMap<String, &Position>,
-) -> Refused {
-    let reasons: Vec<String> = why_not
+    total: usize,
+    reasons_by_position: &BTreeMap<String, &Position>,
+) -> MethodRefusal {
+    let reasons: Vec<String> = reasons_by_position
         .iter()
         .take(2)
         .map(|(why, at)| format!("at {} {why}", describe_position(at)))
         .collect();
-    let reached = match count {
-        0 => "cannot be reached at any".to_owned(),
-        some => format!("can be reached at {some} only"),
+    let accessible = match count {
+        0 => "is accessible at none".to_owned(),
+        some => format!("is accessible at only {some}"),
     };
-    Refused {
-        why: format!(
-            "ball {id} {reached} of {of} indexations, where {LEAST_VISITS} are needed: {}",
+    MethodRefusal {
+        reason: format!(
+            "ball {id} {accessible} of {total} indexations, {MIN_VISITS} are needed: {}",
             reasons.join("; ")
         ),
-        instead:
-            "set the ball up elsewhere or with another stem, name other positions in tilt_deg and \
-                  turn_deg, or take it out of [artefact]"
+        remedy:
+            "mount the ball at another position or with another stem, choose other positions in \
+             tilt_deg and turn_deg, or remove the ball from [artefact]"
                 .to_owned(),
     }
 }

@@ -8,19 +8,19 @@
 //! triple occurs twice. Of the accessible balls 109 are kept: repeatedly, from the triple with the most
 //! balls, the ball that is measured most often is removed.
 
-use super::{Candidates, DesignSetup};
-use crate::Refused;
-use crate::ball_measurement::{Visit, is_parallel, is_rotary, is_same};
+use super::{DesignCandidates, DesignSetup};
+use crate::MethodRefusal;
+use crate::ball_measurement::{BallVisit, is_parallel_to_spindle, is_rotary, is_same_angle};
 use crate::samba::settings::Settings;
 use machine::{Axis, Position};
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
 const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
-const TRIPLES: usize = 32;
-const BALLS: usize = 109;
+const TRIPLE_COUNT: usize = 32;
+const BALL_MEASUREMENT_COUNT: usize = 109;
 
 /// Triples as indices into [`TILTS_DEG`] (B) and [`QUARTERS_DEG`] (C and S), in measuring order.
-fn triples() -> Vec<[usize; 3]> {
+fn rotary_triples() -> Vec<[usize; 3]> {
     let mut triples = Vec::new();
     for (tilt, tilt_deg) in TILTS_DEG.into_iter().enumerate() {
         let forward = (0..4_usize).filter(|c| tilt_deg == 0.0 || *c != tilt % 4);
@@ -40,7 +40,7 @@ fn triples() -> Vec<[usize; 3]> {
 }
 
 /// The settings with the paper's positions.
-pub fn settings(settings: &Settings) -> Settings {
+pub fn paper_settings(settings: &Settings) -> Settings {
     Settings {
         tilt_deg: TILTS_DEG.to_vec(),
         turn_deg: QUARTERS_DEG.to_vec(),
@@ -54,61 +54,70 @@ pub fn settings(settings: &Settings) -> Settings {
 /// # Errors
 /// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
 /// 109 balls are accessible at these triples.
-pub fn visits(bench: &DesignSetup<'_>, candidates: &Candidates) -> Result<Vec<Visit>, Refused> {
-    let machine = &bench.plan.machine;
+pub fn paper_visits(
+    setup: &DesignSetup<'_>,
+    candidates: &DesignCandidates,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
+    let machine = &setup.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary(*a)).collect();
-    let of = |parallel: bool| rotary.iter().find(|axis| is_parallel(**axis, machine) == parallel);
-    let (Some(tilt), Some(turn), 2, true) = (of(false), of(true), rotary.len(), bench.oriented)
+    let find_axis = |parallel: bool| {
+        rotary.iter().find(|axis| is_parallel_to_spindle(**axis, machine) == parallel)
+    };
+    let (Some(tilt), Some(turn), 2, true) =
+        (find_axis(false), find_axis(true), rotary.len(), setup.is_spindle_oriented)
     else {
-        return Err(refused(
+        return Err(refuse_paper_design(
             "the paper's design needs one rotary axis that tilts, one parallel to the spindle, and a \
              spindle that is oriented (axis S)"
                 .to_owned(),
         ));
     };
     let mut visits = Vec::new();
-    for [b, c, s] in triples() {
-        let wanted = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
-        let stands = |at: &Position| {
-            wanted.iter().all(|(axis, degree)| is_same(at.at(*axis), axis.from_edge(*degree)))
+    for [b, c, s] in rotary_triples() {
+        let triple = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
+        let is_triple = |at: &Position| {
+            triple.iter().all(|(axis, degree)| {
+                is_same_angle(at.get_or_zero(*axis), axis.to_mm_or_rad(*degree))
+            })
         };
-        let Some(place) = candidates.at.iter().position(stands) else {
-            let words = wanted.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
-            return Err(refused(format!(
-                "the machine does not reach {words} of the paper's design"
+        let Some(index) = candidates.positions.iter().position(is_triple) else {
+            let names = triple.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
+            return Err(refuse_paper_design(format!(
+                "the machine does not reach {names} of the paper's design"
             )));
         };
-        let there = candidates.sights.iter().filter(|sight| sight.indexation == place);
-        let balls: Vec<usize> = there.map(|sight| sight.ball).collect();
-        let at = candidates.at.get(place).cloned().unwrap_or_default();
-        visits.push(Visit::new(at, balls));
+        let measurements =
+            candidates.measurements.iter().filter(|measurement| measurement.indexation == index);
+        let balls: Vec<usize> = measurements.map(|measurement| measurement.ball).collect();
+        let at = candidates.positions.get(index).cloned().unwrap_or_default();
+        visits.push(BallVisit::new(at, balls));
     }
-    let count = |visits: &[Visit]| visits.iter().map(|visit| visit.balls.len()).sum::<usize>();
+    let count = |visits: &[BallVisit]| visits.iter().map(|visit| visit.balls.len()).sum::<usize>();
     let accessible = count(&visits);
-    if accessible < BALLS {
-        return Err(refused(format!(
-            "the paper's design measures {BALLS} balls at {TRIPLES} triples; of this artefact only \
+    if accessible < BALL_MEASUREMENT_COUNT {
+        return Err(refuse_paper_design(format!(
+            "the paper's design measures {BALL_MEASUREMENT_COUNT} balls at {TRIPLE_COUNT} triples; of this artefact only \
              {accessible} are accessible there"
         )));
     }
-    while count(&visits) > BALLS {
-        leave_one_out(&mut visits);
+    while count(&visits) > BALL_MEASUREMENT_COUNT {
+        remove_one_ball(&mut visits);
     }
     Ok(visits)
 }
 
-fn leave_one_out(visits: &mut [Visit]) {
-    let mut often = vec![0_usize; visits.iter().flat_map(|v| &v.balls).max().map_or(0, |b| b + 1)];
+fn remove_one_ball(visits: &mut [BallVisit]) {
+    let mut counts = vec![0_usize; visits.iter().flat_map(|v| &v.balls).max().map_or(0, |b| b + 1)];
     for ball in visits.iter().flat_map(|visit| &visit.balls) {
-        often[*ball] += 1;
+        counts[*ball] += 1;
     }
     // The first of equal visits.
     let fullest = visits.iter_mut().rev().max_by_key(|visit| visit.balls.len());
     let Some(visit) = fullest else { return };
-    let most = visit.balls.iter().rev().copied().max_by_key(|ball| often[*ball]);
+    let most = visit.balls.iter().rev().copied().max_by_key(|ball| counts[*ball]);
     visit.balls.retain(|ball| Some(*ball) != most);
 }
 
-fn refused(why: String) -> Refused {
-    Refused { why, instead: "choose design = \"optimal\"".to_owned() }
+fn refuse_paper_design(why: String) -> MethodRefusal {
+    MethodRefusal { reason: why, remedy: "choose design = \"optimal\"".to_owned() }
 }

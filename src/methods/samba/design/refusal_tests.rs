@@ -3,7 +3,7 @@
 use super::tests::plan;
 use crate::samba::settings::{Design, Settings, Spindle};
 use crate::samba::tests::machine;
-use crate::samba::{Method, Next, Registered, Samba, Source};
+use crate::samba::{Method, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::Plan;
@@ -17,23 +17,23 @@ fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
 
 #[track_caller]
 fn refused(plan: &Plan, settings: Settings, words: &[&str]) {
-    let answer = Samba::new(settings).next(plan, &[], Source::Measured(&[]));
+    let answer = Samba::new(settings).next_stage(plan, &[], PositionSource::Measured(&[]));
     let Err(refused) = answer else { panic!("not refused") };
     for word in words {
-        assert!(refused.why.contains(word), "`{word}` is not in: {}", refused.why);
+        assert!(refused.reason.contains(word), "`{word}` is not in: {}", refused.reason);
     }
-    assert!(!refused.instead.is_empty());
+    assert!(!refused.remedy.is_empty());
 }
 
 #[test]
 fn artefacts_that_cannot_be_measured() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
-    refused(&twice, Settings::default(), &["ball 2: `id` is `2`, and so is another"]);
+    refused(&twice, Settings::default(), &["ball 2: `id` is `2`, as for another ball"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
     refused(
         &touching,
         Settings::default(),
-        &["ball 2: `centre_mm` stands", "from ball `1`: the two would touch"],
+        &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"],
     );
     let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
     refused(&in_stem, Settings::default(), &["puts ball `2` into the stem of ball `3`"]);
@@ -52,13 +52,13 @@ fn artefacts_that_cannot_be_measured() {
         r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#,
     )
     .unwrap();
-    refused(&cylinder, Settings::default(), &["samba touches balls"]);
+    refused(&cylinder, Settings::default(), &["samba measures balls"]);
 }
 
 #[test]
 fn a_ball_that_no_indexation_shows_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
-    refused(&far, Settings::default(), &["ball 5 cannot be reached at any of", "outside"]);
+    refused(&far, Settings::default(), &["ball 5 is accessible at none of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
     let upright = Settings { tilt_deg: vec![-30.0, 0.0, 30.0], ..Settings::default() };
     refused(&hanging, upright, &["ball 5", "stem"]);
@@ -74,8 +74,9 @@ fn indexations_outside_the_limits() {
     let paper = Settings { design: Design::Paper, ..Settings::default() };
     refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
-    let answer = Samba::new(Settings::default()).next(&narrow, &[], Source::Measured(&[]));
-    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+    let answer =
+        Samba::new(Settings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
+    assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
 #[test]
@@ -86,8 +87,9 @@ fn a_spindle_that_is_not_oriented() {
     refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = Settings { parameters: vec!["EA0C".into(), "EX0S".into()], ..Settings::default() };
     refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
-    let answer = Samba::new(Settings::default()).next(&fixed, &[], Source::Measured(&[]));
-    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+    let answer =
+        Samba::new(Settings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
+    assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
 /// B is in the head and stays at 0, whatever `tilt_deg` states for A. Its errors are refused if they are
@@ -96,48 +98,49 @@ fn a_spindle_that_is_not_oriented() {
 fn a_head_that_tilts_stands_upright() {
     let mut fork = plan(&Settings::default());
     fork.machine = machine("wAFXYZBt");
-    let answer = Samba::new(Settings::default()).next(&fork, &[], Source::Measured(&[]));
-    let Ok(Next::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
+    let answer =
+        Samba::new(Settings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
+    let Ok(NextStage::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
     assert!(new_steps.iter().all(|step| step.from.get(Axis::B) == Some(0.0)));
     let parameters = vec!["EA0B".into(), "EC0A".into()];
     let asked = Settings { parameters, ..Settings::default() };
-    let words = ["EA0B was asked for", "the spindle must stand upright", "B other than 0"];
+    let words = ["EA0B was requested", "the spindle must be upright", "B other than 0"];
     refused(&fork, asked, &words);
     let b = fork.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (10.0, 50.0);
-    refused(&fork, Settings::default(), &["must stand upright", "[10, 50]"]);
+    refused(&fork, Settings::default(), &["must be upright", "[10, 50]"]);
 }
 
 #[test]
 fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let no_bar = with_balls(|set| set.lengths.clear());
-    let words = ["there is no certified length", "EXX1", "EYY1", "EZZ1"];
+    let words = ["has no certified length", "EXX1", "EYY1", "EZZ1"];
     refused(&no_bar, Settings::default(), &words);
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
     let parameters = names.split(' ').map(str::to_owned).collect();
     let relative = Settings { parameters, ..Settings::default() };
-    let answer = Samba::new(relative).next(&no_bar, &[], Source::Measured(&[]));
-    assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
+    let answer = Samba::new(relative).next_stage(&no_bar, &[], PositionSource::Measured(&[]));
+    assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
 #[test]
 fn settings_that_make_no_sense() {
     let plan = plan(&Settings::default());
     let unknown = Settings { parameters: vec!["EX0Q".into()], ..Settings::default() };
-    refused(&plan, unknown, &["`EX0Q` is no error parameter"]);
+    refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
     let poor = Settings { balls: 17, ..Settings::default() };
     refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
     let short = Settings { minutes: 2.0, ..Settings::default() };
-    refused(&plan, short, &["2 minutes do not suffice"]);
+    refused(&plan, short, &["minutes = 2 is too short"]);
     let few = Settings { indexations: 2, ..Settings::default() };
     refused(&plan, few, &["at 2 indexations"]);
     let still = Settings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..Settings::default() };
-    refused(&plan, still, &["cannot tell", "EX0C"]);
+    refused(&plan, still, &["not determined", "EX0C"]);
     let tilted = Settings {
         tilt_deg: vec![0.0],
         parameters: ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C"].map(String::from).to_vec(),
         ..Settings::default()
     };
-    refused(&plan, tilted, &["cannot tell", "EA0B"]);
-    refused(&plan, Settings { touches: 3, ..Settings::default() }, &["3 touches"]);
+    refused(&plan, tilted, &["not determined", "EA0B"]);
+    refused(&plan, Settings { touches: 3, ..Settings::default() }, &["touches = 3"]);
 }

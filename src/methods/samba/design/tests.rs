@@ -3,16 +3,16 @@
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
-use super::{Candidates, DesignSetup, design, survey};
-use crate::ball_measurement::{Visit, describe_position, machine_time_s};
-use crate::samba::settings::{Criterion, Design as Kind, Settings};
+use super::{DesignCandidates, DesignSetup, design_visits, rank_check};
+use crate::ball_measurement::{BallVisit, describe_position, machine_time_s};
+use crate::samba::settings::{Criterion, Design as DesignKind, Settings};
 use crate::samba::tests::{built_in, machine};
-use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
-use machine::record::artefact::{Artefact, Ball, Balls, Length};
+use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
+use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
 use machine::record::plan::Plan;
 
 /// Paper 4, table 1 (samba-balls.csv): balls 1 and 2 are the scale bar. The stems point down to the table.
-pub const RUMBA: [[f64; 3]; 6] = [
+pub const RUMBA_CENTRES_MM: [[f64; 3]; 6] = [
     [-152.4, 0.0, 40.855],
     [152.4, 0.0, 40.435],
     [160.0, 160.0, 177.835],
@@ -31,13 +31,13 @@ pub fn rumba() -> Balls {
         stem_length_mm: centre[2],
     };
     let length = r#"{"from":"1","to":"2","mm":304.8,"u_mm":0.0001}"#;
-    let length: Length = serde_json::from_str(length).unwrap();
+    let length: CertifiedLength = serde_json::from_str(length).unwrap();
     Balls {
         certificate_u_mm: None,
         expansion_um_per_m_k: None,
         temperature_c: None,
         u_temperature_k: None,
-        balls: RUMBA.iter().enumerate().map(ball).collect(),
+        balls: RUMBA_CENTRES_MM.iter().enumerate().map(ball).collect(),
         lengths: vec![length],
         uncertainty_mm: 1.0,
     }
@@ -64,11 +64,11 @@ pub fn plan(settings: &Settings) -> Plan {
 
 /// G4 (METHODS section 4) on the built-in machine: rank, condition, and the standard deviations at 1 µm noise
 /// and u = 0.1 µm.
-fn check_g4(kind: (Kind, Criterion)) {
+fn check_g4(kind: (DesignKind, Criterion)) {
     let (mut plan, settings) = (built_in::plan(), built_in::settings(kind));
     // The noise of the gate; the design is that of the declared probe.
     plan.probe.repeatability_um = Some(1.0);
-    let bench = DesignSetup::new(&plan, &settings).unwrap();
+    let setup = DesignSetup::new(&plan, &settings).unwrap();
     let visits = built_in::visits(kind);
     let measured: usize = visits.iter().map(|visit| visit.balls.len()).sum();
     assert_eq!((visits.len(), measured), (32, 109));
@@ -77,11 +77,11 @@ fn check_g4(kind: (Kind, Criterion)) {
         assert!(shown >= 3, "ball {ball} is measured {shown} times");
     }
     for (index, visit) in visits.iter().enumerate() {
-        println!("{} {:?}", describe_position(&visit.at), visit.balls);
-        assert!(visits[..index].iter().all(|other| other.at != visit.at), "twice");
+        println!("{} {:?}", describe_position(&visit.rotary), visit.balls);
+        assert!(visits[..index].iter().all(|other| other.rotary != visit.rotary), "twice");
     }
-    let (matrix, names) = survey::matrix(&bench, visits).unwrap();
-    let found = survey::check(&bench, visits).unwrap();
+    let (matrix, names) = rank_check::design_matrix(&setup, visits).unwrap();
+    let found = rank_check::check_design(&setup, visits).unwrap();
     println!("rank {} condition {:.2}", found.rank, found.condition);
     assert!(found.rank == 34 && found.condition < 40.0);
     let ones = vec![1.0; matrix.nrows()];
@@ -92,7 +92,7 @@ fn check_g4(kind: (Kind, Criterion)) {
         constraints: None,
         rank_threshold: RANK_THRESHOLD,
     };
-    let covariance = solve(&problem).unwrap().covariance;
+    let covariance = solve_least_squares(&problem).unwrap().covariance;
     for (index, name) in names.iter().take(13).enumerate() {
         let sd = covariance[(index, index)].sqrt();
         let limit = match name.as_str() {
@@ -107,7 +107,7 @@ fn check_g4(kind: (Kind, Criterion)) {
 
 #[test]
 fn gate_g4_the_built_in_designs() {
-    built_in::ALL.into_iter().for_each(check_g4);
+    built_in::ALL_DESIGNS.into_iter().for_each(check_g4);
 }
 
 /// The design has as many balls as 25 minutes allow, and hardly fewer.
@@ -115,9 +115,9 @@ fn gate_g4_the_built_in_designs() {
 fn the_budget_in_minutes_is_kept() {
     let settings = Settings { minutes: 25.0, ..Settings::default() };
     let plan = plan(&settings);
-    let bench = DesignSetup::new(&plan, &settings).unwrap();
-    let time_s = |visits: &[Visit]| machine_time_s(&bench.measurement(), visits);
-    let visits = design(&bench, time_s).unwrap();
+    let setup = DesignSetup::new(&plan, &settings).unwrap();
+    let time_s = |visits: &[BallVisit]| machine_time_s(&setup.measurement_setup(), visits);
+    let visits = design_visits(&setup, time_s).unwrap();
     let minutes = time_s(&visits).unwrap() / 60.0;
     let balls: usize = visits.iter().map(|visit| visit.balls.len()).sum();
     println!("{balls} balls in {minutes:.2} minutes");
@@ -130,12 +130,12 @@ fn the_budget_in_minutes_is_kept() {
 fn a_choice_by_chance_tells_less() {
     let settings = Settings::default();
     let plan = plan(&settings);
-    let bench = DesignSetup::new(&plan, &settings).unwrap();
-    let access = bench.measurement().access(&plan.artefact).unwrap();
-    let candidates = Candidates::new(&bench, &access).unwrap();
+    let setup = DesignSetup::new(&plan, &settings).unwrap();
+    let access = setup.measurement_setup().access(&plan.artefact).unwrap();
+    let candidates = DesignCandidates::new(&setup, &access).unwrap();
     // log det of the covariance of the machine's parameters.
-    let volume = |visits: &[Visit]| {
-        let (matrix, _) = survey::matrix(&bench, visits).unwrap();
+    let volume = |visits: &[BallVisit]| {
+        let (matrix, _) = rank_check::design_matrix(&setup, visits).unwrap();
         let information = matrix.transpose() * &matrix;
         let scale = |i: usize| information[(i, i)].sqrt();
         let scaled = Mat::from_fn(34, 34, |i, j| information[(i, j)] / (scale(i) * scale(j)));
@@ -144,10 +144,10 @@ fn a_choice_by_chance_tells_less() {
             Mat::from_fn(13, 13, |i, j| inverse[(i, j)] / (scale(i) * scale(j)) * 1e10);
         of_machine.determinant().ln()
     };
-    let chosen = volume(&design(&bench, |_| Ok(0.0)).unwrap());
+    let chosen = volume(&design_visits(&setup, |_| Ok(0.0)).unwrap());
     for seed in 0..5_usize {
         let stride = 7 + 2 * seed;
-        let all = candidates.sights.len();
+        let all = candidates.measurements.len();
         let mut drawn: Vec<usize> = (0..109).map(|k| (seed + k * stride) % all).collect();
         drawn.sort_unstable();
         drawn.dedup();
@@ -163,12 +163,12 @@ fn a_machine_of_four_axes_has_a_design() {
     for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {
         let settings = Settings::default();
         let plan = Plan { machine: machine(topology), ..plan(&settings) };
-        let bench = DesignSetup::new(&plan, &settings).unwrap();
-        let visits = design(&bench, |_| Ok(0.0)).unwrap();
-        let found = survey::check(&bench, &visits).unwrap();
+        let setup = DesignSetup::new(&plan, &settings).unwrap();
+        let visits = design_visits(&setup, |_| Ok(0.0)).unwrap();
+        let found = rank_check::check_design(&setup, &visits).unwrap();
         println!("{topology}: {} indexations, condition {:.1}", visits.len(), found.condition);
         assert_eq!((found.rank, found.nullity), (unknowns, 0), "{topology}");
-        let (_, names) = survey::matrix(&bench, &visits).unwrap();
+        let (_, names) = rank_check::design_matrix(&setup, &visits).unwrap();
         assert!(names.iter().any(|name| name == "t_x") && !names.iter().any(|name| name == "t_z"));
     }
 }

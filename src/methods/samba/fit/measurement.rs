@@ -2,18 +2,18 @@
 
 use nalgebra::Vector3;
 
-use super::{Measured, Problem, put};
+use super::{GeometryProblem, ObservedValues, set_vector};
 use crate::identification::ObservationEquation;
 
 /// Observations: X, Y, Z of each measurement (machine frame, mm), then each certified length (mm).
-pub struct Measurement<'a> {
-    pub problem: &'a Problem,
-    pub measured: &'a Measured,
+pub struct GeometryEquations<'a> {
+    pub problem: &'a GeometryProblem,
+    pub measured: &'a ObservedValues,
 }
 
-impl ObservationEquation for Measurement<'_> {
+impl ObservationEquation for GeometryEquations<'_> {
     fn observations(&self) -> usize {
-        self.problem.rows_count()
+        self.problem.row_count()
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
@@ -29,14 +29,14 @@ impl ObservationEquation for Measurement<'_> {
     /// The change with the weights, which are those of the machine without errors.
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
         let problem = self.problem;
-        let mut rows = vec![0.0; problem.rows_count()];
-        let (of_centres, of_lengths) = change.split_at(3 * problem.seen.len());
+        let mut rows = vec![0.0; problem.row_count()];
+        let (of_centres, of_lengths) = change.split_at(3 * problem.measurements.len());
         for (i, by) in of_centres.chunks_exact(3).enumerate() {
-            let weighted = problem.seen[i].whitening * Vector3::from_column_slice(by);
-            put(&mut rows, problem.row_of(i), -weighted);
+            let weighted = problem.measurements[i].whitening * Vector3::from_column_slice(by);
+            set_vector(&mut rows, problem.measurement_row(i), -weighted);
         }
         for (i, by) in of_lengths.iter().enumerate() {
-            rows[problem.row_of_bar(i)] = by / problem.bars[i].u_mm;
+            rows[problem.length_row(i)] = by / problem.certified_lengths[i].u_mm;
         }
         rows
     }

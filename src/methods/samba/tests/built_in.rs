@@ -6,17 +6,17 @@ use std::sync::OnceLock;
 use serde::Deserialize;
 
 use super::htm::Triple;
-use crate::ball_measurement::Visit;
+use crate::ball_measurement::BallVisit;
 use crate::samba::Settings;
-use crate::samba::design::{DesignSetup, design};
+use crate::samba::design::{DesignSetup, design_visits};
 use crate::samba::settings::{Criterion, Design};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
 
 /// The designs that a user can select; D-optimal is the default.
-pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);
-pub const ALL: [(Design, Criterion); 3] =
-    [OPTIMAL, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
+pub const D_OPTIMAL_DESIGN: (Design, Criterion) = (Design::Optimal, Criterion::D);
+pub const ALL_DESIGNS: [(Design, Criterion); 3] =
+    [D_OPTIMAL_DESIGN, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
 
 /// The plan of the machine file `config/samba.toml`.
 pub fn plan() -> Plan {
@@ -53,34 +53,35 @@ pub fn settings((design, criterion): (Design, Criterion)) -> Settings {
 }
 
 /// The design in measuring order.
-pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
-    static MADE: [OnceLock<Vec<Visit>>; ALL.len()] = [const { OnceLock::new() }; ALL.len()];
-    let index = ALL.iter().position(|known| *known == kind).unwrap();
-    MADE[index].get_or_init(|| {
+pub fn visits(kind: (Design, Criterion)) -> &'static [BallVisit] {
+    static VISITS_OF_DESIGN: [OnceLock<Vec<BallVisit>>; ALL_DESIGNS.len()] =
+        [const { OnceLock::new() }; ALL_DESIGNS.len()];
+    let index = ALL_DESIGNS.iter().position(|known| *known == kind).unwrap();
+    VISITS_OF_DESIGN[index].get_or_init(|| {
         let (plan, settings) = (plan(), settings(kind));
-        let bench = DesignSetup::new(&plan, &settings).unwrap();
-        design(&bench, |_| Ok(0.0)).unwrap()
+        let setup = DesignSetup::new(&plan, &settings).unwrap();
+        design_visits(&setup, |_| Ok(0.0)).unwrap()
     })
 }
 
-/// The design [`OPTIMAL`] with other positions of C.
+/// The design [`D_OPTIMAL_DESIGN`] with other positions of C.
 pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
-    let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(OPTIMAL) };
+    let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(D_OPTIMAL_DESIGN) };
     let plan = plan();
-    let bench = DesignSetup::new(&plan, &settings).unwrap();
-    of_visits(&design(&bench, |_| Ok(0.0)).unwrap())
+    let setup = DesignSetup::new(&plan, &settings).unwrap();
+    ball_measurements(&design_visits(&setup, |_| Ok(0.0)).unwrap())
 }
 
 /// The measurements of the design, one after the other: B, C, S in rad, and the index of the ball from 0.
-pub fn measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
-    let all = of_visits(visits(kind));
+pub fn outlier_measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
+    let all = ball_measurements(visits(kind));
     assert_eq!((visits(kind).len(), all.len()), (32, 109));
     all
 }
 
-fn of_visits(visits: &[Visit]) -> Vec<(Triple, usize)> {
-    let one = |visit: &Visit| {
-        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.at.get(axis).unwrap());
+fn ball_measurements(visits: &[BallVisit]) -> Vec<(Triple, usize)> {
+    let one = |visit: &BallVisit| {
+        let triple = [Axis::B, Axis::C, Axis::S].map(|axis| visit.rotary.get(axis).unwrap());
         visit.balls.iter().map(|ball| (triple, *ball)).collect::<Vec<_>>()
     };
     visits.iter().flat_map(one).collect()

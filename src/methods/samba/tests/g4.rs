@@ -5,17 +5,17 @@ use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
-use super::built_in::{ALL, OPTIMAL, measurements};
+use super::built_in::{ALL_DESIGNS, D_OPTIMAL_DESIGN, outlier_measurements};
 use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
-use crate::samba::fit::{Bar, Measured, Problem, Seen};
-use crate::samba::model::Model;
+use crate::samba::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues};
+use crate::samba::model::GeometryModel;
 use crate::samba::settings::{Criterion, Design};
-use crate::samba::solution::{describe_lost, unknown_names};
-use estimation::linear::Survey;
+use crate::samba::solution::{describe_undetermined, unknown_names};
+use estimation::linear::RankAnalysis;
 use estimation::null_names::name_null_space;
-use estimation::random::stream;
-use estimation::schur::factor;
+use estimation::random::seeded_stream;
+use estimation::schur::factorise;
 use machine::record::artefact::{Ball, Balls};
 use machine::{Axis, Position};
 use testing::population::{population, ratio_bounds};
@@ -28,21 +28,21 @@ fn truth() -> Truth {
     Truth { errors: paper_errors().into_iter().collect(), tool: TOOL }
 }
 
-fn model() -> Model {
+fn model() -> GeometryModel {
     let parameters: Vec<_> = paper_errors().iter().map(|(name, _)| name.parse().unwrap()).collect();
-    Model::new(&machine("wCBXFZYSt"), &parameters).unwrap()
+    GeometryModel::new(&machine("wCBXFZYSt"), &parameters).unwrap()
 }
 
 fn position([b, c, s]: Triple) -> Position {
     Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s)
 }
 
-type Kind = (Design, Criterion);
+type DesignKind = (Design, Criterion);
 
 /// A design measured on the machine of the paper's table 2, with and without bar and spindle orientation.
-fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
+fn measured(kind: DesignKind, bar: bool, spindle: bool) -> (GeometryProblem, ObservedValues) {
     let balls = true_balls();
-    let visits: Vec<(Triple, usize)> = measurements(kind)
+    let visits: Vec<(Triple, usize)> = outlier_measurements(kind)
         .into_iter()
         .map(|([b, c, s], ball)| ([b, c, if spindle { s } else { 0.0 }], ball))
         .collect();
@@ -55,25 +55,34 @@ fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
             places.push(here);
             places.len() - 1
         });
-        seen.push(Seen { place, ball: *ball, whitening: Matrix3::identity() / NOISE_MM });
+        seen.push(BallMeasurement {
+            position_index: place,
+            ball: *ball,
+            whitening: Matrix3::identity() / NOISE_MM,
+        });
     }
-    let bars = if bar { vec![Bar { from: 0, to: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
+    let bars = if bar {
+        vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: U_BAR_MM }]
+    } else {
+        Vec::new()
+    };
     let truth = truth();
-    let measured = Measured {
+    let measured = ObservedValues {
         xyz: visits.iter().map(|(triple, ball)| truth.axes_at(balls[*ball], *triple)).collect(),
         lengths: vec![BAR_MM; bars.len()],
     };
-    (Problem::new(model(), places, seen, bars, balls.len(), nominal_tool()), measured)
+    (GeometryProblem::new(model(), places, seen, bars, balls.len(), nominal_tool()), measured)
 }
 
 fn nominal_tool() -> Vector3<f64> {
     Vector3::new(0.0, 0.0, -326.717)
 }
 
-fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
+fn survey(kind: DesignKind, bar: bool, spindle: bool) -> (RankAnalysis, Vec<String>) {
     let (problem, measured) = measured(kind, bar, spindle);
-    let start = problem.start(&measured);
-    let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
+    let start = problem.initial_values(&measured);
+    let survey =
+        factorise(problem.rows(&start, &problem.ideal_values(&start))).0.analyse_rank().unwrap();
     let named = |(i, centre): (usize, Vector3<f64>)| Ball {
         id: (i + 1).to_string(),
         centre_mm: centre.into(),
@@ -86,18 +95,18 @@ fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
         balls: paper_balls().into_iter().enumerate().map(named).collect(),
         ..Balls::default()
     };
-    let lost = describe_lost(&survey, &unknown_names(&problem, &balls));
+    let lost = describe_undetermined(&survey, &unknown_names(&problem, &balls));
     (survey, lost)
 }
 
 #[test]
 fn gate_g4_ranks_and_what_is_lost_in_words() {
-    for kind in ALL {
+    for kind in ALL_DESIGNS {
         check_ranks(kind);
     }
 }
 
-fn check_ranks(kind: Kind) {
+fn check_ranks(kind: DesignKind) {
     let spindle = ["EX0S + tool_x (inseparable)", "EY0S + tool_y (inseparable)"];
     let (full, lost) = survey(kind, true, true);
     println!("{kind:?}: scaled condition {:.1}", full.condition);
@@ -128,13 +137,16 @@ fn regress_inseparable_additions_are_named() {
         ("EB0S", "EX0S"),
         ("EA0S", "EY0S"),
     ] {
-        let (problem, measured) = measured(OPTIMAL, true, true);
+        let (problem, measured) = measured(D_OPTIMAL_DESIGN, true, true);
         let mut parameters = problem.model().parameters().to_vec();
         parameters.push(addition.parse().unwrap());
-        let model = Model::new(&machine("wCBXFZYSt"), &parameters).unwrap();
+        let model = GeometryModel::new(&machine("wCBXFZYSt"), &parameters).unwrap();
         let problem = problem.with_model(model);
-        let start = problem.start(&measured);
-        let survey = factor(problem.rows(&start, &problem.ideal(&start))).0.survey().unwrap();
+        let start = problem.initial_values(&measured);
+        let survey = factorise(problem.rows(&start, &problem.ideal_values(&start)))
+            .0
+            .analyse_rank()
+            .unwrap();
         let mut names: Vec<String> = parameters.iter().map(ToString::to_string).collect();
         names.extend(["tool_x", "tool_y", "tool_z"].map(str::to_owned));
         names.extend((0..18).map(|i| format!("ball_{}", i / 3 + 1)));
@@ -150,7 +162,7 @@ fn regress_inseparable_additions_are_named() {
 fn regress_no_misclosure_at_the_truth() {
     let (model, truth) = (model(), truth());
     let errors: Vec<f64> = paper_errors().into_iter().map(|(_, value)| value).collect();
-    for (triple, ball) in measurements(OPTIMAL) {
+    for (triple, ball) in outlier_measurements(D_OPTIMAL_DESIGN) {
         let centre = true_balls()[ball];
         let xyz = truth.axes_at(centre, triple);
         let here = position(triple).updated_by(&Position::from_xyz(xyz));
@@ -161,13 +173,13 @@ fn regress_no_misclosure_at_the_truth() {
 
 #[test]
 fn gate_g4_noise_free_recovery_in_three_steps() {
-    ALL.into_iter().for_each(check_recovery);
+    ALL_DESIGNS.into_iter().for_each(check_recovery);
 }
 
-fn check_recovery(kind: Kind) {
+fn check_recovery(kind: DesignKind) {
     let (problem, measured) = measured(kind, true, true);
-    let found = problem.solve(&measured, problem.start(&measured)).unwrap();
-    assert!(found.factors <= 3, "{kind:?}: {}", found.factors);
+    let found = problem.solve(&measured, problem.initial_values(&measured)).unwrap();
+    assert!(found.jacobian_count <= 3, "{kind:?}: {}", found.jacobian_count);
     for ((name, expected), x) in paper_errors().iter().zip(&found.x) {
         let micro = (x - expected).abs() * if expected.abs() > 1e-3 { 1e3 } else { 1e6 };
         assert!(micro <= 1e-6, "{kind:?}, {name}: {micro:e}");
@@ -176,7 +188,7 @@ fn check_recovery(kind: Kind) {
         assert!((found.x[13 + k] - TOOL[k]).abs() <= 1e-9, "tool {:?}", &found.x[13..16]);
     }
     for (ball, centre) in true_balls().into_iter().enumerate() {
-        let at = problem.ball_at(ball);
+        let at = problem.ball_unknown(ball);
         let off = Vector3::from_column_slice(&found.x[at..at + 3]).metric_distance(&centre);
         assert!(off <= 1e-9, "ball {ball}: {off:e}");
     }
@@ -185,15 +197,15 @@ fn check_recovery(kind: Kind) {
 /// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; the scatter over 200 seeds is as predicted.
 #[test]
 fn gate_g4_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
-    for kind in ALL {
+    for kind in ALL_DESIGNS {
         let (problem, exact) = measured(kind, true, true);
         check_requirements(kind, &problem, &exact);
         check_scatter(kind, &problem, &exact);
     }
 }
 
-fn check_requirements(kind: Kind, problem: &Problem, exact: &Measured) {
-    let start = problem.start(exact);
+fn check_requirements(kind: DesignKind, problem: &GeometryProblem, exact: &ObservedValues) {
+    let start = problem.initial_values(exact);
     let covariance = problem.solve(exact, start).unwrap().factored.covariance();
     let mut worst = 0.0_f64;
     for (i, (name, _)) in paper_errors().iter().enumerate() {
@@ -209,30 +221,30 @@ fn check_requirements(kind: Kind, problem: &Problem, exact: &Measured) {
     println!("{kind:?}: worst sd {worst:.2} of what METHODS asks");
 }
 
-fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
-    const FULL: u64 = 200;
-    let seeds = population(FULL);
-    let start = problem.start(exact);
+fn check_scatter(kind: DesignKind, problem: &GeometryProblem, exact: &ObservedValues) {
+    const FULL_SEED_COUNT: u64 = 200;
+    let seeds = population(FULL_SEED_COUNT);
+    let start = problem.initial_values(exact);
     let at_truth = problem.solve(exact, start).unwrap();
     let covariance = at_truth.factored.covariance();
-    let mut squares = vec![0.0; problem.unknowns()];
+    let mut squares = vec![0.0; problem.unknown_count()];
     let mut chi2 = 0.0;
     for seed in 0..seeds {
-        let mut normal = StandardNormal.sample_iter(stream(seed, &[4]));
+        let mut normal = StandardNormal.sample_iter(seeded_stream(seed, &[4]));
         let mut next = || -> f64 { normal.next().unwrap() };
         let mut noisy = exact.clone();
         for xyz in &mut noisy.xyz {
             *xyz += Vector3::new(next(), next(), next()) * NOISE_MM;
         }
         noisy.lengths[0] += next() * U_BAR_MM;
-        let start = problem.start(&noisy);
+        let start = problem.initial_values(&noisy);
         let found = problem.solve(&noisy, start).unwrap();
         chi2 += found.residuals.iter().map(|r| r * r).sum::<f64>();
         for (sum, (x, expected)) in squares.iter_mut().zip(found.x.iter().zip(&at_truth.x)) {
             *sum += (x - expected).powi(2);
         }
     }
-    let (low, high) = ratio_bounds(seeds, FULL, (0.85, 1.15));
+    let (low, high) = ratio_bounds(seeds, FULL_SEED_COUNT, (0.85, 1.15));
     for (i, sum) in squares.iter().enumerate() {
         let ratio = (sum / seeds as f64 / covariance[(i, i)]).sqrt();
         assert!((low..=high).contains(&ratio), "{kind:?}, unknown {i}: {ratio}");
@@ -245,10 +257,10 @@ fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
 /// Compares the blocks with all rows in one dense matrix, with derivatives by differences of the residuals.
 #[test]
 fn regress_rows_as_differences_of_the_residuals() {
-    let (problem, measured) = measured(OPTIMAL, true, true);
-    let x = problem.solve(&measured, problem.start(&measured)).unwrap().x;
-    let (factored, _) = factor(problem.rows(&x, &measured));
-    let mut jacobian = Mat::zeros(problem.rows_count(), x.len());
+    let (problem, measured) = measured(D_OPTIMAL_DESIGN, true, true);
+    let x = problem.solve(&measured, problem.initial_values(&measured)).unwrap().x;
+    let (factored, _) = factorise(problem.rows(&x, &measured));
+    let mut jacobian = Mat::zeros(problem.row_count(), x.len());
     for j in 0..x.len() {
         let h = if j < 13 && x[j].abs() < 1e-3 { 1e-5 } else { 1e-2 };
         let at = |step: f64| {

@@ -5,32 +5,35 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::built_in::turned_by;
 use super::paper_errors;
-use super::whole::{SOUND, World, parameter, says, settings};
+use super::whole::{FAULTLESS_MEASUREMENT, SimulatedMeasurement, has_warning, parameter, settings};
 use crate::IdentifyError;
 use crate::samba::identify::identify;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
-use machine::record::reading::{Flag, Reading};
+use machine::record::reading::{Reading, ReadingFlag};
 
 /// A file with a header only, a run stopped in its first search, and an incomplete measurement are refused
 /// with a reason.
 #[test]
 fn regress_readings_without_a_complete_measurement_are_refused() {
-    let (mut plan, mut readings) = SOUND.measure();
+    let (mut plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     let why = |plan: &Plan, readings: &[Reading]| match identify(plan, &settings(), readings) {
-        Err(IdentifyError::Refused(refused)) => refused.why,
+        Err(IdentifyError::Refused(refused)) => refused.reason,
         other => panic!("{other:?}"),
     };
-    assert!(why(&plan, &[]).contains("no readings at all"));
+    assert!(why(&plan, &[]).contains("there are no readings"));
     let three = why(&plan, &readings[..3]);
-    assert!(three.contains("indexation 1 is left out: 3 touches, 4 are needed"), "{three}");
+    assert!(
+        three.contains("indexation 1 was not used: 3 touches, at least 4 are required"),
+        "{three}"
+    );
     for reading in readings.iter_mut().take(12) {
-        reading.flag = Flag::Excluded;
+        reading.flag = ReadingFlag::Excluded;
     }
     let flagged = why(&plan, &readings[..12]);
-    assert!(flagged.contains("all its touches are excluded; likewise 2 more"), "{flagged}");
+    assert!(flagged.contains("all touches of the ball are excluded; likewise 2 more"), "{flagged}");
     for step in plan.steps.iter_mut().take(19) {
         step.label = step.label.replace("slow", "find");
     }
@@ -40,9 +43,9 @@ fn regress_readings_without_a_complete_measurement_are_refused() {
 /// Encoder readings flicker: the touches of one measurement differ by 1e-4°, but they are one measurement.
 #[test]
 fn regress_rotary_encoders_that_flicker() {
-    let (plan, mut readings) = SOUND.measure();
+    let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     let sound = identify(&plan, &settings(), &readings).unwrap();
-    let mut normal = StandardNormal.sample_iter(stream(5, &[]));
+    let mut normal = StandardNormal.sample_iter(seeded_stream(5, &[]));
     for reading in &mut readings {
         for axis in [Axis::B, Axis::C, Axis::S] {
             let noise: f64 = normal.next().unwrap();
@@ -69,13 +72,16 @@ fn regress_rotary_encoders_that_flicker() {
     let moved = readings[2].position.get(Axis::B).unwrap() + 0.02_f64.to_radians();
     readings[2].position.set(Axis::B, moved);
     let estimate = identify(&plan, &settings(), &readings).unwrap();
-    assert!(says(&estimate, &["indexation 1 is left out", "not made at one rotary position"]));
+    assert!(has_warning(
+        &estimate,
+        &["indexation 1 was not used", "the rotary axes moved between the touches"]
+    ));
 }
 
 /// Radial error motion of C of the fourth order, 5 µm along X.
-const FOURTH: World = World {
+const FOURTH_ORDER_MOTION: SimulatedMeasurement = SimulatedMeasurement {
     shift: |_, _, [_, c, _]| Vector3::new(c.cos(), c.sin(), 0.0) * (0.005 * (4.0 * c).cos()),
-    ..SOUND
+    ..FAULTLESS_MEASUREMENT
 };
 
 /// At multiples of 90° the error motion is indistinguishable from EX0C, and the estimate reports this. At
@@ -86,7 +92,7 @@ fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
         let lines = estimate.not_identifiable.iter();
         lines.filter(|line| line.contains("in steps of")).cloned().collect()
     };
-    let hidden = FOURTH.identify().unwrap();
+    let hidden = FOURTH_ORDER_MOTION.identify().unwrap();
     let ex0c = parameter(&hidden, "EX0C");
     let truth = paper_errors().iter().find(|(name, _)| name == "EX0C").unwrap().1 * 1e3;
     println!("{:#?} EX0C off by {:+.2} µm ± {:.2}", told(&hidden), ex0c.value - truth, ex0c.u);
@@ -98,17 +104,20 @@ fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
     );
     assert!(c.contains("in steps of 360°/4 only"));
     assert!(s.starts_with("error motions of S at orders 4, 8, 12: inseparable from EX0S, EY0S"));
-    let seen = World { design: || turned_by(&[0.0, 72.0, 144.0, 216.0, 288.0]), ..FOURTH };
+    let seen = SimulatedMeasurement {
+        design: || turned_by(&[0.0, 72.0, 144.0, 216.0, 288.0]),
+        ..FOURTH_ORDER_MOTION
+    };
     let seen = seen.identify().unwrap();
     println!("{:#?} {:#?}", told(&seen), seen.warnings);
-    assert!(says(&seen, &["the model does not explain the measurements"]));
+    assert!(has_warning(&seen, &["the model does not explain the measurements"]));
     assert!(told(&seen)[0].contains("C at orders 5, 10: inseparable from EX0C"));
 }
 
 /// A machine that is displaced by 2 µm in X, Y and Z after a stop, which is the limit of its references.
 #[test]
 fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
-    let (plan, readings) = SOUND.measure();
+    let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let sound = identify(&plan, &settings(), &readings).unwrap();
     for (stop, signs) in [(60, [1.0, 1.0, 1.0]), (30, [1.0, -1.0, 1.0]), (85, [-1.0, 1.0, 1.0])] {
         let stop = 5 * stop;

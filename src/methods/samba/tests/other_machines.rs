@@ -5,20 +5,24 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use super::machine;
-use crate::samba::fit::{Bar, Measured, Problem, Seen};
-use crate::samba::model::Model;
-use crate::samba::parameters::implied;
-use crate::samba::separable::Way;
-use machine::kinematics::{Chain, ErrorTerm, Shape};
+use crate::samba::confounding::MeasuringConditions;
+use crate::samba::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues};
+use crate::samba::model::GeometryModel;
+use crate::samba::parameters::implied_parameters;
+use machine::kinematics::{ErrorShape, ErrorTerm, KinematicChain};
 use machine::{Axis, Position, frame::Point};
 
-const TOOL: Vector3<f64> = Vector3::new(0.03, -0.02, -150.0);
+const STYLUS_MM: Vector3<f64> = Vector3::new(0.03, -0.02, -150.0);
 
 #[track_caller]
 fn check(topology: &str, unknowns: usize) {
     let machine = machine(topology);
-    let chain = Chain::new(&machine).unwrap();
-    let set = implied(Way { chain: &chain, stands: &[], lengths: &[] });
+    let chain = KinematicChain::new(&machine).unwrap();
+    let set = implied_parameters(MeasuringConditions {
+        chain: &chain,
+        fixed_axes: &[],
+        length_directions: &[],
+    });
     let value = |i: usize, angular: bool, gain: bool| {
         let scale = if angular || gain { 2e-5 } else { 0.05 };
         scale * (1.0 + i as f64 * 1.3).sin()
@@ -28,7 +32,7 @@ fn check(topology: &str, unknowns: usize) {
         .enumerate()
         .map(|(i, parameter)| {
             let (angular, gain) =
-                (!parameter.component().is_linear(), parameter.shape() == Shape::Gain);
+                (!parameter.component().is_linear(), parameter.shape() == ErrorShape::Gain);
             ErrorTerm { parameter: *parameter, value: value(i, angular, gain) }
         })
         .collect();
@@ -43,22 +47,22 @@ fn check(topology: &str, unknowns: usize) {
         let place: Position =
             rotary.iter().enumerate().map(|(n, axis)| (*axis, angle(n))).collect();
         for (ball, centre) in balls.iter().enumerate() {
-            let (target, tip) = (Point::from_vec(*centre), Point::from_vec(TOOL));
-            let linear = chain.linear_axes_for(target, tip, &place, &terms).unwrap();
+            let (target, tip) = (Point::from_vec(*centre), Point::from_vec(STYLUS_MM));
+            let linear = chain.solve_linear_axes(target, tip, &place, &terms).unwrap();
             xyz.push(linear.xyz());
             let whitening = Matrix3::identity() / 1e-3;
-            seen.push(Seen { place: places.len(), ball, whitening });
+            seen.push(BallMeasurement { position_index: places.len(), ball, whitening });
         }
         places.push(place);
     }
-    let model = Model::new(&machine, &set).unwrap();
-    let bar = Bar { from: 0, to: 2, u_mm: 1e-4 };
-    let measured = Measured { xyz, lengths: vec![balls[0].metric_distance(&balls[2])] };
-    let tool = Vector3::new(0.0, 0.0, TOOL.z);
-    let problem = Problem::new(model, places, seen, vec![bar], balls.len(), tool);
-    assert_eq!(problem.unknowns(), unknowns, "{topology}");
-    let found = problem.solve(&measured, problem.start(&measured)).unwrap();
-    let survey = found.factored.survey().unwrap();
+    let model = GeometryModel::new(&machine, &set).unwrap();
+    let bar = LengthConstraint { from_ball: 0, to_ball: 2, u_mm: 1e-4 };
+    let measured = ObservedValues { xyz, lengths: vec![balls[0].metric_distance(&balls[2])] };
+    let tool = Vector3::new(0.0, 0.0, STYLUS_MM.z);
+    let problem = GeometryProblem::new(model, places, seen, vec![bar], balls.len(), tool);
+    assert_eq!(problem.unknown_count(), unknowns, "{topology}");
+    let found = problem.solve(&measured, problem.initial_values(&measured)).unwrap();
+    let survey = found.factored.analyse_rank().unwrap();
     println!("{topology}: rank {}, condition {:.1}", survey.rank, survey.condition);
     assert_eq!((survey.rank, survey.nullity), (unknowns, 0));
     for (term, x) in terms.iter().zip(&found.x) {

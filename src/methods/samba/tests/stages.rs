@@ -2,32 +2,32 @@
 
 use nalgebra::Vector3;
 
-use crate::ball_measurement::{Find, Label, Pass};
+use crate::ball_measurement::{Label, MeasurementPass, SearchMode};
 use crate::samba::design::tests::{plan, rumba};
 use crate::samba::settings::Settings;
-use crate::samba::{Method, Next, Refused, Registered, Samba, Source};
-use machine::kinematics::{Chain, ErrorTerm};
+use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
+use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::{Axis, Position, frame::Point};
 
-type Dirt = Box<dyn Fn(&Label, u32) -> f64>;
+type DirtThickness = Box<dyn Fn(&Label, u32) -> f64>;
 
 /// A machine with errors, and balls that are displaced from their stated positions.
-struct Shop {
-    chain: Chain,
+struct SimulatedMachine {
+    chain: KinematicChain,
     errors: Vec<ErrorTerm>,
     shift: Vector3<f64>,
     /// Dirt: length added to the contact of one touch, mm.
-    dirt: Dirt,
+    dirt: DirtThickness,
 }
 
-impl Shop {
+impl SimulatedMachine {
     fn new(plan: &Plan) -> Self {
         let term = |name: &str, value| ErrorTerm { parameter: name.parse().unwrap(), value };
         Self {
-            chain: Chain::new(&plan.machine).unwrap(),
+            chain: KinematicChain::new(&plan.machine).unwrap(),
             errors: vec![term("EX0C", -0.105), term("EY0S", 0.02), term("EA0C", -11e-6)],
             shift: Vector3::new(0.3, -0.4, 0.2),
             dirt: Box::new(|_, _| 0.0),
@@ -43,7 +43,10 @@ impl Shop {
         let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let at = |share: f64| -> Position {
-            let part = |axis| step.from.at(axis) + share * (step.to.at(axis) - step.from.at(axis));
+            let part = |axis| {
+                step.from.get_or_zero(axis)
+                    + share * (step.to.get_or_zero(axis) - step.from.get_or_zero(axis))
+            };
             step.from.updated_by(&Axis::LINEAR.into_iter().map(|a| (a, part(a))).collect())
         };
         let gap = |share: f64| {
@@ -69,19 +72,23 @@ impl Shop {
     }
 }
 
-type Played = (Plan, Vec<Stage>, Vec<Reading>);
+type PlayedRun = (Plan, Vec<Stage>, Vec<Reading>);
 
 /// Plays all stages, as in a run.
-fn play(settings: &Settings, shop: &Shop) -> Result<Played, Refused> {
+fn play(settings: &Settings, shop: &SimulatedMachine) -> Result<PlayedRun, MethodRefusal> {
     let mut played = (plan(settings), Vec::new(), Vec::new());
-    go_on(settings, shop, &mut played).map(|()| played)
+    continue_run(settings, shop, &mut played).map(|()| played)
 }
 
-fn go_on(settings: &Settings, shop: &Shop, played: &mut Played) -> Result<(), Refused> {
+fn continue_run(
+    settings: &Settings,
+    shop: &SimulatedMachine,
+    played: &mut PlayedRun,
+) -> Result<(), MethodRefusal> {
     let (plan, done, readings) = played;
     let samba = Samba::new(settings.clone());
-    while let Next::Stage { stage, new_steps } =
-        samba.next(plan, done, Source::Measured(readings))?
+    while let NextStage::Stage { stage, new_steps } =
+        samba.next_stage(plan, done, PositionSource::Measured(readings))?
     {
         plan.steps.extend(new_steps);
         for id in &stage.steps {
@@ -95,26 +102,30 @@ fn go_on(settings: &Settings, shop: &Shop, played: &mut Played) -> Result<(), Re
     Ok(())
 }
 
-fn few() -> Settings {
+fn small_design_settings() -> Settings {
     Settings { balls: 30, indexations: 10, ..Settings::default() }
 }
 
 #[test]
 fn the_stages_are_played_to_the_end() {
-    let settings = few();
-    let shop = Shop::new(&plan(&settings));
+    let settings = small_design_settings();
+    let shop = SimulatedMachine::new(&plan(&settings));
     let (played, done, _) = play(&settings, &shop).unwrap();
     assert!(done.iter().all(|stage| stage.repeat == 0));
     // Every ball is searched for first, and measured at three or more indexations.
     let labels: Vec<Label> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
     for ball in rumba().balls {
-        let of = |pass: Pass| {
+        let of = |pass: MeasurementPass| {
             let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
             mine.filter(|l| l.ball == ball.id).count()
         };
-        assert!(of(Pass::Slow) >= 3 && of(Pass::Find) >= 3, "ball {}", ball.id);
+        assert!(
+            of(MeasurementPass::Slow) >= 3 && of(MeasurementPass::Find) >= 3,
+            "ball {}",
+            ball.id
+        );
     }
-    let slow = labels.iter().filter(|l| l.pass == Pass::Slow).count();
+    let slow = labels.iter().filter(|l| l.pass == MeasurementPass::Slow).count();
     assert_eq!(slow, 5 * 30);
     // Once all balls are found, proofs use their found positions.
     let last = done.last().unwrap().found.clone().unwrap();
@@ -136,16 +147,16 @@ fn the_stages_are_played_to_the_end() {
 
 #[test]
 fn without_readings_the_plan_has_the_same_stages() {
-    let settings = few();
+    let settings = small_design_settings();
     let (mut printed, samba) = (plan(&settings), Samba::new(settings.clone()));
     let mut done = Vec::new();
-    while let Next::Stage { stage, new_steps } =
-        samba.next(&printed, &done, Source::Nominal).unwrap()
+    while let NextStage::Stage { stage, new_steps } =
+        samba.next_stage(&printed, &done, PositionSource::Nominal).unwrap()
     {
         printed.steps.extend(new_steps);
         done.push(stage);
     }
-    let shop = Shop::new(&printed);
+    let shop = SimulatedMachine::new(&printed);
     let (played, played_stages, _) = play(&settings, &shop).unwrap();
     let outline = |stages: &[Stage]| -> Vec<(u32, String, Vec<u32>, bool)> {
         let one = |s: &Stage| (s.id, s.name.clone(), s.steps.clone(), s.found.is_some());
@@ -159,8 +170,8 @@ fn without_readings_the_plan_has_the_same_stages() {
 
 #[test]
 fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
-    let settings = Settings { find: Find::Once, ..few() };
-    let shop = Shop::new(&plan(&settings));
+    let settings = Settings { find: SearchMode::Once, ..small_design_settings() };
+    let shop = SimulatedMachine::new(&plan(&settings));
     let (played, _, _) = play(&settings, &shop).unwrap();
     let finds = played.steps.iter().filter(|step| step.label.starts_with("find/")).count();
     assert_eq!(finds, 5 * 6);
@@ -169,10 +180,11 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
 /// Dirt on one touch: the ball is measured again, then the run is held.
 #[test]
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
-    let settings = few();
-    let mut shop = Shop::new(&plan(&settings));
-    let dirty =
-        |label: &Label| label.pass == Pass::Slow && label.ball == "3" && label.touch == "-45";
+    let settings = small_design_settings();
+    let mut shop = SimulatedMachine::new(&plan(&settings));
+    let dirty = |label: &Label| {
+        label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45"
+    };
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
     let (played, done, readings) = play(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
@@ -185,56 +197,62 @@ fn dirt_is_measured_once_more_and_then_holds_the_run() {
     assert_eq!(readings.iter().filter(|reading| reading.repeat == 1).count() % 5, 0);
     shop.dirt = Box::new(move |label, _| if dirty(label) { 0.06 } else { 0.0 });
     let refused = play(&settings, &shop).unwrap_err();
-    assert!(refused.why.contains("dirt, loose ball or wrong stylus?"), "{}", refused.why);
-    assert!(refused.why.contains("ball 3 at B"), "{}", refused.why);
-    assert!(refused.instead.contains("resume the run: it measures the ball again"));
+    assert!(refused.reason.contains("a loose ball or a wrong stylus"), "{}", refused.reason);
+    assert!(refused.reason.contains("ball 3 at B"), "{}", refused.reason);
+    assert!(refused.remedy.contains("resume the run, which measures the ball again"));
 }
 
 #[test]
 fn a_larger_ball_is_a_wrong_stylus() {
-    let settings = few();
-    let mut shop = Shop::new(&plan(&settings));
+    let settings = small_design_settings();
+    let mut shop = SimulatedMachine::new(&plan(&settings));
     shop.dirt = Box::new(|_, _| 0.05);
     let refused = play(&settings, &shop).unwrap_err();
-    assert!(refused.why.contains("diameter 19.150 mm, not 19.050 mm"), "{}", refused.why);
+    assert!(
+        refused.reason.contains("diameter 19.150 mm differs from the expected 19.050 mm"),
+        "{}",
+        refused.reason
+    );
 }
 
 #[test]
 fn a_ball_far_from_its_stated_place_is_named() {
-    let settings = few();
-    let mut shop = Shop::new(&plan(&settings));
+    let settings = small_design_settings();
+    let mut shop = SimulatedMachine::new(&plan(&settings));
     shop.shift = Vector3::new(0.8, 0.8, 0.0);
     let refused = play(&settings, &shop).unwrap_err();
-    for word in ["ball ", "from its stated place", "uncertainty_mm = 1"] {
-        assert!(refused.why.contains(word), "{}", refused.why);
+    for word in ["ball ", "from the position in [artefact]", "uncertainty_mm = 1"] {
+        assert!(refused.reason.contains(word), "{}", refused.reason);
     }
     // No reference has been measured yet.
-    assert!(refused.instead.ends_with("then start a new run"), "{}", refused.instead);
+    assert!(refused.remedy.ends_with("then start a new run"), "{}", refused.remedy);
 }
 
 /// The run holds if the search finds a ball that was moved; it continues once the ball is put back and the
 /// run is resumed.
 #[test]
 fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
-    let settings = few();
-    let mut shop = Shop::new(&plan(&settings));
+    let settings = small_design_settings();
+    let mut shop = SimulatedMachine::new(&plan(&settings));
     shop.dirt =
         Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
-            (Pass::Find, "3", "+45") if label.indexation > 5 => 0.8,
-            (Pass::Find, "3", "-135") if label.indexation > 5 => -0.8,
+            (MeasurementPass::Find, "3", "+45") if label.indexation > 5 => 0.8,
+            (MeasurementPass::Find, "3", "-135") if label.indexation > 5 => -0.8,
             _ => 0.0,
         });
     let mut played = (plan(&settings), Vec::new(), Vec::new());
-    let refused = go_on(&settings, &shop, &mut played).unwrap_err();
-    assert!(refused.why.contains("the ball has moved"), "{}", refused.why);
-    assert!(refused.instead.contains("resume the run: it measures the ball again"));
+    let refused = continue_run(&settings, &shop, &mut played).unwrap_err();
+    assert!(refused.reason.contains("the ball has moved"), "{}", refused.reason);
+    assert!(refused.remedy.contains("resume the run, which measures the ball again"));
     // The run does not continue unless the operator resumes it.
-    assert!(go_on(&settings, &shop, &mut played).is_err());
+    assert!(continue_run(&settings, &shop, &mut played).is_err());
     played.0.gaps_s.push(played.2.last().unwrap().t_s);
     shop.dirt = Box::new(|_, _| 0.0);
-    go_on(&settings, &shop, &mut played).unwrap();
+    continue_run(&settings, &shop, &mut played).unwrap();
     let again: Vec<&Stage> = played.1.iter().filter(|stage| stage.repeat == 1).collect();
     assert_eq!(again.len(), 1);
     let label = |id: &u32| played.0.steps[*id as usize].label.parse::<Label>().unwrap();
-    assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == Pass::Find));
+    assert!(
+        again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == MeasurementPass::Find)
+    );
 }

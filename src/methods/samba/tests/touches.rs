@@ -4,63 +4,78 @@
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::whole::{SOUND, says, settings};
+use super::whole::{FAULTLESS_MEASUREMENT, has_warning, settings};
 use crate::identification::{LeastSquares, ObservationEquation};
-use crate::samba::fit::Measurement;
+use crate::samba::fit::GeometryEquations;
 use crate::samba::identify::identify;
-use crate::samba::solution::{GeometrySolution, of_centres, solve_geometry};
+use crate::samba::solution::{GeometrySolution, observed_values, solve_geometry};
 use estimation::monte_carlo::numerical_tolerance;
-use estimation::random::stream;
+use estimation::random::seeded_stream;
 use machine::Axis;
 
 /// Much larger than the scatter of any probe, so that the nonlinearity of a sphere fit becomes visible, mm.
 const NOISE_MM: f64 = 5e-3;
 
 /// All unknowns with the deviations of one trial, from drawn centres and from drawn touches.
-fn both(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
+fn residual_unknowns_of_trial(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
     let GeometrySolution { problem, measured, minimum, .. } = solved;
-    let mut normal = StandardNormal.sample_iter(stream(7, &[trial]));
+    let mut normal = StandardNormal.sample_iter(seeded_stream(7, &[trial]));
     let mut touched = solved.observed.clone();
-    let equation = Measurement { problem, measured };
+    let equation = GeometryEquations { problem, measured };
     let mut change = vec![0.0; equation.observations()];
     for (i, sight) in touched.centres.iter_mut().enumerate() {
         for touch in &mut sight.touches {
             let deviation: f64 = normal.next().unwrap();
             let shift = touch.gain * (deviation * NOISE_MM);
             change[3 * i..].iter_mut().zip(&shift).for_each(|(change, shift)| *change += shift);
-            touch.point += touch.normal * (deviation * NOISE_MM);
+            touch.axes_mm += touch.normal * (deviation * NOISE_MM);
         }
     }
-    touched.fit_again(&problem.ways(&minimum.x)).unwrap();
-    let touches = of_centres(&touched, &solved.balls.lengths);
+    touched.refit(&problem.motion_matrices(&minimum.x)).unwrap();
+    let touches = observed_values(&touched, &solved.balls.lengths);
     let whole = problem.solve(&touches, minimum.x.clone()).unwrap();
-    [LeastSquares { equation: &equation, minimum }.near(&change), whole.x]
+    [LeastSquares { equation: &equation, minimum }.solve_for_change(&change), whole.x]
 }
 
 #[test]
 fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
     const TRIALS: u64 = 1000;
-    let (plan, readings) = SOUND.measure();
+    let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings();
     let solved = solve_geometry(&plan, &settings, &readings).unwrap();
-    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| both(&solved, trial)).collect();
+    let trials: Vec<_> = (0..TRIALS)
+        .into_par_iter()
+        .map(|trial| residual_unknowns_of_trial(&solved, trial))
+        .collect();
     for (i, x) in solved.minimum.x.iter().enumerate() {
         let mean = |which: usize| {
-            trials.iter().map(|both| both[which][i] - x).sum::<f64>() / TRIALS as f64
+            trials
+                .iter()
+                .map(|residual_unknowns_of_trial| residual_unknowns_of_trial[which][i] - x)
+                .sum::<f64>()
+                / TRIALS as f64
         };
         let u = |which: usize| {
-            let squares = trials.iter().map(|both| (both[which][i] - x).powi(2)).sum::<f64>();
+            let squares = trials
+                .iter()
+                .map(|residual_unknowns_of_trial| {
+                    (residual_unknowns_of_trial[which][i] - x).powi(2)
+                })
+                .sum::<f64>();
             (squares / TRIALS as f64).sqrt()
         };
-        let [of_centres, of_touches] = [u(0), u(1)];
+        let [observed_values, of_touches] = [u(0), u(1)];
         println!(
-            "{i}: u {of_centres:.4e} by centres, {:.5} of it by touches; means {:.4} u apart",
-            of_touches / of_centres,
-            (mean(0) - mean(1)).abs() / of_centres
+            "{i}: u {observed_values:.4e} by centres, {:.5} of it by touches; means {:.4} u apart",
+            of_touches / observed_values,
+            (mean(0) - mean(1)).abs() / observed_values
         );
         // Tolerance: two significant digits of u, JCGM 101, 7.9.2.
-        let tolerance = numerical_tolerance(of_centres, 2);
-        assert!((of_centres - of_touches).abs() < tolerance, "{i}: {of_centres}, {of_touches}");
+        let tolerance = numerical_tolerance(observed_values, 2);
+        assert!(
+            (observed_values - of_touches).abs() < tolerance,
+            "{i}: {observed_values}, {of_touches}"
+        );
         assert!((mean(0) - mean(1)).abs() < tolerance, "{i}");
     }
     assert_ne!(trials[0][0], trials[0][1]);
@@ -70,11 +85,11 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
 /// for the errors of the machine.
 #[test]
 fn regress_weighted_changes_are_those_of_the_residuals() {
-    let (plan, readings) = SOUND.measure();
+    let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings();
     let GeometrySolution { problem, measured, minimum, .. } =
         &solve_geometry(&plan, &settings, &readings).unwrap();
-    let equation = Measurement { problem, measured };
+    let equation = GeometryEquations { problem, measured };
     let change: Vec<f64> = (0..equation.observations()).map(|i| 1e-3 * (i as f64).sin()).collect();
     let changed = equation.residuals(&minimum.x, &change);
     let weighted = equation.weighted_change(&change);
@@ -93,7 +108,7 @@ fn regress_a_ball_that_moved_at_the_end_is_named() {
         visits.dedup();
         visits
     };
-    let (plan, readings) = SOUND.measure();
+    let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let of_ball = |label: &String| label.contains("/4/");
     let visits = visits(plan.steps.iter().map(|s| s.label.clone()).filter(of_ball).collect());
     let count = visits.len();
@@ -112,7 +127,7 @@ fn regress_a_ball_that_moved_at_the_end_is_named() {
         let estimate = identify(&plan, &settings(), &moved).unwrap();
         println!("{:#?}", estimate.warnings);
         let between = format!("indexations {before} and {after}, or {which}");
-        assert!(says(&estimate, &["ball 4 seems to have moved by ", &between]));
+        assert!(has_warning(&estimate, &["ball 4 probably moved by ", &between]));
         let um = |words: &str| words.split_once("moved by ")?.1.split(' ').next()?.parse().ok();
         let step: f64 = estimate.warnings.iter().find_map(|words| um(words)).unwrap();
         assert!((step - 20.0).abs() < 1.0, "{step} µm");

@@ -4,30 +4,30 @@ use std::collections::BTreeMap;
 
 /// A line without blanks and comments.
 #[derive(Debug, PartialEq)]
-pub(super) enum Line {
+pub(super) enum GcodeLine {
     /// `%` at the start or end of the program.
     Percent,
     /// `o<..> if [..]`
     If(String),
     /// `o<..> endif`
     EndIf(String),
-    Words(Words),
+    GcodeWords(GcodeWords),
 }
 
 /// Words by letter; G and M words may occur several times.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Words {
+pub(super) struct GcodeWords {
     /// Ten times the G words: G38.2 is 382.
-    pub g: Vec<u32>,
-    pub m: Vec<u32>,
+    pub g_words_tenfold: Vec<u32>,
+    pub m_words: Vec<u32>,
     values: BTreeMap<char, f64>,
     /// Whether the line contains a comment `(ABORT, ..)`.
-    pub aborts: bool,
+    pub has_abort_comment: bool,
 }
 
-impl Words {
+impl GcodeWords {
     /// Takes the value of a word, which then counts as understood.
-    pub fn take(&mut self, letter: char) -> Option<f64> {
+    pub fn take_value(&mut self, letter: char) -> Option<f64> {
         self.values.remove(&letter)
     }
 
@@ -38,36 +38,36 @@ impl Words {
 
     /// Whether this G word (times ten) is present; it then counts as understood.
     pub fn take_g(&mut self, tenfold: u32) -> bool {
-        let before = self.g.len();
-        self.g.retain(|g| *g != tenfold);
-        self.g.len() < before
+        let before = self.g_words_tenfold.len();
+        self.g_words_tenfold.retain(|g| *g != tenfold);
+        self.g_words_tenfold.len() < before
     }
 
     pub fn take_m(&mut self, code: u32) -> bool {
-        let before = self.m.len();
-        self.m.retain(|m| *m != code);
-        self.m.len() < before
+        let before = self.m_words.len();
+        self.m_words.retain(|m| *m != code);
+        self.m_words.len() < before
     }
 
     /// The first G or M word that was not understood.
-    pub fn left_over_code(&self) -> Option<String> {
-        let g = self.g.first().map(|g| format!("G{}", f64::from(*g) / 10.0));
-        g.or_else(|| self.m.first().map(|m| format!("M{m}")))
+    pub fn first_unread_code(&self) -> Option<String> {
+        let g = self.g_words_tenfold.first().map(|g| format!("G{}", f64::from(*g) / 10.0));
+        g.or_else(|| self.m_words.first().map(|m| format!("M{m}")))
     }
 
     /// The first word that was not understood.
-    pub fn left_over(&self) -> Option<String> {
+    pub fn first_unread_word(&self) -> Option<String> {
         let value = || self.values.iter().next().map(|(letter, value)| format!("{letter}{value}"));
-        self.left_over_code().or_else(value)
+        self.first_unread_code().or_else(value)
     }
 
-    fn put(&mut self, letter: char, value: f64) -> Result<(), String> {
+    fn add_word(&mut self, letter: char, value: f64) -> Result<(), String> {
         match letter {
-            'G' => self.g.push(code(value * 10.0, letter)?),
-            'M' => self.m.push(code(value, letter)?),
+            'G' => self.g_words_tenfold.push(parse_code(value * 10.0, letter)?),
+            'M' => self.m_words.push(parse_code(value, letter)?),
             _ => {
                 if self.values.insert(letter, value).is_some() {
-                    return Err(format!("two {letter} words"));
+                    return Err(format!("the line has two {letter} words"));
                 }
             }
         }
@@ -76,28 +76,28 @@ impl Words {
 }
 
 /// Number of a word that counts or names: an integer, not negative, below ten million.
-pub(super) fn code(value: f64, letter: char) -> Result<u32, String> {
+pub(super) fn parse_code(value: f64, letter: char) -> Result<u32, String> {
     let whole = value.round();
     if (value - whole).abs() < 1e-6 && (0.0..10_000_000.0).contains(&whole) {
         return Ok(whole as u32);
     }
-    Err(format!("a {letter} word that does not exist"))
+    Err(format!("the number of the {letter} word is invalid"))
 }
 
-impl Line {
+impl GcodeLine {
     pub fn parse(text: &str) -> Result<Self, String> {
-        let (plain, aborts) = without_comments(text)?;
+        let (plain, has_abort_comment) = strip_comments(text)?;
         if plain == "%" {
             return Ok(Self::Percent);
         }
         if let Some(rest) = plain.strip_prefix('O') {
-            return condition(rest);
+            return parse_condition(rest);
         }
-        let mut words = Words { aborts, ..Words::default() };
+        let mut words = GcodeWords { has_abort_comment, ..GcodeWords::default() };
         let mut rest = plain.as_str();
         while let Some(letter) = rest.chars().next() {
             if !letter.is_ascii_uppercase() {
-                return Err(format!("`{rest}` is not understood"));
+                return Err(format!("`{rest}` is not supported"));
             }
             let after = &rest[1..];
             let is_number = |c: char| c.is_ascii_digit() || matches!(c, '.' | '-' | '+');
@@ -105,22 +105,24 @@ impl Line {
             let (number, next) = after.split_at(end);
             let value = number.parse().ok().filter(|value: &f64| value.is_finite());
             let value = value.ok_or_else(|| format!("`{rest}` is not a word"))?;
-            words.put(letter, value)?;
+            words.add_word(letter, value)?;
             rest = next;
         }
-        Ok(Self::Words(words))
+        Ok(Self::GcodeWords(words))
     }
 }
 
 /// Upper-case text without blanks and comments, and whether a comment aborts the program.
-fn without_comments(text: &str) -> Result<(String, bool), String> {
-    let (mut plain, mut comment, mut depth, mut aborts) = (String::new(), String::new(), 0, false);
+fn strip_comments(text: &str) -> Result<(String, bool), String> {
+    let (mut plain, mut comment, mut depth, mut has_abort_comment) =
+        (String::new(), String::new(), 0, false);
     for c in text.chars() {
         match c {
             '(' if depth == 0 => depth = 1,
             ')' if depth == 1 => {
                 depth = 0;
-                aborts |= comment.trim_start().to_ascii_uppercase().starts_with("ABORT,");
+                has_abort_comment |=
+                    comment.trim_start().to_ascii_uppercase().starts_with("ABORT,");
                 comment.clear();
             }
             _ if depth == 1 => comment.push(c),
@@ -129,17 +131,23 @@ fn without_comments(text: &str) -> Result<(String, bool), String> {
             c => plain.push(c.to_ascii_uppercase()),
         }
     }
-    if depth == 1 { Err("a comment without its end".to_owned()) } else { Ok((plain, aborts)) }
+    if depth == 1 {
+        Err("a comment is not closed".to_owned())
+    } else {
+        Ok((plain, has_abort_comment))
+    }
 }
 
 /// Parses the text after the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
-fn condition(rest: &str) -> Result<Line, String> {
-    let refused = || format!("`O{rest}` is not understood: only conditions that stop are");
+fn parse_condition(rest: &str) -> Result<GcodeLine, String> {
+    let refused = || {
+        format!("`O{rest}` is not supported: only conditions that stop the program are supported")
+    };
     let (name, what) =
         rest.strip_prefix('<').and_then(|r| r.split_once('>')).ok_or_else(refused)?;
     match what {
-        "ENDIF" => Ok(Line::EndIf(name.to_owned())),
-        _ if what.starts_with("IF[") && what.ends_with(']') => Ok(Line::If(name.to_owned())),
+        "ENDIF" => Ok(GcodeLine::EndIf(name.to_owned())),
+        _ if what.starts_with("IF[") && what.ends_with(']') => Ok(GcodeLine::If(name.to_owned())),
         _ => Err(refused()),
     }
 }

@@ -3,13 +3,13 @@
 //! dwells, spindle orientation, a stop for the operator, and conditions whose only effect is to stop. Everything
 //! else is refused with its line: a word that is not understood is never skipped.
 
-mod declared;
+mod declared_commands;
 mod line;
 mod state;
 
-pub use self::declared::{Declared, Switch};
-use self::line::Line;
-use self::state::State;
+pub use self::declared_commands::{DeclaredCommands, SwitchEffect};
+use self::line::GcodeLine;
+use self::state::ReaderState;
 use machine::Position;
 
 /// A motion as read from the text.
@@ -18,17 +18,17 @@ pub struct ReadMotion {
     /// Line of the text, from 1.
     pub line: usize,
     /// Value of the N word.
-    pub n: Option<u32>,
-    pub kind: Kind,
+    pub step_number: Option<u32>,
+    pub kind: MotionKind,
     /// End positions of the axes in the line, mm and rad; empty for dwell, orientation and stop.
     pub target: Position,
-    pub frame: Frame,
+    pub frame: MotionFrame,
     /// Feed, mm/min; `None` for a rapid and for anything that does not move.
     pub feed_mm_min: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Kind {
+pub enum MotionKind {
     /// G0: rapid move.
     Rapid,
     /// G1: move at feed.
@@ -50,7 +50,7 @@ pub enum Kind {
 
 /// Frame of the target.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Frame {
+pub enum MotionFrame {
     /// G53, or a work offset slot known to be zero, with G92 and tool length offset off.
     Machine,
     /// Work coordinates of this name; the text does not contain their offsets.
@@ -58,10 +58,10 @@ pub enum Frame {
 }
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("line {line}: {why}")]
+#[error("line {line}: {reason}")]
 pub struct ReadError {
     pub line: usize,
-    pub why: String,
+    pub reason: String,
 }
 
 /// Reads the motions of a program, in order.
@@ -72,26 +72,26 @@ pub struct ReadError {
 ///
 /// # Errors
 /// The first line that is not understood, or that moves in a state not set.
-pub fn read(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, ReadError> {
-    read_with(text, zero_slot, &Declared::default())
+pub fn read_program(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, ReadError> {
+    read_program_with(text, zero_slot, &DeclaredCommands::default())
 }
 
-/// Like [`read`], on a machine with commands of its own. If a command switches the probe, the probe must be on
+/// Like [`read_program`], on a machine with commands of its own. If a command switches the probe, the probe must be on
 /// before a probing move; an axis with a clamp moves only while the clamp is open, and a probing move needs the
 /// clamp closed.
-pub fn read_with(
+pub fn read_program_with(
     text: &str,
     zero_slot: Option<&str>,
-    declared: &Declared,
+    declared: &DeclaredCommands,
 ) -> Result<Vec<ReadMotion>, ReadError> {
-    let mut state = State::new(zero_slot, declared);
+    let mut state = ReaderState::new(zero_slot, declared);
     let mut motions = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
-        let read = Line::parse(line).and_then(|line| state.apply(line));
-        if let Some(step) = read.map_err(|why| ReadError { line: number, why })? {
+        let read = GcodeLine::parse(line).and_then(|line| state.apply(line));
+        if let Some(step) = read.map_err(|reason| ReadError { line: number, reason })? {
             motions.push(ReadMotion { line: number, ..step });
         }
     }
-    state.end().map_err(|why| ReadError { line: text.lines().count(), why })?;
+    state.check_end().map_err(|reason| ReadError { line: text.lines().count(), reason })?;
     Ok(motions)
 }

@@ -12,16 +12,20 @@ use minijinja::context;
 use serde::Deserialize;
 
 use super::session::SESSION_DURATION;
-use super::tokens::whose;
-use super::{Access, DOOR, Refused, SESSION, closed, session_numbers};
+use super::tokens::find_token;
+use super::{
+    Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_numbers, tokens_unreadable,
+};
 use crate::service::http::AppState;
-use crate::service::http::page::{for_people, whole};
+use crate::service::http::page::{errors_as_pages, render_page};
 use crate::service::http::problem::Problem;
 
-pub fn routes() -> Router<AppState> {
-    let routes = Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave));
+pub fn login_routes() -> Router<AppState> {
+    let routes = Router::new()
+        .route(LOGIN_ROUTE, get(login_page).post(sign_in))
+        .route("/logout", post(sign_out));
     // These routes are for browsers only.
-    routes.layer(from_fn(for_people))
+    routes.layer(from_fn(errors_as_pages))
 }
 
 #[derive(Deserialize)]
@@ -29,58 +33,61 @@ struct LoginForm {
     token: String,
 }
 
-async fn door(State(web): State<AppState>, headers: HeaderMap) -> Result<Html<String>, Problem> {
-    let access = &web.access;
+async fn login_page(
+    State(app): State<AppState>,
+    headers: HeaderMap,
+) -> Result<Html<String>, Problem> {
+    let access = &app.access;
     let numbers = session_numbers(&headers);
-    let inside = numbers.iter().find_map(|number| access.sessions.find(number));
-    let (name, role) = match &inside {
+    let session_token = numbers.iter().find_map(|number| access.sessions.find(number));
+    let (name, role) = match &session_token {
         Some(token) => (Some(token.name.as_str()), Some(token.role.as_str())),
         None => (None, None),
     };
-    whole("login.html", access.demanded, context! { name, role, wrong => false })
+    render_page("login.html", access.requires_tokens, context! { name, role, wrong => false })
 }
 
-async fn enter(State(web): State<AppState>, request: Request) -> Result<Response, Problem> {
-    let (access, headers) = (&web.access, request.headers().clone());
-    let address = access.address(&request);
-    let form = Form::from_request(request, &web).await;
-    let Form(LoginForm { token }) = form.map_err(|_| unreadable())?;
-    let known = access.known().map_err(|_| closed())?;
-    let Some(token) = whose(&known, token.trim()) else {
-        if let Err(too_often) = access.rates.failure(&address) {
-            return Ok(Refused::from(too_often).into_response());
+async fn sign_in(State(app): State<AppState>, request: Request) -> Result<Response, Problem> {
+    let (access, headers) = (&app.access, request.headers().clone());
+    let address = access.client_address(&request);
+    let form = Form::from_request(request, &app).await;
+    let Form(LoginForm { token }) = form.map_err(|_| missing_token_field())?;
+    let known = access.valid_tokens().map_err(|_| tokens_unreadable())?;
+    let Some(token) = find_token(&known, token.trim()) else {
+        if let Err(too_often) = access.rate_limits.count_failure(&address) {
+            return Ok(AccessDenied::from(too_often).into_response());
         }
-        access.log.say(&format!("{address} has shown what is no token"));
+        access.log.info(&format!("{address} presented an invalid token"));
         let values = context! { name => (), role => (), wrong => true };
-        let door = whole("login.html", access.demanded, values)?;
-        return Ok((StatusCode::UNAUTHORIZED, door).into_response());
+        let login_page = render_page("login.html", access.requires_tokens, values)?;
+        return Ok((StatusCode::UNAUTHORIZED, login_page).into_response());
     };
-    access.log.say(&format!("{} comes in from {address}", token.name));
-    let number = access.sessions.open(token).map_err(no_chance)?;
-    let lasts = time::Duration::seconds(SESSION_DURATION.as_secs() as i64);
-    Ok(with_cookie(access, &headers, number, lasts, "/"))
+    access.log.info(&format!("{} signed in from {address}", token.name));
+    let number = access.sessions.open(token).map_err(no_random_numbers)?;
+    let max_age = time::Duration::seconds(SESSION_DURATION.as_secs() as i64);
+    Ok(redirect_with_cookie(access, &headers, number, max_age, "/"))
 }
 
-async fn leave(State(web): State<AppState>, headers: HeaderMap) -> Response {
+async fn sign_out(State(app): State<AppState>, headers: HeaderMap) -> Response {
     for number in session_numbers(&headers) {
-        web.access.sessions.close(&number);
+        app.access.sessions.close(&number);
     }
-    with_cookie(&web.access, &headers, String::new(), time::Duration::ZERO, DOOR)
+    redirect_with_cookie(&app.access, &headers, String::new(), time::Duration::ZERO, LOGIN_ROUTE)
 }
 
-fn with_cookie(
+fn redirect_with_cookie(
     access: &Access,
     headers: &HeaderMap,
     number: String,
-    lasts: time::Duration,
+    max_age: time::Duration,
     to: &str,
 ) -> Response {
-    let cookie = Cookie::build((SESSION, number))
+    let cookie = Cookie::build((SESSION_COOKIE_NAME, number))
         .path("/")
         .http_only(true)
         .same_site(SameSite::Strict)
         .secure(access.is_behind_proxy(headers))
-        .max_age(lasts)
+        .max_age(max_age)
         .build();
     let mut response = Redirect::to(to).into_response();
     if let Ok(value) = HeaderValue::from_str(&cookie.to_string()) {
@@ -89,13 +96,13 @@ fn with_cookie(
     response
 }
 
-fn unreadable() -> Problem {
-    let (status, remedy) = (StatusCode::BAD_REQUEST, "come in at /login");
-    Problem::new(status, "unreadable", "no token came with the form", remedy)
+fn missing_token_field() -> Problem {
+    let (status, remedy) = (StatusCode::BAD_REQUEST, "sign in at /login");
+    Problem::new(status, "unreadable", "the form contains no token", remedy)
 }
 
-fn no_chance(error: getrandom::Error) -> Problem {
+fn no_random_numbers(error: getrandom::Error) -> Problem {
     let status = StatusCode::INTERNAL_SERVER_ERROR;
-    let told = super::TokenError::from(error);
-    Problem::new(status, "no-random", told.to_string(), told.remedy())
+    let error = super::TokenError::from(error);
+    Problem::new(status, "no-random", error.to_string(), error.remedy())
 }

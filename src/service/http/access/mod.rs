@@ -3,7 +3,7 @@
 //! for a session.
 
 mod login;
-mod rate;
+mod rate_limit;
 mod roles;
 mod secret;
 mod session;
@@ -23,34 +23,34 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use cookie::Cookie;
 
-pub use self::login::routes;
-use self::rate::{Rates, TooOften};
+pub use self::login::login_routes;
+use self::rate_limit::{RateLimitExceeded, RateLimits};
 pub use self::roles::Role;
-use self::roles::{DOOR, HOLD, needed};
+use self::roles::{HOLD_ROUTE, LOGIN_ROUTE, required_role};
 use self::session::Sessions;
-use self::tokens::whose;
+use self::tokens::find_token;
 pub use self::tokens::{Token, TokenError, Tokens};
-use super::page::{as_page, is_json};
+use super::page::{error_page, is_json};
 use super::problem::Problem;
 use crate::service::Log;
-use crate::service::config::Http;
+use crate::service::config::HttpConfig;
 
 /// Name of the session cookie.
-const SESSION: &str = "trued";
+const SESSION_COOKIE_NAME: &str = "trued";
 /// Maximum number of session cookies that are read. A browser sends several cookies of one name if other servers on
 /// the same host have set theirs (RFC 6265, 5.4).
 const MAX_SESSION_COOKIES: usize = 8;
 
 /// Access control of all requests.
 pub struct Access {
-    demanded: bool,
+    requires_tokens: bool,
     /// Host names under which a proxy with TLS receives requests.
-    names: Vec<String>,
+    proxy_names: Vec<String>,
     tokens: Tokens,
     sessions: Sessions,
-    rates: Rates,
+    rate_limits: RateLimits,
     /// The last logged reason why the tokens cannot be read; `None` while they can.
-    trouble: Mutex<Option<String>>,
+    logged_error: Mutex<Option<String>>,
     log: Log,
 }
 
@@ -59,7 +59,7 @@ pub struct Access {
 pub struct Caller {
     token: Option<Token>,
     /// Key of the rate limit: the token's name, or the address.
-    counts: String,
+    rate_limit_key: String,
     access: Arc<Access>,
 }
 
@@ -73,7 +73,7 @@ impl Caller {
     ///
     /// # Errors
     /// There is neither a token nor a valid typed name.
-    pub fn signs(&self, typed: &str) -> Result<String, Problem> {
+    pub fn audit_name(&self, typed: &str) -> Result<String, Problem> {
         let typed = typed.trim();
         let unfit = typed.chars().count() > 100 || typed.chars().any(char::is_control);
         match (&self.token, typed) {
@@ -86,15 +86,16 @@ impl Caller {
         Err(Problem::new(
             StatusCode::BAD_REQUEST,
             "nameless",
-            "nobody has given a name",
-            "say who you are: it stands in the log of this machine",
+            "the request contains no valid name",
+            "enter your name; the audit log of the machine records it",
         ))
     }
 
     /// Name for the log, where a name is not required.
-    pub fn is_called(&self, typed: &str) -> String {
-        let somebody = || self.token.as_ref().map_or("somebody at the page", |token| &token.name);
-        self.signs(typed).unwrap_or_else(|_| somebody().to_owned())
+    pub fn log_name(&self, typed: &str) -> String {
+        let unsigned_name =
+            || self.token.as_ref().map_or("an unnamed person at the page", |token| &token.name);
+        self.audit_name(typed).unwrap_or_else(|_| unsigned_name().to_owned())
     }
 
     /// Whether the client has a token; without one it is admitted only if tokens are not required.
@@ -103,34 +104,34 @@ impl Caller {
     }
 
     /// Whether the client's token is still valid and not revoked.
-    pub fn stands(&self) -> bool {
-        let known = || self.access.known().unwrap_or_default();
+    pub fn is_token_valid(&self) -> bool {
+        let known = || self.access.valid_tokens().unwrap_or_default();
         self.token.as_ref().is_none_or(|token| known().contains(token))
     }
 
     /// Key of the client's rate limit.
-    pub fn counts_as(&self) -> &str {
-        &self.counts
+    pub fn rate_limit_key(&self) -> &str {
+        &self.rate_limit_key
     }
 
     /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
-    pub fn holds_often(&self) -> bool {
-        self.access.rates.hold(&self.counts).is_err()
+    pub fn exceeds_hold_log_rate(&self) -> bool {
+        self.access.rate_limits.count_hold(&self.rate_limit_key).is_err()
     }
 }
 
 /// Why a request is not admitted.
-enum Refused {
-    Unknown,
-    Lesser(Role),
-    TooOften(TooOften),
+enum AccessDenied {
+    NoToken,
+    RoleTooLow(Role),
+    RateLimitExceeded(RateLimitExceeded),
     /// The tokens cannot be read.
-    Closed,
+    TokensUnreadable,
 }
 
-impl From<TooOften> for Refused {
-    fn from(too_often: TooOften) -> Self {
-        Self::TooOften(too_often)
+impl From<RateLimitExceeded> for AccessDenied {
+    fn from(too_often: RateLimitExceeded) -> Self {
+        Self::RateLimitExceeded(too_often)
     }
 }
 
@@ -139,73 +140,86 @@ impl Access {
     ///
     /// # Errors
     /// Tokens are required and cannot be read.
-    pub fn new(config: &Http, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
-        let tokens = Tokens::beside(folder);
-        if config.tokens && tokens.all()?.is_empty() {
-            log.say(
-                "there is no token yet, and nobody gets in without one: `trued token add NAME --role ROLE`",
+    pub fn new(config: &HttpConfig, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
+        let tokens = Tokens::in_folder(folder);
+        if config.requires_tokens && tokens.read_all()?.is_empty() {
+            log.info(
+                "no token exists, but access requires one: create a token with `trued token add NAME --role ROLE`",
             );
         }
-        let (demanded, names) = (config.tokens, config.names.clone());
-        let (sessions, rates, log) = (Sessions::default(), Rates::default(), log.clone());
+        let (requires_tokens, names) = (config.requires_tokens, config.proxy_names.clone());
+        let (sessions, rates, log) = (Sessions::default(), RateLimits::default(), log.clone());
         let trouble = Mutex::default();
-        Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, trouble, log }))
+        Ok(Arc::new(Self {
+            requires_tokens,
+            proxy_names: names,
+            tokens,
+            sessions,
+            rate_limits: rates,
+            logged_error: trouble,
+            log,
+        }))
     }
 
     /// The valid tokens. If they cannot be read, no client is admitted, and the log reports it once.
-    fn known(&self) -> Result<Vec<Token>, TokenError> {
-        let known = self.tokens.all();
+    fn valid_tokens(&self) -> Result<Vec<Token>, TokenError> {
+        let known = self.tokens.read_all();
         let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
-        let mut told = self.trouble.lock().unwrap_or_else(PoisonError::into_inner);
-        if *told != trouble {
+        let mut logged_error = self.logged_error.lock().unwrap_or_else(PoisonError::into_inner);
+        if *logged_error != trouble {
             match &trouble {
-                Some(why) => {
-                    self.log.fault(&format!("the tokens cannot be read, nobody gets in: {why}"))
-                }
-                None => self.log.say("the tokens can be read again"),
+                Some(why) => self
+                    .log
+                    .error(&format!("the tokens cannot be read, so access is refused: {why}")),
+                None => self.log.info("the tokens can be read again"),
             }
-            *told = trouble;
+            *logged_error = trouble;
         }
         known
     }
 
     /// Whether every client must present a token.
-    pub fn demanded(&self) -> bool {
-        self.demanded
+    pub fn requires_tokens(&self) -> bool {
+        self.requires_tokens
     }
 
-    fn judge(self: &Arc<Self>, request: &Request) -> Result<Caller, Refused> {
+    fn authorize(self: &Arc<Self>, request: &Request) -> Result<Caller, AccessDenied> {
         let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
-        let (reads, address) = (request.method().is_safe(), self.address(request));
-        let token = match self.demanded && route != DOOR {
-            true => Some(self.token(request.headers(), &address, route)?),
+        let (reads, address) = (request.method().is_safe(), self.client_address(request));
+        let token = match self.requires_tokens && route != LOGIN_ROUTE {
+            true => Some(self.authenticate(request.headers(), &address, route)?),
             false => None,
         };
-        let least = needed(route, reads);
-        if token.as_ref().is_some_and(|token| token.role < least) {
-            return Err(Refused::Lesser(least));
+        let required = required_role(route, reads);
+        if token.as_ref().is_some_and(|token| token.role < required) {
+            return Err(AccessDenied::RoleTooLow(required));
         }
-        let counts = token.as_ref().map_or(address, |token| token.name.clone());
-        if !reads && route != HOLD {
-            self.rates.change(&counts)?;
+        let rate_limit_key = token.as_ref().map_or(address, |token| token.name.clone());
+        if !reads && route != HOLD_ROUTE {
+            self.rate_limits.count_change(&rate_limit_key)?;
         }
-        Ok(Caller { token, counts, access: Arc::clone(self) })
+        Ok(Caller { token, rate_limit_key, access: Arc::clone(self) })
     }
 
-    fn token(&self, headers: &HeaderMap, address: &str, route: &str) -> Result<Token, Refused> {
-        let shown = text(headers, AUTHORIZATION).map(bearer);
-        let known = match self.known() {
+    fn authenticate(
+        &self,
+        headers: &HeaderMap,
+        address: &str,
+        route: &str,
+    ) -> Result<Token, AccessDenied> {
+        let presented = header_text(headers, AUTHORIZATION).map(bearer_token);
+        let known = match self.valid_tokens() {
             Ok(known) => known,
             // A token of the last successful read may still hold the machine: a hold causes no motion.
-            Err(_) if route == HOLD => self.tokens.last(),
-            Err(_) => return Err(Refused::Closed),
+            Err(_) if route == HOLD_ROUTE => self.tokens.last_read_tokens(),
+            Err(_) => return Err(AccessDenied::TokensUnreadable),
         };
-        let token = match shown {
-            Some(shown) => shown.and_then(|shown| whose(&known, shown)),
+        let token = match presented {
+            Some(presented) => presented.and_then(|presented| find_token(&known, presented)),
             None => {
                 let numbers = session_numbers(headers);
                 if numbers.is_empty() {
-                    return Err(Refused::Unknown);
+                    return Err(AccessDenied::NoToken);
                 }
                 let mut tokens = numbers.iter().filter_map(|number| self.sessions.find(number));
                 tokens.find(|token| known.contains(token))
@@ -214,35 +228,35 @@ impl Access {
         match token {
             Some(token) => Ok(token),
             None => {
-                self.rates.failure(address)?;
-                self.log.say(&format!("{address} has shown what is no token"));
-                Err(Refused::Unknown)
+                self.rate_limits.count_failure(address)?;
+                self.log.info(&format!("{address} presented an invalid token"));
+                Err(AccessDenied::NoToken)
             }
         }
     }
 
     /// Address of the client; behind a proxy on this computer, the last address in its `X-Forwarded-For` header.
-    fn address(&self, request: &Request) -> String {
+    fn client_address(&self, request: &Request) -> String {
         let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
         let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |info| info.0.ip());
-        let told = text(request.headers(), HeaderName::from_static("x-forwarded-for"));
-        let last = told.and_then(|all| all.rsplit(',').next()?.trim().parse::<IpAddr>().ok());
-        let named = last.filter(|_| !self.names.is_empty() && peer.is_loopback());
+        let forwarded = header_text(request.headers(), HeaderName::from_static("x-forwarded-for"));
+        let last = forwarded.and_then(|all| all.rsplit(',').next()?.trim().parse::<IpAddr>().ok());
+        let named = last.filter(|_| !self.proxy_names.is_empty() && peer.is_loopback());
         named.unwrap_or(peer).to_string()
     }
 
     /// Whether the request came through the proxy. A browser returns a secure cookie only under the proxy's name.
     fn is_behind_proxy(&self, headers: &HeaderMap) -> bool {
-        let host = text(headers, HOST).unwrap_or("");
-        self.names.iter().any(|name| name.eq_ignore_ascii_case(host))
+        let host = header_text(headers, HOST).unwrap_or("");
+        self.proxy_names.iter().any(|name| name.eq_ignore_ascii_case(host))
     }
 }
 
-fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
+fn header_text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-fn bearer(authorization: &str) -> Option<&str> {
+fn bearer_token(authorization: &str) -> Option<&str> {
     let (scheme, token) = authorization.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
@@ -251,96 +265,103 @@ fn bearer(authorization: &str) -> Option<&str> {
 fn session_numbers(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
-    let named = cookies.filter(|cookie| cookie.name() == SESSION).take(MAX_SESSION_COOKIES);
+    let named =
+        cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_SESSION_COOKIES);
     named.map(|cookie| cookie.value().to_owned()).collect()
 }
 
 /// Middleware that admits or refuses each request.
-pub async fn admit(
+pub async fn check_access(
     State(access): State<Arc<Access>>,
     mut request: Request,
     next: Next,
 ) -> Response {
-    let refused = match access.judge(&request) {
+    let refused = match access.authorize(&request) {
         Ok(caller) => {
-            let asker = ClientIdentity(format!("{} {}", caller.counts, access.address(&request)));
+            let client = ClientIdentity(format!(
+                "{} {}",
+                caller.rate_limit_key,
+                access.client_address(&request)
+            ));
             request.extensions_mut().insert(caller);
             let mut response = next.run(request).await;
-            response.extensions_mut().insert(asker);
+            response.extensions_mut().insert(client);
             return response;
         }
         Err(refused) => refused,
     };
     let reads = request.method().is_safe();
     match refused {
-        refused if !is_for_a_person(&request) => refused.into_response(),
-        Refused::Unknown if reads => Redirect::to(DOOR).into_response(),
-        Refused::Unknown => as_page(signed_out().into_response(), access.demanded).await,
-        refused => as_page(refused.into_response(), access.demanded).await,
+        refused if !is_browser_request(&request) => refused.into_response(),
+        AccessDenied::NoToken if reads => Redirect::to(LOGIN_ROUTE).into_response(),
+        AccessDenied::NoToken => {
+            error_page(not_signed_in().into_response(), access.requires_tokens).await
+        }
+        refused => error_page(refused.into_response(), access.requires_tokens).await,
     }
 }
 
 /// Whether the request comes from a browser: a page, or a form sent to a route where programs send JSON.
-fn is_for_a_person(request: &Request) -> bool {
-    let accepts = text(request.headers(), ACCEPT).unwrap_or("");
+fn is_browser_request(request: &Request) -> bool {
+    let accepts = header_text(request.headers(), ACCEPT).unwrap_or("");
     let api = request.uri().path().starts_with("/api/");
     let program = if request.method().is_safe() { api } else { is_json(request.headers()) };
     !program && accepts.contains("text/html")
 }
 
-impl IntoResponse for Refused {
+impl IntoResponse for AccessDenied {
     fn into_response(self) -> Response {
         match self {
-            Self::Unknown => {
+            Self::NoToken => {
                 let mut response = Problem::new(
                     StatusCode::UNAUTHORIZED,
                     "no-token",
-                    "this server answers to tokens only",
-                    "send `Authorization: Bearer TOKEN`, or come in at /login; `trued token add` makes one",
+                    "this server requires a token",
+                    "send `Authorization: Bearer TOKEN`, or sign in at /login; `trued token add` creates a token",
                 )
                 .into_response();
                 let bearer = HeaderValue::from_static("Bearer");
                 response.headers_mut().insert(WWW_AUTHENTICATE, bearer);
                 response
             }
-            Self::Lesser(least) => Problem::new(
+            Self::RoleTooLow(required) => Problem::new(
                 StatusCode::FORBIDDEN,
                 "wrong-role",
-                format!("this is for a token of role {least}, or more"),
-                "ask somebody who has one, or sign in with such a token",
+                format!("this request requires a token of role {required} or higher"),
+                "sign in with such a token, or ask a person who has one",
             )
             .into_response(),
-            Self::TooOften(TooOften(wait)) => too_often(wait).into_response(),
-            Self::Closed => closed().into_response(),
+            Self::RateLimitExceeded(RateLimitExceeded(wait)) => rate_limited(wait).into_response(),
+            Self::TokensUnreadable => tokens_unreadable().into_response(),
         }
     }
 }
 
-fn signed_out() -> Problem {
+fn not_signed_in() -> Problem {
     Problem::new(
         StatusCode::UNAUTHORIZED,
         "no-token",
-        "nobody is signed in here, or not any more: nothing was done",
-        "sign in, then do it again",
+        "no user is signed in, or the session has expired: the request was not executed",
+        "sign in, then repeat the request",
     )
 }
 
-fn closed() -> Problem {
+fn tokens_unreadable() -> Problem {
     Problem::new(
         StatusCode::SERVICE_UNAVAILABLE,
         "tokens-unreadable",
-        "the list of tokens cannot be read, so that nobody is let in",
-        "whoever looks after this computer finds why in the log; a hold still goes",
+        "the list of tokens cannot be read, so access is refused",
+        "ask the administrator of this computer to read the log; a hold is still possible",
     )
 }
 
-fn too_often(wait: Duration) -> impl IntoResponse {
+fn rate_limited(wait: Duration) -> impl IntoResponse {
     let seconds = wait.as_secs() + 1;
     let problem = Problem::new(
         StatusCode::TOO_MANY_REQUESTS,
         "too-often",
-        "that is asked for too often",
-        format!("wait {seconds} s; a hold needs not wait"),
+        "too many requests",
+        format!("wait {seconds} s; a hold is not limited"),
     );
     ([(RETRY_AFTER, HeaderValue::from(seconds))], problem)
 }

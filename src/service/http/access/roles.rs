@@ -39,19 +39,19 @@ impl FromStr for Role {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|role| role.as_str() == text);
-        found.ok_or_else(|| "a role is viewer, operator or metrologist".to_owned())
+        let role = Self::ALL.into_iter().find(|role| role.as_str() == text);
+        role.ok_or_else(|| "the role must be viewer, operator or metrologist".to_owned())
     }
 }
 
 /// Route of the hold: open to every known token, and not limited in rate.
-pub const HOLD: &str = "/api/v1/machines/{name}/hold";
+pub const HOLD_ROUTE: &str = "/api/v1/machines/{name}/hold";
 /// Route of the sign-in page, open without a token.
-pub const DOOR: &str = "/login";
+pub const LOGIN_ROUTE: &str = "/login";
 
 /// Minimum role for each route that changes something. A route that is not listed requires the highest role.
-const CHANGES: [(&str, Role); 8] = [
-    (HOLD, Role::Viewer),
+const ROUTE_ROLES: [(&str, Role); 8] = [
+    (HOLD_ROUTE, Role::Viewer),
     ("/logout", Role::Viewer),
     ("/api/v1/machines/{name}/start", Role::Operator),
     ("/api/v1/machines/{name}/acknowledge", Role::Operator),
@@ -63,11 +63,14 @@ const CHANGES: [(&str, Role); 8] = [
 ];
 
 /// Minimum role for `route`. `reads`: whether the request changes nothing.
-pub fn needed(route: &str, reads: bool) -> Role {
+pub fn required_role(route: &str, reads: bool) -> Role {
     if reads {
         return Role::Viewer;
     }
-    CHANGES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)
+    ROUTE_ROLES
+        .iter()
+        .find(|(known, _)| *known == route)
+        .map_or(Role::Metrologist, |(_, role)| *role)
 }
 
 #[cfg(test)]
@@ -76,10 +79,10 @@ mod tests {
 
     #[test]
     fn what_is_not_known_asks_for_the_most() {
-        assert_eq!(needed("/api/v1/runs/{run}/sign", false), Role::Metrologist);
-        assert_eq!(needed("/api/v1/runs/{run}/sign", true), Role::Viewer);
-        assert_eq!(needed(HOLD, false), Role::Viewer);
-        assert_eq!(needed("/api/v1/machines/{name}/start", false), Role::Operator);
+        assert_eq!(required_role("/api/v1/runs/{run}/sign", false), Role::Metrologist);
+        assert_eq!(required_role("/api/v1/runs/{run}/sign", true), Role::Viewer);
+        assert_eq!(required_role(HOLD_ROUTE, false), Role::Viewer);
+        assert_eq!(required_role("/api/v1/machines/{name}/start", false), Role::Operator);
         assert!(Role::Viewer < Role::Operator && Role::Operator < Role::Metrologist);
     }
 }

@@ -6,17 +6,17 @@ use sha2::{Digest, Sha256};
 ///
 /// # Errors
 /// The operating system provides no random numbers.
-pub fn new() -> Result<String, getrandom::Error> {
+pub fn generate_secret() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes)?;
-    Ok(digits(&bytes))
+    Ok(hex_digits(&bytes))
 }
 
 /// SHA-256 of a secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
-pub fn sha256(secret: &str) -> String {
-    digits(&Sha256::digest(secret.as_bytes()))
+pub fn sha256_hex(secret: &str) -> String {
+    hex_digits(&Sha256::digest(secret.as_bytes()))
 }
 
-fn digits(bytes: &[u8]) -> String {
+fn hex_digits(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -17,16 +17,16 @@ const MAX_SESSIONS: usize = 64;
 struct Session {
     sha256: String,
     token: Token,
-    begun: Instant,
+    started: Instant,
 }
 
 #[derive(Default)]
 pub struct Sessions(Mutex<Vec<Session>>);
 
 impl Sessions {
-    fn all(&self) -> std::sync::MutexGuard<'_, Vec<Session>> {
+    fn lock_valid(&self) -> std::sync::MutexGuard<'_, Vec<Session>> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.retain(|session| session.begun.elapsed() < SESSION_DURATION);
+        all.retain(|session| session.started.elapsed() < SESSION_DURATION);
         all
     }
 
@@ -35,9 +35,10 @@ impl Sessions {
     /// # Errors
     /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
-        let number = secret::new()?;
-        let session = Session { sha256: secret::sha256(&number), token, begun: Instant::now() };
-        let mut all = self.all();
+        let number = secret::generate_secret()?;
+        let session =
+            Session { sha256: secret::sha256_hex(&number), token, started: Instant::now() };
+        let mut all = self.lock_valid();
         if all.len() >= MAX_SESSIONS {
             all.remove(0);
         }
@@ -46,16 +47,16 @@ impl Sessions {
     }
 
     pub fn find(&self, number: &str) -> Option<Token> {
-        let sha256 = secret::sha256(number);
-        let all = self.all();
+        let sha256 = secret::sha256_hex(number);
+        let all = self.lock_valid();
         let is =
             |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
         all.iter().find(is).map(|session| session.token.clone())
     }
 
     pub fn close(&self, number: &str) {
-        let sha256 = secret::sha256(number);
-        self.all().retain(|session| session.sha256 != sha256);
+        let sha256 = secret::sha256_hex(number);
+        self.lock_valid().retain(|session| session.sha256 != sha256);
     }
 }
 
@@ -68,9 +69,9 @@ mod tests {
     #[test]
     fn the_oldest_makes_room_and_who_leaves_has_left() {
         let folder = tempfile::tempdir().unwrap();
-        let tokens = Tokens::beside(folder.path());
+        let tokens = Tokens::in_folder(folder.path());
         tokens.add("tablet", Role::Viewer).unwrap();
-        let token = tokens.all().unwrap().remove(0);
+        let token = tokens.read_all().unwrap().remove(0);
         let sessions = Sessions::default();
         let numbers: Vec<String> =
             (0..MAX_SESSIONS).map(|_| sessions.open(token.clone()).unwrap()).collect();

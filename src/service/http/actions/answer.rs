@@ -5,8 +5,8 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::answer;
-use super::words::JsonOrForm;
+use super::audit_and_respond;
+use super::body::JsonOrForm;
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::problem::Problem;
@@ -14,7 +14,7 @@ use crate::service::http::status::MachineStatus;
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Done {
+pub struct AnswerRequest {
     /// Step of the prompt; `repeat` is its pass.
     step: u32,
     #[serde(default)]
@@ -24,17 +24,17 @@ pub struct Done {
 
 /// Answer the run's prompt: the requested action is done, and the run continues.
 /// An answer to any other prompt is refused.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/answer", params(("name" = String, Path)), request_body = Done, responses((status = ACCEPTED, body = MachineStatus)))]
-pub async fn done(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/answer", operation_id = "done", params(("name" = String, Path)), request_body = AnswerRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+pub async fn answer_prompt(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Done>,
+    body: JsonOrForm<AnswerRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (Done { step, repeat, who }, to_page) = words.split();
-    let who = caller.signs(&who)?;
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (AnswerRequest { step, repeat, who }, is_form) = body.into_parts();
+    let who = caller.audit_name(&who)?;
     let accepted = machine.gate.answer((step, repeat), &who);
     let what = format!("answer to step {step}, pass {}", repeat + 1);
-    answer(&web, machine, (who, what, String::new()), accepted, to_page).await
+    audit_and_respond(&app, machine, (who, what, String::new()), accepted, is_form).await
 }

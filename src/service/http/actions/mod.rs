@@ -3,10 +3,10 @@
 //! A program sends JSON; the page sends a form and is redirected to the machine's page.
 
 mod answer;
-mod holds;
+mod body;
+mod hold_log;
 mod resume;
 mod sign;
-mod words;
 
 use std::future::Future;
 use std::time::Duration;
@@ -21,37 +21,37 @@ use utoipa::ToSchema;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-pub(super) use self::holds::Holds;
-pub(super) use self::words::{JsonOrForm, truncate_reason};
+pub(super) use self::body::{JsonOrForm, truncate_reason};
+pub(super) use self::hold_log::HoldLog;
 use super::access::Caller;
-use super::page::for_people;
+use super::page::errors_as_pages;
 use super::problem::Problem;
 use super::status::MachineStatus;
 use super::{AppState, ServedMachine};
-use crate::service::config::Demand;
+use crate::service::config::StartInterlock;
 use crate::service::machine_state::{Interlocks, Refusal};
-use crate::service::worker_command::{Answer, Inspection, Stopped};
-use crate::store::Audit;
+use crate::service::worker_command::{AcknowledgementReceiver, HoldEffect, Inspection};
+use crate::store::AuditEntry;
 
 /// Maximum time to receive the body of a hold, after the machine is held.
-const PATIENCE: Duration = Duration::from_secs(2);
+const HOLD_BODY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum time to wait until an acknowledgement is in the journal or refused.
-const SETTLES: Duration = Duration::from_secs(5);
+const ACKNOWLEDGEMENT_TIMEOUT: Duration = Duration::from_secs(5);
 
-pub fn routes() -> OpenApiRouter<AppState> {
+pub fn action_routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
-        .routes(routes!(start))
-        .routes(routes!(hold))
-        .routes(routes!(acknowledge))
-        .routes(routes!(resume::resume))
-        .routes(routes!(answer::done))
-        .routes(routes!(sign::sign))
-        .layer(from_fn(for_people))
+        .routes(routes!(start_cycle))
+        .routes(routes!(hold_machine))
+        .routes(routes!(acknowledge_machine))
+        .routes(routes!(resume::resume_held_run))
+        .routes(routes!(answer::answer_prompt))
+        .routes(routes!(sign::sign_result))
+        .layer(from_fn(errors_as_pages))
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Start {
+struct StartRequest {
     cycle: u16,
     who: String,
     #[serde(default)]
@@ -67,7 +67,7 @@ struct Start {
 
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Asked {
+struct HoldRequest {
     #[serde(default)]
     who: String,
     #[serde(default)]
@@ -76,7 +76,7 @@ struct Asked {
 
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-struct Seen {
+struct AcknowledgeRequest {
     #[serde(default)]
     who: String,
     #[serde(default)]
@@ -87,156 +87,168 @@ struct Seen {
 }
 
 /// Start a cycle. The caller confirms the conditions that `[serve]` demands.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = MachineStatus)))]
-async fn start(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/start", operation_id = "start", params(("name" = String, Path)), request_body = StartRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+async fn start_cycle(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Start>,
+    body: JsonOrForm<StartRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let (asked, to_page) = words.split();
-    let who = caller.signs(&asked.who)?;
-    vouched(machine, &asked)?;
-    let accepted = machine.gate.start(asked.cycle, said(machine), &who);
-    let what = format!("start of cycle {}", asked.cycle);
-    answer(&web, machine, (who, what, asked.why), accepted, to_page).await
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let (request, is_form) = body.into_parts();
+    let who = caller.audit_name(&request.who)?;
+    check_confirmations(machine, &request)?;
+    let accepted = machine.gate.start(request.cycle, confirmed_interlocks(machine), &who);
+    let what = format!("start of cycle {}", request.cycle);
+    audit_and_respond(&app, machine, (who, what, request.why), accepted, is_form).await
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
 /// precedence.
-fn said(machine: &ServedMachine) -> Interlocks {
-    let vouched =
+fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
+    let confirmed =
         Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
-    machine.gate.fresh_interlocks().map_or(vouched, |said| Interlocks { person: true, ..said })
+    machine
+        .gate
+        .fresh_interlocks()
+        .map_or(confirmed, |reported| Interlocks { person: true, ..reported })
 }
 
-fn vouched(machine: &ServedMachine, asked: &Start) -> Result<(), Problem> {
-    let missing = machine.demand.iter().find_map(|demand| match demand {
-        Demand::Enable if !asked.enable => Some("that the machine is free to be moved (enable)"),
-        Demand::Auto if !asked.auto => Some("that the control is in its automatic mode (auto)"),
-        Demand::Door if !asked.door => Some("that the guards are closed (door)"),
+fn check_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
+    let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
+        StartInterlock::Enable if !request.enable => Some("the machine may move (`enable`)"),
+        StartInterlock::Auto if !request.auto => Some("the control is in automatic mode (`auto`)"),
+        StartInterlock::Door if !request.door => Some("the guards are closed (`door`)"),
         _ => None,
     });
-    missing.map_or(Ok(()), |what| Err(not_vouched(what)))
+    missing.map_or(Ok(()), |what| Err(not_confirmed(what)))
 }
 
-fn not_vouched(what: &str) -> Problem {
-    let message = format!("nobody has vouched {what}");
-    Problem::new(StatusCode::CONFLICT, "not-vouched", message, "look at the machine, then say so")
+fn not_confirmed(what: &str) -> Problem {
+    let message = format!("not confirmed: {what}");
+    Problem::new(
+        StatusCode::CONFLICT,
+        "not-vouched",
+        message,
+        "inspect the machine, then confirm the condition",
+    )
 }
 
 /// Hold the machine at once. A known caller is never refused; the body may be missing.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/hold", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = MachineStatus)))]
-async fn hold(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/hold", operation_id = "hold", params(("name" = String, Path)), request_body = HoldRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+async fn hold_machine(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
     request: Request,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     // Before the body is read: the machine is held even if the rest of the request is invalid.
-    let stopped = machine.gate.stop(&caller.is_called(""));
-    to_the_end(held(web.clone(), machine.clone(), caller, stopped, request)).await
+    let stopped = machine.gate.stop(&caller.log_name(""));
+    run_to_completion(finish_hold(app.clone(), machine.clone(), caller, stopped, request)).await
 }
 
-async fn held(
-    web: AppState,
+async fn finish_hold(
+    app: AppState,
     machine: ServedMachine,
     caller: Caller,
-    stopped: Stopped,
+    stopped: HoldEffect,
     request: Request,
 ) -> Result<Response, Problem> {
-    let words = tokio::time::timeout(PATIENCE, JsonOrForm::<Asked>::from_request(request, &()));
-    let words = words.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(Asked::default()));
-    let (Asked { who, why }, to_page) = words.split();
+    let body = tokio::time::timeout(
+        HOLD_BODY_TIMEOUT,
+        JsonOrForm::<HoldRequest>::from_request(request, &()),
+    );
+    let body =
+        body.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(HoldRequest::default()));
+    let (HoldRequest { who, why }, is_form) = body.into_parts();
     let held = match stopped {
         // This service cannot hold motion of another process.
-        Stopped::Elsewhere => Err(Refusal::Elsewhere),
-        Stopped::Run | Stopped::Nothing => Ok(()),
+        HoldEffect::OtherProcess => Err(Refusal::Elsewhere),
+        HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
     };
-    let audit = audit(&machine, (caller.is_called(&who), "hold".to_owned(), why), &held);
-    if holds::has_a_line(&web, &caller, &audit, stopped) {
-        web.journal.audit(&audit).await?;
+    let audit = audit_entry(&machine, (caller.log_name(&who), "hold".to_owned(), why), &held);
+    if hold_log::needs_audit_line(&app, &caller, &audit, stopped) {
+        app.journal.add_audit_entry(&audit).await?;
     }
     held?;
-    Ok(answered(&machine, to_page))
+    Ok(accepted_response(&machine, is_form))
 }
 
 /// Completes `work` even if the client disconnects, so that every executed action is logged.
-pub(super) async fn to_the_end<T: Send + 'static>(
+pub(super) async fn run_to_completion<T: Send + 'static>(
     work: impl Future<Output = Result<T, Problem>> + Send + 'static,
 ) -> Result<T, Problem> {
     tokio::spawn(work).await.unwrap_or_else(|_| Err(Refusal::NotReady.into()))
 }
 
 /// Acknowledge that a person has inspected the machine: new cycles may start.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Seen, responses((status = ACCEPTED, body = MachineStatus)))]
-async fn acknowledge(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", operation_id = "acknowledge", params(("name" = String, Path)), request_body = AcknowledgeRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+async fn acknowledge_machine(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Seen>,
+    body: JsonOrForm<AcknowledgeRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let (Seen { who, why, homed }, to_page) = words.split();
-    let (who, why) = (caller.signs(&who)?, truncate_reason(&why));
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+    let (AcknowledgeRequest { who, why, homed }, is_form) = body.into_parts();
+    let (who, why) = (caller.audit_name(&who)?, truncate_reason(&why));
     let accepted = machine.gate.acknowledge(Inspection { who: &who, why: &why, homed });
-    let said = (who, "acknowledgement".to_owned(), why);
-    settled(web, machine, said, accepted, to_page).await
+    let audit_parts = (who, "acknowledgement".to_owned(), why);
+    await_result(app, machine, audit_parts, accepted, is_form).await
 }
 
 /// Waits for the result and writes it to the audit log, even if the client has disconnected.
-async fn settled(
-    web: AppState,
+async fn await_result(
+    app: AppState,
     machine: ServedMachine,
-    said: (String, String, String),
-    accepted: Result<Answer, Refusal>,
-    to_page: bool,
+    audit_parts: (String, String, String),
+    accepted: Result<AcknowledgementReceiver, Refusal>,
+    is_form: bool,
 ) -> Result<Response, Problem> {
-    to_the_end(async move {
-        let became = match accepted {
+    run_to_completion(async move {
+        let result = match accepted {
             // After the timeout, the machine state shows the result.
-            Ok(told) => tokio::time::timeout(SETTLES, told)
+            Ok(receiver) => tokio::time::timeout(ACKNOWLEDGEMENT_TIMEOUT, receiver)
                 .await
                 // The worker has dropped the command, because the service is ending.
-                .map_or(Ok(()), |told| told.unwrap_or(Err(Refusal::NotReady))),
+                .map_or(Ok(()), |receiver| receiver.unwrap_or(Err(Refusal::NotReady))),
             Err(why) => Err(why),
         };
-        answer(&web, &machine, said, became, to_page).await
+        audit_and_respond(&app, &machine, audit_parts, result, is_form).await
     })
     .await
 }
 
 /// Responds after the action is in the audit log.
-async fn answer(
-    web: &AppState,
+async fn audit_and_respond(
+    app: &AppState,
     machine: &ServedMachine,
     (who, what, why): (String, String, String),
     accepted: Result<(), Refusal>,
-    to_page: bool,
+    is_form: bool,
 ) -> Result<Response, Problem> {
-    web.journal.audit(&audit(machine, (who, what, why), &accepted)).await?;
+    app.journal.add_audit_entry(&audit_entry(machine, (who, what, why), &accepted)).await?;
     accepted?;
-    Ok(answered(machine, to_page))
+    Ok(accepted_response(machine, is_form))
 }
 
-fn audit(
+fn audit_entry(
     machine: &ServedMachine,
     (who, what, why): (String, String, String),
     accepted: &Result<(), Refusal>,
-) -> Audit {
+) -> AuditEntry {
     let outcome = match accepted {
         Ok(()) => "accepted".to_owned(),
         Err(refusal) => format!("refused: {refusal}"),
     };
     let (name, run) = (machine.name.clone(), machine.gate.machine_state().run);
-    Audit { who, what, why: truncate_reason(&why), machine: name, run: run.into(), outcome }
+    AuditEntry { who, what, why: truncate_reason(&why), machine: name, run: run.into(), outcome }
 }
 
-fn answered(machine: &ServedMachine, to_page: bool) -> Response {
-    match to_page {
-        true => Redirect::to(&super::page::address(&machine.name)).into_response(),
-        false => (StatusCode::ACCEPTED, Json(MachineStatus::of(machine))).into_response(),
+fn accepted_response(machine: &ServedMachine, is_form: bool) -> Response {
+    match is_form {
+        true => Redirect::to(&super::page::machine_page_path(&machine.name)).into_response(),
+        false => (StatusCode::ACCEPTED, Json(MachineStatus::from_machine(machine))).into_response(),
     }
 }

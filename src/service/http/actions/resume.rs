@@ -6,10 +6,10 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::words::{JsonOrForm, truncate_reason};
-use super::{not_vouched, said, settled};
-use crate::archive::story::resume_hint;
-use crate::run::{AgainError, Question, ResumableRun, can_resume};
+use super::body::{JsonOrForm, truncate_reason};
+use super::{await_result, confirmed_interlocks, not_confirmed};
+use crate::archive::run_story::resume_hint;
+use crate::run::{ResumableRun, ResumeQuestion, ResumeRefusal, can_resume};
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
@@ -20,7 +20,7 @@ use crate::store::RunId;
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct GoOn {
+pub struct ResumeRequest {
     run: i64,
     who: String,
     #[serde(default)]
@@ -36,48 +36,60 @@ pub struct GoOn {
 }
 
 /// Resume a held run. The caller confirms the state of the machine.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = MachineStatus)))]
-pub async fn resume(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", operation_id = "resume", params(("name" = String, Path)), request_body = ResumeRequest, responses((status = ACCEPTED, body = MachineStatus)))]
+pub async fn resume_held_run(
+    State(app): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<GoOn>,
+    body: JsonOrForm<ResumeRequest>,
 ) -> Result<Response, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    let (GoOn { run, who, why, free, whole, homed }, to_page) = words.split();
-    let (who, why) = (caller.signs(&who)?, truncate_reason(&why));
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
+    let (ResumeRequest { run, who, why, free, whole, homed }, is_form) = body.into_parts();
+    let (who, why) = (caller.audit_name(&who)?, truncate_reason(&why));
     let run = RunId(run);
-    let stored = read_journal(&web, move |journal| journal.load(run)).await??;
+    let stored = read_journal(&app, move |journal| journal.load_run(run)).await??;
     if stored.summary.machine != name {
         return Err(Problem::not_found(format!("run {run} of {name}")));
     }
     let can_resume = can_resume(&stored.plan, &stored.readings);
-    let again = ResumableRun::of(stored)?;
+    let resumable_run = ResumableRun::from_stored(stored)?;
     if !(free && whole) {
-        return Err(not_vouched(&format!("that it can go on ({})", again.question().ask)));
+        return Err(not_confirmed(&format!(
+            "the run can resume ({})",
+            resumable_run.resume_question().confirmation
+        )));
     }
-    again.acknowledged(&who, homed)?;
+    resumable_run.acknowledgement(&who, homed)?;
     if !can_resume {
         return Err(Problem::new(
             StatusCode::CONFLICT,
             "no-references",
             resume_hint(run, can_resume, false),
-            "acknowledge it, then start a new run",
+            "acknowledge the held run, then start a new run",
         ));
     }
-    let accepted =
-        machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, said(&machine));
+    let accepted = machine.gate.resume(
+        run,
+        Inspection { who: &who, why: &why, homed },
+        confirmed_interlocks(&machine),
+    );
     let what = format!("resume of run {run}");
-    settled(web, machine, (who, what, why), accepted, to_page).await
+    await_result(app, machine, (who, what, why), accepted, is_form).await
 }
 
-impl From<AgainError> for Problem {
-    fn from(error: AgainError) -> Self {
+impl From<ResumeRefusal> for Problem {
+    fn from(error: ResumeRefusal) -> Self {
         let (code, remedy) = match &error {
-            AgainError::NotUnfinished { way_on, .. } => ("not-unfinished", way_on.clone()),
-            AgainError::Nobody(Question { ask, .. }) => ("nameless", Some((*ask).to_owned())),
-            AgainError::NotHomed(Question { ask, .. }) => ("not-homed", Some((*ask).to_owned())),
-            AgainError::Setup(error) => ("setup", error.remedy()),
+            ResumeRefusal::NotResumable { next_action, .. } => {
+                ("not-unfinished", next_action.clone())
+            }
+            ResumeRefusal::NameMissing(ResumeQuestion { confirmation, .. }) => {
+                ("nameless", Some((*confirmation).to_owned()))
+            }
+            ResumeRefusal::NotHomed(ResumeQuestion { confirmation, .. }) => {
+                ("not-homed", Some((*confirmation).to_owned()))
+            }
+            ResumeRefusal::Setup(error) => ("setup", error.remedy()),
         };
         let remedy = remedy.unwrap_or_else(|| "start a new run".to_owned());
         Self::new(StatusCode::CONFLICT, code, error.to_string(), remedy)

@@ -7,19 +7,19 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::to_the_end;
-use super::words::{JsonOrForm, truncate_reason};
+use super::body::{JsonOrForm, truncate_reason};
+use super::run_to_completion;
 use crate::archive::report::ReportError;
 use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
 use crate::service::http::openapi::views::SignatureView;
 use crate::service::http::problem::Problem;
-use crate::store::{Audit, RunId, Signature};
+use crate::store::{AuditEntry, RunId, Signature};
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Sign {
+pub struct SignRequest {
     who: String,
     /// Remark.
     #[serde(default)]
@@ -29,43 +29,46 @@ pub struct Sign {
 }
 
 /// Sign a result.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", params(("run" = i64, Path)), request_body = Sign, responses((status = CREATED, body = SignatureView)))]
-pub async fn sign(
-    State(web): State<AppState>,
+#[utoipa::path(post, path = "/api/v1/runs/{run}/sign", operation_id = "sign", params(("run" = i64, Path)), request_body = SignRequest, responses((status = CREATED, body = SignatureView)))]
+pub async fn sign_result(
+    State(app): State<AppState>,
     Path(run): Path<i64>,
     Extension(caller): Extension<Caller>,
-    words: JsonOrForm<Sign>,
+    body: JsonOrForm<SignRequest>,
 ) -> Result<Response, Problem> {
-    let (Sign { who, why, estimate }, to_page) = words.split();
-    let (run, who) = (RunId(run), caller.signs(&who)?);
-    let stored = read_journal(&web, move |journal| journal.load(run)).await??;
+    let (SignRequest { who, why, estimate }, is_form) = body.into_parts();
+    let (run, who) = (RunId(run), caller.audit_name(&who)?);
+    let stored = read_journal(&app, move |journal| journal.load_run(run)).await??;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;
     if last.sha256 != estimate {
         return Err(Problem::new(
             StatusCode::CONFLICT,
             "other-estimate",
-            format!("run {run} has been identified again since: its estimate is another one"),
-            "read it, then sign that one",
+            format!("run {run} has been identified again, and its estimate has changed"),
+            "read the new estimate, then sign it",
         ));
     }
     let remark = truncate_reason(&why);
     let signature = Signature { who, remark, estimate_sha256: estimate };
-    let signature = to_the_end(signed(web, run, stored.summary.machine, signature)).await?;
-    Ok(match to_page {
+    let signature =
+        run_to_completion(store_signature(app, run, stored.summary.machine, signature)).await?;
+    Ok(match is_form {
         true => Redirect::to(&format!("/runs/{run}")).into_response(),
         false => (StatusCode::CREATED, Json(signature)).into_response(),
     })
 }
 
-async fn signed(
-    web: AppState,
+async fn store_signature(
+    app: AppState,
     run: RunId,
     machine: String,
     signature: Signature,
 ) -> Result<Signature, Problem> {
-    web.journal.sign(run, &signature).await?;
+    app.journal.add_signature(run, &signature).await?;
     let (who, why) = (signature.who.clone(), signature.remark.clone());
     let (what, outcome) = (format!("signature under run {run}"), "accepted".to_owned());
-    web.journal.audit(&Audit { who, what, why, machine, run: run.0, outcome }).await?;
+    app.journal
+        .add_audit_entry(&AuditEntry { who, what, why, machine, run: run.0, outcome })
+        .await?;
     Ok(signature)
 }

@@ -18,44 +18,46 @@ use super::problem::Problem;
 use super::{AppState, actions, api, events, schedule};
 
 /// Name of the security scheme.
-const TOKEN: &str = "token";
+const SECURITY_SCHEME_NAME: &str = "token";
 
 /// Routes of the API, with that of its description.
-pub fn routes() -> Router<AppState> {
-    let (router, described) = described();
+pub fn openapi_routes() -> Router<AppState> {
+    let (router, described) = describe_routes();
     router.route("/api/v1/openapi.json", get(move || async move { Json(described) }))
 }
 
-fn described() -> (Router<AppState>, OpenApi) {
+fn describe_routes() -> (Router<AppState>, OpenApi) {
     let mut components = Components::new();
     components.schemas.insert(Problem::name().into_owned(), Problem::schema());
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer);
-    let bearer = bearer.description(Some("where the configuration says `tokens = true`"));
-    components.add_security_scheme(TOKEN, SecurityScheme::Http(bearer.build()));
+    let bearer = bearer.description(Some("required if the configuration contains `tokens = true`"));
+    components.add_security_scheme(SECURITY_SCHEME_NAME, SecurityScheme::Http(bearer.build()));
     let head = OpenApiBuilder::new().info(Info::new("trued", "1")).components(Some(components));
     let all = OpenApiRouter::with_openapi(head.build());
-    let all = all.merge(api::routes()).merge(actions::routes()).merge(events::routes());
-    let all = all.merge(schedule::routes());
+    let all =
+        all.merge(api::api_routes()).merge(actions::action_routes()).merge(events::event_routes());
+    let all = all.merge(schedule::schedule_routes());
     let (router, mut described) = all.split_for_parts();
-    described.paths.paths.values_mut().flat_map(operations).for_each(common);
+    described.paths.paths.values_mut().flat_map(path_operations).for_each(add_token_and_error);
     (router, described)
 }
 
-fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
+fn path_operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
     [item.get.as_mut(), item.post.as_mut()].into_iter().flatten()
 }
 
 /// Adds what every operation has: the token, and the response for an error.
-fn common(operation: &mut Operation) {
+fn add_token_and_error(operation: &mut Operation) {
     for answer in operation.responses.responses.values_mut() {
         if let RefOr::T(answer) = answer {
-            answer.description = "the answer".into();
+            answer.description = "the response".into();
         }
     }
-    operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(TOKEN, [])]);
+    operation.security =
+        Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(SECURITY_SCHEME_NAME, [])]);
     let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name())));
     let refused = ResponseBuilder::new()
-        .description("no answer: why, and what to do")
+        .description("error: its reason and its remedy")
         .content("application/json", problem.build());
     operation.responses.responses.insert("default".to_owned(), refused.build().into());
 }
@@ -64,25 +66,25 @@ fn common(operation: &mut Operation) {
 mod tests {
     use super::*;
 
-    const WRITE: &str = "TRUED_WRITE_OPENAPI";
+    const WRITE_ENV_VAR: &str = "TRUED_WRITE_OPENAPI";
 
     #[test]
     fn the_description_is_the_one_that_is_checked_in() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/openapi.json");
-        let text = described().1.to_pretty_json().unwrap() + "\n";
-        if std::env::var_os(WRITE).is_some() {
+        let text = describe_routes().1.to_pretty_json().unwrap() + "\n";
+        if std::env::var_os(WRITE_ENV_VAR).is_some() {
             std::fs::write(file, &text).unwrap();
         }
         let kept = std::fs::read_to_string(file).unwrap();
         assert!(
             kept == text,
-            "{file} is not of this program; `{WRITE}=1 cargo test --lib openapi`"
+            "{file} is out of date: run `{WRITE_ENV_VAR}=1 cargo test --lib openapi`"
         );
     }
 
     #[test]
     fn whatever_changes_something_is_a_post_and_tells_of_problems() {
-        let described = serde_json::to_value(described().1).unwrap();
+        let described = serde_json::to_value(describe_routes().1).unwrap();
         let paths = described["paths"].as_object().unwrap();
         assert!(paths.len() >= 12, "{}", paths.len());
         for (path, item) in paths {

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 /// Object of the format that README.md describes.
 #[derive(ToSchema)]
 #[schema(value_type = Object)]
-pub struct Contract(());
+pub struct DocumentedObject(());
 
 /// One value of one method over its newest 200 finished runs.
 #[derive(ToSchema)]
@@ -163,7 +163,7 @@ pub struct RunView {
 }
 
 #[derive(ToSchema)]
-#[schema(as = Audit)]
+#[schema(as = AuditEntry)]
 pub struct AuditView {
     /// Number of the entry in the log.
     seq: i64,
@@ -240,24 +240,24 @@ mod tests {
 
     use super::*;
     use crate::archive::compare::Comparison;
-    use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
+    use crate::store::{AuditEntry, RunId, RunState, RunSummary, StoredAuditEntry};
     use machine::record::estimate::{
         BudgetLine, Distribution, EvaluationType, LimitVerdict, Parameter, Unit, Verdict,
     };
     use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
-    use methods::decision::difference::Difference;
+    use methods::decision::difference::ParameterDifference;
     use methods::decision::function_difference::FunctionDifference;
 
-    fn names(of: &serde_json::Value) -> Vec<String> {
+    fn property_names(of: &serde_json::Value) -> Vec<String> {
         let mut names: Vec<String> = of.as_object().unwrap().keys().cloned().collect();
         names.sort();
         names
     }
 
-    fn same<V: PartialSchema>(written: impl Serialize) {
+    fn assert_same_properties<V: PartialSchema>(written: impl Serialize) {
         let schema = serde_json::to_value(V::schema()).unwrap();
         let written = serde_json::to_value(written).unwrap();
-        assert_eq!(names(&schema["properties"]), names(&written));
+        assert_eq!(property_names(&schema["properties"]), property_names(&written));
         for (name, value) in written.as_object().unwrap() {
             let kind = &schema["properties"][name]["type"];
             let known = [("string", value.is_string()), ("number", value.is_number())];
@@ -288,7 +288,7 @@ mod tests {
     #[test]
     fn a_comparison_is_what_is_written() {
         let text = String::new;
-        let by = Difference {
+        let by = ParameterDifference {
             symbol: text(),
             unit: Unit::Um,
             first: 1.5,
@@ -298,7 +298,7 @@ mod tests {
             normalized: 2.0,
             significant: true,
         };
-        same::<DifferenceView>(by.clone());
+        assert_same_properties::<DifferenceView>(by.clone());
         let one = || vec![0.5];
         let function = FunctionDifference {
             symbol: text(),
@@ -311,8 +311,8 @@ mod tests {
             expanded: one(),
             normalized: one(),
         };
-        same::<FunctionDifferenceView>(function.clone());
-        same::<ComparisonView>(Comparison {
+        assert_same_properties::<FunctionDifferenceView>(function.clone());
+        assert_same_properties::<ComparisonView>(Comparison {
             runs: [summary(), summary()],
             differences: vec![by],
             functions: vec![function],
@@ -350,22 +350,26 @@ mod tests {
                 conformance: Some(1.0),
             }),
         };
-        same::<JudgementView>(parameter.judged);
-        same::<BudgetView>(&parameter.budget[0]);
-        same::<ParameterView>(parameter);
-        same::<RunView>(summary());
+        assert_same_properties::<JudgementView>(parameter.judged);
+        assert_same_properties::<BudgetView>(&parameter.budget[0]);
+        assert_same_properties::<ParameterView>(parameter);
+        assert_same_properties::<RunView>(summary());
         let section = LiveSection { number: 1, eccentricity_um: Some([0.5; 2]) };
-        same::<LiveSectionView>(section);
+        assert_same_properties::<LiveSectionView>(section);
         let (range_mm, target_mm, value_mm, failure) = ([-0.3, 0.3], Some(0.0), Some(0.1), None);
         let sensor = String::new();
         let live = LiveSensor { sensor, range_mm, target_mm, value_mm, failure };
-        same::<LiveSensorView>(&live);
+        assert_same_properties::<LiveSensorView>(&live);
         let (sensors, sections) = (vec![live], vec![section]);
-        same::<LiveValuesView>(LiveValues { sensors, sections, tilt_urad: None });
+        assert_same_properties::<LiveValuesView>(LiveValues { sensors, sections, tilt_urad: None });
         let text = String::new;
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
-        let audit = Audit { who, what, why, machine, run: 1, outcome };
-        same::<AuditView>(Audited { seq: 1, at: jiff::Timestamp::UNIX_EPOCH, audit });
+        let audit = AuditEntry { who, what, why, machine, run: 1, outcome };
+        assert_same_properties::<AuditView>(StoredAuditEntry {
+            seq: 1,
+            at: jiff::Timestamp::UNIX_EPOCH,
+            audit,
+        });
         let schema = serde_json::to_value(VerdictView::schema()).unwrap();
         let all = [
             Verdict::Pass,

@@ -5,35 +5,35 @@ use axum::http::StatusCode;
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{row, whole};
+use super::{render_page, run_row};
 use crate::archive::compare::{CompareError, Comparison};
 use crate::service::http::AppState;
-use crate::service::http::api::{Pair, of_two};
+use crate::service::http::api::{RunPair, compare_pair};
 use crate::service::http::problem::Problem;
-use methods::decision::difference::Difference;
+use methods::decision::difference::ParameterDifference;
 use methods::decision::function_difference::FunctionDifference;
 
-pub async fn page(
-    State(web): State<AppState>,
-    Query(pair): Query<Pair>,
+pub async fn compare_page(
+    State(app): State<AppState>,
+    Query(pair): Query<RunPair>,
 ) -> Result<Html<String>, Problem> {
     let Comparison { runs, differences, functions, common_sources, besides } =
-        of_two(&web, pair).await?;
-    whole(
+        compare_pair(&app, pair).await?;
+    render_page(
         "compare.html",
-        web.access.demanded(),
+        app.access.requires_tokens(),
         context! {
-            runs => runs.iter().map(row).collect::<Vec<_>>(),
-            rows => differences.iter().map(line).collect::<Vec<_>>(),
-            functions => functions.iter().filter_map(function).collect::<Vec<_>>(),
+            runs => runs.iter().map(run_row).collect::<Vec<_>>(),
+            rows => differences.iter().map(difference_row).collect::<Vec<_>>(),
+            functions => functions.iter().filter_map(function_row).collect::<Vec<_>>(),
             common_sources,
             besides,
         },
     )
 }
 
-fn line(difference: &Difference) -> Value {
-    let Difference { symbol, unit, first, second, by, expanded, normalized, significant } =
+fn difference_row(difference: &ParameterDifference) -> Value {
+    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } =
         difference;
     let number = |value: &f64| format!("{value:.2}");
     context! {
@@ -49,19 +49,19 @@ fn line(difference: &Difference) -> Value {
 }
 
 /// Row of a function, with the point of the largest E_n.
-fn function(function: &FunctionDifference) -> Option<Value> {
-    let worst = function.worst()?;
+fn function_row(function: &FunctionDifference) -> Option<Value> {
+    let worst = function.worst_index()?;
     let number = |value: f64| format!("{value:.2}");
     Some(context! {
         symbol => function.symbol.as_str(),
         unit => function.unit.symbol(),
-        agreeing => function.agreeing(),
+        agreeing => function.agreeing_count(),
         points => function.x.len(),
         at => format!("{:.1} {}", function.x[worst], function.argument_unit),
         by => format!("{:+.2}", function.by[worst]),
         expanded => number(function.expanded[worst]),
         e_n => number(function.normalized[worst]),
-        significant => function.agreeing() < function.x.len(),
+        significant => function.agreeing_count() < function.x.len(),
     })
 }
 

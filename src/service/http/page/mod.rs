@@ -2,14 +2,14 @@
 //! every value whose source does not respond.
 
 mod compare;
+mod error_page;
 mod machine;
 mod middleware;
-mod refused;
+mod rendering_cache;
 mod run;
 mod runs;
 mod schedule;
 mod sensors;
-mod shared;
 mod trends;
 mod views;
 
@@ -25,15 +25,15 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
-pub use self::middleware::for_people;
-pub use self::refused::{as_page, is_json};
-pub use self::shared::Shared;
+pub use self::error_page::{error_page, is_json};
+pub use self::middleware::errors_as_pages;
+pub use self::rendering_cache::RenderingCache;
 use super::AppState;
 use super::problem::Problem;
 use crate::store::RunSummary;
 
-const SCRIPT: &str = include_str!("../templates/live.js");
-const ICON: &str = include_str!("../templates/icon.svg");
+const LIVE_SCRIPT: &str = include_str!("../templates/live.js");
+const ICON_SVG: &str = include_str!("../templates/icon.svg");
 const TEMPLATES: [(&str, &str); 15] = [
     ("base.html", include_str!("../templates/base.html")),
     ("machines.html", include_str!("../templates/machines.html")),
@@ -52,23 +52,23 @@ const TEMPLATES: [(&str, &str); 15] = [
     ("login.html", include_str!("../templates/login.html")),
 ];
 
-pub fn routes() -> Router<AppState> {
+pub fn page_routes() -> Router<AppState> {
     let pages = Router::new()
-        .route("/", get(machines))
-        .route("/machines", get(overview))
-        .route("/machines/{name}", get(machine::page))
-        .route("/machines/{name}/live", get(machine::live))
-        .route("/machines/{name}/sensors", get(sensors::page))
-        .route("/runs", get(runs::page))
-        .route("/runs/{run}", get(run::page))
-        .route("/runs/{run}/report", get(run::whole))
-        .route("/compare", get(compare::page));
-    let pages = pages.layer(from_fn(for_people));
-    pages.route("/live.js", get(script)).route("/favicon.ico", get(icon))
+        .route("/", get(machines_page))
+        .route("/machines", get(overview_part))
+        .route("/machines/{name}", get(machine::machine_page))
+        .route("/machines/{name}/live", get(machine::live_part))
+        .route("/machines/{name}/sensors", get(sensors::sensors_part))
+        .route("/runs", get(runs::runs_page))
+        .route("/runs/{run}", get(run::run_page))
+        .route("/runs/{run}/report", get(run::report_page))
+        .route("/compare", get(compare::compare_page));
+    let pages = pages.layer(from_fn(errors_as_pages));
+    pages.route("/live.js", get(serve_script)).route("/favicon.ico", get(serve_icon))
 }
 
 /// Path of a machine's page. A machine's name may contain any character.
-pub fn address(machine: &str) -> String {
+pub fn machine_page_path(machine: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte);
     let escaped = machine.bytes().map(|byte| match plain(byte) {
         true => char::from(byte).to_string(),
@@ -77,20 +77,20 @@ pub fn address(machine: &str) -> String {
     format!("/machines/{}", escaped.collect::<String>())
 }
 
-pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
-    Ok(Html(environment()?.get_template(name)?.render(values)?))
+pub fn render_template(name: &str, values: Value) -> Result<Html<String>, Problem> {
+    Ok(Html(template_environment()?.get_template(name)?.render(values)?))
 }
 
 /// Renders a complete page with its header and navigation. `tokens`: whether tokens are required, so that the page
 /// has a link to sign in.
-pub fn whole(name: &str, tokens: bool, values: Value) -> Result<Html<String>, Problem> {
-    render(name, context! { tokens, ..values })
+pub fn render_page(name: &str, tokens: bool, values: Value) -> Result<Html<String>, Problem> {
+    render_template(name, context! { tokens, ..values })
 }
 
 /// The templates, parsed once.
-fn environment() -> Result<&'static Environment<'static>, minijinja::Error> {
-    static READ: OnceLock<Environment<'static>> = OnceLock::new();
-    if let Some(environment) = READ.get() {
+fn template_environment() -> Result<&'static Environment<'static>, minijinja::Error> {
+    static ENVIRONMENT: OnceLock<Environment<'static>> = OnceLock::new();
+    if let Some(environment) = ENVIRONMENT.get() {
         return Ok(environment);
     }
     let mut environment = Environment::new();
@@ -99,40 +99,40 @@ fn environment() -> Result<&'static Environment<'static>, minijinja::Error> {
     for (name, text) in TEMPLATES {
         environment.add_template(name, text)?;
     }
-    Ok(READ.get_or_init(|| environment))
+    Ok(ENVIRONMENT.get_or_init(|| environment))
 }
 
-async fn script() -> impl IntoResponse {
-    ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], SCRIPT)
+async fn serve_script() -> impl IntoResponse {
+    ([(CONTENT_TYPE, "text/javascript; charset=utf-8")], LIVE_SCRIPT)
 }
 
-async fn icon() -> impl IntoResponse {
-    ([(CONTENT_TYPE, "image/svg+xml")], ICON)
+async fn serve_icon() -> impl IntoResponse {
+    ([(CONTENT_TYPE, "image/svg+xml")], ICON_SVG)
 }
 
 /// Overview of the machines; redirects to the machine's page if there is only one.
-async fn machines(State(web): State<AppState>) -> Result<Response, Problem> {
-    if let [only] = &*web.machines {
-        return Ok(Redirect::to(&address(&only.name)).into_response());
+async fn machines_page(State(app): State<AppState>) -> Result<Response, Problem> {
+    if let [only] = &*app.machines {
+        return Ok(Redirect::to(&machine_page_path(&only.name)).into_response());
     }
-    let tokens = web.access.demanded();
-    Ok(whole("machines.html", tokens, standings(&web))?.into_response())
+    let tokens = app.access.requires_tokens();
+    Ok(render_page("machines.html", tokens, overview_values(&app))?.into_response())
 }
 
 /// Live part of the overview, for the script.
-async fn overview(State(web): State<AppState>) -> Result<Html<String>, Problem> {
-    render("overview.html", standings(&web))
+async fn overview_part(State(app): State<AppState>) -> Result<Html<String>, Problem> {
+    render_template("overview.html", overview_values(&app))
 }
 
-fn standings(web: &AppState) -> Value {
-    let machines: Vec<Value> = web.machines.iter().map(machine::standing).collect();
-    context! { machines, now => moment(Timestamp::now()) }
+fn overview_values(app: &AppState) -> Value {
+    let machines: Vec<Value> = app.machines.iter().map(machine::status_values).collect();
+    context! { machines, now => local_time(Timestamp::now()) }
 }
 
-fn row(run: &RunSummary) -> Value {
+fn run_row(run: &RunSummary) -> Value {
     context! {
         id => run.id.0,
-        started => moment(run.started),
+        started => local_time(run.started),
         method => run.method.as_str(),
         machine => run.machine.as_str(),
         state => run.state.as_str(),
@@ -141,6 +141,6 @@ fn row(run: &RunSummary) -> Value {
 }
 
 /// Local date and time of this computer.
-fn moment(at: Timestamp) -> String {
+fn local_time(at: Timestamp) -> String {
     at.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }

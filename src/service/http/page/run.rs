@@ -4,72 +4,72 @@ use axum::extract::{Path, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::{address, machine, moment};
-use crate::archive::report::report;
-use crate::archive::story::{how_it_ended, signed, story};
+use super::{local_time, machine, machine_page_path};
+use crate::archive::report::render_report;
+use crate::archive::run_story::{describe_end, describe_signatures, run_story};
 use crate::report::temperature;
 use crate::service::http::AppState;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
-use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun, Wanted};
+use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoredRun};
 use ::machine::record::estimate::Estimate;
 
-pub async fn page(
-    State(web): State<AppState>,
+pub async fn run_page(
+    State(app): State<AppState>,
     Path(run): Path<i64>,
 ) -> Result<Html<String>, Problem> {
-    let tokens = web.access.demanded();
-    read_journal(&web, move |journal| {
-        let stored = journal.load(RunId(run))?;
-        let before = before(journal, &stored.summary)?;
-        super::whole("run.html", tokens, values(&stored, before))
+    let tokens = app.access.requires_tokens();
+    read_journal(&app, move |journal| {
+        let stored = journal.load_run(RunId(run))?;
+        let before = previous_run(journal, &stored.summary)?;
+        super::render_page("run.html", tokens, run_values(&stored, before))
     })
     .await?
 }
 
 /// The report is a separate page.
-pub async fn whole(
-    State(web): State<AppState>,
+pub async fn report_page(
+    State(app): State<AppState>,
     Path(run): Path<i64>,
 ) -> Result<Html<String>, Problem> {
-    Ok(Html(read_journal(&web, move |journal| report(journal, RunId(run))).await??))
+    Ok(Html(read_journal(&app, move |journal| render_report(journal, RunId(run))).await??))
 }
 
 /// The previous finished run of the same machine and method, for a comparison.
-fn before(journal: &Journal, this: &RunSummary) -> Result<Option<i64>, Problem> {
-    let wanted = Wanted {
-        before: Some(this.id),
+fn previous_run(journal: &Journal, this: &RunSummary) -> Result<Option<i64>, Problem> {
+    let wanted = RunFilter {
+        older_than: Some(this.id),
         machine: Some(&this.machine),
         method: Some(&this.method),
         state: Some(RunState::Finished),
-        ..Wanted::default()
+        ..RunFilter::default()
     };
-    Ok(journal.some_runs(wanted, 1)?.first().map(|run| run.id.0))
+    Ok(journal.list_runs(wanted, 1)?.first().map(|run| run.id.0))
 }
 
-fn values(stored: &StoredRun, before: Option<i64>) -> Value {
+fn run_values(stored: &StoredRun, before: Option<i64>) -> Value {
     let summary = &stored.summary;
     let last = stored.estimates.last();
     let unfinished = !matches!(summary.state, RunState::Finished | RunState::Running);
     context! {
-        run => super::row(summary),
-        machine => address(&summary.machine),
-        ended => unfinished.then(|| how_it_ended(stored)),
+        run => super::run_row(summary),
+        machine => machine_page_path(&summary.machine),
+        ended => unfinished.then(|| describe_end(stored)),
         readings => stored.readings.len(),
-        warmth => temperature::rows(&stored.readings),
-        story => story(stored),
-        signed => signed(stored),
+        warmth => temperature::temperature_rows(&stored.readings),
+        story => run_story(stored),
+        signed => describe_signatures(stored),
         before,
         estimate => last.map(|last| context! {
-            made => moment(last.made),
+            made => local_time(last.created),
             sha256 => last.sha256.as_str(),
-            ..result(&last.estimate)
+            ..estimate_values(&last.estimate)
         }),
     }
 }
 
-fn result(estimate: &Estimate) -> Value {
-    let (class, glance) = machine::of_verdict(estimate.verdict);
+fn estimate_values(estimate: &Estimate) -> Value {
+    let (class, glance) = machine::verdict_banner(estimate.verdict);
     let rows = estimate.parameters.iter().map(|p| {
         context! {
             symbol => p.symbol.as_str(),

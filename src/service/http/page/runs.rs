@@ -4,33 +4,33 @@ use axum::extract::{Query, State};
 use axum::response::Html;
 use minijinja::context;
 
-use super::{row, whole};
+use super::{render_page, run_row};
 use crate::service::http::AppState;
-use crate::service::http::api::RunsAsked;
+use crate::service::http::api::RunRange;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 
-pub async fn page(
-    State(web): State<AppState>,
-    Query(asked): Query<RunsAsked>,
+pub async fn runs_page(
+    State(app): State<AppState>,
+    Query(range): Query<RunRange>,
 ) -> Result<Html<String>, Problem> {
-    let tokens = web.access.demanded();
-    read_journal(&web, move |journal| {
-        let (wanted, most) = (asked.wanted(), asked.most());
+    let tokens = app.access.requires_tokens();
+    read_journal(&app, move |journal| {
+        let (filter, limit) = (range.filter(), range.item_limit());
         // One more run than shown is read, to detect whether more runs exist.
-        let mut runs = journal.some_runs(wanted, most + 1)?;
-        let onward = wanted.after.is_some() && wanted.before.is_none();
-        let more = runs.len() > most;
+        let mut runs = journal.list_runs(filter, limit + 1)?;
+        let onward = filter.newer_than.is_some() && filter.older_than.is_none();
+        let more = runs.len() > limit;
         match (more, onward) {
             (true, true) => drop(runs.remove(0)),
             (true, false) => drop(runs.pop()),
             (false, _) => {}
         }
         let [newest, oldest] = [runs.first(), runs.last()].map(|run| run.map(|run| run.id.0));
-        let newer = newest.filter(|_| if onward { more } else { wanted.before.is_some() });
+        let newer = newest.filter(|_| if onward { more } else { filter.older_than.is_some() });
         let older = oldest.filter(|_| onward || more);
-        let runs = runs.iter().map(row).collect::<Vec<_>>();
-        whole("runs.html", tokens, context! { runs, newer, older })
+        let runs = runs.iter().map(run_row).collect::<Vec<_>>();
+        render_page("runs.html", tokens, context! { runs, newer, older })
     })
     .await?
 }

@@ -3,15 +3,15 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::moment;
+use super::local_time;
 use crate::service::schedule_state::{Agenda, Planned};
-use crate::store::{Arming, Slot};
+use crate::store::{Arming, ScheduleSlot};
 
 /// Number of outcomes that are shown.
-const LAST: usize = 5;
+const MAX_SHOWN_SLOTS: usize = 5;
 
 /// Values of the panel; `None` without a schedule.
-pub fn panel(agenda: &Agenda) -> Option<Value> {
+pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     let Agenda { planned, armed, last } = agenda;
     let now = Timestamp::now();
     let counts =
@@ -19,13 +19,13 @@ pub fn panel(agenda: &Agenda) -> Option<Value> {
     let armed_for = |cycle: u16| armed.iter().filter(counts).find(|arming| arming.cycle == cycle);
     (!planned.is_empty()).then(|| {
         context! {
-            planned => planned.iter().map(|one| entry(one, armed_for(one.cycle))).collect::<Vec<_>>(),
-            last => last.iter().take(LAST).map(outcome).collect::<Vec<_>>(),
+            planned => planned.iter().map(|slot| planned_values(slot, armed_for(slot.cycle))).collect::<Vec<_>>(),
+            last => last.iter().take(MAX_SHOWN_SLOTS).map(slot_values).collect::<Vec<_>>(),
         }
     })
 }
 
-fn entry(planned: &Planned, armed: Option<&Arming>) -> Value {
+fn planned_values(planned: &Planned, armed: Option<&Arming>) -> Value {
     context! {
         name => planned.name.as_str(),
         cycle => planned.cycle,
@@ -33,14 +33,14 @@ fn entry(planned: &Planned, armed: Option<&Arming>) -> Value {
         waiting => planned.waiting.as_deref(),
         armed => armed.map(|arming| context! {
             who => arming.who.as_str(),
-            until => moment(arming.until),
+            until => local_time(arming.until),
         }),
     }
 }
 
-fn outcome(slot: &Slot) -> Value {
+fn slot_values(slot: &ScheduleSlot) -> Value {
     context! {
-        at => moment(slot.at),
+        at => local_time(slot.at),
         name => slot.schedule.as_str(),
         outcome => slot.outcome.as_str(),
         why => slot.why.as_str(),

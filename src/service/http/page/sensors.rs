@@ -4,39 +4,39 @@ use axum::extract::{Path, State};
 use axum::response::Html;
 use minijinja::{Value, context};
 
-use super::render;
+use super::render_template;
 use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
 /// The part that the script reloads with each new value.
-pub async fn page(
-    State(web): State<AppState>,
+pub async fn sensors_part(
+    State(app): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
-    let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let live = MachineStatus::of(machine).asked.and_then(|asked| asked.live);
-    render("sensors.html", context! { live => live.as_ref().map(values) })
+    let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
+    let live = MachineStatus::from_machine(machine).asked.and_then(|asked| asked.live);
+    render_template("sensors.html", context! { live => live.as_ref().map(live_values) })
 }
 
-pub fn values(live: &LiveValues) -> Value {
+pub fn live_values(live: &LiveValues) -> Value {
     context! {
-        sensors => live.sensors.iter().map(sensor).collect::<Vec<_>>(),
-        sections => live.sections.iter().map(section).collect::<Vec<_>>(),
+        sensors => live.sensors.iter().map(sensor_values).collect::<Vec<_>>(),
+        sections => live.sections.iter().map(section_values).collect::<Vec<_>>(),
         tilt => live.tilt_urad.map(|tilt| tilt.map(|urad| format!("{urad:+.0}"))),
     }
 }
 
-fn sensor(live: &LiveSensor) -> Value {
+fn sensor_values(live: &LiveSensor) -> Value {
     let mm = |mm: f64| format!("{mm:+.5}");
-    let percent = |mm: f64| format!("{:.0}", 100.0 * live.range_share(mm));
+    let percent = |mm: f64| format!("{:.0}", 100.0 * live.relative_position(mm));
     context! {
         name => live.sensor.as_str(),
         value => live.value_mm.map(mm),
         failure => live.failure.as_deref(),
         target => live.target_mm.map(mm),
-        to_target => live.to_target_um().map(|um| format!("{um:+.1}")),
+        to_target => live.distance_to_target_um().map(|um| format!("{um:+.1}")),
         least => live.range_mm[0],
         greatest => live.range_mm[1],
         value_percent => live.value_mm.map(percent),
@@ -44,7 +44,7 @@ fn sensor(live: &LiveSensor) -> Value {
     }
 }
 
-fn section(live: &LiveSection) -> Value {
+fn section_values(live: &LiveSection) -> Value {
     let at = live.eccentricity_um.map(|um| um.map(|um| format!("{um:+.1}")));
     context! { number => live.number, at }
 }

@@ -3,13 +3,13 @@
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use crate::archive::history::{self, Series, chart, what_changed};
+use crate::archive::history::{self, Series, describe_changes, draw_chart};
 use machine::record::reading::Temperatures;
 
 /// Number of days over which changes are reported.
-const DAYS: u32 = 7;
+const CHANGE_REPORT_DAYS: u32 = 7;
 
-pub fn of_method(series: &[Series]) -> Value {
+pub fn trend_values(series: &[Series]) -> Value {
     let now = Timestamp::now();
     let rows = series.iter().filter_map(|series| {
         let newest = series.values.last()?;
@@ -21,26 +21,26 @@ pub fn of_method(series: &[Series]) -> Value {
             expanded => format!("{:.1}", newest.expanded),
             unit => series.unit.symbol(),
             limits => limits.map(|[lower, upper]| format!("{lower:.1} to {upper:.1}")),
-            out => series.trend.is_out() == Some(true),
+            out => series.trend.is_outside_limits() == Some(true),
             tolerance => series.tolerance.map(|limit| format!("±{limit}")),
-            warmth => warmth(&newest.temperatures_c),
-            chart => chart(series, now).map(Value::from_safe_string),
+            warmth => temperature_text(&newest.temperatures_c),
+            chart => draw_chart(series, now).map(Value::from_safe_string),
         })
     });
     context! {
-        thermometers => series.iter().flat_map(|series| &series.values).any(has_warmth),
+        thermometers => series.iter().flat_map(|series| &series.values).any(has_temperature),
         method => series.first().map(|series| series.method.as_str()),
-        sentence => what_changed(series, DAYS),
+        sentence => describe_changes(series, CHANGE_REPORT_DAYS),
         rows => rows.collect::<Vec<_>>(),
     }
 }
 
-fn has_warmth(value: &history::Value) -> bool {
+fn has_temperature(value: &history::Value) -> bool {
     value.temperatures_c.iter().next().is_some()
 }
 
 /// Temperatures by thermometer, °C; empty without a reading.
-fn warmth(all: &Temperatures) -> String {
+fn temperature_text(all: &Temperatures) -> String {
     let each = all.iter().map(|(name, celsius)| format!("{name} {celsius:.1}"));
     each.collect::<Vec<_>>().join(", ")
 }

@@ -4,49 +4,49 @@ use minijinja::{Value, context};
 use nalgebra::Vector3;
 
 use crate::service::http::problem::Problem;
-use crate::store::{Journal, Progress, RunId};
-use machine::artefact::{Shape, parts};
-use machine::kinematics::Chain;
+use crate::store::{Journal, RunId, RunProgress};
+use machine::artefact::{BodyShape, artefact_bodies};
+use machine::kinematics::KinematicChain;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
 
 /// The two views, and the index of the coordinate that points up in each.
-const VIEWS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
+const PROJECTIONS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
 /// Radius of a mark, as a fraction of the picture's width.
-const MARK: f64 = 1.0 / 70.0;
+const MARK_RADIUS_SHARE: f64 = 1.0 / 70.0;
 /// Margin on each side, as a fraction of the extent of the drawing.
-const MARGIN: f64 = 0.08;
+const MARGIN_SHARE: f64 = 0.08;
 
 /// Views of the run in progress; `None` without a run.
-pub fn of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
+pub fn run_views(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
     match run.0 {
         0 => Ok(None),
-        _ => Ok(drawn(&journal.progress(run)?)),
+        _ => Ok(progress_views(&journal.run_progress(run)?)),
     }
 }
 
 struct Mark {
     /// CSS class: `done`, `now` or `next`.
     class: &'static str,
-    way: Vec<Vector3<f64>>,
+    path: Vec<Vector3<f64>>,
 }
 
-fn drawn(progress: &Progress) -> Option<Value> {
-    let marks = marks(progress)?;
-    let bodies: Vec<Shape> =
-        parts(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
+fn progress_views(progress: &RunProgress) -> Option<Value> {
+    let marks = step_marks(progress)?;
+    let bodies: Vec<BodyShape> =
+        artefact_bodies(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
     let count = |class| marks.iter().filter(|mark| mark.class == class).count();
     Some(context! {
         done => count("done"),
         next => count("next"),
-        views => VIEWS.map(|(name, up)| view(name, up, &marks, &bodies)),
+        views => PROJECTIONS.map(|(name, up)| projection_values(name, up, &marks, &bodies)),
     })
 }
 
 /// Marks of all steps; stages that are not planned yet have none.
-fn marks(progress: &Progress) -> Option<Vec<Mark>> {
-    let Progress { plan, stages, done } = progress;
-    let chain = Chain::new(&plan.machine).ok()?;
+fn step_marks(progress: &RunProgress) -> Option<Vec<Mark>> {
+    let RunProgress { plan, stages, stored_readings: done } = progress;
+    let chain = KinematicChain::new(&plan.machine).ok()?;
     let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
     let moves = || plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
     let is_open = |step: u32, repeat: u32| {
@@ -62,7 +62,7 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
         (false, true) => "done",
         (false, false) => "next",
     };
-    let mark = |step: &Step| Mark { class: class(step), way: way(plan, &chain, step) };
+    let mark = |step: &Step| Mark { class: class(step), path: step_path(plan, &chain, step) };
     // The current step is drawn last, on top of the others.
     let mut marks: Vec<Mark> = moves().map(mark).collect();
     marks.sort_by_key(|mark| mark.class == "now");
@@ -70,25 +70,27 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
 }
 
 /// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm.
-fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<Vector3<f64>> {
+fn step_path(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f64>> {
     let mut in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
-    let sensor = in_spindle.find(|sensor| sensor.name == step.sensor());
+    let sensor = in_spindle.find(|sensor| sensor.name == step.first_sensor());
     let [x, y, z] = sensor.map_or(plan.machine.tool_mm, |sensor| sensor.zero_mm);
-    let place = |at: &Position| chain.tip_in_table(at, Point::new(x, y, z), &[]).mm;
+    let tip_position = |at: &Position| chain.tip_in_table(at, Point::new(x, y, z), &[]).mm;
     match &step.scan {
-        Some(scan) => scan.path.iter().map(place).collect(),
-        None => vec![place(&step.from)],
+        Some(scan) => scan.path.iter().map(tip_position).collect(),
+        None => vec![tip_position(&step.from)],
     }
 }
 
 /// Lower and upper bounds of the drawing along each axis, mm.
-fn bounds(marks: &[Mark], bodies: &[Shape]) -> [Vector3<f64>; 2] {
-    let reach = |body: &Shape, sign: f64| {
-        Vector3::from(Axis::LINEAR.map(|axis| sign * body.highest(sign * axis.direction())))
+fn drawing_bounds(marks: &[Mark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
+    let reach = |body: &BodyShape, sign: f64| {
+        Vector3::from(
+            Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.direction())),
+        )
     };
-    let places = marks.iter().flat_map(|mark| mark.way.iter().copied());
+    let path_points = marks.iter().flat_map(|mark| mark.path.iter().copied());
     let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
-    places
+    path_points
         .chain(ends)
         .fold([f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat), |[low, high], at| {
             [low.inf(&at), high.sup(&at)]
@@ -96,47 +98,51 @@ fn bounds(marks: &[Mark], bodies: &[Shape]) -> [Vector3<f64>; 2] {
 }
 
 /// Both views have one scale. The vertical coordinate is negated, because the y axis of SVG points down.
-fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
-    let [low, high] = bounds(marks, bodies);
+fn projection_values(name: &str, up: usize, marks: &[Mark], bodies: &[BodyShape]) -> Value {
+    let [low, high] = drawing_bounds(marks, bodies);
     let span = (high - low).max().max(1.0);
     let middle = (low + high) / 2.0;
-    let size = (1.0 + 2.0 * MARGIN) * span;
+    let size = (1.0 + 2.0 * MARGIN_SHARE) * span;
     let (left, top) = (middle.x - size / 2.0, -middle[up] - size / 2.0);
     let flat = |at: Vector3<f64>| [at.x, -at[up]];
     context! {
         name,
         frame => format!("{left:.2} {top:.2} {size:.2} {size:.2}"),
-        radius => mm(MARK * size),
-        large => mm(2.0 * MARK * size),
-        bodies => bodies.iter().map(|body| outline(*body, up)).collect::<Vec<_>>(),
+        radius => format_mm(MARK_RADIUS_SHARE * size),
+        large => format_mm(2.0 * MARK_RADIUS_SHARE * size),
+        bodies => bodies.iter().map(|body| body_outline(*body, up)).collect::<Vec<_>>(),
         marks => marks.iter().map(|mark| context! {
             class => mark.class,
-            at => mark.way.first().map(|at| flat(*at).map(mm)),
-            way => (mark.way.len() > 1).then(|| polyline(mark.way.iter().map(|at| flat(*at)))),
+            at => mark.path.first().map(|at| flat(*at).map(format_mm)),
+            way => (mark.path.len() > 1).then(|| polyline_points(mark.path.iter().map(|at| flat(*at)))),
         }).collect::<Vec<_>>(),
     }
 }
 
 /// A circle, or a line of the body's diameter; the rims of an inclined cylinder are not drawn.
-fn outline(body: Shape, up: usize) -> Value {
-    let flat = |at: Vector3<f64>| [at.x, -at[up]].map(mm);
+fn body_outline(body: BodyShape, up: usize) -> Value {
+    let flat = |at: Vector3<f64>| [at.x, -at[up]].map(format_mm);
     match body {
-        Shape::Ball { centre, radius } => context! { centre => flat(centre), radius => mm(radius) },
-        Shape::Cylinder { from, to, radius } => {
+        BodyShape::Ball { centre, radius } => {
+            context! { centre => flat(centre), radius => format_mm(radius) }
+        }
+        BodyShape::Cylinder { from, to, radius } => {
             let along = to - from;
             match along.x.hypot(along[up]) < 0.1 * along.norm() {
-                true => context! { centre => flat(from), radius => mm(radius) },
-                false => context! { from => flat(from), to => flat(to), width => mm(2.0 * radius) },
+                true => context! { centre => flat(from), radius => format_mm(radius) },
+                false => {
+                    context! { from => flat(from), to => flat(to), width => format_mm(2.0 * radius) }
+                }
             }
         }
     }
 }
 
-fn polyline(points: impl Iterator<Item = [f64; 2]>) -> String {
+fn polyline_points(points: impl Iterator<Item = [f64; 2]>) -> String {
     points.map(|[x, y]| format!("{x:.2},{y:.2} ")).collect()
 }
 
-fn mm(value: f64) -> String {
+fn format_mm(value: f64) -> String {
     format!("{value:.2}")
 }
 
@@ -149,9 +155,10 @@ mod tests {
     #[test]
     fn both_views_hold_all_of_it_at_one_scale() {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
-        let bodies = [Shape::Cylinder { from, to, radius }];
-        let marks = [Mark { class: "now", way: vec![Vector3::new(15.0, 0.0, 12.0)] }];
-        let [above, side] = VIEWS.map(|(name, up)| view(name, up, &marks, &bodies));
+        let bodies = [BodyShape::Cylinder { from, to, radius }];
+        let marks = [Mark { class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];
+        let [above, side] =
+            PROJECTIONS.map(|(name, up)| projection_values(name, up, &marks, &bodies));
         let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
         assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");
         assert_eq!(told(&side, "frame"), "-14.90 -32.40 34.80 34.80");

@@ -1,39 +1,39 @@
-// Brings the live part up to date. What its source does not tell is taken away, never left to stand.
+// Updates the live part. A value that the server no longer reports is removed, never left on the page.
 (() => {
   const live = document.getElementById("live");
-  const { from, events, state, asked: shown } = live.dataset;
+  const { from, events, state, asked: shownPrompt } = live.dataset;
   const name = document.title;
   const machine = document.querySelector("h1").textContent;
-  // Signs of life come every 5 s; the slow parts are asked for every minute.
-  const SILENT = 10000, SLOW = 60000, STALE = 150000, BESIDE = 2000;
-  const away = (is) => {
+  // The server sends an event at least every 5 s; the slow parts are requested every minute.
+  const MAX_EVENT_GAP_MS = 10000, SLOW_PERIOD_MS = 60000, MAX_SLOW_AGE_MS = 150000, PROMPT_REFRESH_MS = 2000;
+  const showConnectionLost = (is) => {
     document.body.classList.toggle("away", is);
     const glance = events ? live.querySelector(".glance") : null;
     const title = glance ? `${machine}: ${glance.firstChild.textContent.trim()}` : name;
     document.title = is ? "no connection" : title;
   };
-  // By the clock on the wall, which goes on while a tablet sleeps; one that is set looks like silence, which
-  // the next sign of life mends.
-  const over = (at, ms) => Math.abs(Date.now() - at) > ms;
-  const text = async (what) => {
-    const answer = await fetch(what, { signal: AbortSignal.timeout(5000) });
-    if (!answer.ok) throw new Error(answer.statusText);
-    return answer.text();
+  // Uses the system time, which continues while a tablet sleeps. A clock that is set looks like a lost connection
+  // until the next event.
+  const isOlder = (at, ms) => Math.abs(Date.now() - at) > ms;
+  const fetchText = async (what) => {
+    const response = await fetch(what, { signal: AbortSignal.timeout(5000) });
+    if (!response.ok) throw new Error(response.statusText);
+    return response.text();
   };
-  // Not more often: a small computer answers many pages.
-  const rest = (ms) => new Promise((done) => setTimeout(done, ms));
+  // Limits the request rate: a small computer serves many pages.
+  const wait = (ms) => new Promise((done) => setTimeout(done, ms));
   const refresher = (part, from) => {
     let asked = false, again = false;
     const refresh = async () => {
       if (asked) { again = true; return; }
       asked = true;
       try {
-        part.innerHTML = await text(from);
-        away(false);
+        part.innerHTML = await fetchText(from);
+        showConnectionLost(false);
       } catch {
-        away(true);
+        showConnectionLost(true);
       }
-      await rest(250);
+      await wait(250);
       asked = false;
       if (again) { again = false; refresh(); }
     };
@@ -41,11 +41,11 @@
   };
   const refresh = refresher(live, from);
   if (!events) {
-    (async () => { for (;;) { await rest(2000); await refresh(); } })();
+    (async () => { for (;;) { await wait(2000); await refresh(); } })();
     return;
   }
 
-  // Schedule, trends and runs, from the page as it would be made now. What is open stays open.
+  // Schedule, trends and runs, from a newly requested page. Open details stay open.
   const slow = document.querySelectorAll(".slow");
   const within = (part, what) => [...part.querySelectorAll(what)];
   const replace = (part, fresh) => {
@@ -55,49 +55,49 @@
     within(part, "details").forEach((one, index) => { one.open = open[index] === true; });
     within(part, "a, summary, [tabindex]")[focused]?.focus({ preventScroll: true });
   };
-  let made = Date.now(), tried = Date.now();
+  let refreshedSlow = Date.now(), requestedSlow = Date.now();
   const refreshSlow = async () => {
-    tried = Date.now();
+    requestedSlow = Date.now();
     try {
-      const page = new DOMParser().parseFromString(await text(location.pathname), "text/html");
+      const page = new DOMParser().parseFromString(await fetchText(location.pathname), "text/html");
       const fresh = within(page, ".slow");
-      // A schedule that is known only now has its own forms beside it.
+      // A schedule that is new has its own forms, which only a reload shows.
       if (fresh.length !== slow.length) { location.reload(); return; }
       slow.forEach((part, index) => replace(part, fresh[index]));
-      made = Date.now();
-    } catch { /* they go when they are too old */ }
+      refreshedSlow = Date.now();
+    } catch { /* the slow parts are hidden when they are too old */ }
   };
 
-  // While a person is asked the values of sensors change all the time, and the rest rarely.
+  // While a prompt is open, the values of the sensors change continuously, and the rest rarely.
   const sensors = document.getElementById("sensors");
   const refreshSensors = sensors && refresher(sensors, sensors.dataset.from);
   let refreshed = Date.now();
-  let told, heard;
-  const listen = () => {
-    told?.close();
-    heard = Date.now();
-    told = new EventSource(events);
-    told.addEventListener("standing", (event) => {
-      heard = Date.now();
+  let source, lastEvent;
+  const connect = () => {
+    source?.close();
+    lastEvent = Date.now();
+    source = new EventSource(events);
+    source.addEventListener("standing", (event) => {
+      lastEvent = Date.now();
       const now = JSON.parse(event.data);
       const watched = now.asked?.live ? "/sensors" : "";
       const open = now.asked ? `${now.asked.step}/${now.asked.repeat}${watched}` : "";
-      // Other things can be done now, or are asked: the page is made anew.
-      if (now.state !== state || open !== shown) { location.reload(); return; }
+      // Other actions are possible now, or another prompt is open: reload the page.
+      if (now.state !== state || open !== shownPrompt) { location.reload(); return; }
       if (sensors) {
         refreshSensors();
-        if (!over(refreshed, BESIDE)) return;
+        if (!isOlder(refreshed, PROMPT_REFRESH_MS)) return;
         refreshed = Date.now();
       }
       refresh();
     });
-    told.onerror = () => away(true);
+    source.onerror = () => showConnectionLost(true);
   };
-  listen();
+  connect();
   setInterval(() => {
-    // A connection that is silent may never say that it is dead: another is tried.
-    if (over(heard, SILENT)) { away(true); listen(); }
-    if (over(tried, SLOW)) refreshSlow();
-    document.body.classList.toggle("stale", over(made, STALE));
+    // A connection without events may be dead without an error: open another one.
+    if (isOlder(lastEvent, MAX_EVENT_GAP_MS)) { showConnectionLost(true); connect(); }
+    if (isOlder(requestedSlow, SLOW_PERIOD_MS)) refreshSlow();
+    document.body.classList.toggle("stale", isOlder(refreshedSlow, MAX_SLOW_AGE_MS));
   }, 1000);
 })();

@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::map::{
-    ACKNOWLEDGE, ARTEFACT, AUTO, COILS, DOOR, ENABLE, IDLE, PROBE, START, STOP, TEMPERATURE,
+    ACKNOWLEDGE_COIL, ARTEFACT_COIL, AUTO_COIL, COIL_COUNT, DOOR_COIL, ENABLE_COIL, IDLE_COIL,
+    PROBE_COIL, START_COIL_BASE, STOP_COIL, TEMPERATURE_COIL,
 };
 use crate::service::config::MAX_CYCLES;
 use crate::service::machine_state::Interlocks;
@@ -17,27 +18,27 @@ const DEBOUNCE: Duration = Duration::from_millis(50);
 pub enum CoilCommand {
     Start(u16),
     /// More than one start in one write.
-    Several,
+    SeveralStarts,
     Stop,
     Acknowledge,
 }
 
 #[derive(Debug)]
-pub struct Inputs {
-    coils: [bool; COILS],
+pub struct ControlInputs {
+    coils: [bool; COIL_COUNT],
     /// Time since which a coil is known to be low; `None`: it is high, or was never written.
-    low: [Option<Instant>; COILS],
+    low_since: [Option<Instant>; COIL_COUNT],
     alive: u16,
     /// Times of the last two changes of `alive`, newest first.
-    changed: [Option<Instant>; 2],
-    fresh: Duration,
+    alive_changes: [Option<Instant>; 2],
+    alive_timeout: Duration,
 }
 
-impl Inputs {
+impl ControlInputs {
     /// No coil is known yet: a coil that is high at its first write is not an edge.
-    pub fn new(fresh: Duration) -> Self {
-        let (coils, low) = ([false; COILS], [None; COILS]);
-        Self { coils, low, alive: 0, changed: [None; 2], fresh }
+    pub fn new(alive_timeout: Duration) -> Self {
+        let (coils, low_since) = ([false; COIL_COUNT], [None; COIL_COUNT]);
+        Self { coils, low_since, alive: 0, alive_changes: [None; 2], alive_timeout }
     }
 
     pub fn coils(&self) -> &[bool] {
@@ -51,22 +52,22 @@ impl Inputs {
     pub fn write_alive(&mut self, value: u16, now: Instant) {
         if value != self.alive {
             self.alive = value;
-            self.changed = [Some(now), self.changed[0]];
+            self.alive_changes = [Some(now), self.alive_changes[0]];
         }
     }
 
     /// Writes `values` from coil `first` on; they must fit. Returns the commands in the order of execution.
-    pub fn write(&mut self, first: usize, values: &[bool], now: Instant) -> Vec<CoilCommand> {
+    pub fn write_coils(&mut self, first: usize, values: &[bool], now: Instant) -> Vec<CoilCommand> {
         let mut rises = Vec::new();
-        let coils = self.coils.iter_mut().zip(self.low.iter_mut()).enumerate().skip(first);
-        for ((number, (coil, low)), &value) in coils.zip(values) {
-            let settled = low.is_some_and(|since| now.duration_since(since) >= DEBOUNCE);
+        let coils = self.coils.iter_mut().zip(self.low_since.iter_mut()).enumerate().skip(first);
+        for ((number, (coil, low_since)), &value) in coils.zip(values) {
+            let settled = low_since.is_some_and(|since| now.duration_since(since) >= DEBOUNCE);
             let rise = value && !*coil;
             // A stop is not debounced.
-            if rise && (settled || number == usize::from(STOP)) {
+            if rise && (settled || number == usize::from(STOP_COIL)) {
                 rises.push(number as u16);
             }
-            *low = if value { None } else { low.or(Some(now)) };
+            *low_since = if value { None } else { low_since.or(Some(now)) };
             *coil = value;
         }
         coil_commands(&rises)
@@ -75,17 +76,17 @@ impl Inputs {
     /// Interlocks of the control. They are fresh after two changes of `alive`, each in time, so that a control that
     /// returns does not start a cycle with values that it wrote long ago.
     pub fn interlocks(&self, now: Instant) -> Interlocks {
-        let [Some(last), Some(before)] = self.changed else { return Interlocks::default() };
-        let in_time = |from: Instant, to: Instant| to.duration_since(from) <= self.fresh;
+        let [Some(last), Some(before)] = self.alive_changes else { return Interlocks::default() };
+        let in_time = |from: Instant, to: Instant| to.duration_since(from) <= self.alive_timeout;
         if !in_time(last, now) || !in_time(before, last) {
             return Interlocks::default();
         }
         Interlocks {
             fresh: true,
-            enable: self.coil(ENABLE),
-            auto: self.coil(AUTO),
-            door: self.coil(DOOR),
-            stop: self.coil(STOP),
+            enable: self.coil_level(ENABLE_COIL),
+            auto: self.coil_level(AUTO_COIL),
+            door: self.coil_level(DOOR_COIL),
+            stop: self.coil_level(STOP_COIL),
             person: false,
         }
     }
@@ -94,33 +95,36 @@ impl Inputs {
     pub fn readiness(&self, now: Instant) -> Readiness {
         Readiness {
             interlocks: self.interlocks(now),
-            probe: self.coil(PROBE),
-            artefact: self.coil(ARTEFACT),
-            temperature: self.coil(TEMPERATURE),
-            idle: self.coil(IDLE),
+            probe: self.coil_level(PROBE_COIL),
+            artefact: self.coil_level(ARTEFACT_COIL),
+            temperature: self.coil_level(TEMPERATURE_COIL),
+            idle: self.coil_level(IDLE_COIL),
         }
     }
 
-    fn coil(&self, number: u16) -> bool {
+    fn coil_level(&self, number: u16) -> bool {
         self.coils.get(usize::from(number)).copied().unwrap_or(false)
     }
 }
 
 fn coil_commands(rises: &[u16]) -> Vec<CoilCommand> {
-    let starts: Vec<u16> =
-        rises.iter().filter_map(|coil| coil.checked_sub(START)).filter(|k| *k > 0).collect();
+    let starts: Vec<u16> = rises
+        .iter()
+        .filter_map(|coil| coil.checked_sub(START_COIL_BASE))
+        .filter(|k| *k > 0)
+        .collect();
     debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
     let mut coil_commands = Vec::new();
-    if rises.contains(&STOP) {
+    if rises.contains(&STOP_COIL) {
         coil_commands.push(CoilCommand::Stop);
     }
-    if rises.contains(&ACKNOWLEDGE) {
+    if rises.contains(&ACKNOWLEDGE_COIL) {
         coil_commands.push(CoilCommand::Acknowledge);
     }
     match starts.as_slice() {
         [] => {}
         [cycle] => coil_commands.push(CoilCommand::Start(*cycle)),
-        _ => coil_commands.push(CoilCommand::Several),
+        _ => coil_commands.push(CoilCommand::SeveralStarts),
     }
     coil_commands
 }
@@ -133,48 +137,48 @@ mod tests {
         start + Duration::from_millis(ms)
     }
 
-    fn starts(inputs: &mut Inputs, value: bool, now: Instant) -> bool {
-        inputs.write(11, &[value], now) == [CoilCommand::Start(1)]
+    fn starts(inputs: &mut ControlInputs, value: bool, now: Instant) -> bool {
+        inputs.write_coils(11, &[value], now) == [CoilCommand::Start(1)]
     }
 
     #[test]
     fn one_start_a_rise_and_bounces_are_none() {
         let t = Instant::now();
-        let mut inputs = Inputs::new(Duration::from_secs(1));
-        assert!(!starts(&mut inputs, true, t), "high from the first");
+        let mut inputs = ControlInputs::new(Duration::from_secs(1));
+        assert!(!starts(&mut inputs, true, t), "the coil was high at its first write");
         assert!(!starts(&mut inputs, false, ms(t, 100)));
         assert!(starts(&mut inputs, true, ms(t, 200)));
         for (at, value) in [(205, false), (210, true), (215, false), (220, true), (900, true)] {
             assert!(!starts(&mut inputs, value, ms(t, at)), "at {at}");
         }
         assert!(!starts(&mut inputs, false, ms(t, 1000)));
-        assert!(!starts(&mut inputs, false, ms(t, 1040)), "low again and again");
-        assert!(starts(&mut inputs, true, ms(t, 1060)), "low since 1000");
+        assert!(!starts(&mut inputs, false, ms(t, 1040)), "the coil bounced");
+        assert!(starts(&mut inputs, true, ms(t, 1060)), "the coil is low since 1000 ms");
     }
 
     #[test]
     fn a_stop_counts_at_once_and_two_starts_are_several() {
         let t = Instant::now();
-        let mut inputs = Inputs::new(Duration::from_secs(1));
-        assert_eq!(inputs.write(3, &[true], t), [CoilCommand::Stop]);
-        assert_eq!(inputs.write(0, &[false; COILS], ms(t, 10)), []);
-        let mut both = [false; COILS];
+        let mut inputs = ControlInputs::new(Duration::from_secs(1));
+        assert_eq!(inputs.write_coils(3, &[true], t), [CoilCommand::Stop]);
+        assert_eq!(inputs.write_coils(0, &[false; COIL_COUNT], ms(t, 10)), []);
+        let mut both = [false; COIL_COUNT];
         (both[11], both[18], both[4]) = (true, true, true);
         assert_eq!(
-            inputs.write(0, &both, ms(t, 100)),
-            [CoilCommand::Acknowledge, CoilCommand::Several]
+            inputs.write_coils(0, &both, ms(t, 100)),
+            [CoilCommand::Acknowledge, CoilCommand::SeveralStarts]
         );
     }
 
     #[test]
     fn nothing_counts_that_is_not_fresh() {
         let t = Instant::now();
-        let mut inputs = Inputs::new(Duration::from_secs(1));
-        inputs.write(0, &[true, true, true], t);
+        let mut inputs = ControlInputs::new(Duration::from_secs(1));
+        inputs.write_coils(0, &[true, true, true], t);
         inputs.write_alive(1, t);
-        assert!(!inputs.interlocks(ms(t, 1)).enable, "one change is none");
+        assert!(!inputs.interlocks(ms(t, 1)).enable, "one change of `alive` is not enough");
         inputs.write_alive(1, ms(t, 500));
-        assert!(!inputs.interlocks(ms(t, 501)).enable, "the same again is no change");
+        assert!(!inputs.interlocks(ms(t, 501)).enable, "the same value is not a change");
         inputs.write_alive(2, ms(t, 900));
         let all = Interlocks {
             fresh: true,
@@ -187,7 +191,11 @@ mod tests {
         assert_eq!(inputs.interlocks(ms(t, 1900)), all);
         assert_eq!(inputs.interlocks(ms(t, 1901)), Interlocks::default());
         inputs.write_alive(3, ms(t, 60_000));
-        assert_eq!(inputs.interlocks(ms(t, 60_001)), Interlocks::default(), "back after a minute");
+        assert_eq!(
+            inputs.interlocks(ms(t, 60_001)),
+            Interlocks::default(),
+            "one change after a minute is not enough"
+        );
         inputs.write_alive(4, ms(t, 60_500));
         assert_eq!(inputs.interlocks(ms(t, 60_501)), all);
     }

@@ -6,84 +6,85 @@ use crate::service::machine_state::{Interlocks, MachineState};
 use machine::record::estimate::{Parameter, Unit, Verdict};
 
 /// Coils: written by the control, read back as written.
-pub const ENABLE: u16 = 0;
-pub const AUTO: u16 = 1;
-pub const DOOR: u16 = 2;
-pub const STOP: u16 = 3;
-pub const ACKNOWLEDGE: u16 = 4;
+pub const ENABLE_COIL: u16 = 0;
+pub const AUTO_COIL: u16 = 1;
+pub const DOOR_COIL: u16 = 2;
+pub const STOP_COIL: u16 = 3;
+pub const ACKNOWLEDGE_COIL: u16 = 4;
 /// Conditions of an unattended cycle: see docs/schedule.md.
-pub const PROBE: u16 = 5;
-pub const ARTEFACT: u16 = 6;
-pub const TEMPERATURE: u16 = 7;
-pub const IDLE: u16 = 8;
-/// Cycle `k` is started by coil `START + k`.
-pub const START: u16 = 10;
-pub const COILS: usize = (START + MAX_CYCLES + 1) as usize;
+pub const PROBE_COIL: u16 = 5;
+pub const ARTEFACT_COIL: u16 = 6;
+pub const TEMPERATURE_COIL: u16 = 7;
+pub const IDLE_COIL: u16 = 8;
+/// Cycle `k` is started by coil `START_COIL_BASE + k`.
+pub const START_COIL_BASE: u16 = 10;
+pub const COIL_COUNT: usize = (START_COIL_BASE + MAX_CYCLES + 1) as usize;
 
 /// The only holding register; the control changes it continuously as a sign of life.
-pub const ALIVE: u16 = 0;
-pub const HOLDINGS: usize = 1;
+pub const ALIVE_REGISTER: u16 = 0;
+pub const HOLDING_REGISTER_COUNT: usize = 1;
 
 /// Input registers: state of the machine.
-const HEARTBEAT: usize = 0;
-const STATE: usize = 1;
-const PROGRESS: usize = 2;
-const VERDICT: usize = 3;
-const CYCLE: usize = 4;
-const RUN: usize = 5;
-const ACCEPTED: usize = 7;
-const REFUSED: usize = 8;
-const REFUSAL: usize = 9;
-const INTERLOCKS: usize = 10;
-const VERSION: usize = 11;
-const MAP: usize = 14;
-const COUNT: usize = 15;
-const DEVIATIONS: usize = 100;
+const HEARTBEAT_REGISTER: usize = 0;
+const STATE_REGISTER: usize = 1;
+const PROGRESS_REGISTER: usize = 2;
+const VERDICT_REGISTER: usize = 3;
+const CYCLE_REGISTER: usize = 4;
+const RUN_REGISTER: usize = 5;
+const ACCEPTED_REGISTER: usize = 7;
+const REFUSED_REGISTER: usize = 8;
+const REFUSAL_REGISTER: usize = 9;
+const INTERLOCKS_REGISTER: usize = 10;
+const VERSION_REGISTER: usize = 11;
+const MAP_VERSION_REGISTER: usize = 14;
+const DEVIATION_COUNT_REGISTER: usize = 15;
+const FIRST_DEVIATION_REGISTER: usize = 100;
 /// Number of registers of a deviation.
-const RECORD: usize = 10;
+const REGISTERS_PER_DEVIATION: usize = 10;
 /// Maximum number of deviations, so that all fit into one request.
 const MAX_DEVIATIONS: usize = 12;
-pub const INPUTS: usize = DEVIATIONS + MAX_DEVIATIONS * RECORD;
+pub const INPUT_REGISTER_COUNT: usize =
+    FIRST_DEVIATION_REGISTER + MAX_DEVIATIONS * REGISTERS_PER_DEVIATION;
 /// Version of this register map.
 const MAP_VERSION: u16 = 1;
 
 /// Rows of docs/modbus.md: space, first register, name.
 #[cfg(test)]
-pub const ROWS: [(&str, usize, &str); 25] = [
-    ("coil", ENABLE as usize, "enable"),
-    ("coil", AUTO as usize, "auto"),
-    ("coil", DOOR as usize, "door"),
-    ("coil", STOP as usize, "stop"),
-    ("coil", ACKNOWLEDGE as usize, "acknowledge"),
-    ("coil", PROBE as usize, "probe"),
-    ("coil", ARTEFACT as usize, "artefact"),
-    ("coil", TEMPERATURE as usize, "temperature"),
-    ("coil", IDLE as usize, "idle"),
-    ("coil", START as usize + 1, "start 1"),
-    ("coil", (START + MAX_CYCLES) as usize, "start 8"),
-    ("holding", ALIVE as usize, "alive"),
-    ("input", HEARTBEAT, "heartbeat"),
-    ("input", STATE, "state"),
-    ("input", PROGRESS, "progress"),
-    ("input", VERDICT, "verdict"),
-    ("input", CYCLE, "cycle"),
-    ("input", RUN, "run"),
-    ("input", ACCEPTED, "accepted"),
-    ("input", REFUSED, "refused"),
-    ("input", REFUSAL, "refusal"),
-    ("input", INTERLOCKS, "said"),
-    ("input", VERSION, "version"),
-    ("input", MAP, "map"),
-    ("input", COUNT, "count"),
+pub const REGISTER_TABLE: [(&str, usize, &str); 25] = [
+    ("coil", ENABLE_COIL as usize, "enable"),
+    ("coil", AUTO_COIL as usize, "auto"),
+    ("coil", DOOR_COIL as usize, "door"),
+    ("coil", STOP_COIL as usize, "stop"),
+    ("coil", ACKNOWLEDGE_COIL as usize, "acknowledge"),
+    ("coil", PROBE_COIL as usize, "probe"),
+    ("coil", ARTEFACT_COIL as usize, "artefact"),
+    ("coil", TEMPERATURE_COIL as usize, "temperature"),
+    ("coil", IDLE_COIL as usize, "idle"),
+    ("coil", START_COIL_BASE as usize + 1, "start 1"),
+    ("coil", (START_COIL_BASE + MAX_CYCLES) as usize, "start 8"),
+    ("holding", ALIVE_REGISTER as usize, "alive"),
+    ("input", HEARTBEAT_REGISTER, "heartbeat"),
+    ("input", STATE_REGISTER, "state"),
+    ("input", PROGRESS_REGISTER, "progress"),
+    ("input", VERDICT_REGISTER, "verdict"),
+    ("input", CYCLE_REGISTER, "cycle"),
+    ("input", RUN_REGISTER, "run"),
+    ("input", ACCEPTED_REGISTER, "accepted"),
+    ("input", REFUSED_REGISTER, "refused"),
+    ("input", REFUSAL_REGISTER, "refusal"),
+    ("input", INTERLOCKS_REGISTER, "said"),
+    ("input", VERSION_REGISTER, "version"),
+    ("input", MAP_VERSION_REGISTER, "map"),
+    ("input", DEVIATION_COUNT_REGISTER, "count"),
 ];
 
 /// Values of all input registers at one instant.
-pub fn image(
+pub fn input_registers(
     machine_state: &MachineState,
     interlocks: Interlocks,
     heartbeat: u16,
-) -> [u16; INPUTS] {
-    let mut image = [0; INPUTS];
+) -> [u16; INPUT_REGISTER_COUNT] {
+    let mut image = [0; INPUT_REGISTER_COUNT];
     let verdict = match machine_state.verdict {
         None => 0,
         Some(Verdict::Pass) => 1,
@@ -95,37 +96,39 @@ pub fn image(
     let flags =
         [interlocks.fresh, interlocks.enable, interlocks.auto, interlocks.door, interlocks.stop];
     let mask = flags.iter().rev().fold(0, |mask, flag| mask << 1 | u16::from(*flag));
-    let shown = machine_state.deviations.len().min(MAX_DEVIATIONS);
-    image[HEARTBEAT] = heartbeat;
-    image[STATE] = machine_state.state as u16;
-    image[PROGRESS] = machine_state.progress_percent;
-    image[VERDICT] = verdict;
-    image[CYCLE] = machine_state.cycle;
-    put(&mut image, RUN, &words(machine_state.run));
-    image[ACCEPTED] = machine_state.accepted;
-    image[REFUSED] = machine_state.refused;
-    image[REFUSAL] = machine_state.refusal.map_or(0, |why| why as u16);
-    image[INTERLOCKS] = mask;
-    put(&mut image, VERSION, &version());
-    image[MAP] = MAP_VERSION;
-    image[COUNT] = shown as u16;
-    for (place, parameter) in (DEVIATIONS..).step_by(RECORD).zip(&machine_state.deviations[..shown])
+    let deviation_count = machine_state.deviations.len().min(MAX_DEVIATIONS);
+    image[HEARTBEAT_REGISTER] = heartbeat;
+    image[STATE_REGISTER] = machine_state.state as u16;
+    image[PROGRESS_REGISTER] = machine_state.progress_percent;
+    image[VERDICT_REGISTER] = verdict;
+    image[CYCLE_REGISTER] = machine_state.cycle;
+    write_registers(&mut image, RUN_REGISTER, &high_low_words(machine_state.run));
+    image[ACCEPTED_REGISTER] = machine_state.accepted;
+    image[REFUSED_REGISTER] = machine_state.refused;
+    image[REFUSAL_REGISTER] = machine_state.refusal.map_or(0, |why| why as u16);
+    image[INTERLOCKS_REGISTER] = mask;
+    write_registers(&mut image, VERSION_REGISTER, &version_registers());
+    image[MAP_VERSION_REGISTER] = MAP_VERSION;
+    image[DEVIATION_COUNT_REGISTER] = deviation_count as u16;
+    for (register, parameter) in (FIRST_DEVIATION_REGISTER..)
+        .step_by(REGISTERS_PER_DEVIATION)
+        .zip(&machine_state.deviations[..deviation_count])
     {
-        put(&mut image, place, &deviation(parameter));
+        write_registers(&mut image, register, &deviation_registers(parameter));
     }
     image
 }
 
-fn put(image: &mut [u16; INPUTS], at: usize, registers: &[u16]) {
+fn write_registers(image: &mut [u16; INPUT_REGISTER_COUNT], at: usize, registers: &[u16]) {
     image.iter_mut().skip(at).zip(registers).for_each(|(to, from)| *to = *from);
 }
 
 /// Registers of a 32-bit value, high word first.
-fn words(value: u32) -> [u16; 2] {
+fn high_low_words(value: u32) -> [u16; 2] {
     [(value >> 16) as u16, value as u16]
 }
 
-fn version() -> [u16; 3] {
+fn version_registers() -> [u16; 3] {
     [
         env!("CARGO_PKG_VERSION_MAJOR"),
         env!("CARGO_PKG_VERSION_MINOR"),
@@ -136,7 +139,7 @@ fn version() -> [u16; 3] {
 
 /// Symbol (eight characters), unit, value and expanded uncertainty in thousandths of the unit, and whether the
 /// parameter is identifiable.
-fn deviation(parameter: &Parameter) -> [u16; RECORD] {
+fn deviation_registers(parameter: &Parameter) -> [u16; REGISTERS_PER_DEVIATION] {
     let unit = match parameter.unit {
         Unit::Um => 1,
         Unit::Urad => 2,
@@ -145,7 +148,7 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
         Unit::Ms => 5,
     };
     // The cast saturates.
-    let thousandths = |value: f64| words((value * 1e3).round() as i32 as u32);
+    let thousandths = |value: f64| high_low_words((value * 1e3).round() as i32 as u32);
     let bytes = parameter.symbol.as_bytes();
     let byte = |at: usize| u16::from(bytes.get(at).copied().unwrap_or(0));
     let letters = |pair: usize| byte(2 * pair) << 8 | byte(2 * pair + 1);
@@ -160,21 +163,22 @@ mod tests {
     use super::*;
     use crate::service::machine_state::REFUSALS;
 
-    const DOCS: &str = include_str!("../../../../docs/modbus.md");
+    const MODBUS_DOCS: &str = include_str!("../../../../docs/modbus.md");
 
     #[test]
     fn the_published_tables_are_these() {
-        let rows = DOCS.lines().filter(|line| {
+        let rows = MODBUS_DOCS.lines().filter(|line| {
             ["| coil |", "| holding |", "| input |"].iter().any(|space| line.starts_with(space))
         });
-        let expected = ROWS.map(|(space, at, name)| format!("| {space} | {at} | `{name}` | "));
+        let expected =
+            REGISTER_TABLE.map(|(space, at, name)| format!("| {space} | {at} | `{name}` | "));
         assert_eq!(rows.clone().count(), expected.len());
         for (row, expected) in rows.zip(&expected) {
             assert!(row.starts_with(expected.as_str()), "{row} is not {expected}");
         }
         for why in REFUSALS {
             let row = format!("\n| {} | {why} |\n", why as u16);
-            assert!(DOCS.contains(&row), "{row}");
+            assert!(MODBUS_DOCS.contains(&row), "{row}");
         }
     }
 
@@ -195,9 +199,9 @@ mod tests {
             judged: None,
         };
         assert_eq!(
-            deviation(&parameter(-0.001)),
+            deviation_registers(&parameter(-0.001)),
             [0x4558, 0x3043, 0, 0, 1, 0xffff, 0xffff, 0, 1000, 1]
         );
-        assert_eq!(deviation(&parameter(1e9))[5..7], [0x7fff, 0xffff]);
+        assert_eq!(deviation_registers(&parameter(1e9))[5..7], [0x7fff, 0xffff]);
     }
 }

@@ -1,7 +1,7 @@
 //! The daemon's own Modbus TCP server, on its own thread, so that its clients do not delay a run. Only listed
 //! addresses may connect; requests for every unit identifier are answered.
 
-mod guard;
+mod connection_slots;
 mod inputs;
 pub mod map;
 
@@ -17,129 +17,136 @@ use tokio_modbus::prelude::{ExceptionCode, Request, Response};
 use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::Server;
 
-use self::guard::{Guarded, Places};
-use self::inputs::{CoilCommand, Inputs};
-use self::map::{COILS, HOLDINGS, INPUTS};
+use self::connection_slots::{ConnectionSlots, GuardedStream};
+use self::inputs::{CoilCommand, ControlInputs};
+use self::map::{COIL_COUNT, HOLDING_REGISTER_COUNT, INPUT_REGISTER_COUNT};
 use crate::service::command_gate::CommandGate;
-use crate::service::config::Modbus;
+use crate::service::config::ModbusConfig;
 use crate::service::machine_state::Refusal;
 use crate::service::worker_command::Inspection;
 use crate::service::{Log, ServeError};
 
 /// Period of the heartbeat counter.
-const BEAT: Duration = Duration::from_millis(250);
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(250);
 /// Maximum number of connections.
-const PLACES: usize = 16;
+const MAX_CONNECTIONS: usize = 16;
 /// Pause before the server listens again after an error.
-const PAUSE: Duration = Duration::from_millis(100);
-/// Maximum number of registers in one request, by the protocol; [`MOST_COILS`] is that of coils.
-const MOST_REGISTERS: u16 = 125;
-const MOST_COILS: u16 = 2000;
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
+/// Maximum number of registers in one request, by the protocol; [`MAX_COILS_PER_REQUEST`] is that of coils.
+const MAX_REGISTERS_PER_REQUEST: u16 = 125;
+const MAX_COILS_PER_REQUEST: u16 = 2000;
 
 /// Starts the server.
 ///
 /// # Errors
 /// The address cannot be listened on, or the thread cannot be started.
-pub fn start(config: &Modbus, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
+pub fn start_modbus_server(
+    config: &ModbusConfig,
+    gate: &CommandGate,
+    log: &Log,
+) -> Result<(), ServeError> {
     let failed =
-        |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
+        |source| ServeError::Listen { server: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
-    log.say(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
+    log.info(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
     let fresh = Duration::from_secs_f64(config.fresh_s);
-    let inputs = Arc::new(Mutex::new(Inputs::new(fresh)));
-    let shared = Arc::new(Shared { gate: gate.clone(), inputs, since: Instant::now() });
-    let told = Arc::clone(&shared.inputs);
+    let inputs = Arc::new(Mutex::new(ControlInputs::new(fresh)));
+    let shared = Arc::new(ModbusState { gate: gate.clone(), inputs, started: Instant::now() });
+    let readiness_inputs = Arc::clone(&shared.inputs);
     gate.add_readiness_source(move || {
-        told.lock().unwrap_or_else(PoisonError::into_inner).readiness(Instant::now())
+        readiness_inputs.lock().unwrap_or_else(PoisonError::into_inner).readiness(Instant::now())
     });
-    let door = Door {
-        allow: config.allow.clone().into(),
-        places: Places::new(PLACES),
+    let filter = ConnectionFilter {
+        allowed: config.allow.clone().into(),
+        slots: ConnectionSlots::new(MAX_CONNECTIONS),
         shared,
         log: log.clone(),
-        stranger: Mutex::new(None),
+        last_refused: Mutex::new(None),
     };
     std::thread::Builder::new()
         .name("modbus server".to_owned())
         .spawn(move || {
-            if let Err(error) = serve(listener, &door) {
-                door.log.fault(&format!("the Modbus server has ended: {error}"));
+            if let Err(error) = run_modbus_server(listener, &filter) {
+                filter.log.error(&format!("the Modbus server stopped: {error}"));
             }
         })
         .map(drop)
         .map_err(ServeError::Thread)
 }
 
-fn serve(listener: std::net::TcpListener, door: &Door) -> io::Result<()> {
+fn run_modbus_server(listener: std::net::TcpListener, filter: &ConnectionFilter) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let server = Server::new(TcpListener::from_std(listener)?);
-        let connected = |stream, from| ready(Ok(door.let_in(stream, from)));
+        let connected = |stream, from| ready(Ok(filter.accept(stream, from)));
         loop {
             if let Err(error) = server.serve(&connected, drop).await {
-                door.log.fault(&format!("the Modbus server: {error}"));
+                filter.log.error(&format!("the Modbus server: {error}"));
             }
-            tokio::time::sleep(PAUSE).await;
+            tokio::time::sleep(RETRY_PAUSE).await;
         }
     })
 }
 
-struct Door {
-    allow: Arc<[IpAddr]>,
-    places: Places,
-    shared: Arc<Shared>,
+struct ConnectionFilter {
+    allowed: Arc<[IpAddr]>,
+    slots: ConnectionSlots,
+    shared: Arc<ModbusState>,
     log: Log,
     /// The last refused address: it is logged only once.
-    stranger: Mutex<Option<IpAddr>>,
+    last_refused: Mutex<Option<IpAddr>>,
 }
 
-impl Door {
-    fn let_in(&self, stream: TcpStream, from: SocketAddr) -> Option<(Client, Guarded)> {
+impl ConnectionFilter {
+    fn accept(&self, stream: TcpStream, from: SocketAddr) -> Option<(ModbusClient, GuardedStream)> {
         let by = from.ip().to_canonical();
-        if !self.allow.contains(&by) {
-            let mut last = self.stranger.lock().unwrap_or_else(PoisonError::into_inner);
+        if !self.allowed.contains(&by) {
+            let mut last = self.last_refused.lock().unwrap_or_else(PoisonError::into_inner);
             if last.replace(by) != Some(by) {
-                self.log.say(&format!("{by} may not connect: it is not in [serve.modbus] allow"));
+                self.log.info(&format!("the connection from {by} is refused: the address is not in `allow` of [serve.modbus]"));
             }
             return None;
         }
         // Responses are small and sent at once; on an error they are only delayed.
         let _ = stream.set_nodelay(true);
-        let client = Client { shared: self.shared.clone(), by: format!("Modbus client {by}") };
-        Some((client, self.places.seat(stream)?))
+        let client =
+            ModbusClient { shared: self.shared.clone(), name: format!("Modbus client {by}") };
+        Some((client, self.slots.admit(stream)?))
     }
 }
 
-struct Shared {
+struct ModbusState {
     gate: CommandGate,
-    inputs: Arc<Mutex<Inputs>>,
-    since: Instant,
+    inputs: Arc<Mutex<ControlInputs>>,
+    started: Instant,
 }
 
-impl Shared {
-    fn inputs(&self) -> MutexGuard<'_, Inputs> {
+impl ModbusState {
+    fn lock_inputs(&self) -> MutexGuard<'_, ControlInputs> {
         self.inputs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn image(&self) -> [u16; INPUTS] {
-        let interlocks = self.inputs().interlocks(Instant::now());
-        let beats = self.since.elapsed().as_millis() / BEAT.as_millis();
-        map::image(&self.gate.machine_state(), interlocks, beats as u16)
+    fn input_registers(&self) -> [u16; INPUT_REGISTER_COUNT] {
+        let interlocks = self.lock_inputs().interlocks(Instant::now());
+        let beats = self.started.elapsed().as_millis() / HEARTBEAT_PERIOD.as_millis();
+        map::input_registers(&self.gate.machine_state(), interlocks, beats as u16)
     }
 
     fn write_coils(&self, first: u16, values: &[bool], by: &str) -> Result<(), ExceptionCode> {
-        let range = range(first, values.len() as u16, MOST_COILS, COILS)?;
+        let range = register_range(first, values.len() as u16, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
         let now = Instant::now();
         let (coil_commands, interlocks) = {
-            let mut inputs = self.inputs();
-            (inputs.write(range.start, values, now), inputs.interlocks(now))
+            let mut inputs = self.lock_inputs();
+            (inputs.write_coils(range.start, values, now), inputs.interlocks(now))
         };
-        for wish in coil_commands {
-            match wish {
+        for command in coil_commands {
+            match command {
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
-                CoilCommand::Several => self.gate.refuse(Refusal::Several, by),
+                CoilCommand::SeveralStarts => {
+                    self.gate.refuse(Refusal::Several, &format!("request of {by}"))
+                }
                 CoilCommand::Stop => drop(self.gate.stop(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
@@ -151,17 +158,27 @@ impl Shared {
     }
 
     fn write_registers(&self, first: u16, values: &[u16]) -> Result<(), ExceptionCode> {
-        range(first, values.len() as u16, MOST_REGISTERS, HOLDINGS)?;
+        register_range(
+            first,
+            values.len() as u16,
+            MAX_REGISTERS_PER_REQUEST,
+            HOLDING_REGISTER_COUNT,
+        )?;
         if let [alive] = values {
-            self.inputs().write_alive(*alive, Instant::now());
+            self.lock_inputs().write_alive(*alive, Instant::now());
         }
         Ok(())
     }
 }
 
-/// Indexes of `count` registers from `first` on, out of `size`; at most `most` in one request.
-fn range(first: u16, count: u16, most: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
-    if count == 0 || count > most {
+/// Indexes of `count` registers from `first` on, out of `size`; at most `max_count` in one request.
+fn register_range(
+    first: u16,
+    count: u16,
+    max_count: u16,
+    size: usize,
+) -> Result<Range<usize>, ExceptionCode> {
+    if count == 0 || count > max_count {
         return Err(ExceptionCode::IllegalDataValue);
     }
     let (first, count) = (usize::from(first), usize::from(count));
@@ -172,46 +189,52 @@ fn range(first: u16, count: u16, most: u16, size: usize) -> Result<Range<usize>,
 }
 
 /// Handler of one connection.
-struct Client {
-    shared: Arc<Shared>,
-    by: String,
+struct ModbusClient {
+    shared: Arc<ModbusState>,
+    name: String,
 }
 
-impl Service for Client {
+impl Service for ModbusClient {
     type Request = Request<'static>;
     type Response = Response;
     type Exception = ExceptionCode;
     type Future = Ready<Result<Response, ExceptionCode>>;
 
     fn call(&self, request: Request<'static>) -> Self::Future {
-        ready(self.answer(request))
+        ready(self.handle_request(request))
     }
 }
 
-impl Client {
-    fn answer(&self, request: Request<'static>) -> Result<Response, ExceptionCode> {
+impl ModbusClient {
+    fn handle_request(&self, request: Request<'static>) -> Result<Response, ExceptionCode> {
         let shared = &self.shared;
-        let of = |all: &[u16], range: Range<usize>| all.get(range).unwrap_or_default().to_vec();
+        let slice = |all: &[u16], range: Range<usize>| all.get(range).unwrap_or_default().to_vec();
         match request {
             Request::ReadCoils(first, count) => {
-                let range = range(first, count, MOST_COILS, COILS)?;
-                let coils = shared.inputs().coils().get(range).unwrap_or_default().to_vec();
+                let range = register_range(first, count, MAX_COILS_PER_REQUEST, COIL_COUNT)?;
+                let coils = shared.lock_inputs().coils().get(range).unwrap_or_default().to_vec();
                 Ok(Response::ReadCoils(coils))
             }
             Request::ReadInputRegisters(first, count) => {
-                let range = range(first, count, MOST_REGISTERS, INPUTS)?;
-                Ok(Response::ReadInputRegisters(of(&shared.image(), range)))
+                let range =
+                    register_range(first, count, MAX_REGISTERS_PER_REQUEST, INPUT_REGISTER_COUNT)?;
+                Ok(Response::ReadInputRegisters(slice(&shared.input_registers(), range)))
             }
             Request::ReadHoldingRegisters(first, count) => {
-                let range = range(first, count, MOST_REGISTERS, HOLDINGS)?;
-                Ok(Response::ReadHoldingRegisters(of(&[shared.inputs().alive()], range)))
+                let range = register_range(
+                    first,
+                    count,
+                    MAX_REGISTERS_PER_REQUEST,
+                    HOLDING_REGISTER_COUNT,
+                )?;
+                Ok(Response::ReadHoldingRegisters(slice(&[shared.lock_inputs().alive()], range)))
             }
             Request::WriteSingleCoil(at, value) => {
-                shared.write_coils(at, &[value], &self.by)?;
+                shared.write_coils(at, &[value], &self.name)?;
                 Ok(Response::WriteSingleCoil(at, value))
             }
             Request::WriteMultipleCoils(first, values) => {
-                shared.write_coils(first, &values, &self.by)?;
+                shared.write_coils(first, &values, &self.name)?;
                 Ok(Response::WriteMultipleCoils(first, values.len() as u16))
             }
             Request::WriteSingleRegister(at, value) => {

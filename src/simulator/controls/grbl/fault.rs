@@ -4,13 +4,13 @@ use std::sync::PoisonError;
 
 use serde::Deserialize;
 
-use super::{Firmware, HARD_LIMIT, Lock, SOFT_LIMIT};
+use super::{ALARM_HARD_LIMIT, ALARM_SOFT_LIMIT, AlarmLock, Firmware};
 use crate::interpreter::ProbeInputFault;
 
-const E_STOP: u8 = 10;
-const UNKNOWN_ALARM: u8 = 3;
+const ALARM_E_STOP: u8 = 10;
+const DEFAULT_ALARM: u8 = 3;
 /// Grbl's error code for settings that were lost and replaced by defaults.
-const SETTINGS_LOST: u8 = 7;
+const ERROR_SETTINGS_LOST: u8 = 7;
 
 /// One fault. It occurs once, at the first suitable line after both conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -86,7 +86,7 @@ impl FaultKind {
 
 /// How often the next answer is sent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) enum Answer {
+pub(super) enum AnswerCount {
     #[default]
     Once,
     Twice,
@@ -95,53 +95,53 @@ pub(super) enum Answer {
 
 impl Firmware {
     /// Executes `line`, unless a fault is due.
-    pub(super) fn line(&mut self, line: &str) {
-        self.lines += 1;
-        let (lines, touches) = (self.lines, self.touches);
+    pub(super) fn receive_line(&mut self, line: &str) {
+        self.line_count += 1;
+        let (lines, touches) = (self.line_count, self.contact_count);
         let due = |fault: &Fault| fault.at_line <= lines && fault.after_touch <= touches;
         match self.options.faults.iter().position(due) {
-            Some(place) => {
-                let fault = self.options.faults.remove(place);
-                self.go_wrong(&fault, line);
+            Some(index) => {
+                let fault = self.options.faults.remove(index);
+                self.apply_fault(&fault, line);
             }
-            None => self.obey(line),
+            None => self.execute_line(line),
         }
     }
 
-    fn go_wrong(&mut self, fault: &Fault, line: &str) {
+    fn apply_fault(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
         // These faults wait for their move, their answer, or a machine that can be held.
-        let later = matches!(
+        let is_recorded_later = matches!(
             fault.kind,
             K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door
         );
-        if !later {
-            self.happens(fault.kind);
+        if !is_recorded_later {
+            self.record_fault(fault.kind);
         }
         match fault.kind {
-            FaultKind::Silence => self.hung = true,
+            FaultKind::Silence => self.is_hung = true,
             FaultKind::Reset => self.reset(),
             FaultKind::Unanswered => {}
-            FaultKind::Alarm => self.raise(fault.code.unwrap_or(UNKNOWN_ALARM)),
-            FaultKind::EStop => self.raise(E_STOP),
+            FaultKind::Alarm => self.raise_alarm(fault.code.unwrap_or(DEFAULT_ALARM)),
+            FaultKind::EStop => self.raise_alarm(ALARM_E_STOP),
             FaultKind::Error => {
-                let code = fault.code.unwrap_or(SETTINGS_LOST);
-                self.latched = self.options.native.then_some(code);
-                self.say_error(code);
+                let code = fault.code.unwrap_or(ERROR_SETTINGS_LOST);
+                self.latched_error = self.options.is_native_level.then_some(code);
+                self.send_error(code);
             }
             FaultKind::SoftLimit => {
                 if !self.soft_limit() {
-                    self.say_ok();
+                    self.send_ok();
                 }
             }
             kind => {
-                self.spoil(kind);
-                self.obey(line);
+                self.set_fault_state(kind);
+                self.execute_line(line);
                 if matches!(kind, FaultKind::Hold | FaultKind::Door) {
                     self.hold();
-                    self.door = kind == FaultKind::Door;
-                    if self.held {
-                        self.happens(kind);
+                    self.is_door_open = kind == FaultKind::Door;
+                    if self.is_held {
+                        self.record_fault(kind);
                     }
                 }
             }
@@ -149,33 +149,33 @@ impl Firmware {
     }
 
     /// Applies a fault that does not depend on the content of the line.
-    fn spoil(&mut self, kind: FaultKind) {
+    fn set_fault_state(&mut self, kind: FaultKind) {
         match kind {
-            FaultKind::Banner => self.say_banner(),
-            FaultKind::LostOk => self.answer = Answer::Never,
-            FaultKind::DoubleOk => self.answer = Answer::Twice,
-            FaultKind::Garbage => self.out.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
-            FaultKind::ProbeStuck => self.sham = ProbeInputFault::Closed,
-            FaultKind::ProbeDead => self.sham = ProbeInputFault::Open,
-            FaultKind::ForeignBody => self.sham = ProbeInputFault::Early,
-            FaultKind::RapidContact => self.sham = ProbeInputFault::Brush,
+            FaultKind::Banner => self.send_banner(),
+            FaultKind::LostOk => self.next_answer = AnswerCount::Never,
+            FaultKind::DoubleOk => self.next_answer = AnswerCount::Twice,
+            FaultKind::Garbage => self.send_buffer.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
+            FaultKind::ProbeStuck => self.probe_fault = ProbeInputFault::StuckClosed,
+            FaultKind::ProbeDead => self.probe_fault = ProbeInputFault::StuckOpen,
+            FaultKind::ForeignBody => self.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::RapidContact => self.probe_fault = ProbeInputFault::BrushPending,
             _ => {}
         }
     }
 
-    pub(super) fn happens(&mut self, kind: FaultKind) {
+    pub(super) fn record_fault(&mut self, kind: FaultKind) {
         // A list stays consistent if another thread panics.
-        self.happened.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
+        self.occurred_faults.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
     }
 
     /// Raises a spontaneous alarm; the line is not executed.
-    fn raise(&mut self, code: u8) {
-        self.say(&format!("ALARM:{code}"));
-        self.stop_here();
-        let needs_reset = matches!(code, HARD_LIMIT | SOFT_LIMIT | E_STOP);
-        self.alarm = Some(if needs_reset { Lock::Reset } else { Lock::Light });
+    fn raise_alarm(&mut self, code: u8) {
+        self.send_line(&format!("ALARM:{code}"));
+        self.stop_at_current_position();
+        let needs_reset = matches!(code, ALARM_HARD_LIMIT | ALARM_SOFT_LIMIT | ALARM_E_STOP);
+        self.alarm = Some(if needs_reset { AlarmLock::NeedsReset } else { AlarmLock::Unlockable });
         if !needs_reset {
-            self.say_ok();
+            self.send_ok();
         }
     }
 }

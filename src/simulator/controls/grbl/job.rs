@@ -1,102 +1,109 @@
 //! Jobs of the simulated control: executed one after the other, at once or in real time.
 
-use super::{FaultKind, Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED};
+use super::{
+    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, AlarmLock, FaultKind, Firmware,
+};
 use crate::Contact;
-use crate::interpreter::{Active, Done, Job, ProbeInputFault};
+use crate::interpreter::{ActiveJob, Job, JobResult, ProbeInputFault};
 use machine::Position;
 
 /// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
-const BRUSHED_REPORTS: u8 = 2;
+const BRUSH_REPORT_COUNT: u8 = 2;
 
 /// The result of a probing move.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Last {
+pub(super) struct LastProbe {
     position: Position,
-    hit: bool,
+    has_contact: bool,
     t_s: Option<f64>,
 }
 
 impl Firmware {
-    pub(super) fn start_next(&mut self) {
+    pub(super) fn start_next_job(&mut self) {
         let Some(job) = self.queue.pop_front() else { return };
-        if matches!(job, Job::Probe { .. }) && self.tripped() {
-            self.say(&format!("ALARM:{PROBE_CLOSED}"));
-            self.stop_here();
-            self.alarm = Some(Lock::Light);
-            return self.say_ok();
+        if matches!(job, Job::Probe { .. }) && self.is_probe_closed() {
+            self.send_line(&format!("ALARM:{ALARM_PROBE_CLOSED}"));
+            self.stop_at_current_position();
+            self.alarm = Some(AlarmLock::Unlockable);
+            return self.send_ok();
         }
-        if self.sham == ProbeInputFault::Brush && job.is_free_move() {
-            self.sham = ProbeInputFault::Brushed(BRUSHED_REPORTS);
-            self.happens(FaultKind::RapidContact);
+        if self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move() {
+            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+            self.record_fault(FaultKind::RapidContact);
         }
-        let (sham, pace, now) = (self.sham, self.options.pace, self.now);
-        let active = self.with_world(|world| Active::begin(job, world, sham, pace, now));
+        let (probe_fault, pace, now) = (self.probe_fault, self.options.pace, self.now);
+        let active = self.with_world(|world| ActiveJob::start(job, world, probe_fault, pace, now));
         self.active = Some(active);
     }
 
-    pub(super) fn finish_active(&mut self) {
+    pub(super) fn finish_active_job(&mut self) {
         let Some(active) = self.active.take() else { return };
-        let sham = self.sham;
-        let done = self.with_world(|world| active.finish(world, sham));
-        let waited_for = active.is_waited_for();
+        let probe_fault = self.probe_fault;
+        let done = self.with_world(|world| active.finish(world, probe_fault));
+        let waited_for = active.is_acknowledged_at_end();
         match done {
-            Done::Waited => {}
-            Done::Moved { crashed } => self.crash_if(crashed),
-            Done::Probed { contact, crashed, strict } => {
-                self.say_probed(contact, strict);
-                self.planned = self.stand();
-                self.crash_if(crashed);
+            JobResult::Waited => {}
+            JobResult::Moved { has_crashed } => self.alarm_if_crashed(has_crashed),
+            JobResult::Probed { contact, has_crashed, alarms_on_miss } => {
+                self.report_probe_result(contact, alarms_on_miss);
+                self.planned_position = self.displayed_position();
+                self.alarm_if_crashed(has_crashed);
             }
         }
         if waited_for {
-            self.waiting = false;
-            self.say_ok();
+            self.is_answer_pending = false;
+            self.send_ok();
         }
     }
 
-    fn say_probed(&mut self, contact: Option<Contact>, strict: bool) {
-        if contact.is_none() && strict {
-            self.say(&format!("ALARM:{NO_CONTACT}"));
+    fn report_probe_result(&mut self, contact: Option<Contact>, alarms_on_miss: bool) {
+        if contact.is_none() && alarms_on_miss {
+            self.send_line(&format!("ALARM:{ALARM_NO_CONTACT}"));
             self.queue.clear();
-            self.alarm = Some(Lock::Light);
+            self.alarm = Some(AlarmLock::Unlockable);
         }
-        let hit = contact.is_some();
-        self.touches += u64::from(hit);
-        if self.sham == ProbeInputFault::Early {
-            self.sham = ProbeInputFault::No;
-            self.happens(FaultKind::ForeignBody);
+        let has_contact = contact.is_some();
+        self.contact_count += u64::from(has_contact);
+        if self.probe_fault == ProbeInputFault::Obstacle {
+            self.probe_fault = ProbeInputFault::NoFault;
+            self.record_fault(FaultKind::ForeignBody);
         }
         let t_s = contact.as_ref().map(|contact| contact.t_s);
-        let position = contact.map_or_else(|| self.stand(), |contact| contact.position);
-        self.last = Some(Last { position, hit, t_s });
-        self.say_last();
+        let position =
+            contact.map_or_else(|| self.displayed_position(), |contact| contact.position);
+        self.last_probe = Some(LastProbe { position, has_contact, t_s });
+        self.send_last_probe();
     }
 
     /// Reports the last probing move; zeros before the first one.
-    pub(super) fn say_last(&mut self) {
-        let last = self.last.clone().unwrap_or_default();
-        self.say(&format!("[PRB:{}:{}]", self.list(&last.position), u8::from(last.hit)));
-        if let Some(t_s) = last.t_s.filter(|_| self.options.stamps) {
-            self.say(&format!("[TIME:{t_s}]"));
+    pub(super) fn send_last_probe(&mut self) {
+        let last = self.last_probe.clone().unwrap_or_default();
+        self.send_line(&format!(
+            "[PRB:{}:{}]",
+            self.axis_values(&last.position),
+            u8::from(last.has_contact)
+        ));
+        if let Some(t_s) = last.t_s.filter(|_| self.options.has_time_stamps) {
+            self.send_line(&format!("[TIME:{t_s}]"));
         }
     }
 
     /// Whether the probe input reads closed.
-    pub(super) fn tripped(&self) -> bool {
-        self.with_world(|world| self.sham.tripped(world))
+    pub(super) fn is_probe_closed(&self) -> bool {
+        self.with_world(|world| self.probe_fault.is_probe_closed(world))
     }
 
     /// Registers that a report has shown the probe state.
     pub(super) fn on_probe_state_reported(&mut self) {
-        self.sham = self.sham.told();
+        self.probe_fault = self.probe_fault.after_report();
     }
 
     /// A drive that is pressed against an obstacle stalls; the control reports a hard limit.
-    fn crash_if(&mut self, crashed: bool) {
-        if crashed {
-            self.say(&format!("ALARM:{HARD_LIMIT}"));
-            self.stop_here();
-            self.alarm = Some(Lock::Reset);
+    fn alarm_if_crashed(&mut self, has_crashed: bool) {
+        if has_crashed {
+            self.send_line(&format!("ALARM:{ALARM_HARD_LIMIT}"));
+            self.stop_at_current_position();
+            self.alarm = Some(AlarmLock::NeedsReset);
         }
     }
 
@@ -105,10 +112,10 @@ impl Firmware {
         if self.alarm.is_some() {
             return;
         }
-        self.held = true;
+        self.is_held = true;
         let Some(active) = self.active.take() else { return };
         let now = self.now;
-        let left = self.with_world(|world| active.hold(world, now));
-        self.queue.push_front(left);
+        let remaining_job = self.with_world(|world| active.hold(world, now));
+        self.queue.push_front(remaining_job);
     }
 }

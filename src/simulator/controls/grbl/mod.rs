@@ -1,4 +1,4 @@
-//! The simulated control: implements grblHAL's protocol and executes the received text against a [`World`]. It
+//! The simulated control: implements grblHAL's protocol and executes the received text against a [`SimulatedWorld`]. It
 //! is the peer of the driver and shares no code with it.
 //!
 //! One extension, switched by [`Options::stamps`]: the status report carries `|Time:<seconds>`, the
@@ -6,7 +6,7 @@
 
 mod fault;
 mod job;
-mod say;
+mod reports;
 mod serve;
 mod settings;
 pub mod testing;
@@ -19,45 +19,45 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use fault::Answer;
+use fault::AnswerCount;
 pub use fault::{Fault, FaultKind};
-use job::Last;
+use job::LastProbe;
 
-use crate::World;
+use crate::SimulatedWorld;
 use crate::interpreter::{
-    Active, Code, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank,
+    ActiveJob, GrblErrorCode, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank,
 };
 use machine::Position;
 use machine::record::machine::Machine;
 
 /// Capacity of the planner, blocks.
-const PLANNER: usize = 100;
+const PLANNER_BLOCK_COUNT: usize = 100;
 /// Size of the receive buffer, bytes; further bytes are dropped without a message.
-const RX_BUFFER: usize = 1024;
-const LONGEST_LINE: usize = 256;
+const RX_BUFFER_BYTES: usize = 1024;
+const MAX_LINE_BYTES: usize = 256;
 
-const SOFT_LIMIT: u8 = 2;
-const RESET_IN_MOTION: u8 = 3;
-const PROBE_CLOSED: u8 = 4;
-const NO_CONTACT: u8 = 5;
-const HARD_LIMIT: u8 = 1;
-const LOCKED: Code = 9;
+const ALARM_SOFT_LIMIT: u8 = 2;
+const ALARM_RESET_IN_MOTION: u8 = 3;
+const ALARM_PROBE_CLOSED: u8 = 4;
+const ALARM_NO_CONTACT: u8 = 5;
+const ALARM_HARD_LIMIT: u8 = 1;
+const ERROR_LOCKED: GrblErrorCode = 9;
 
 /// Configuration of the simulated control.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Interpreter with the axes and their travel.
-    pub reader: Interpreter,
+    pub interpreter: Interpreter,
     pub pace: Pace,
     /// Compatibility level: 0 (latches errors) if true, 10 (as Grbl 1.1) if false.
-    pub native: bool,
-    pub stamps: bool,
+    pub is_native_level: bool,
+    pub has_time_stamps: bool,
     /// Stored settings, by number.
     pub settings: BTreeMap<u16, f64>,
     /// Overrides of feed and rapid speed, percent, as reported; they do not change the speed of motions.
     pub overrides: [u32; 2],
     /// Whether the machine is homed before the first connection.
-    pub homed: bool,
+    pub is_homed: bool,
     /// Whether a pendant has control, as reported.
     pub has_pendant: bool,
     /// Tool length, mm, as reported; motions do not apply it.
@@ -69,15 +69,16 @@ pub struct Options {
 impl Options {
     /// Options for the control of `machine`: native level, time stamps enabled.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        let (reader, settings) = (Interpreter::of(machine), settings::of(machine));
+        let (interpreter, settings) =
+            (Interpreter::for_machine(machine), settings::machine_settings(machine));
         Self {
-            reader,
+            interpreter,
             pace,
-            native: true,
-            stamps: true,
+            is_native_level: true,
+            has_time_stamps: true,
             settings,
             overrides: [100, 100],
-            homed: true,
+            is_homed: true,
             has_pendant: false,
             tool_length_mm: 0.0,
             faults: Vec::new(),
@@ -86,123 +87,125 @@ impl Options {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Lock {
+enum AlarmLock {
     /// `$X` unlocks.
-    Light,
+    Unlockable,
     /// Only a soft reset unlocks.
-    Reset,
+    NeedsReset,
     /// Only a soft reset unlocks, and until then no line is answered.
-    Mute,
+    SilentUntilReset,
 }
 
 /// The simulated control: bytes in ([`Firmware::serve`]), bytes out.
 pub struct Firmware {
     options: Options,
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
     /// Position of the machine after all queued motion.
-    planned: Position,
-    rx: VecDeque<u8>,
-    out: Vec<u8>,
+    planned_position: Position,
+    receive_buffer: VecDeque<u8>,
+    send_buffer: Vec<u8>,
     queue: VecDeque<Job>,
-    active: Option<Active>,
+    active: Option<ActiveJob>,
     /// Whether the answer to a line waits for the end of its job.
-    waiting: bool,
-    held: bool,
-    alarm: Option<Lock>,
-    latched: Option<Code>,
-    booted: bool,
-    homed: bool,
-    reported: bool,
+    is_answer_pending: bool,
+    is_held: bool,
+    alarm: Option<AlarmLock>,
+    latched_error: Option<GrblErrorCode>,
+    has_booted: bool,
+    is_homed: bool,
+    has_reported: bool,
     /// Result of the last probing move, for `$#`.
-    last: Option<Last>,
+    last_probe: Option<LastProbe>,
     /// Number of lines received so far.
-    lines: u64,
-    touches: u64,
-    sham: ProbeInputFault,
-    happened: Arc<Mutex<Vec<FaultKind>>>,
-    answer: Answer,
-    hung: bool,
-    door: bool,
+    line_count: u64,
+    contact_count: u64,
+    probe_fault: ProbeInputFault,
+    occurred_faults: Arc<Mutex<Vec<FaultKind>>>,
+    next_answer: AnswerCount,
+    is_hung: bool,
+    is_door_open: bool,
     /// Host time at which the control started, and the time since then at the last event.
-    since: Instant,
+    start: Instant,
     now: Duration,
 }
 
 impl Firmware {
-    pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: Options) -> Self {
         let mut firmware = Self {
-            homed: options.homed,
+            is_homed: options.is_homed,
             options,
             world,
-            planned: Position::new(),
-            rx: VecDeque::new(),
-            out: Vec::new(),
+            planned_position: Position::new(),
+            receive_buffer: VecDeque::new(),
+            send_buffer: Vec::new(),
             queue: VecDeque::new(),
             active: None,
-            waiting: false,
-            held: false,
+            is_answer_pending: false,
+            is_held: false,
             alarm: None,
-            latched: None,
-            booted: false,
-            reported: false,
-            last: None,
-            lines: 0,
-            touches: 0,
-            sham: ProbeInputFault::default(),
-            happened: Arc::default(),
-            answer: Answer::default(),
-            hung: false,
-            door: false,
-            since: Instant::now(),
+            latched_error: None,
+            has_booted: false,
+            has_reported: false,
+            last_probe: None,
+            line_count: 0,
+            contact_count: 0,
+            probe_fault: ProbeInputFault::default(),
+            occurred_faults: Arc::default(),
+            next_answer: AnswerCount::default(),
+            is_hung: false,
+            is_door_open: false,
+            start: Instant::now(),
             now: Duration::ZERO,
         };
-        firmware.planned = firmware.stand();
+        firmware.planned_position = firmware.displayed_position();
         firmware
     }
 
     /// Faults that have occurred, in their order; a fault that is only configured is not included.
-    pub fn happened(&self) -> Arc<Mutex<Vec<FaultKind>>> {
-        self.happened.clone()
+    pub fn occurred_faults(&self) -> Arc<Mutex<Vec<FaultKind>>> {
+        self.occurred_faults.clone()
     }
 
-    fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
+    fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
         // The world is plain data: a panic elsewhere leaves it consistent.
         act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Displayed position of the machine.
-    fn stand(&self) -> Position {
+    fn displayed_position(&self) -> Position {
         self.with_world(|world| world.position())
     }
 
     /// Processes received bytes: realtime bytes act at once, at any place in the stream.
-    fn ingest(&mut self, bytes: &[u8], now: Duration) {
+    fn receive_bytes(&mut self, bytes: &[u8], now: Duration) {
         self.now = now;
         for byte in bytes {
             match byte {
-                b'?' => self.say_status(false),
-                0x87 => self.say_status(true),
+                b'?' => self.send_status(false),
+                0x87 => self.send_status(true),
                 b'!' => self.hold(),
-                b'~' => (self.held, self.door) = (false, false),
+                b'~' => (self.is_held, self.is_door_open) = (false, false),
                 0x18 => self.reset(),
                 0x80.. => {}
-                byte if self.rx.len() < RX_BUFFER => self.rx.push_back(*byte),
+                byte if self.receive_buffer.len() < RX_BUFFER_BYTES => {
+                    self.receive_buffer.push_back(*byte)
+                }
                 _ => {}
             }
         }
     }
 
     /// Does all work that is due at `now`; returns the delay until the next call.
-    fn step(&mut self, now: Duration) -> Option<Duration> {
+    fn advance(&mut self, now: Duration) -> Option<Duration> {
         self.now = now;
         loop {
-            let ends = self.active.as_ref().map(|active| active.ends);
+            let ends = self.active.as_ref().map(|active| active.end_time);
             if ends.is_some_and(|ends| ends <= now) {
-                self.finish_active();
-            } else if ends.is_none() && !self.held && !self.queue.is_empty() {
-                self.start_next();
+                self.finish_active_job();
+            } else if ends.is_none() && !self.is_held && !self.queue.is_empty() {
+                self.start_next_job();
             } else if let Some(line) = self.next_line() {
-                self.line(&line);
+                self.receive_line(&line);
             } else {
                 return ends;
             }
@@ -210,59 +213,59 @@ impl Firmware {
     }
 
     fn next_line(&mut self) -> Option<String> {
-        if self.waiting || self.hung || self.queue.len() >= PLANNER {
+        if self.is_answer_pending || self.is_hung || self.queue.len() >= PLANNER_BLOCK_COUNT {
             return None;
         }
-        let end = self.rx.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
-        let bytes: Vec<u8> = self.rx.drain(..=end).collect();
-        if bytes.ends_with(b"\r") && self.rx.front() == Some(&b'\n') {
-            self.rx.pop_front();
+        let end = self.receive_buffer.iter().position(|byte| matches!(byte, b'\n' | b'\r'))?;
+        let bytes: Vec<u8> = self.receive_buffer.drain(..=end).collect();
+        if bytes.ends_with(b"\r") && self.receive_buffer.front() == Some(&b'\n') {
+            self.receive_buffer.pop_front();
         }
         Some(String::from_utf8_lossy(&bytes).trim().to_owned())
     }
 
-    fn obey(&mut self, line: &str) {
-        if self.alarm == Some(Lock::Mute) {
+    fn execute_line(&mut self, line: &str) {
+        if self.alarm == Some(AlarmLock::SilentUntilReset) {
             return;
         }
-        if line.len() > LONGEST_LINE {
-            return self.say_error(11);
+        if line.len() > MAX_LINE_BYTES {
+            return self.send_error(11);
         }
         if let Some(command) = line.strip_prefix('$') {
-            return self.dollar(command);
+            return self.run_dollar_command(command);
         }
         if is_blank(line) {
             if line.is_empty() {
-                self.latched = None;
+                self.latched_error = None;
             }
-            return self.say_ok();
+            return self.send_ok();
         }
-        match self.gcode(line) {
-            Ok(true) => self.waiting = true,
-            Ok(false) => self.say_ok(),
+        match self.execute_gcode(line) {
+            Ok(true) => self.is_answer_pending = true,
+            Ok(false) => self.send_ok(),
             Err(code) => {
-                self.latched = self.options.native.then_some(code);
-                self.say_error(code);
+                self.latched_error = self.options.is_native_level.then_some(code);
+                self.send_error(code);
             }
         }
     }
 
     /// Executes a line of G-code; returns whether the answer must wait for a job.
-    fn gcode(&mut self, line: &str) -> Result<bool, Code> {
-        if let Some(code) = self.latched {
+    fn execute_gcode(&mut self, line: &str) -> Result<bool, GrblErrorCode> {
+        if let Some(code) = self.latched_error {
             return Err(code);
         }
         if self.alarm.is_some() {
-            return Err(LOCKED);
+            return Err(ERROR_LOCKED);
         }
-        let job = match self.options.reader.line(line, &self.planned)? {
-            LineAction::Nothing => return Ok(false),
+        let job = match self.options.interpreter.interpret_line(line, &self.planned_position)? {
+            LineAction::NoMotion => return Ok(false),
             LineAction::OutOfTravel => return Ok(self.soft_limit()),
-            LineAction::Do(job) => job,
+            LineAction::Execute(job) => job,
         };
-        let waits = job.is_waited_for();
+        let waits = job.is_acknowledged_at_end();
         if let Some(to) = job.target() {
-            self.planned = self.planned.updated_by(to);
+            self.planned_position = self.planned_position.updated_by(to);
         }
         self.queue.push_back(job);
         Ok(waits)
@@ -272,49 +275,49 @@ impl Firmware {
     fn soft_limit(&mut self) -> bool {
         let moving = self.is_moving();
         self.hold();
-        self.held = false;
-        self.say(&format!("ALARM:{SOFT_LIMIT}"));
-        self.stop_here();
+        self.is_held = false;
+        self.send_line(&format!("ALARM:{ALARM_SOFT_LIMIT}"));
+        self.stop_at_current_position();
         if moving {
-            self.alarm = Some(Lock::Mute);
+            self.alarm = Some(AlarmLock::SilentUntilReset);
             return true;
         }
-        self.say("[MSG:Reset to continue]");
-        self.alarm = Some(Lock::Reset);
+        self.send_line("[MSG:Reset to continue]");
+        self.alarm = Some(AlarmLock::NeedsReset);
         false
     }
 
     fn is_moving(&self) -> bool {
-        !self.held && (self.active.is_some() || !self.queue.is_empty())
+        !self.is_held && (self.active.is_some() || !self.queue.is_empty())
     }
 
     /// Discards all motion; the machine stays at its position.
-    fn stop_here(&mut self) {
+    fn stop_at_current_position(&mut self) {
         self.active = None;
         self.queue.clear();
-        self.waiting = false;
-        self.planned = self.stand();
+        self.is_answer_pending = false;
+        self.planned_position = self.displayed_position();
     }
 
     /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm.
     fn reset(&mut self) {
         let moving = self.is_moving();
         self.hold();
-        self.stop_here();
-        self.rx.clear();
-        self.held = false;
-        self.door = false;
-        self.hung = false;
-        self.latched = None;
-        self.reported = false;
-        self.homed = false;
-        self.alarm = moving.then_some(Lock::Light);
+        self.stop_at_current_position();
+        self.receive_buffer.clear();
+        self.is_held = false;
+        self.is_door_open = false;
+        self.is_hung = false;
+        self.latched_error = None;
+        self.has_reported = false;
+        self.is_homed = false;
+        self.alarm = moving.then_some(AlarmLock::Unlockable);
         if moving {
-            self.say(&format!("ALARM:{RESET_IN_MOTION}"));
+            self.send_line(&format!("ALARM:{ALARM_RESET_IN_MOTION}"));
         }
-        self.say_banner();
+        self.send_banner();
         if moving {
-            self.say("[MSG:'$H'|'$X' to unlock]");
+            self.send_line("[MSG:'$H'|'$X' to unlock]");
         }
     }
 }

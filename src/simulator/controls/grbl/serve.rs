@@ -17,21 +17,21 @@ impl Firmware {
     pub async fn serve(&mut self, stream: impl AsyncRead + AsyncWrite) -> io::Result<()> {
         let (mut reader, mut writer) = tokio::io::split(stream);
         let mut buffer = [0; 1024];
-        if !self.booted {
-            self.booted = true;
-            self.say_banner();
+        if !self.has_booted {
+            self.has_booted = true;
+            self.send_banner();
         }
         loop {
-            let next = self.step(self.since.elapsed());
-            let wake = self.since + next.unwrap_or(Duration::ZERO);
+            let next = self.advance(self.start.elapsed());
+            let wake = self.start + next.unwrap_or(Duration::ZERO);
             // `read` and `write` are cancel safe: a branch that is not taken has transferred no byte.
             tokio::select! {
                 read = reader.read(&mut buffer) => match read? {
                     0 => return Ok(()),
-                    count => self.ingest(&buffer[..count], self.since.elapsed()),
+                    count => self.receive_bytes(&buffer[..count], self.start.elapsed()),
                 },
-                written = writer.write(&self.out), if !self.out.is_empty() => {
-                    self.out.drain(..written?);
+                written = writer.write(&self.send_buffer), if !self.send_buffer.is_empty() => {
+                    self.send_buffer.drain(..written?);
                 }
                 () = sleep_until(wake), if next.is_some() => {}
             }

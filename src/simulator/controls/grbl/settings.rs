@@ -6,62 +6,62 @@ use std::collections::BTreeMap;
 use machine::Axis;
 use machine::record::machine::Machine;
 
-pub(super) const REPORTS: u16 = 10;
-pub(super) const INCHES: u16 = 13;
-const STEPS: u16 = 100;
-const MOST_RATE: u16 = 110;
-const ACCELERATION: u16 = 120;
-const TRAVEL: u16 = 130;
+pub(super) const REPORT_MASK_SETTING: u16 = 10;
+pub(super) const INCHES_SETTING: u16 = 13;
+const STEPS_PER_UNIT_SETTING: u16 = 100;
+const MAX_RATE_SETTING: u16 = 110;
+const ACCELERATION_SETTING: u16 = 120;
+const MAX_TRAVEL_SETTING: u16 = 130;
 
 /// First numbers of the settings for minimum and maximum of the travel, an extension: grblHAL cannot express a
 /// travel on both sides of zero.
-const ENDS: [u16; 2] = [9000, 9050];
+const TRAVEL_LIMIT_SETTINGS: [u16; 2] = [9000, 9050];
 
 /// Bit of the report mask: reports contain the state of the inputs.
-pub(super) const SHOWS_PINS: u32 = 1 << 4;
-pub(super) const SHOWS_OVERRIDES: u32 = 1 << 6;
+pub(super) const REPORT_PINS_BIT: u32 = 1 << 4;
+pub(super) const REPORT_OVERRIDES_BIT: u32 = 1 << 6;
 
-const STEPS_PER_UNIT: f64 = 1000.0;
-const PULL_OFF: f64 = 1.0;
+const MOTOR_STEPS_PER_UNIT: f64 = 1000.0;
+const PULL_OFF_MM: f64 = 1.0;
 /// Homing mask: homing enabled, the switch position is zero, and an axis without a switch is homed at its
 /// current position.
-const HOMING: f64 = 1.0 + 8.0 + 32.0;
+const HOMING_MASK: f64 = 1.0 + 8.0 + 32.0;
 
 /// Settings of `machine`. An axis whose travel ends at zero homes there, onto a switch. grblHAL supports no
 /// other travel, so the limits of any other axis are an extension.
-pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
+pub(super) fn machine_settings(machine: &Machine) -> BTreeMap<u16, f64> {
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     let mut settings: BTreeMap<u16, f64> =
         [(0, 5.0), (1, 25.0), (2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0), (6, 0.0)].into();
-    settings.extend([(REPORTS, 511.0), (11, 0.01), (12, 0.002), (INCHES, 0.0)]);
-    settings.extend([(20, 1.0), (21, 1.0), (22, HOMING), (27, PULL_OFF)]);
-    let (mut homes, mut to_negative, mut turns) = (0_u16, 0_u16, 0_u16);
+    settings.extend([(REPORT_MASK_SETTING, 511.0), (11, 0.01), (12, 0.002), (INCHES_SETTING, 0.0)]);
+    settings.extend([(20, 1.0), (21, 1.0), (22, HOMING_MASK), (27, PULL_OFF_MM)]);
+    let (mut homed_axes, mut to_negative, mut rotary_axes) = (0_u16, 0_u16, 0_u16);
     for ((axis, spec), number) in axes.zip(0_u16..) {
         let bit = 1 << number;
         let switched = spec.min == 0.0 || spec.max == 0.0;
-        homes |= if switched { bit } else { 0 };
+        homed_axes |= if switched { bit } else { 0 };
         to_negative |= if spec.min == 0.0 { bit } else { 0 };
-        turns |= if axis.is_linear() { 0 } else { bit };
-        let beyond = if switched { PULL_OFF } else { 0.0 };
+        rotary_axes |= if axis.is_linear() { 0 } else { bit };
+        let pull_off = if switched { PULL_OFF_MM } else { 0.0 };
         if !switched {
-            settings.insert(ENDS[0] + number, spec.min);
-            settings.insert(ENDS[1] + number, spec.max);
+            settings.insert(TRAVEL_LIMIT_SETTINGS[0] + number, spec.min);
+            settings.insert(TRAVEL_LIMIT_SETTINGS[1] + number, spec.max);
         }
-        settings.insert(STEPS + number, STEPS_PER_UNIT);
-        settings.insert(MOST_RATE + number, spec.rapid_per_min);
-        settings.insert(ACCELERATION + number, spec.acceleration_per_s2);
-        settings.insert(TRAVEL + number, spec.max - spec.min + beyond);
+        settings.insert(STEPS_PER_UNIT_SETTING + number, MOTOR_STEPS_PER_UNIT);
+        settings.insert(MAX_RATE_SETTING + number, spec.rapid_per_min);
+        settings.insert(ACCELERATION_SETTING + number, spec.acceleration_per_s2);
+        settings.insert(MAX_TRAVEL_SETTING + number, spec.max - spec.min + pull_off);
     }
     settings.extend([
         (23, f64::from(to_negative)),
-        (44, f64::from(homes)),
-        (376, f64::from(turns)),
+        (44, f64::from(homed_axes)),
+        (376, f64::from(rotary_axes)),
     ]);
     settings
 }
 
 /// Setting as printed by `$$`: masks and counts as integers, other values with three decimals.
-pub(super) fn line(number: u16, value: f64) -> String {
+pub(super) fn format_setting(number: u16, value: f64) -> String {
     match number {
         11 | 12 | 24 | 25 | 27 | 100..200 => format!("${number}={value:.3}"),
         _ => format!("${number}={value}"),

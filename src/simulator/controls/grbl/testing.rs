@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use serde_json::json;
 
-use crate::{Truth, World};
+use crate::{MachineTruth, SimulatedWorld};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
@@ -23,11 +23,13 @@ pub fn machine() -> Machine {
 
 /// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a ball of radius 3
 /// mm, so that contact is at 28 mm from the axis. The machine is at zero.
-pub fn world() -> Arc<Mutex<World>> {
+pub fn world() -> Arc<Mutex<SimulatedWorld>> {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    Arc::new(Mutex::new(World::new(&machine(), &probe, &artefact, &Truth::default()).unwrap()))
+    Arc::new(Mutex::new(
+        SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap(),
+    ))
 }

@@ -5,21 +5,21 @@ use super::*;
 
 fn real(change: impl FnOnce(&mut Options)) -> Firmware {
     let mut options = Options::of(&testing::machine(), Pace::Fast);
-    options.stamps = false;
+    options.has_time_stamps = false;
     change(&mut options);
     Firmware::new(testing::world(), options)
 }
 
 fn at(firmware: &mut Firmware, seconds: f64, bytes: &str) -> Vec<String> {
     let now = Duration::from_secs_f64(seconds);
-    firmware.step(now);
-    firmware.ingest(bytes.as_bytes(), now);
-    firmware.step(now);
-    let out = String::from_utf8(std::mem::take(&mut firmware.out)).unwrap();
+    firmware.advance(now);
+    firmware.receive_bytes(bytes.as_bytes(), now);
+    firmware.advance(now);
+    let out = String::from_utf8(std::mem::take(&mut firmware.send_buffer)).unwrap();
     out.split_terminator("\r\n").map(str::to_owned).collect()
 }
 
-fn say(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
+fn send(firmware: &mut Firmware, bytes: &str) -> Vec<String> {
     at(firmware, 0.0, bytes)
 }
 
@@ -29,11 +29,11 @@ const BESIDE: &str = "G53 G0 X40 Y0\nG53 G0 Z-150\n";
 fn it_introduces_itself() {
     let mut firmware = real(|_| {});
     assert_eq!(
-        say(&mut firmware, "$I\n"),
+        send(&mut firmware, "$I\n"),
         ["[VER:1.1f.20260817:]", "[OPT:VNML+,100,1024,5,0]", "[AXS:5:XYZBC]", "ok"]
     );
     assert_eq!(
-        say(&mut firmware, "?"),
+        send(&mut firmware, "?"),
         ["<Idle|MPos:0.000,0.000,0.000,0.000,0.000|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>"]
     );
 }
@@ -41,28 +41,28 @@ fn it_introduces_itself() {
 #[test]
 fn banners_differ_by_level() {
     let mut native = real(|_| {});
-    assert_eq!(say(&mut native, "\x18"), ["", "GrblHAL 1.1f ['$' or '$HELP' for help]"]);
-    let mut classic = real(|options| options.native = false);
-    assert_eq!(say(&mut classic, "\x18"), ["", "Grbl 1.1f ['$' for help]"]);
+    assert_eq!(send(&mut native, "\x18"), ["", "GrblHAL 1.1f ['$' or '$HELP' for help]"]);
+    let mut classic = real(|options| options.is_native_level = false);
+    assert_eq!(send(&mut classic, "\x18"), ["", "Grbl 1.1f ['$' for help]"]);
 }
 
 #[test]
 fn a_touch_a_miss_and_a_closed_probe() {
     let mut firmware = real(|_| {});
-    say(&mut firmware, BESIDE);
-    let touch = say(&mut firmware, "N7 G38.2 X0 F30\n");
+    send(&mut firmware, BESIDE);
+    let touch = send(&mut firmware, "N7 G38.2 X0 F30\n");
     assert_eq!(touch, ["[PRB:28.000,0.000,-150.000,0.000,0.000:1]", "ok"]);
     // The probe still reads closed after the overshoot.
-    let status = say(&mut firmware, "?").join("");
+    let status = send(&mut firmware, "?").join("");
     assert!(status.contains("|Pn:P"), "{status}");
-    assert_eq!(say(&mut firmware, "G38.3 X0\n"), ["ALARM:4", "ok"]);
-    assert_eq!(say(&mut firmware, "G0 X3\n"), ["error:9"]);
-    assert_eq!(say(&mut firmware, "$X\n"), ["[MSG:Caution: Unlocked]", "ok"]);
-    say(&mut firmware, "G0 X40\n");
-    let guarded = say(&mut firmware, "G38.3 X35\n");
+    assert_eq!(send(&mut firmware, "G38.3 X0\n"), ["ALARM:4", "ok"]);
+    assert_eq!(send(&mut firmware, "G0 X3\n"), ["error:9"]);
+    assert_eq!(send(&mut firmware, "$X\n"), ["[MSG:Caution: Unlocked]", "ok"]);
+    send(&mut firmware, "G0 X40\n");
+    let guarded = send(&mut firmware, "G38.3 X35\n");
     assert_eq!(guarded, ["[PRB:35.000,0.000,-150.000,0.000,0.000:0]", "ok"]);
     assert_eq!(
-        say(&mut firmware, "G38.2 X30\nG0 X33\n"),
+        send(&mut firmware, "G38.2 X30\nG0 X33\n"),
         ["ALARM:5", "[PRB:30.000,0.000,-150.000,0.000,0.000:0]", "ok", "error:9"]
     );
 }
@@ -70,37 +70,37 @@ fn a_touch_a_miss_and_a_closed_probe() {
 #[test]
 fn level_0_latches_errors_and_level_10_does_not() {
     let mut native = real(|_| {});
-    assert_eq!(say(&mut native, "G5\nG21\n\nG21\n"), ["error:20", "error:20", "ok", "ok"]);
-    let mut classic = real(|options| options.native = false);
-    assert_eq!(say(&mut classic, "G5\nG21\n"), ["error:20", "ok"]);
+    assert_eq!(send(&mut native, "G5\nG21\n\nG21\n"), ["error:20", "error:20", "ok", "ok"]);
+    let mut classic = real(|options| options.is_native_level = false);
+    assert_eq!(send(&mut classic, "G5\nG21\n"), ["error:20", "ok"]);
 }
 
 #[test]
 fn a_soft_limit_while_idle_asks_for_a_reset() {
     let mut firmware = real(|_| {});
-    let answer = say(&mut firmware, "G0 X500\n");
+    let answer = send(&mut firmware, "G0 X500\n");
     assert_eq!(answer[..2], ["ALARM:2", "[MSG:Reset to continue]"]);
-    assert_eq!(say(&mut firmware, "G0 X0\n"), ["error:9"]);
-    say(&mut firmware, "\n");
-    assert_eq!(say(&mut firmware, "$X\n"), ["error:79"]);
-    say(&mut firmware, "\x18");
-    assert_eq!(say(&mut firmware, "G0 X0\n"), ["ok"]);
+    assert_eq!(send(&mut firmware, "G0 X0\n"), ["error:9"]);
+    send(&mut firmware, "\n");
+    assert_eq!(send(&mut firmware, "$X\n"), ["error:79"]);
+    send(&mut firmware, "\x18");
+    assert_eq!(send(&mut firmware, "G0 X0\n"), ["ok"]);
 }
 
 #[test]
 fn a_soft_limit_while_moving_is_silence_until_a_reset() {
     let mut firmware = real(|options| options.pace = Pace::Real);
-    let answer = say(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
+    let answer = send(&mut firmware, "G0 X100\nG0 X500\nG0 X0\n");
     assert_eq!(answer, ["ok", "ALARM:2"]);
     assert_eq!(at(&mut firmware, 9.0, "G0 X0\n$X\n"), [""; 0]);
-    say(&mut firmware, "\x18");
+    send(&mut firmware, "\x18");
     assert!(at(&mut firmware, 10.0, "?").join("").contains("<Idle"));
 }
 
 #[test]
 fn a_hold_keeps_a_move_where_it_is() {
     let mut firmware = real(|options| options.pace = Pace::Real);
-    assert_eq!(say(&mut firmware, "G1 X60 F60\n"), ["ok"]);
+    assert_eq!(send(&mut firmware, "G1 X60 F60\n"), ["ok"]);
     assert!(at(&mut firmware, 20.0, "?").join("").starts_with("<Run|"));
     let held = at(&mut firmware, 30.0, "!?").join("");
     assert!(held.starts_with("<Hold:0|MPos:2") || held.starts_with("<Hold:0|MPos:3"), "{held}");
@@ -114,7 +114,7 @@ fn a_hold_keeps_a_move_where_it_is() {
 #[test]
 fn a_reset_in_motion_loses_the_lines_and_locks() {
     let mut firmware = real(|options| options.pace = Pace::Real);
-    say(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
+    send(&mut firmware, "G1 X60 F60\nG4 P1\nG0 X0\n");
     assert_eq!(
         at(&mut firmware, 10.0, "\x18"),
         ["ALARM:3", "", "GrblHAL 1.1f ['$' or '$HELP' for help]", "[MSG:'$H'|'$X' to unlock]"]
@@ -142,17 +142,17 @@ fn lines_are_read_as_rs274_means_them() {
         ("M19 R90", "ok"),
         (&"X".repeat(300), "error:11"),
     ] {
-        assert_eq!(say(&mut real(|_| {}), &format!("{line}\n")), [answer], "{line}");
+        assert_eq!(send(&mut real(|_| {}), &format!("{line}\n")), [answer], "{line}");
     }
 }
 
 #[test]
 fn offsets_inches_and_relative_moves_end_where_they_should() {
     let mut firmware = real(|_| {});
-    say(&mut firmware, "G10 L2 P6 X10\nG59\nG0 X5 Z-30\nG20 G91\nG0 Y1\nG53 G0 B-90\n");
-    let status = say(&mut firmware, "?").join("");
+    send(&mut firmware, "G10 L2 P6 X10\nG59\nG0 X5 Z-30\nG20 G91\nG0 Y1\nG53 G0 B-90\n");
+    let status = send(&mut firmware, "?").join("");
     assert!(status.contains("MPos:15.000,25.400,-30.000,-90.000,0.000|"), "{status}");
-    say(&mut firmware, "G21 G90\nG92 Y0\nG0 Y1\nG92.1\n");
-    let status = say(&mut firmware, "?").join("");
+    send(&mut firmware, "G21 G90\nG92 Y0\nG0 Y1\nG92.1\n");
+    let status = send(&mut firmware, "?").join("");
     assert!(status.contains("MPos:15.000,26.400,"), "{status}");
 }

@@ -1,88 +1,92 @@
 //! Acceptance of a chunk: each chunk is executed at most once.
 
-use super::layout::{ACKNOWLEDGE, CHUNK, CRC, LENGTH, SEQUENCE};
-use super::{Entry, Firmware, Mode};
+use super::layout::{
+    ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER,
+};
+use super::{DiaryEntry, Firmware, Mode};
 
-pub(super) const BAD_LENGTH: u16 = 1;
-const BAD_CRC: u16 = 2;
-pub(super) const BAD_TEXT: u16 = 3;
-pub(super) const BAD_ROW: u16 = 3;
-const NOT_ACKNOWLEDGED: u16 = 4;
-const NO_HEARTBEAT: u16 = 5;
-const BUSY: u16 = 6;
+pub(super) const ERROR_BAD_LENGTH: u16 = 1;
+const ERROR_BAD_CRC: u16 = 2;
+pub(super) const ERROR_BAD_TEXT: u16 = 3;
+pub(super) const ERROR_BAD_ROW: u16 = 3;
+const ERROR_NOT_ACKNOWLEDGED: u16 = 4;
+const ERROR_NO_HEARTBEAT: u16 = 5;
+const ERROR_BUSY: u16 = 6;
 
 impl Firmware {
     /// Handles a write of the sequence register.
-    pub(super) fn sequence_written(&mut self) {
-        let sequence = self.command[SEQUENCE];
-        self.note(Entry::Asked { sequence });
-        let follows = if self.accepted == u16::MAX { 1 } else { self.accepted + 1 };
-        if sequence != follows || self.frozen.is_some() {
+    pub(super) fn on_sequence_written(&mut self) {
+        let sequence = self.holding_registers[SEQUENCE_REGISTER];
+        self.record(DiaryEntry::Offered { sequence });
+        let next_sequence =
+            if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
+        if sequence != next_sequence || self.frozen_status.is_some() {
             return;
         }
-        let before = std::mem::replace(&mut self.accepted, sequence);
-        match self.bytes(before).and_then(|bytes| self.take(sequence, bytes)) {
-            Err(error) => self.error = error,
+        let accepted_before = std::mem::replace(&mut self.accepted_sequence, sequence);
+        match self.chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes))
+        {
+            Err(error) => self.error_code = error,
             Ok(text) => {
-                self.error = 0;
-                self.taken += 1;
-                self.note(Entry::Took { sequence, text });
+                self.error_code = 0;
+                self.accepted_chunk_count += 1;
+                self.record(DiaryEntry::Accepted { sequence, text });
             }
         }
     }
 
     /// Accepts lines to execute, or a table; returns the text for the diary.
-    fn take(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
+    fn accept_chunk(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
         if self.resident.is_some() {
             let word = |pair: &[u8]| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte));
             let words: Vec<u16> = bytes.chunks(2).map(word).collect();
             return self.begin_program(sequence, &words);
         }
-        let text = String::from_utf8(bytes).map_err(|_| BAD_TEXT)?;
-        self.lines = text.lines().map(str::to_owned).collect();
+        let text = String::from_utf8(bytes).map_err(|_| ERROR_BAD_TEXT)?;
+        self.pending_lines = text.lines().map(str::to_owned).collect();
         Ok(text)
     }
 
     /// Bytes of the chunk, if it may be accepted.
-    fn bytes(&self, before: u16) -> Result<Vec<u8>, u16> {
+    fn chunk_bytes(&self, accepted_before: u16) -> Result<Vec<u8>, u16> {
         if self.mode != Mode::Ready || self.is_moving() {
-            return Err(BUSY);
+            return Err(ERROR_BUSY);
         }
-        if !self.beats(self.now) {
-            return Err(NO_HEARTBEAT);
+        if !self.is_heartbeat_current(self.now) {
+            return Err(ERROR_NO_HEARTBEAT);
         }
-        let told = match &self.resident {
+        let is_acknowledged = match &self.resident {
             Some(resident) => !resident.slot.valid,
-            None => self.command[ACKNOWLEDGE] == before,
+            None => self.holding_registers[ACKNOWLEDGE_REGISTER] == accepted_before,
         };
-        if !told {
-            return Err(NOT_ACKNOWLEDGED);
+        if !is_acknowledged {
+            return Err(ERROR_NOT_ACKNOWLEDGED);
         }
-        let length = usize::from(self.command[LENGTH]);
-        if length == 0 || length > 2 * (self.command.len() - CHUNK) {
-            return Err(BAD_LENGTH);
+        let length = usize::from(self.holding_registers[LENGTH_REGISTER]);
+        if length == 0 || length > 2 * (self.holding_registers.len() - CHUNK_REGISTER) {
+            return Err(ERROR_BAD_LENGTH);
         }
-        let words = self.command[CHUNK..].iter();
+        let words = self.holding_registers[CHUNK_REGISTER..].iter();
         let bytes: Vec<u8> = words.flat_map(|word| word.to_be_bytes()).take(length).collect();
-        if check_sum(&bytes) != self.command[CRC] {
-            return Err(BAD_CRC);
+        if crc16_modbus(&bytes) != self.holding_registers[CRC_REGISTER] {
+            return Err(ERROR_BAD_CRC);
         }
         Ok(bytes)
     }
 }
 
 /// CRC-16/MODBUS, computed as a bitwise division of the text with the bits of each byte reversed.
-fn check_sum(bytes: &[u8]) -> u16 {
-    let mut rest = u16::MAX;
+fn crc16_modbus(bytes: &[u8]) -> u16 {
+    let mut remainder = u16::MAX;
     for byte in bytes {
-        rest ^= u16::from(byte.reverse_bits()) << 8;
+        remainder ^= u16::from(byte.reverse_bits()) << 8;
         for _ in 0..8 {
-            let carry = rest & 0x8000 != 0;
-            rest <<= 1;
+            let carry = remainder & 0x8000 != 0;
+            remainder <<= 1;
             if carry {
-                rest ^= 0x8005;
+                remainder ^= 0x8005;
             }
         }
     }
-    rest.reverse_bits()
+    remainder.reverse_bits()
 }

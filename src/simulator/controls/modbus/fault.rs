@@ -5,23 +5,23 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::layout::{HOLD, SEQUENCE};
-use super::{Entry, Firmware, Mode};
-use crate::Latch;
+use super::layout::{HOLD_REGISTER, SEQUENCE_REGISTER};
+use super::{DiaryEntry, Firmware, Mode};
+use crate::LatchDelay;
 use crate::interpreter::ProbeInputFault;
 
-const E_STOP: u16 = 10;
-const UNKNOWN_ALARM: u16 = 99;
-const USUAL_LATE_S: f64 = 0.7;
+const ALARM_E_STOP: u16 = 10;
+const DEFAULT_ALARM: u16 = 99;
+const DEFAULT_REPLY_DELAY_S: f64 = 0.7;
 /// Scan period of a common PLC, s.
-const USUAL_SCAN_S: f64 = 0.010;
+const DEFAULT_SCAN_PERIOD_S: f64 = 0.010;
 
 /// Time stamp of [`FaultKind::WrongStamp`], s: far beyond the clock of any control.
 pub(super) const WRONG_STAMP_S: f64 = 1e300;
 
 const MIN_HALF_WRITE_REGISTERS: usize = 8;
 /// First register of the latched position.
-const LATCH: usize = 20;
+const LATCH_REGISTER: usize = 20;
 
 /// One fault. It occurs once, at the first request after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -130,16 +130,16 @@ impl FaultKind {
         Self::LostStart,
     ];
     /// Additional faults of a resident program.
-    pub const OF_PROGRAM: [FaultKind; 4] =
+    pub const PROGRAM_ONLY: [FaultKind; 4] =
         [Self::StaleResult, Self::RepeatedResult, Self::SkippedResult, Self::StartedTwice];
 
     /// Whether the fault applies to a resident program only.
-    pub fn of_program(self) -> bool {
-        Self::OF_PROGRAM.contains(&self)
+    pub fn is_program_only(self) -> bool {
+        Self::PROGRAM_ONLY.contains(&self)
     }
 
     /// Whether the fault is recorded when it takes effect, not when it is due.
-    fn comes_later(self) -> bool {
+    fn is_recorded_later(self) -> bool {
         matches!(
             self,
             Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::StartedTwice
@@ -147,15 +147,15 @@ impl FaultKind {
     }
 
     /// Whether the fault can affect this request.
-    fn strikes(self, request: &Request<'_>) -> bool {
+    fn affects(self, request: &Request<'_>) -> bool {
         match self {
             Self::HalfWritten => {
                 matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MIN_HALF_WRITE_REGISTERS)
             }
             Self::LostStart => matches!(request, Request::WriteMultipleRegisters(at, words)
-                if usize::from(*at) == SEQUENCE && words.len() == 1),
+                if usize::from(*at) == SEQUENCE_REGISTER && words.len() == 1),
             Self::LostHold => matches!(request, Request::WriteMultipleRegisters(at, words)
-                if usize::from(*at) == HOLD && words.len() == 1),
+                if usize::from(*at) == HOLD_REGISTER && words.len() == 1),
             Self::Torn | Self::Stale | Self::StaleResult => {
                 matches!(request, Request::ReadInputRegisters(0, count) if *count > 1)
             }
@@ -167,125 +167,129 @@ impl FaultKind {
 /// Reply to a request, and its delay.
 pub(super) struct Reply {
     pub answer: Option<Result<Response, ExceptionCode>>,
-    pub late: Duration,
+    pub delay: Duration,
 }
 
 impl Firmware {
     /// Handles a request that arrives at `now`.
-    pub(super) fn request(&mut self, request: &Request<'_>, now: Duration) -> Reply {
-        self.live(now);
-        self.requests += 1;
-        let at_once = |answer| Reply { answer, late: Duration::ZERO };
-        if self.hung {
-            return at_once(None);
+    pub(super) fn handle_request(&mut self, request: &Request<'_>, now: Duration) -> Reply {
+        self.advance(now);
+        self.request_count += 1;
+        let without_delay = |answer| Reply { answer, delay: Duration::ZERO };
+        if self.is_hung {
+            return without_delay(None);
         }
-        let (requests, taken, touches) = (self.requests, self.taken, self.touches);
-        let has_before = self.resident.as_ref().is_some_and(|resident| resident.before.is_some());
+        let (request_count, accepted_chunk_count, contact_count) =
+            (self.request_count, self.accepted_chunk_count, self.contact_count);
+        let has_previous_result =
+            self.resident.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
         let due = |fault: &Fault| {
-            fault.at_request <= requests
-                && fault.at_line <= taken
-                && fault.after_touch <= touches
-                && fault.kind.strikes(request)
-                && (fault.kind != FaultKind::StaleResult || has_before)
+            fault.at_request <= request_count
+                && fault.at_line <= accepted_chunk_count
+                && fault.after_touch <= contact_count
+                && fault.kind.affects(request)
+                && (fault.kind != FaultKind::StaleResult || has_previous_result)
         };
-        let Some(place) = self.options.faults.iter().position(due) else {
-            return at_once(Some(self.obey(request)));
+        let Some(index) = self.options.faults.iter().position(due) else {
+            return without_delay(Some(self.execute_and_advance(request)));
         };
-        let fault = self.options.faults.remove(place);
-        self.go_wrong(&fault, request)
+        let fault = self.options.faults.remove(index);
+        self.apply_fault(&fault, request)
     }
 
-    fn obey(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        let answer = self.answer(request);
+    fn execute_and_advance(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let answer = self.execute_request(request);
         // A write takes effect at once.
-        self.live(self.now);
+        self.advance(self.now);
         answer
     }
 
-    fn go_wrong(&mut self, fault: &Fault, request: &Request<'_>) -> Reply {
+    fn apply_fault(&mut self, fault: &Fault, request: &Request<'_>) -> Reply {
         use FaultKind as K;
-        if !fault.kind.comes_later() {
-            self.note(Entry::Wrong(fault.kind));
+        if !fault.kind.is_recorded_later() {
+            self.record(DiaryEntry::FaultOccurred(fault.kind));
         }
-        let mut late = Duration::ZERO;
+        let mut delay = Duration::ZERO;
         let answer = match fault.kind {
             K::Late => {
-                let late_s = fault.late_s.unwrap_or(USUAL_LATE_S);
-                late = Duration::try_from_secs_f64(late_s).unwrap_or_default();
-                Some(self.obey(request))
+                let late_s = fault.late_s.unwrap_or(DEFAULT_REPLY_DELAY_S);
+                delay = Duration::try_from_secs_f64(late_s).unwrap_or_default();
+                Some(self.execute_and_advance(request))
             }
             K::Unanswered => {
-                let _ = self.obey(request);
+                let _ = self.execute_and_advance(request);
                 None
             }
             K::Lost => None,
             K::Cut => {
-                self.cut.notify_waiters();
+                self.cut_signal.notify_waiters();
                 None
             }
             K::Silence => {
-                self.hung = true;
+                self.is_hung = true;
                 None
             }
             K::Exception => {
                 let code = fault.code.map(ExceptionCode::new);
                 Some(Err(code.unwrap_or(ExceptionCode::ServerDeviceBusy)))
             }
-            K::HalfWritten | K::LostStart | K::LostHold => Some(self.half(request)),
+            K::HalfWritten | K::LostStart | K::LostHold => Some(self.write_first_half(request)),
             K::StaleResult => Some(self.with_stale_result(request)),
-            K::Torn => Some(self.torn(request)),
-            K::Stale => Some(self.stale(request)),
+            K::Torn => Some(self.torn_status(request)),
+            K::Stale => Some(self.stale_status(request)),
             kind => {
-                self.turn(kind, fault);
-                Some(self.obey(request))
+                self.apply_control_fault(kind, fault);
+                Some(self.execute_and_advance(request))
             }
         };
-        Reply { answer, late }
+        Reply { answer, delay }
     }
 
     /// Applies a fault of the control itself.
-    fn turn(&mut self, kind: FaultKind, fault: &Fault) {
+    fn apply_control_fault(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
-            FaultKind::Frozen => self.frozen = Some(self.status()),
-            FaultKind::HeartbeatStands => self.standing_heartbeat = Some(self.heartbeat()),
-            FaultKind::WrongStamp => self.wrong_stamp = true,
+            FaultKind::Frozen => self.frozen_status = Some(self.status()),
+            FaultKind::HeartbeatStands => self.stopped_heartbeat = Some(self.heartbeat()),
+            FaultKind::WrongStamp => self.has_wrong_stamp = true,
             FaultKind::Reset => self.reset(),
-            FaultKind::Alarm => self.alarm(fault.code.map_or(UNKNOWN_ALARM, u16::from)),
-            FaultKind::EStop => self.alarm(E_STOP),
+            FaultKind::Alarm => self.alarm(fault.code.map_or(DEFAULT_ALARM, u16::from)),
+            FaultKind::EStop => self.alarm(ALARM_E_STOP),
             FaultKind::Hold => {
-                self.stop_here();
+                self.stop_at_current_position();
                 self.mode = Mode::Held(0);
             }
-            FaultKind::ProbeStuck => self.sham = ProbeInputFault::Closed,
-            FaultKind::ProbeDead => self.sham = ProbeInputFault::Open,
-            FaultKind::ForeignBody => self.sham = ProbeInputFault::Early,
-            FaultKind::RapidContact => self.sham = ProbeInputFault::Brush,
+            FaultKind::ProbeStuck => self.probe_fault = ProbeInputFault::StuckClosed,
+            FaultKind::ProbeDead => self.probe_fault = ProbeInputFault::StuckOpen,
+            FaultKind::ForeignBody => self.probe_fault = ProbeInputFault::Obstacle,
+            FaultKind::RapidContact => self.probe_fault = ProbeInputFault::BrushPending,
             FaultKind::SlowLatch => {
-                let scan_ms = fault.scan_s.unwrap_or(USUAL_SCAN_S) * 1e3;
-                self.with_world(|world| world.latch_by(Latch { scan_ms, ..Latch::default() }));
+                let scan_ms = fault.scan_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
+                self.with_world(|world| {
+                    world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() })
+                });
             }
             _ => {}
         }
         let Some(resident) = &mut self.resident else { return };
         match kind {
-            FaultKind::RepeatedResult => resident.deaf = true,
-            FaultKind::SkippedResult => resident.skips = true,
-            FaultKind::StartedTwice => resident.begins_again = true,
+            FaultKind::RepeatedResult => resident.ignores_acknowledgement = true,
+            FaultKind::SkippedResult => resident.skips_result = true,
+            FaultKind::StartedTwice => resident.restarts = true,
             _ => {}
         }
     }
 
     fn with_stale_result(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        self.stale_result = true;
-        let answer = self.obey(request);
-        self.stale_result = false;
+        self.shows_previous_result = true;
+        let answer = self.execute_and_advance(request);
+        self.shows_previous_result = false;
         answer
     }
 
     /// Writes the first half of the registers and confirms all.
-    fn half(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+    fn write_first_half(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let Request::WriteMultipleRegisters(at, words) = request else {
-            return self.obey(request);
+            return self.execute_and_advance(request);
         };
         let half = words.get(..words.len() / 2).unwrap_or_default();
         if !half.is_empty() {
@@ -296,11 +300,11 @@ impl Firmware {
     }
 
     /// Status whose registers from the latch on are those of the previous status.
-    fn torn(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        let before = self.shown.clone();
-        match self.obey(request) {
+    fn torn_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let before = self.previous_status.clone();
+        match self.execute_and_advance(request) {
             Ok(Response::ReadInputRegisters(mut words)) => {
-                for (word, old) in words.iter_mut().zip(before).skip(LATCH) {
+                for (word, old) in words.iter_mut().zip(before).skip(LATCH_REGISTER) {
                     *word = old;
                 }
                 if let (Some(head), Some(tail)) = (words.first().copied(), words.last_mut()) {
@@ -312,9 +316,9 @@ impl Firmware {
         }
     }
 
-    fn stale(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
-        let shown = self.shown.clone();
-        match self.obey(request) {
+    fn stale_status(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
+        let shown = self.previous_status.clone();
+        match self.execute_and_advance(request) {
             Ok(Response::ReadInputRegisters(words)) if words.len() == shown.len() => {
                 Ok(Response::ReadInputRegisters(shown))
             }

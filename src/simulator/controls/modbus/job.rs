@@ -2,141 +2,142 @@
 
 use std::time::Duration;
 
-use super::chunk::BAD_TEXT;
-use super::layout::steps;
+use super::chunk::ERROR_BAD_TEXT;
+use super::layout::position_steps;
 use super::{
-    Entry, FaultKind, Firmware, HARD_LIMIT, HEARTBEAT, HEARTBEAT_LOST, Mode, NO_CONTACT,
-    PROBE_CLOSED, SOFT_LIMIT,
+    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, DiaryEntry,
+    FaultKind, Firmware, HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, Mode,
 };
 use crate::Contact;
-use crate::interpreter::{Active, Done, Job, LineAction, ProbeInputFault};
+use crate::interpreter::{ActiveJob, Job, JobResult, LineAction, ProbeInputFault};
 
 /// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
-const BRUSHED_REPORTS: u8 = 2;
+const BRUSH_REPORT_COUNT: u8 = 2;
 
 impl Firmware {
     /// Advances the control to the time `now`.
-    pub(super) fn live(&mut self, now: Duration) {
+    pub(super) fn advance(&mut self, now: Duration) {
         loop {
-            if let Some(ends) = self.active.as_ref().map(|active| active.ends) {
-                let stops = self.beat.unwrap_or_default() + HEARTBEAT;
-                if stops < ends && stops <= now {
-                    self.now = stops;
-                    self.hold(HEARTBEAT_LOST);
-                } else if ends <= now {
-                    self.now = ends;
-                    self.finish_active();
+            if let Some(end_time) = self.active.as_ref().map(|active| active.end_time) {
+                let heartbeat_deadline =
+                    self.last_heartbeat.unwrap_or_default() + HEARTBEAT_TIMEOUT;
+                if heartbeat_deadline < end_time && heartbeat_deadline <= now {
+                    self.now = heartbeat_deadline;
+                    self.hold(HOLD_HEARTBEAT_LOST);
+                } else if end_time <= now {
+                    self.now = end_time;
+                    self.finish_active_job();
                 } else {
                     break;
                 }
-            } else if self.mode != Mode::Ready || self.frozen.is_some() {
+            } else if self.mode != Mode::Ready || self.frozen_status.is_some() {
                 break;
-            } else if let Some(line) = self.lines.pop_front() {
-                self.line(&line);
+            } else if let Some(line) = self.pending_lines.pop_front() {
+                self.execute_line(&line);
             } else if !self.next_row() {
                 break;
             }
         }
         self.now = now;
-        let done = self.mode == Mode::Ready && !self.is_moving() && self.error == 0;
-        if done && self.frozen.is_none() {
-            self.executed = self.accepted;
+        let done = self.mode == Mode::Ready && !self.is_moving() && self.error_code == 0;
+        if done && self.frozen_status.is_none() {
+            self.executed_sequence = self.accepted_sequence;
         }
     }
 
-    fn line(&mut self, line: &str) {
-        let here = self.stand();
-        match self.options.reader.line(line, &here) {
-            Ok(LineAction::Nothing) => {}
-            Ok(LineAction::OutOfTravel) => self.alarm(SOFT_LIMIT),
-            Ok(LineAction::Do(job)) => self.start(job),
+    fn execute_line(&mut self, line: &str) {
+        let here = self.displayed_position();
+        match self.options.interpreter.interpret_line(line, &here) {
+            Ok(LineAction::NoMotion) => {}
+            Ok(LineAction::OutOfTravel) => self.alarm(ALARM_SOFT_LIMIT),
+            Ok(LineAction::Execute(job)) => self.start_job(job),
             Err(_) => {
-                self.error = BAD_TEXT;
-                self.lines.clear();
+                self.error_code = ERROR_BAD_TEXT;
+                self.pending_lines.clear();
             }
         }
     }
 
-    pub(super) fn start(&mut self, job: Job) {
-        if matches!(job, Job::Probe { .. }) && self.tripped() {
-            return self.alarm(PROBE_CLOSED);
+    pub(super) fn start_job(&mut self, job: Job) {
+        if matches!(job, Job::Probe { .. }) && self.is_probe_closed() {
+            return self.alarm(ALARM_PROBE_CLOSED);
         }
-        if self.sham == ProbeInputFault::Brush && job.is_free_move() {
-            self.sham = ProbeInputFault::Brushed(BRUSHED_REPORTS);
-            self.note(Entry::Wrong(FaultKind::RapidContact));
+        if self.probe_fault == ProbeInputFault::BrushPending && job.is_free_move() {
+            self.probe_fault = ProbeInputFault::Brushed(BRUSH_REPORT_COUNT);
+            self.record(DiaryEntry::FaultOccurred(FaultKind::RapidContact));
         }
-        let (sham, pace, now) = (self.sham, self.options.pace, self.now);
-        let active = self.with_world(|world| Active::begin(job, world, sham, pace, now));
+        let (probe_fault, pace, now) = (self.probe_fault, self.options.pace, self.now);
+        let active = self.with_world(|world| ActiveJob::start(job, world, probe_fault, pace, now));
         self.active = Some(active);
     }
 
-    fn finish_active(&mut self) {
+    fn finish_active_job(&mut self) {
         let Some(active) = self.active.take() else { return };
-        let sham = self.sham;
-        match self.with_world(|world| active.finish(world, sham)) {
-            Done::Waited => self.row_done(None),
-            Done::Moved { crashed } => {
-                self.row_done(None);
-                self.crash_if(crashed);
+        let probe_fault = self.probe_fault;
+        match self.with_world(|world| active.finish(world, probe_fault)) {
+            JobResult::Waited => self.finish_row(None),
+            JobResult::Moved { has_crashed } => {
+                self.finish_row(None);
+                self.alarm_if_crashed(has_crashed);
             }
-            Done::Probed { contact, crashed, strict } => {
-                let met = contact.is_some();
-                if contact.is_none() && strict {
-                    self.alarm(NO_CONTACT);
+            JobResult::Probed { contact, has_crashed, alarms_on_miss } => {
+                let has_contact = contact.is_some();
+                if contact.is_none() && alarms_on_miss {
+                    self.alarm(ALARM_NO_CONTACT);
                 }
                 if let Some(contact) = contact {
-                    self.latch(contact);
+                    self.latch_contact(contact);
                 }
-                if self.sham == ProbeInputFault::Early {
-                    self.sham = ProbeInputFault::No;
-                    self.note(Entry::Wrong(FaultKind::ForeignBody));
+                if self.probe_fault == ProbeInputFault::Obstacle {
+                    self.probe_fault = ProbeInputFault::NoFault;
+                    self.record(DiaryEntry::FaultOccurred(FaultKind::ForeignBody));
                 }
-                self.row_done(Some(met));
-                self.crash_if(crashed);
+                self.finish_row(Some(has_contact));
+                self.alarm_if_crashed(has_crashed);
             }
         }
     }
 
-    fn latch(&mut self, contact: Contact) {
-        self.latches = self.latches.wrapping_add(1);
-        self.touches += 1;
+    fn latch_contact(&mut self, contact: Contact) {
+        self.latch_count = self.latch_count.wrapping_add(1);
+        self.contact_count += 1;
         self.latch = contact.position;
         self.latch_time_s = contact.t_s;
-        self.note(Entry::Contact { latch: steps(&self.latch), t_s: contact.t_s });
+        self.record(DiaryEntry::Contact { latch: position_steps(&self.latch), t_s: contact.t_s });
     }
 
     /// Whether the probe input reads closed.
-    pub(super) fn tripped(&self) -> bool {
-        self.with_world(|world| self.sham.tripped(world))
+    pub(super) fn is_probe_closed(&self) -> bool {
+        self.with_world(|world| self.probe_fault.is_probe_closed(world))
     }
 
     /// Registers that a status has shown the probe state.
     pub(super) fn on_probe_state_reported(&mut self) {
-        self.sham = self.sham.told();
+        self.probe_fault = self.probe_fault.after_report();
     }
 
     /// A drive that is pressed against an obstacle stalls.
-    fn crash_if(&mut self, crashed: bool) {
-        if crashed {
-            self.alarm(HARD_LIMIT);
+    fn alarm_if_crashed(&mut self, has_crashed: bool) {
+        if has_crashed {
+            self.alarm(ALARM_HARD_LIMIT);
         }
     }
 
     pub(super) fn alarm(&mut self, code: u16) {
-        self.stop_here();
+        self.stop_at_current_position();
         self.mode = Mode::Alarm(code);
     }
 
     /// Stops the machine where it is and discards the remaining motion.
     pub(super) fn hold(&mut self, reason: u16) {
         if self.mode == Mode::Ready {
-            self.stop_here();
+            self.stop_at_current_position();
             self.mode = Mode::Held(reason);
         }
     }
 
-    pub(super) fn stop_here(&mut self) {
-        self.lines.clear();
+    pub(super) fn stop_at_current_position(&mut self) {
+        self.pending_lines.clear();
         if let Some(resident) = &mut self.resident {
             resident.stop();
         }

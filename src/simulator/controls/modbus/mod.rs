@@ -1,5 +1,5 @@
 //! The simulated control behind a window of Modbus registers: executes the received text, or the rows for its
-//! resident program, against a [`World`]. It is the peer of the driver and shares no code with it; its register
+//! resident program, against a [`SimulatedWorld`]. It is the peer of the driver and shares no code with it; its register
 //! addresses come from `docs/line-window.md` and `docs/resident-program.md` alone.
 //!
 //! Its state advances on requests: each request first brings it up to the time of its arrival.
@@ -21,51 +21,56 @@ use std::time::Duration;
 pub use fault::{Fault, FaultKind};
 pub use serve::{serve_rtu, serve_tcp};
 
-use resident::Resident;
+use resident::ResidentProgram;
 
-use crate::World;
-use crate::interpreter::{Active, Interpreter, Pace, ProbeInputFault};
+use crate::SimulatedWorld;
+use crate::interpreter::{ActiveJob, Interpreter, Pace, ProbeInputFault};
 use machine::Position;
 use machine::record::machine::Machine;
 
-const HARD_LIMIT: u16 = 1;
-const SOFT_LIMIT: u16 = 2;
-const PROBE_CLOSED: u16 = 4;
-const NO_CONTACT: u16 = 5;
-const STILL_CLOSED: u16 = 11;
-const HEARTBEAT_LOST: u16 = 64;
+const ALARM_HARD_LIMIT: u16 = 1;
+const ALARM_SOFT_LIMIT: u16 = 2;
+const ALARM_PROBE_CLOSED: u16 = 4;
+const ALARM_NO_CONTACT: u16 = 5;
+const ALARM_STILL_CLOSED: u16 = 11;
+const HOLD_HEARTBEAT_LOST: u16 = 64;
 
 /// Timeout of the client's heartbeat: after it, motion is held and no chunk is accepted.
-const HEARTBEAT: Duration = Duration::from_secs(2);
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Configuration of the simulated control.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Interpreter with the axes and their travel.
-    pub reader: Interpreter,
+    pub interpreter: Interpreter,
     pub pace: Pace,
     /// Faults to simulate.
     pub faults: Vec<Fault>,
     /// Whether the control holds a resident measuring program; it then accepts no lines.
-    pub resident: bool,
+    pub has_resident_program: bool,
 }
 
 impl Options {
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        Self { reader: Interpreter::of(machine), pace, faults: Vec::new(), resident: false }
+        Self {
+            interpreter: Interpreter::for_machine(machine),
+            pace,
+            faults: Vec::new(),
+            has_resident_program: false,
+        }
     }
 }
 
 /// One entry of the diary of the control.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Entry {
+pub enum DiaryEntry {
     /// A chunk was accepted; `text` describes its lines or the rows of its table.
-    Took {
+    Accepted {
         sequence: u16,
         text: String,
     },
     /// A chunk was offered, whether accepted or not.
-    Asked {
+    Offered {
         sequence: u16,
     },
     /// Latched positions, in steps of 0.001 mm or degree, and the time.
@@ -74,10 +79,10 @@ pub enum Entry {
         t_s: f64,
     },
     Hold,
-    Wrong(FaultKind),
+    FaultOccurred(FaultKind),
 }
 
-pub type Diary = Arc<Mutex<Vec<Entry>>>;
+pub type Diary = Arc<Mutex<Vec<DiaryEntry>>>;
 
 /// Operating state of the control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,78 +98,78 @@ enum Mode {
 /// The simulated control.
 pub struct Firmware {
     options: Options,
-    world: Arc<Mutex<World>>,
+    world: Arc<Mutex<SimulatedWorld>>,
     mode: Mode,
     /// The holding registers.
-    command: Vec<u16>,
+    holding_registers: Vec<u16>,
     /// Lines of the current chunk that have not been started.
-    lines: VecDeque<String>,
-    resident: Option<Resident>,
-    active: Option<Active>,
-    accepted: u16,
-    executed: u16,
-    error: u16,
-    latches: u16,
+    pending_lines: VecDeque<String>,
+    resident: Option<ResidentProgram>,
+    active: Option<ActiveJob>,
+    accepted_sequence: u16,
+    executed_sequence: u16,
+    error_code: u16,
+    latch_count: u16,
     latch: Position,
     latch_time_s: f64,
     /// Number of status blocks written so far.
-    blocks: u16,
-    sham: ProbeInputFault,
+    status_count: u16,
+    probe_fault: ProbeInputFault,
     /// Time at which the client's heartbeat last changed.
-    beat: Option<Duration>,
-    requests: u64,
-    taken: u64,
+    last_heartbeat: Option<Duration>,
+    request_count: u64,
+    accepted_chunk_count: u64,
     /// Number of contacts since the control was built.
-    touches: u64,
+    contact_count: u64,
     /// Whether the current status shows the previous result.
-    stale_result: bool,
+    shows_previous_result: bool,
     /// Status of a frozen control, which accepts nothing.
-    frozen: Option<Vec<u16>>,
+    frozen_status: Option<Vec<u16>>,
     /// Value of a heartbeat that has stopped.
-    standing_heartbeat: Option<u16>,
-    wrong_stamp: bool,
+    stopped_heartbeat: Option<u16>,
+    has_wrong_stamp: bool,
     /// The previous status block.
-    shown: Vec<u16>,
-    hung: bool,
-    cut: Arc<tokio::sync::Notify>,
+    previous_status: Vec<u16>,
+    is_hung: bool,
+    cut_signal: Arc<tokio::sync::Notify>,
     diary: Diary,
     /// Host time since power-up.
     now: Duration,
 }
 
 impl Firmware {
-    pub fn new(world: Arc<Mutex<World>>, options: Options) -> Self {
-        let (resident, size) = match options.resident {
-            true => (Some(Resident::default()), layout::OF_PROGRAM),
-            false => (None, layout::OF_LINES),
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: Options) -> Self {
+        let (resident, size) = match options.has_resident_program {
+            true => (Some(ResidentProgram::default()), layout::PROGRAM_BLOCK_REGISTERS),
+            false => (None, layout::LINE_BLOCK_REGISTERS),
         };
         Self {
             options,
             world,
             mode: Mode::Ready,
-            command: vec![0; size],
-            lines: VecDeque::new(),
+            holding_registers: vec![0; size],
+            pending_lines: VecDeque::new(),
             resident,
             active: None,
-            accepted: 0,
-            executed: 0,
-            error: 0,
-            latches: 0,
+            accepted_sequence: 0,
+            executed_sequence: 0,
+            error_code: 0,
+            latch_count: 0,
             latch: Position::new(),
             latch_time_s: 0.0,
-            blocks: 0,
-            sham: ProbeInputFault::default(),
-            beat: None,
-            requests: 0,
-            taken: 0,
-            touches: 0,
-            stale_result: false,
-            frozen: None,
-            standing_heartbeat: None,
-            wrong_stamp: false,
-            shown: Vec::new(),
-            hung: false,
-            cut: Arc::default(),
+            status_count: 0,
+            probe_fault: ProbeInputFault::default(),
+            last_heartbeat: None,
+            request_count: 0,
+            accepted_chunk_count: 0,
+            contact_count: 0,
+            shows_previous_result: false,
+            frozen_status: None,
+            stopped_heartbeat: None,
+            has_wrong_stamp: false,
+            previous_status: Vec::new(),
+            is_hung: false,
+            cut_signal: Arc::default(),
             diary: Arc::default(),
             now: Duration::ZERO,
         }
@@ -174,37 +179,39 @@ impl Firmware {
         self.diary.clone()
     }
 
-    fn note(&self, entry: Entry) {
+    fn record(&self, entry: DiaryEntry) {
         // A list stays consistent if another thread panics.
         self.diary.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
     }
 
-    fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
+    fn with_world<T>(&self, act: impl FnOnce(&mut SimulatedWorld) -> T) -> T {
         // The world is plain data: a panic elsewhere leaves it consistent.
         act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Displayed position of the machine.
-    fn stand(&self) -> Position {
+    fn displayed_position(&self) -> Position {
         self.with_world(|world| world.position())
     }
 
     /// Switches the control off and on; a person must make it ready again.
     fn reset(&mut self) {
-        self.stop_here();
-        self.command.fill(0);
-        (self.accepted, self.executed, self.error, self.latches) = (0, 0, 0, 0);
-        self.beat = None;
-        self.resident = self.resident.take().map(|_| Resident::default());
+        self.stop_at_current_position();
+        self.holding_registers.fill(0);
+        (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) =
+            (0, 0, 0, 0);
+        self.last_heartbeat = None;
+        self.resident = self.resident.take().map(|_| ResidentProgram::default());
         self.mode = Mode::NotReady;
     }
 
     fn is_moving(&self) -> bool {
-        let begun = self.resident.as_ref().is_some_and(Resident::is_running);
-        self.mode == Mode::Ready && (begun || self.active.is_some() || !self.lines.is_empty())
+        let begun = self.resident.as_ref().is_some_and(ResidentProgram::is_running);
+        self.mode == Mode::Ready
+            && (begun || self.active.is_some() || !self.pending_lines.is_empty())
     }
 
-    fn beats(&self, at: Duration) -> bool {
-        self.beat.is_some_and(|beat| at <= beat + HEARTBEAT)
+    fn is_heartbeat_current(&self, at: Duration) -> bool {
+        self.last_heartbeat.is_some_and(|beat| at <= beat + HEARTBEAT_TIMEOUT)
     }
 }

@@ -4,28 +4,28 @@
 
 use std::time::Duration;
 
-use super::chunk::{BAD_LENGTH, BAD_ROW};
-use super::layout::AXES;
-use super::{Entry, FaultKind, Firmware};
+use super::chunk::{ERROR_BAD_LENGTH, ERROR_BAD_ROW};
+use super::layout::REGISTER_AXES;
+use super::{DiaryEntry, FaultKind, Firmware};
 use crate::interpreter::Job;
 use machine::{Axis, Position};
 
-const NUMBER: u16 = 1;
+const PROGRAM_NUMBER: u16 = 1;
 /// Number of the tool in the spindle. The client sends 0 if it does not check the tool.
-const TOOL: u16 = 1;
-const NO_SUCH_PROGRAM: u16 = 7;
-const OTHER_TOOL: u16 = 8;
+const TOOL_NUMBER: u16 = 1;
+const ERROR_NO_SUCH_PROGRAM: u16 = 7;
+const ERROR_OTHER_TOOL: u16 = 8;
 
 /// Size of a row, registers.
-const ROW: usize = 16;
+const ROW_REGISTERS: usize = 16;
 /// Positions in the table count in 0.0001 mm or degree, other values in 0.001.
-const POSITIONS_PER_UNIT: f64 = 10_000.0;
-const VALUES_PER_UNIT: f64 = 1000.0;
+const POSITION_STEPS_PER_UNIT: f64 = 10_000.0;
+const VALUE_STEPS_PER_UNIT: f64 = 1000.0;
 /// Scan period of the control's program.
-pub(super) const SCAN: Duration = Duration::from_millis(1);
+pub(super) const SCAN_PERIOD: Duration = Duration::from_millis(1);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+enum RowKind {
     Rapid,
     Feed,
     Guarded,
@@ -35,15 +35,15 @@ enum Kind {
 }
 
 #[derive(Debug, Clone)]
-struct Row {
-    kind: Kind,
+struct TableRow {
+    kind: RowKind,
     to: Position,
     value: f64,
 }
 
 /// A result that is handed to the client.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Slot {
+pub(super) struct ResultSlot {
     pub number: u16,
     pub sequence: u16,
     pub row: u16,
@@ -54,51 +54,52 @@ pub(super) struct Slot {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Resident {
-    rows: Vec<Row>,
+pub(super) struct ResidentProgram {
+    rows: Vec<TableRow>,
     step: u32,
     /// Current row, from 1; 0: none.
-    pub at: usize,
-    pub slot: Slot,
+    pub current_row: usize,
+    pub slot: ResultSlot,
     /// The previous result.
-    pub before: Option<Slot>,
+    pub previous_slot: Option<ResultSlot>,
     /// Faults: ignores the next acknowledgement; counts a result that it does not show; starts once more where
     /// it should end.
-    pub deaf: bool,
-    pub skips: bool,
-    pub begins_again: bool,
+    pub ignores_acknowledgement: bool,
+    pub skips_result: bool,
+    pub restarts: bool,
 }
 
-impl Resident {
+impl ResidentProgram {
     pub(super) fn is_running(&self) -> bool {
-        self.at > 0
+        self.current_row > 0
     }
 
     pub(super) fn stop(&mut self) {
         self.rows.clear();
-        self.at = 0;
+        self.current_row = 0;
     }
 
     /// Handles a write of the acknowledge register.
-    pub(super) fn acknowledged(&mut self, number: u16) {
-        if number == self.slot.number && !std::mem::take(&mut self.deaf) {
+    pub(super) fn on_acknowledged(&mut self, number: u16) {
+        if number == self.slot.number && !std::mem::take(&mut self.ignores_acknowledgement) {
             self.slot.valid = false;
         }
     }
 
     /// The current row.
-    fn row(&self) -> Option<&Row> {
-        self.at.checked_sub(1).and_then(|place| self.rows.get(place))
+    fn row(&self) -> Option<&TableRow> {
+        self.current_row.checked_sub(1).and_then(|index| self.rows.get(index))
     }
 
-    fn touches(&self) -> bool {
-        self.row().is_some_and(|row| row.kind == Kind::Touch)
+    fn is_touch_row(&self) -> bool {
+        self.row().is_some_and(|row| row.kind == RowKind::Touch)
     }
 
     /// Advances to the next row; returns whether there is one.
     fn advance(&mut self) -> bool {
-        self.at = if self.at < self.rows.len() { self.at + 1 } else { 0 };
-        self.at > 0
+        self.current_row =
+            if self.current_row < self.rows.len() { self.current_row + 1 } else { 0 };
+        self.current_row > 0
     }
 }
 
@@ -106,122 +107,128 @@ impl Firmware {
     /// Starts the program with a complete table.
     pub(super) fn begin_program(&mut self, sequence: u16, words: &[u16]) -> Result<String, u16> {
         let [bound, number, tool, high, low, touches, count, _, table @ ..] = words else {
-            return Err(BAD_LENGTH);
+            return Err(ERROR_BAD_LENGTH);
         };
-        if *number != NUMBER {
-            return Err(NO_SUCH_PROGRAM);
+        if *number != PROGRAM_NUMBER {
+            return Err(ERROR_NO_SUCH_PROGRAM);
         }
-        if ![0, TOOL].contains(tool) {
-            return Err(OTHER_TOOL);
+        if ![0, TOOL_NUMBER].contains(tool) {
+            return Err(ERROR_OTHER_TOOL);
         }
-        if table.len() != ROW * usize::from(*count) || table.is_empty() {
-            return Err(BAD_LENGTH);
+        if table.len() != ROW_REGISTERS * usize::from(*count) || table.is_empty() {
+            return Err(ERROR_BAD_LENGTH);
         }
-        let rows: Option<Vec<Row>> = table.chunks(ROW).map(row).collect();
-        let rows = rows.filter(|rows| rows.iter().all(|row| self.can(row))).ok_or(BAD_ROW)?;
-        let counted = rows.iter().filter(|row| row.kind == Kind::Touch).count();
+        let rows: Option<Vec<TableRow>> = table.chunks(ROW_REGISTERS).map(parse_row).collect();
+        let rows = rows
+            .filter(|rows| rows.iter().all(|row| self.is_executable(row)))
+            .ok_or(ERROR_BAD_ROW)?;
+        let counted = rows.iter().filter(|row| row.kind == RowKind::Touch).count();
         if *bound != sequence || counted != usize::from(*touches) {
-            return Err(BAD_ROW);
+            return Err(ERROR_BAD_ROW);
         }
         let step = u32::from(*high) << 16 | u32::from(*low);
-        let told: Vec<String> = rows.iter().map(said).collect();
+        let descriptions: Vec<String> = rows.iter().map(describe_row).collect();
         if let Some(resident) = &mut self.resident {
-            (resident.rows, resident.step, resident.at) = (rows, step, 1);
+            (resident.rows, resident.step, resident.current_row) = (rows, step, 1);
         }
-        Ok(format!("step {step}: {}", told.join("; ")))
+        Ok(format!("step {step}: {}", descriptions.join("; ")))
     }
 
-    fn can(&self, row: &Row) -> bool {
-        let moves = matches!(row.kind, Kind::Rapid | Kind::Feed | Kind::Guarded | Kind::Touch);
-        let fed = matches!(row.kind, Kind::Rapid | Kind::Orient) || row.value > 0.0;
-        fed && row.to.is_empty() != moves && self.options.reader.within_limits(&row.to)
+    fn is_executable(&self, row: &TableRow) -> bool {
+        let moves =
+            matches!(row.kind, RowKind::Rapid | RowKind::Feed | RowKind::Guarded | RowKind::Touch);
+        let fed = matches!(row.kind, RowKind::Rapid | RowKind::Orient) || row.value > 0.0;
+        fed && row.to.is_empty() != moves && self.options.interpreter.within_limits(&row.to)
     }
 
     /// Starts the current row; `false` where no row can start now.
     pub(super) fn next_row(&mut self) -> bool {
         let Some(resident) = &self.resident else { return false };
         let (Some(row), step) = (resident.row().cloned(), resident.step) else { return false };
-        if row.kind == Kind::Touch && resident.slot.valid {
+        if row.kind == RowKind::Touch && resident.slot.valid {
             // The slot holds a result that is not acknowledged.
             return false;
         }
         let (to, feed) = (row.to, row.value);
         let job = match row.kind {
-            Kind::Rapid => Job::Travel { to, feed_mm_min: None },
-            Kind::Feed => Job::Travel { to, feed_mm_min: Some(feed) },
-            Kind::Guarded | Kind::Touch => {
-                Job::Probe { to, feed_mm_min: feed, strict: false, n: step }
+            RowKind::Rapid => Job::Travel { to, feed_mm_min: None },
+            RowKind::Feed => Job::Travel { to, feed_mm_min: Some(feed) },
+            RowKind::Guarded | RowKind::Touch => {
+                Job::Probe { to, feed_mm_min: feed, alarms_on_miss: false, n: step }
             }
-            Kind::Dwell => Job::Dwell { seconds: feed },
-            Kind::Orient => Job::Orient { s: Axis::S.from_edge(feed) },
+            RowKind::Dwell => Job::Dwell { seconds: feed },
+            RowKind::Orient => Job::Orient { s: Axis::S.to_mm_or_rad(feed) },
         };
-        self.start(job);
+        self.start_job(job);
         if let Some(active) = &mut self.active {
-            active.ends = active.ends.max(self.now + SCAN);
+            active.end_time = active.end_time.max(self.now + SCAN_PERIOD);
         }
         true
     }
 
     /// Handles the end of the current row.
-    pub(super) fn row_done(&mut self, contact: Option<bool>) {
+    pub(super) fn finish_row(&mut self, contact: Option<bool>) {
         let Some(resident) = &self.resident else { return };
         let Some(row) = resident.row() else { return };
-        let ends =
-            matches!((row.kind, contact), (Kind::Guarded, Some(true)) | (Kind::Touch, Some(false)));
-        if row.kind == Kind::Feed && self.tripped() {
-            return self.alarm(super::STILL_CLOSED);
+        let ends = matches!(
+            (row.kind, contact),
+            (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false))
+        );
+        if row.kind == RowKind::Feed && self.is_probe_closed() {
+            return self.alarm(super::ALARM_STILL_CLOSED);
         }
-        if resident.touches() || ends {
-            self.hand_over(contact == Some(true));
+        if resident.is_touch_row() || ends {
+            self.publish_result(contact == Some(true));
         }
         let Some(resident) = &mut self.resident else { return };
         if ends {
             resident.stop();
-        } else if !resident.advance() && std::mem::take(&mut resident.begins_again) {
-            resident.at = 1;
-            self.note(Entry::Wrong(FaultKind::StartedTwice));
+        } else if !resident.advance() && std::mem::take(&mut resident.restarts) {
+            resident.current_row = 1;
+            self.record(DiaryEntry::FaultOccurred(FaultKind::StartedTwice));
         }
     }
 
-    fn hand_over(&mut self, contact: bool) {
-        let (latch, t_s, sequence) = (self.latch.clone(), self.latch_time_s, self.accepted);
+    fn publish_result(&mut self, contact: bool) {
+        let (latch, t_s, sequence) =
+            (self.latch.clone(), self.latch_time_s, self.accepted_sequence);
         let Some(resident) = &mut self.resident else { return };
         let before = resident.slot.clone();
-        let skipped = std::mem::take(&mut resident.skips);
+        let skipped = std::mem::take(&mut resident.skips_result);
         let count = 1 + u16::from(skipped);
         let number = (0..count).fold(before.number, |number, _| number.checked_add(1).unwrap_or(1));
-        let row = u16::try_from(resident.at).unwrap_or(u16::MAX);
-        resident.slot = Slot { number, sequence, row, contact, valid: true, latch, t_s };
-        resident.before = (before.number > 0).then_some(before);
+        let row = u16::try_from(resident.current_row).unwrap_or(u16::MAX);
+        resident.slot = ResultSlot { number, sequence, row, contact, valid: true, latch, t_s };
+        resident.previous_slot = (before.number > 0).then_some(before);
         if skipped {
-            self.note(Entry::Wrong(FaultKind::SkippedResult));
+            self.record(DiaryEntry::FaultOccurred(FaultKind::SkippedResult));
         }
     }
 }
 
-fn row(words: &[u16]) -> Option<Row> {
-    let [kind, axes, high, low, places @ ..] = words else { return None };
+fn parse_row(words: &[u16]) -> Option<TableRow> {
+    let [kind, axes, high, low, positions @ ..] = words else { return None };
     let kind = match kind {
-        1 => Kind::Rapid,
-        2 => Kind::Feed,
-        3 => Kind::Guarded,
-        4 => Kind::Touch,
-        5 => Kind::Dwell,
-        6 => Kind::Orient,
+        1 => RowKind::Rapid,
+        2 => RowKind::Feed,
+        3 => RowKind::Guarded,
+        4 => RowKind::Touch,
+        5 => RowKind::Dwell,
+        6 => RowKind::Orient,
         _ => return None,
     };
     let long = |pair: &[u16]| pair.iter().fold(0_u32, |long, word| long << 16 | u32::from(*word));
-    let value = f64::from(long(&[*high, *low])) / VALUES_PER_UNIT;
-    let named = AXES.into_iter().zip(places.chunks(2)).zip(0..);
-    let named = named.filter(|(_, bit)| axes >> bit & 1 == 1);
-    let to = named.map(|((axis, pair), _)| {
+    let value = f64::from(long(&[*high, *low])) / VALUE_STEPS_PER_UNIT;
+    let axis_positions = REGISTER_AXES.into_iter().zip(positions.chunks(2)).zip(0..);
+    let axis_positions = axis_positions.filter(|(_, bit)| axes >> bit & 1 == 1);
+    let to = axis_positions.map(|((axis, pair), _)| {
         let steps = i32::from_be_bytes(long(pair).to_be_bytes());
-        (axis, axis.from_edge(f64::from(steps) / POSITIONS_PER_UNIT))
+        (axis, axis.to_mm_or_rad(f64::from(steps) / POSITION_STEPS_PER_UNIT))
     });
-    (axes >> AXES.len() == 0).then(|| Row { kind, to: to.collect(), value })
+    (axes >> REGISTER_AXES.len() == 0).then(|| TableRow { kind, to: to.collect(), value })
 }
 
-fn said(row: &Row) -> String {
-    let to = row.to.iter().map(|(axis, value)| format!(" {axis}{:.4}", axis.to_edge(value)));
+fn describe_row(row: &TableRow) -> String {
+    let to = row.to.iter().map(|(axis, value)| format!(" {axis}{:.4}", axis.to_mm_or_deg(value)));
     format!("{:?}{} {}", row.kind, to.collect::<String>(), row.value)
 }

@@ -16,13 +16,13 @@ use tokio_serial::SerialStream;
 use super::Firmware;
 
 /// Modbus unit address on a serial line, which several devices may share.
-const UNIT: u8 = 1;
+const RTU_UNIT_ADDRESS: u8 = 1;
 const WIRE_BYTES: usize = 4096;
 
 #[derive(Clone)]
 struct Server {
     firmware: Arc<Mutex<Firmware>>,
-    since: Instant,
+    start: Instant,
     /// Unit address that is answered; requests to others are ignored.
     unit: Option<u8>,
 }
@@ -40,11 +40,11 @@ impl Service for Server {
         }
         let reply = {
             let mut firmware = self.firmware.lock().unwrap_or_else(PoisonError::into_inner);
-            firmware.request(&request, self.since.elapsed())
+            firmware.handle_request(&request, self.start.elapsed())
         };
         Box::pin(async move {
-            if !reply.late.is_zero() {
-                sleep(reply.late).await;
+            if !reply.delay.is_zero() {
+                sleep(reply.delay).await;
             }
             reply.answer.transpose()
         })
@@ -52,8 +52,8 @@ impl Service for Server {
 }
 
 fn server(firmware: Firmware, unit: Option<u8>) -> (Server, Arc<Notify>) {
-    let cut = firmware.cut.clone();
-    (Server { firmware: Arc::new(Mutex::new(firmware)), since: Instant::now(), unit }, cut)
+    let cut = firmware.cut_signal.clone();
+    (Server { firmware: Arc::new(Mutex::new(firmware)), start: Instant::now(), unit }, cut)
 }
 
 /// Serves every client that connects, until dropped.
@@ -66,17 +66,17 @@ pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<
         let (server, cut) = (server.clone(), cut.clone());
         async move {
             stream.set_nodelay(true)?;
-            Ok(Some((server, until_cut(stream, cut))))
+            Ok(Some((server, cuttable_stream(stream, cut))))
         }
     };
     tcp::Server::new(listener).serve(&connected, |_| {}).await
 }
 
 /// The stream, with a switch that cuts it.
-fn until_cut(mut stream: TcpStream, cut: Arc<Notify>) -> DuplexStream {
+fn cuttable_stream(mut stream: TcpStream, cut_signal: Arc<Notify>) -> DuplexStream {
     let (mut near, far) = duplex(WIRE_BYTES);
     tokio::spawn(async move {
-        let cut = cut.notified();
+        let cut = cut_signal.notified();
         // After a cut or at its end, both streams are closed.
         tokio::select! {
             () = cut => {}
@@ -91,6 +91,6 @@ fn until_cut(mut stream: TcpStream, cut: Arc<Notify>) -> DuplexStream {
 /// # Errors
 /// The serial line fails.
 pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
-    let (server, _) = server(firmware, Some(UNIT));
+    let (server, _) = server(firmware, Some(RTU_UNIT_ADDRESS));
     rtu::Server::new(line).serve_forever(server).await
 }

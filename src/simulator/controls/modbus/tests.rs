@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde_json::json;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::{Entry, Firmware, Mode, Options};
+use super::{DiaryEntry, Firmware, Mode, Options};
 use crate::interpreter::Pace;
-use crate::{Truth, World};
+use crate::{MachineTruth, SimulatedWorld};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
@@ -25,8 +25,8 @@ fn built(pace: Pace, resident: bool) -> Firmware {
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    let world = World::new(&machine, &probe, &artefact, &Truth::default()).unwrap();
-    let options = Options { resident, ..Options::of(&machine, pace) };
+    let world = SimulatedWorld::new(&machine, &probe, &artefact, &MachineTruth::default()).unwrap();
+    let options = Options { has_resident_program: resident, ..Options::of(&machine, pace) };
     Firmware::new(Arc::new(Mutex::new(world)), options)
 }
 
@@ -35,7 +35,7 @@ fn firmware(pace: Pace) -> Firmware {
 }
 
 fn ask(firmware: &mut Firmware, request: &Request<'_>, ms: u64) -> Result<Response, ExceptionCode> {
-    firmware.request(request, Duration::from_millis(ms)).answer.unwrap()
+    firmware.handle_request(request, Duration::from_millis(ms)).answer.unwrap()
 }
 
 fn write(firmware: &mut Firmware, at: u16, words: &[u16], ms: u64) {
@@ -53,11 +53,11 @@ fn status(firmware: &mut Firmware, ms: u64) -> Vec<u16> {
 const TEXT: [u16; 5] = [0x4735, 0x3320, 0x4730, 0x2058, 0x3500];
 
 /// Checksums of `TEXT` and of `G53 G1 X50 F60`, as computed by another program.
-const CRC: u16 = 0x599B;
+const TEXT_CRC: u16 = 0x599B;
 const CRC_OF_SLOW: u16 = 0x75C7;
 
 fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
-    [&[beat, acknowledge, CRC, 9], &TEXT[..]].concat()
+    [&[beat, acknowledge, TEXT_CRC, 9], &TEXT[..]].concat()
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
         write(&mut control, 1, &[sequence], 12);
     }
     assert_eq!(status(&mut control, 13)[2..7], [1, 0, 1, 1, 0]);
-    let took = |entry: &&Entry| matches!(entry, Entry::Took { .. });
+    let took = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::Accepted { .. });
     assert_eq!(control.diary().lock().unwrap().iter().filter(took).count(), 1);
     // X in steps of 0.001 mm.
     assert_eq!(status(&mut control, 14)[32..34], [0, 5000]);
@@ -85,7 +85,7 @@ fn a_chunk_that_does_not_fit_is_refused_with_its_reason_and_moves_nothing() {
         write(&mut control, 2, &words, 10);
         write(&mut control, 1, &[1], 11);
         assert_eq!(status(&mut control, 12)[2..7], [1, 0, 1, 0, error]);
-        assert_eq!(control.stand().at(machine::Axis::X), 0.0);
+        assert_eq!(control.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
     let mut control = firmware(Pace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
@@ -109,7 +109,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
             write(&mut control, 0, &[1], ms);
         }
         assert_eq!(status(&mut control, 9000)[2..6], [3, reason, 1, 0]);
-        let x = control.stand().at(machine::Axis::X);
+        let x = control.displayed_position().get_or_zero(machine::Axis::X);
         // The machine moves at 1 mm/s until then.
         let until_s = hold_ms.map_or(2.010, |ms| ms as f64 * 1e-3) - 0.011;
         assert!((x - until_s).abs() < 0.01, "{x}");
@@ -157,7 +157,7 @@ fn a_table_starts_once_and_tells_the_row_that_it_is_at() {
     assert_eq!((&status[2..7], &status[44..49]), (&[1, 0, 1, 1, 0][..], &[0; 5][..]));
     assert_eq!(status[32..34], [0, 5000]);
     let diary = control.diary();
-    let took = |entry: &&Entry| matches!(entry, Entry::Took { .. });
+    let took = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::Accepted { .. });
     assert_eq!(diary.lock().unwrap().iter().filter(took).count(), 1);
 }
 
@@ -181,7 +181,7 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
         offer(&mut control, &table, crc, 10);
         let status = shown(&mut control, 20);
         assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
-        assert_eq!(control.stand().at(machine::Axis::X), 0.0);
+        assert_eq!(control.displayed_position().get_or_zero(machine::Axis::X), 0.0);
     }
     // A target beyond the travel.
     let mut table = TABLE;

@@ -8,37 +8,37 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use link::Link;
 
 /// All text that came over the wire.
-pub type Tape = Arc<Mutex<String>>;
+pub type SentText = Arc<Mutex<String>>;
 
 /// Answer to `?`.
-pub const IDLE: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
+pub const IDLE_REPORT: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
 
 /// Answer to 0x87, the request for all fields.
-pub const FULL: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|WCO:0.000,0.000,0.000,0.000,0.000|\
+pub const FULL_REPORT: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|WCO:0.000,0.000,0.000,0.000,0.000|\
     Ov:100,100,100|A:|MPG:0|H:1,31|T:0|TLR:0|FW:grblHAL>\r\n";
 
 /// Settings that matter here, of a healthy control.
-pub const SETTINGS: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=400.000\r\n$131=400.000\r\n\
+pub const SETTINGS_REPLY: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=400.000\r\n$131=400.000\r\n\
     $132=400.000\r\nok\r\n";
 
 /// Peer that exchanges bytes only: `answer` is called for every line, and for `?`, `!` and 0x87 (as `0x87`)
 /// when they arrive.
-pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
+pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, SentText) {
     let (ours, theirs) = tokio::io::duplex(4096);
-    let tape = Tape::default();
-    let copy = tape.clone();
-    tokio::spawn(async move { talk(theirs, &copy, &mut answer).await });
-    (Link::over("the bench", ours), tape)
+    let sent = SentText::default();
+    let copy = sent.clone();
+    tokio::spawn(async move { serve_peer(theirs, &copy, &mut answer).await });
+    (Link::from_stream("the bench", ours), sent)
 }
 
-async fn talk(
+async fn serve_peer(
     mut stream: DuplexStream,
-    tape: &Tape,
+    sent: &SentText,
     answer: &mut (dyn FnMut(&str) -> Option<String> + Send),
 ) {
     let mut line = String::new();
     while let Ok(byte) = stream.read_u8().await {
-        tape.lock().unwrap().push(byte as char);
+        sent.lock().unwrap().push(byte as char);
         let said = match byte {
             b'?' | b'!' => answer(&(byte as char).to_string()),
             0x87 => answer("0x87"),
@@ -63,32 +63,33 @@ fn bytes(text: &str) -> Vec<u8> {
 /// Position of the healthy control, and its last probing move. The stylus touches the part at the end of a
 /// touch; the tests distinguish touches from guarded moves by the feed.
 #[derive(Default)]
-struct Stand {
-    at: [f64; 5],
-    told: String,
+struct HealthyPeer {
+    position: [f64; 5],
+    last_probe_result: String,
 }
 
-impl Stand {
+impl HealthyPeer {
     fn list(&self) -> String {
-        self.at.map(|value| format!("{value:.3}")).join(",")
+        self.position.map(|value| format!("{value:.3}")).join(",")
     }
 
-    fn go(&mut self, line: &str) {
+    fn execute_motion(&mut self, line: &str) {
         for word in line.split_whitespace() {
             let axis = "XYZBC".find(&word[..1]);
             if let (Some(axis), Ok(value)) = (axis, word[1..].parse()) {
-                self.at[axis] = value;
+                self.position[axis] = value;
             }
         }
         if line.contains("G38") {
-            self.told = format!("[PRB:{}:{}]", self.list(), u8::from(line.contains("F30.")));
+            self.last_probe_result =
+                format!("[PRB:{}:{}]", self.list(), u8::from(line.contains("F30.")));
         }
     }
 
-    fn healthy(&mut self, line: &str) -> &'static str {
+    fn reply(&mut self, line: &str) -> &'static str {
         match line {
-            "?" => IDLE,
-            "0x87" => FULL,
+            "?" => IDLE_REPORT,
+            "0x87" => FULL_REPORT,
             "!" => "",
             "$I" => "[VER:1.1f.20260817:]\r\n[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n",
             "$G" => "[GC:G0 G59 G17 G21 G90 G94 G49 G98 G50 M5 M9 T0 F0 S0.]\r\nok\r\n",
@@ -96,7 +97,7 @@ impl Stand {
                 "[G59:0.000,0.000,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
                  [HOME:0.000,0.000,0.000,0.000,0.000:31]\r\n[TLO:0.000,0.000,0.000]\r\n{told}\r\nok\r\n"
             }
-            "$$" => SETTINGS,
+            "$$" => SETTINGS_REPLY,
             probing if probing.contains("G38") => "{told}\r\nok\r\n",
             _ => "ok\r\n",
         }
@@ -105,16 +106,18 @@ impl Stand {
 
 /// Healthy peer, except where `odd` answers. In an answer, `{at}` is replaced by the position and `{told}`
 /// by the last [PRB:..]; if the answer begins with `>`, the peer also executes the line.
-pub fn odd(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
-    let mut stand = Stand::default();
+pub fn peer_with_overrides(
+    mut odd: impl FnMut(&str) -> Option<String> + Send + 'static,
+) -> (Link, SentText) {
+    let mut healthy = HealthyPeer::default();
     peer(move |line| {
         let said = odd(line);
         let obeys = said.as_ref().is_none_or(|said| said.starts_with('>'));
         if obeys && line.contains('G') && !line.contains("G10") && !line.starts_with('$') {
-            stand.go(line);
+            healthy.execute_motion(line);
         }
-        let said = said.unwrap_or_else(|| stand.healthy(line).to_owned());
-        let said = said.trim_start_matches('>').replace("{at}", &stand.list());
-        Some(said.replace("{told}", &stand.told))
+        let said = said.unwrap_or_else(|| healthy.reply(line).to_owned());
+        let said = said.trim_start_matches('>').replace("{at}", &healthy.list());
+        Some(said.replace("{told}", &healthy.last_probe_result))
     })
 }

@@ -7,34 +7,35 @@ use simulator::Speed;
 use simulator::controls::grbl::{Fault, FaultKind};
 
 /// Error of one touch, and everything that was sent for it, without `?`.
-async fn sent(
+async fn fault_and_sent_text(
     answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (ControllerError, String) {
-    sent_for(&touch(3), answer).await
+    fault_and_sent_text_for(&touch(3), answer).await
 }
 
 /// The same for `block`.
-async fn sent_for(
+async fn fault_and_sent_text_for(
     block: &Block,
     mut answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (ControllerError, String) {
     let prepared = Arc::new(AtomicBool::new(false));
     let copy = prepared.clone();
-    let (link, tape) = odd(move |line| copy.load(Ordering::SeqCst).then(|| answer(line))?);
+    let (link, tape) =
+        peer_with_overrides(move |line| copy.load(Ordering::SeqCst).then(|| answer(line))?);
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     prepared.store(true, Ordering::SeqCst);
     tape.lock().unwrap().clear();
-    let error = driver.execute(proven(block)).await.unwrap_err();
+    let error = driver.execute(prove_block(block)).await.unwrap_err();
     // Nothing more is sent, and a hold has had time to be sent.
-    let again = driver.execute(proven(&touch(4))).await.unwrap_err();
+    let again = driver.execute(prove_block(&touch(4))).await.unwrap_err();
     assert!(matches!(again, ControllerError::NotReady { .. }), "{again}");
     tokio::time::sleep(Duration::from_millis(30)).await;
     let sent = tape.lock().unwrap().replace('?', "");
     (error, sent)
 }
 
-fn at_line(nth: usize, said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+fn reply_at_line(nth: usize, said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
     let mut lines = 0;
     move |line| {
         lines += usize::from(!matches!(line, "?" | "!"));
@@ -47,29 +48,37 @@ async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
     for (nth, said) in
         [(1, ">ok\r\nok\r\n"), (3, ">{told}\r\nok\r\nok\r\n"), (2, ">ok\r\nerror:9\r\n")]
     {
-        let (error, sent) = sent(at_line(nth, said)).await;
-        assert!(matches!(error, ControllerError::OutOfStep { .. }), "{error}");
+        let (error, sent) = fault_and_sent_text(reply_at_line(nth, said)).await;
+        assert!(matches!(error, ControllerError::UnexpectedReply { .. }), "{error}");
         assert!(sent.ends_with('!') && sent.lines().count() == nth + 1, "{sent}");
     }
     // The surplus answer comes during the touch: the result is missing.
-    let (error, sent) = sent_prb("ok\r\n").await;
-    assert!(matches!(error, ControllerError::Garbled { .. }), "{error}");
+    let (error, sent) = fault_with_extra_line("ok\r\n").await;
+    assert!(matches!(error, ControllerError::UnreadableReply { .. }), "{error}");
     assert!(sent.ends_with('!'), "{sent}");
 }
 
 #[tokio::test]
 async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
     let other = "[PRB:-18.384,18.385,-150.000,0.000,135.000:1]\r\nok\r\n";
-    let (error, sent) = sent(move |line| (line == "$#").then(|| other.to_owned())).await;
-    assert!(matches!(error, ControllerError::ContradictoryTouch { step: 3, .. }), "{error}");
+    let (error, sent) =
+        fault_and_sent_text(move |line| (line == "$#").then(|| other.to_owned())).await;
+    assert!(matches!(error, ControllerError::TouchMismatch { step: 3, .. }), "{error}");
     assert!(sent.ends_with("$#\n"), "{sent}");
-    let (error, _) = sent_prb("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
-    assert!(matches!(error, ControllerError::Garbled { .. }), "told twice at once: {error}");
+    let (error, _) =
+        fault_with_extra_line("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
+    assert!(
+        matches!(error, ControllerError::UnreadableReply { .. }),
+        "told twice at once: {error}"
+    );
 }
 
 /// Sends `extra` before the true result of the touch.
-async fn sent_prb(extra: &'static str) -> (ControllerError, String) {
-    sent(move |line| line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))).await
+async fn fault_with_extra_line(extra: &'static str) -> (ControllerError, String) {
+    fault_and_sent_text(move |line| {
+        line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))
+    })
+    .await
 }
 
 #[tokio::test]
@@ -77,9 +86,9 @@ async fn a_touch_off_the_way_is_no_reading() {
     // Both reports agree, but the machine was never at that position.
     let told = "[PRB:-18.385,18.385,-149.000,0.000,135.000:1]\r\nok\r\n";
     let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
-    let (error, _) = sent(lie).await;
+    let (error, _) = fault_and_sent_text(lie).await;
     assert!(
-        matches!(&error, ControllerError::WrongPosition { stands, .. } if stands == "Z-149.000"),
+        matches!(&error, ControllerError::WrongPosition { actual, .. } if actual == "Z-149.000"),
         "{error}"
     );
 }
@@ -90,9 +99,9 @@ async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
         // The line is acknowledged but not executed, as if one of its bytes had been altered.
         let said =
             if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
-        let (error, sent) = sent(at_line(nth, said)).await;
+        let (error, sent) = fault_and_sent_text(reply_at_line(nth, said)).await;
         assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
-        assert!(error.to_string().contains("stands at"), "{error}");
+        assert!(error.to_string().contains("the machine is at"), "{error}");
         assert_eq!(sent.lines().count(), nth, "{sent}");
     }
 }
@@ -100,9 +109,11 @@ async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
 #[tokio::test]
 async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
     for state in ["Hold:0", "Hold:1", "Door:1", "Tool"] {
-        let (error, sent) =
-            sent(move |line| (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))).await;
-        assert_eq!(error.to_string(), format!("held at the machine: the control says {state}"));
+        let (error, sent) = fault_and_sent_text(move |line| {
+            (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))
+        })
+        .await;
+        assert_eq!(error.to_string(), format!("held at the machine: the control reports {state}"));
         assert!(error.remedy().contains("reset the control"), "{}", error.remedy());
         assert_eq!(sent.lines().count(), 1, "{sent}");
     }
@@ -110,9 +121,11 @@ async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
 
 #[tokio::test]
 async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
-    let (error, _) = sent(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
+    let (error, _) =
+        fault_and_sent_text(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
     assert_eq!(error.to_string(), "the control is not ready: Alarm");
-    let (error, sent) = sent(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
+    let (error, sent) =
+        fault_and_sent_text(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
     assert!(matches!(error, ControllerError::NoAnswer { seconds: 2.0, .. }), "{error}");
     assert!(sent.ends_with('!'), "{sent}");
 }
@@ -120,13 +133,13 @@ async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
 #[tokio::test]
 async fn one_lost_status_request_is_no_fault() {
     let mut asked = 0;
-    let (link, _) = odd(move |line| {
+    let (link, _) = peer_with_overrides(move |line| {
         asked += usize::from(line == "?");
         (line == "?" && asked % 5 == 0).then(String::new)
     });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
-    driver.execute(proven(&touch(3))).await.unwrap();
+    driver.execute(prove_block(&touch(3))).await.unwrap();
 }
 
 #[tokio::test]
@@ -135,25 +148,25 @@ async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
     let offset = "[G59:0.000,0.100,0.000,0.000,0.000]\r\n[G92:0.000,0.000,0.000,0.000,0.000]\r\n\
         [HOME:0.000,0.000,0.000,0.000,0.000:31]\r\nok\r\n";
     for (asked, said, why) in [
-        ("$G", modes("G0 G59 G17 G20 G90 G94"), "G21 is not in force"),
-        ("$G", modes("G0 G59 G17 G21 G91 G94"), "G90 is not in force"),
-        ("$G", modes("G0 G54 G17 G21 G90 G94"), "G59 is not in force"),
-        ("$G", "ok\r\n".to_owned(), "it does not tell them"),
+        ("$G", modes("G0 G59 G17 G20 G90 G94"), "G21 is not active"),
+        ("$G", modes("G0 G59 G17 G21 G91 G94"), "G90 is not active"),
+        ("$G", modes("G0 G54 G17 G21 G90 G94"), "G59 is not active"),
+        ("$G", "ok\r\n".to_owned(), "the control does not report its modes ($G)"),
         ("$#", offset.to_owned(), "the offset G59 is not zero"),
     ] {
-        let (link, tape) = odd(move |line| (line == asked).then(|| said.clone()));
-        let error = unprepared(link).await;
+        let (link, tape) = peer_with_overrides(move |line| (line == asked).then(|| said.clone()));
+        let error = prepare_error(link).await;
         assert!(error.to_string().ends_with(why), "{error}");
         assert!(!tape.lock().unwrap().contains("G53"));
     }
 }
 
 /// Executes a touch on the simulated control, which has the fault `kind` at line `at_line` of the touch.
-async fn rehearsed(
+async fn touch_with_fault(
     kind: FaultKind,
     at_line: u64,
     code: Option<u8>,
-) -> Result<Outcome, ControllerError> {
+) -> Result<BlockOutcome, ControllerError> {
     let (ours, theirs) = tokio::io::duplex(4096);
     // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
@@ -161,9 +174,9 @@ async fn rehearsed(
     let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Fast) };
     let mut control = Firmware::new(testing::world(), options);
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
     driver.prepare().await.expect("the fault comes later");
-    driver.execute(proven(&touch(0))).await
+    driver.execute(prove_block(&touch(0))).await
 }
 
 #[tokio::test]
@@ -177,33 +190,33 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
         (K::Banner, 3, None, |e| matches!(e, E::Reset { .. })),
         (K::Unanswered, 3, None, |e| matches!(e, E::NoAnswer { .. })),
         (K::LostOk, 3, None, |e| matches!(e, E::NoAnswer { .. })),
-        (K::DoubleOk, 3, None, |e| matches!(e, E::OutOfStep { .. })),
+        (K::DoubleOk, 3, None, |e| matches!(e, E::UnexpectedReply { .. })),
         (K::Alarm, 3, Some(1), |e| matches!(e, E::Alarm { code: 1, .. })),
         (K::Alarm, 3, Some(2), |e| matches!(e, E::Alarm { code: 2, .. })),
         (K::Alarm, 3, Some(3), |e| matches!(e, E::Alarm { code: 3, .. })),
-        (K::Alarm, 3, Some(4), |e| matches!(e, E::StillTripped { .. })),
+        (K::Alarm, 3, Some(4), |e| matches!(e, E::ProbeStillClosed { .. })),
         (K::Alarm, 3, Some(5), |e| matches!(e, E::NoContact { .. })),
         (K::Alarm, 3, Some(6), |e| matches!(e, E::Alarm { code: 6, .. })),
         (K::Alarm, 3, Some(9), |e| matches!(e, E::Alarm { code: 9, .. })),
         (K::Error, 3, None, |e| e.to_string().contains("error:7")),
         (K::ProbeStuck, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
-        (K::ProbeStuck, 3, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::ProbeStuck, 3, None, |e| matches!(e, E::ProbeStillClosed { .. })),
         (K::RapidContact, 1, None, |e| matches!(e, E::UnexpectedContact { .. })),
-        (K::ProbeStuck, 6, None, |e| matches!(e, E::StillTripped { .. })),
+        (K::ProbeStuck, 6, None, |e| matches!(e, E::ProbeStillClosed { .. })),
         (K::ProbeDead, 1, None, |e| matches!(e, E::NoContact { .. })),
         (K::ForeignBody, 3, None, |e| matches!(e, E::UnexpectedContact { .. })),
         (K::SoftLimit, 3, None, |e| matches!(e, E::Alarm { code: 2, .. })),
-        (K::Hold, 3, None, |e| matches!(e, E::HeldThere { .. })),
+        (K::Hold, 3, None, |e| matches!(e, E::HeldAtControl { .. })),
         (K::Door, 3, None, |e| e.to_string().ends_with("Door:1")),
         (K::EStop, 3, None, |e| e.to_string() == "alarm 10: emergency stop"),
     ];
     for (kind, at_line, code, told) in cases {
-        let error = rehearsed(kind, at_line, code).await.unwrap_err();
+        let error = touch_with_fault(kind, at_line, code).await.unwrap_err();
         assert!(told(&error), "{kind:?} {code:?}: {error}");
         assert!(!error.remedy().is_empty());
     }
     // Noise between lines causes no error.
-    rehearsed(K::Garbage, 3, None).await.unwrap();
+    touch_with_fault(K::Garbage, 3, None).await.unwrap();
 }
 
 #[tokio::test]
@@ -213,7 +226,7 @@ async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
         rapid |= line.contains("G53 G0");
         (rapid && line == "?").then(|| status("Run|MPos:{at}|Pn:P"))
     };
-    let (error, sent) = sent(brushed).await;
+    let (error, sent) = fault_and_sent_text(brushed).await;
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 3 }), "{error}");
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
@@ -228,7 +241,7 @@ async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
         turns |= line.contains("C90");
         (turns && line == "?").then(|| status("Run|MPos:{at}|Pn:P"))
     };
-    let (error, sent) = sent_for(&turn, brushed).await;
+    let (error, sent) = fault_and_sent_text_for(&turn, brushed).await;
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 3 }), "{error}");
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
@@ -240,7 +253,7 @@ async fn regress_an_override_during_a_motion_holds_the_machine() {
         rapid |= line.contains("G53 G0");
         (rapid && line == "?").then(|| status("Run|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
     };
-    let (error, sent) = sent(turned).await;
+    let (error, sent) = fault_and_sent_text(turned).await;
     assert!(error.to_string().contains("feed 200 %"), "{error}");
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
@@ -252,16 +265,17 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
     let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Real) };
     let mut control = Firmware::new(world.clone(), options);
-    let happened = control.happened();
+    let happened = control.occurred_faults();
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
     driver.prepare().await.unwrap();
     // Without a hold the move takes more than one second.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
-    let error = driver.execute(proven(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
+    let error =
+        driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
     tokio::time::sleep(Duration::from_millis(1500)).await;
-    let at = world.lock().unwrap().position().at(Axis::X);
+    let at = world.lock().unwrap().position().get_or_zero(Axis::X);
     assert!(at < 300.0, "{at}");
     assert_eq!(*happened.lock().unwrap(), [FaultKind::RapidContact]);
 }
@@ -272,19 +286,19 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
         let touches = line.contains("G38") || line == "$#";
         touches.then(|| ">{told}\r\n[TIME:1e300]\r\nok\r\n".to_owned())
     };
-    let error = touched(stamped).await.0.unwrap_err();
+    let error = execute_touch(stamped).await.0.unwrap_err();
     assert!(error.to_string().contains("1e300 s"), "{error}");
 }
 
 #[tokio::test]
 async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
     let (mut driver, _, world) = prepared_in_world(Pace::Fast).await;
-    driver.execute(proven(&touch(0))).await.unwrap();
+    driver.execute(prove_block(&touch(0))).await.unwrap();
     let by_hand = position(&[(Axis::Y, 0.05)]);
     world.lock().unwrap().travel(&by_hand, Speed::Rapid);
     let before = world.lock().unwrap().position();
-    let error = driver.execute(proven(&touch(1))).await.unwrap_err();
-    let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
+    let error = driver.execute(prove_block(&touch(1))).await.unwrap_err();
+    let told = "the machine was moved by hand: it is at Y0.050, not at Y0.000";
     assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
     // The error may occur when there is no run to resume.
     assert!(!error.remedy().contains("resume"), "{}", error.remedy());
@@ -301,11 +315,11 @@ async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_goes_no
     let elsewhere = position(&[(Axis::Y, 7.0)]);
     let block = proven_block_from(elsewhere, &touch(0), &axes, &dialect, &lines).unwrap();
     let error = driver.execute(block).await.unwrap_err();
-    assert!(error.to_string().contains("it stands at Y0.000, not at Y7.000"), "{error}");
+    assert!(error.to_string().contains("it is at Y0.000, not at Y7.000"), "{error}");
     driver.prepare().await.unwrap();
     let block = proven_block(&touch(0), &axes, &dialect, &Transmission::Rows).unwrap();
     let error = driver.execute(block).await.unwrap_err();
-    assert!(matches!(error, ControllerError::Transmission { step: 0 }), "{error}");
+    assert!(matches!(error, ControllerError::WrongTransmission { step: 0 }), "{error}");
     assert_eq!(world.lock().unwrap().position(), before);
 }
 
@@ -316,5 +330,5 @@ async fn one_altered_report_is_no_move_by_hand() {
         let now = line == "?" && !std::mem::replace(&mut altered, true);
         now.then(|| status("Idle|MPos:0.000,0.900,0.000,0.000,0.000"))
     };
-    assert!(touched(once).await.0.is_ok());
+    assert!(execute_touch(once).await.0.is_ok());
 }

@@ -7,42 +7,42 @@ mod readiness;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bench::{IDLE, odd, peer};
+use bench::{IDLE_REPORT, peer, peer_with_overrides};
 
-use super::{Grbl, Patience};
+use super::{Grbl, GrblTimeouts};
 use crate::controllers::{ControllerError, Driver, Halt};
-use link::{Address, Link, open, pty};
-use machine::record::motion::{Block, Motion, Outcome};
+use link::{Address, Link, create_pty, open_line_link};
+use machine::record::motion::{Block, BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 use simulator::controls::grbl::{Firmware, Options, testing};
 use simulator::interpreter::Pace;
-use simulator::{Speed, World};
+use simulator::{SimulatedWorld, Speed};
 
 fn grbl(link: Link) -> (Grbl, Halt) {
     let (machine, dialect) = (testing::machine(), dialect("grbl").unwrap());
     let modes = prove_modes(&dialect, &machine.name, machine.axes.keys().copied(), None).unwrap();
     let (driver, halt) = Grbl::new(link, &machine, modes);
-    let patience = Patience {
-        answer: Duration::from_millis(300),
-        poll: Duration::from_millis(20),
-        aftermath: Duration::from_millis(100),
+    let timeouts = GrblTimeouts {
+        reply: Duration::from_millis(300),
+        poll_interval: Duration::from_millis(20),
+        after_alarm: Duration::from_millis(100),
         stall: Duration::from_secs(2),
     };
-    (driver.with_patience(patience), halt)
+    (driver.with_timeouts(timeouts), halt)
 }
 
 /// Proves the block for the transmission of this control; bodies are not checked.
-fn proven(block: &Block) -> ProvenBlock {
+fn prove_block(block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
     let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
     proven_block(block, &axes, &dialect("grbl").unwrap(), &transmission).unwrap()
 }
 
 fn position(axes: &[(Axis, f64)]) -> Position {
-    axes.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
+    axes.iter().map(|(axis, edge)| (*axis, axis.to_mm_or_rad(*edge))).collect()
 }
 
 /// Approach, touch and retract at one of 8 angles around the part.
@@ -61,24 +61,24 @@ fn touch(step: u32) -> Block {
     Block { step, repeat: 0, motions }
 }
 
-async fn run(driver: &mut Grbl, steps: u32) -> Vec<Outcome> {
+async fn run(driver: &mut Grbl, steps: u32) -> Vec<BlockOutcome> {
     let prepared = driver.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     let mut outcomes = Vec::new();
     for step in 0..steps {
-        outcomes.push(driver.execute(proven(&touch(step))).await.unwrap());
+        outcomes.push(driver.execute(prove_block(&touch(step))).await.unwrap());
     }
     driver.finish().await.unwrap();
     outcomes
 }
 
 /// A prepared driver, its halt, and the simulated world in which its control moves.
-async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<World>>) {
+async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<SimulatedWorld>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
     let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), pace));
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, halt) = grbl(Link::over("in process", ours));
+    let (mut driver, halt) = grbl(Link::from_stream("in process", ours));
     driver.prepare().await.unwrap();
     (driver, halt, world)
 }
@@ -92,21 +92,21 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let mut control = firmware();
     tokio::spawn(async move { control.serve(theirs).await });
-    let (mut driver, _) = grbl(Link::over("in process", ours));
+    let (mut driver, _) = grbl(Link::from_stream("in process", ours));
     let in_process = run(&mut driver, 70).await;
     for (step, outcome) in in_process.iter().enumerate() {
         let at = outcome.touch.as_ref().unwrap();
-        let radius = at.at(Axis::X).hypot(at.at(Axis::Y));
+        let radius = at.get_or_zero(Axis::X).hypot(at.get_or_zero(Axis::Y));
         assert!((radius - 28.0).abs() < 1.5e-3, "step {step}: {radius}");
-        assert!((at.at(Axis::C).to_degrees() - 45.0 * (step % 8) as f64).abs() < 1e-3);
+        assert!((at.get_or_zero(Axis::C).to_degrees() - 45.0 * (step % 8) as f64).abs() < 1e-3);
     }
     assert!(in_process.is_sorted_by(|a, b| a.t_s.unwrap() < b.t_s.unwrap()));
 
-    let mut pty = pty().unwrap();
+    let mut pty = create_pty().unwrap();
     let mut control = firmware();
     tokio::spawn(async move { control.serve(&mut pty.device).await });
     let (mut driver, _) =
-        grbl(open(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
+        grbl(open_line_link(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
     assert_eq!(run(&mut driver, 70).await, in_process);
 
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -116,7 +116,7 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
         firmware().serve(stream).await
     });
     let address = Address::Tcp { host: "127.0.0.1".to_owned(), port };
-    let (mut driver, _) = grbl(open(&address).await.unwrap());
+    let (mut driver, _) = grbl(open_line_link(&address).await.unwrap());
     assert_eq!(run(&mut driver, 70).await, in_process);
 }
 
@@ -124,7 +124,7 @@ fn status(text: &str) -> String {
     format!("<{text}>\r\n")
 }
 
-async fn unprepared(link: Link) -> ControllerError {
+async fn prepare_error(link: Link) -> ControllerError {
     grbl(link).0.prepare().await.unwrap_err()
 }
 
@@ -141,8 +141,8 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
             "stylus",
         ),
     ] {
-        let (link, tape) = odd(move |line| (line == "?").then(|| status(said)));
-        let error = unprepared(link).await;
+        let (link, tape) = peer_with_overrides(move |line| (line == "?").then(|| status(said)));
+        let error = prepare_error(link).await;
         assert_eq!(error.to_string(), expected);
         assert!(error.remedy().contains(remedy), "{}", error.remedy());
         assert!(!error.remedy().contains("resume"), "{}", error.remedy());
@@ -150,94 +150,100 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
         assert!(!tape.contains('G') && !tape.contains("$X") && !tape.contains('\x18'), "{tape}");
     }
     let classic = "[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n";
-    let (link, _) = odd(move |line| (line == "$I").then(|| classic.to_owned()));
-    let error = unprepared(link).await;
-    assert!(matches!(&error, ControllerError::Unsupported { what, .. }
-        if what == "it drives XYZ, but not B, C"));
+    let (link, _) = peer_with_overrides(move |line| (line == "$I").then(|| classic.to_owned()));
+    let error = prepare_error(link).await;
+    assert!(matches!(&error, ControllerError::Unsupported { reason, .. }
+        if reason == "the control has the axes XYZ, but not B, C"));
     assert!(error.remedy().contains("grblHAL"));
 }
 
 #[tokio::test]
 async fn silence_noise_and_strangers_are_told_apart() {
     let (link, _) = peer(|_| None);
-    let error = unprepared(link).await;
+    let error = prepare_error(link).await;
     assert!(matches!(error, ControllerError::NoAnswer { .. }), "{error}");
     let (link, _) = peer(|_| Some("\u{f8}\u{80}\u{1f}\u{0}x".to_owned()));
-    let error = unprepared(link).await;
+    let error = prepare_error(link).await;
     assert!(error.to_string().contains("unreadable bytes"), "{error}");
     assert!(error.remedy().contains("baud"));
     let (link, _) = peer(|_| Some("start\r\necho:Unknown command\r\n".to_owned()));
-    let error = unprepared(link).await;
+    let error = prepare_error(link).await;
     assert!(error.to_string().contains("`start`"), "{error}");
     let (link, _) = peer(|_| Some("HANG UP".to_owned()));
-    assert!(matches!(unprepared(link).await, ControllerError::Link(_)));
+    assert!(matches!(prepare_error(link).await, ControllerError::Link(_)));
 }
 
 /// Result of one touch if the peer answers oddly after the preparation.
-async fn touched(
+async fn execute_touch(
     mut odd_answer: impl FnMut(&str) -> Option<String> + Send + 'static,
-) -> (Result<Outcome, ControllerError>, String) {
+) -> (Result<BlockOutcome, ControllerError>, String) {
     let prepared = Arc::new(Mutex::new(false));
     let copy = prepared.clone();
-    let (link, tape) = odd(move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None });
+    let (link, tape) =
+        peer_with_overrides(
+            move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None },
+        );
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     *prepared.lock().unwrap() = true;
     tape.lock().unwrap().clear();
-    let outcome = driver.execute(proven(&touch(3))).await;
+    let outcome = driver.execute(prove_block(&touch(3))).await;
     let tape = tape.lock().unwrap().replace(['?', '!'], "");
     (outcome, tape)
 }
 
 #[tokio::test]
 async fn a_touch_as_a_real_control_answers_it() {
-    let (outcome, tape) = touched(|_| None).await;
+    let (outcome, tape) = execute_touch(|_| None).await;
     let outcome = outcome.unwrap();
     let at = outcome.touch.unwrap();
     // Position at the end of the touch, at 26 mm and 135 degrees, three decimals.
-    assert_eq!([at.at(Axis::X), at.at(Axis::Y), at.at(Axis::Z)], [-18.385, 18.385, -150.0]);
+    assert_eq!(
+        [at.get_or_zero(Axis::X), at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)],
+        [-18.385, 18.385, -150.0]
+    );
     assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
     assert_eq!(outcome.t_s, None);
     assert_eq!(tape.lines().count(), 8, "seven motions, and the touch told again: {tape}");
 }
 
-fn on_probe(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+fn reply_to_probe(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
     move |line| line.contains("F30.").then(|| said.to_owned())
 }
 
-fn on_guard(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
+fn reply_to_guarded(said: &'static str) -> impl FnMut(&str) -> Option<String> + Send {
     move |line| line.contains("F3000.").then(|| said.to_owned())
 }
 
 #[tokio::test]
 async fn what_a_touch_can_run_into_is_told_by_name() {
     let miss = "[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
-    let (outcome, _) = touched(on_probe(miss)).await;
+    let (outcome, _) = execute_touch(reply_to_probe(miss)).await;
     assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
     let alarmed = "ALARM:5\r\n[PRB:0.000,0.000,1.000,0.000,0.000:0]\r\nok\r\n";
-    let (outcome, _) = touched(on_probe(alarmed)).await;
+    let (outcome, _) = execute_touch(reply_to_probe(alarmed)).await;
     assert!(matches!(outcome, Err(ControllerError::NoContact { step: 3 })));
-    let (outcome, _) = touched(on_probe("ALARM:4\r\nok\r\n")).await;
-    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
-    let (outcome, _) = touched(on_probe("ok\r\n")).await;
-    assert!(matches!(outcome, Err(ControllerError::Garbled { .. })));
-    let (outcome, _) = touched(on_probe("[PRB:1.000,0.000:1]\r\nok\r\n")).await;
-    assert!(matches!(outcome, Err(ControllerError::Garbled { .. })));
+    let (outcome, _) = execute_touch(reply_to_probe("ALARM:4\r\nok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
+    let (outcome, _) = execute_touch(reply_to_probe("ok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::UnreadableReply { .. })));
+    let (outcome, _) = execute_touch(reply_to_probe("[PRB:1.000,0.000:1]\r\nok\r\n")).await;
+    assert!(matches!(outcome, Err(ControllerError::UnreadableReply { .. })));
     let hit = "[PRB:0.000,0.000,1.000,0.000,0.000:1]\r\nok\r\n";
-    let (outcome, tape) = touched(on_guard(hit)).await;
+    let (outcome, tape) = execute_touch(reply_to_guarded(hit)).await;
     assert!(matches!(outcome, Err(ControllerError::UnexpectedContact { step: 3 })));
     assert_eq!(tape.lines().count(), 3, "nothing follows: {tape}");
     let closed = |line: &str| (line == "?").then(|| status("Idle|MPos:{at}|Pn:PZ"));
-    let (outcome, tape) = touched(closed).await;
-    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
+    let (outcome, tape) = execute_touch(closed).await;
+    assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
     assert!(!tape.contains("F30."), "{tape}");
     let mut probed = false;
     let stuck = move |line: &str| {
         probed |= line.contains("F30.");
         (probed && line == "?").then(|| status("Idle|MPos:{at}|Pn:P"))
     };
-    let (outcome, tape) = touched(stuck).await;
-    assert!(matches!(outcome, Err(ControllerError::StillTripped { step: 3 })));
+    let (outcome, tape) = execute_touch(stuck).await;
+    assert!(matches!(outcome, Err(ControllerError::ProbeStillClosed { step: 3 })));
     assert_eq!(tape.lines().count(), 7, "nothing follows the back-off: {tape}");
 }
 
@@ -246,7 +252,7 @@ async fn in_contact_nothing_but_a_back_off_is_executed() {
     let (mut driver, _halt, world) = prepared_in_world(Pace::Fast).await;
     // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
-    let one = |motion: Motion| proven(&Block { step: 3, repeat: 0, motions: vec![motion] });
+    let one = |motion: Motion| prove_block(&Block { step: 3, repeat: 0, motions: vec![motion] });
     let out = |x: f64| one(Motion::BackOff { to: at(x), feed_mm_min: 60.0 });
     let guarded = || one(Motion::Guarded { to: at(40.0), feed_mm_min: 60.0 });
     let pressed = position(&[(Axis::X, 26.5), (Axis::Z, -150.0)]);
@@ -257,12 +263,12 @@ async fn in_contact_nothing_but_a_back_off_is_executed() {
 
     driver.prepare_in_contact().await.unwrap();
     let refused = driver.execute(guarded()).await;
-    assert!(matches!(refused, Err(ControllerError::StillTripped { step: 3 })), "{refused:?}");
-    assert!((world.lock().unwrap().position().at(Axis::X) - 26.5).abs() < 1e-9);
+    assert!(matches!(refused, Err(ControllerError::ProbeStillClosed { step: 3 })), "{refused:?}");
+    assert!((world.lock().unwrap().position().get_or_zero(Axis::X) - 26.5).abs() < 1e-9);
     driver.prepare_in_contact().await.unwrap();
     let closed = driver.execute(out(27.5)).await;
-    assert!(matches!(closed, Err(ControllerError::StillTripped { step: 3 })), "{closed:?}");
-    assert!((world.lock().unwrap().position().at(Axis::X) - 27.5).abs() < 1e-9);
+    assert!(matches!(closed, Err(ControllerError::ProbeStillClosed { step: 3 })), "{closed:?}");
+    assert!((world.lock().unwrap().position().get_or_zero(Axis::X) - 27.5).abs() < 1e-9);
     driver.prepare_in_contact().await.unwrap();
     driver.execute(out(28.5)).await.unwrap();
     driver.execute(guarded()).await.unwrap();
@@ -270,14 +276,15 @@ async fn in_contact_nothing_but_a_back_off_is_executed() {
 
 #[tokio::test]
 async fn alarms_errors_and_resets_are_told_with_their_meaning() {
-    let (outcome, tape) = touched(on_guard("error:20\r\n")).await;
+    let (outcome, tape) = execute_touch(reply_to_guarded("error:20\r\n")).await;
     let error = outcome.unwrap_err();
     assert!(error.to_string().contains("`error:20`"), "{error}");
     assert!(error.to_string().contains("unknown to this control"), "{error}");
     assert_eq!(tape.lines().count(), 3);
     for (code, meaning) in [(1, "hard limit"), (2, "soft limits"), (9, "homing"), (99, "manual")] {
         let alarm = format!("ALARM:{code}\r\n");
-        let (outcome, _) = touched(move |line| line.contains("G0").then(|| alarm.clone())).await;
+        let (outcome, _) =
+            execute_touch(move |line| line.contains("G0").then(|| alarm.clone())).await;
         let error = outcome.unwrap_err();
         assert!(error.to_string().starts_with(&format!("alarm {code}: ")), "{error}");
         assert!(error.to_string().contains(meaning), "{error}");
@@ -289,7 +296,7 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
         "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
     let banner = "\r\nGrbl 1.1f ['$' for help]\r\n";
     for said in [reset, banner] {
-        let (outcome, tape) = touched(on_probe(said)).await;
+        let (outcome, tape) = execute_touch(reply_to_probe(said)).await;
         assert!(matches!(outcome, Err(ControllerError::Reset { .. })));
         assert_eq!(tape.lines().count(), 5);
     }
@@ -298,15 +305,15 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
 #[tokio::test]
 async fn a_lost_answer_a_dead_control_and_a_lost_link_end_the_job() {
     // A byte of the line was lost: the control idles and never answers the line.
-    let (outcome, _) = touched(on_probe("")).await;
+    let (outcome, _) = execute_touch(reply_to_probe("")).await;
     assert!(matches!(outcome, Err(ControllerError::NoAnswer { .. })));
     let mut dead = false;
     let dying = move |line: &str| {
         dead |= line.contains("F30.");
         dead.then(String::new)
     };
-    assert!(matches!(touched(dying).await.0, Err(ControllerError::NoAnswer { .. })));
-    let (outcome, _) = touched(on_probe("HANG UP")).await;
+    assert!(matches!(execute_touch(dying).await.0, Err(ControllerError::NoAnswer { .. })));
+    let (outcome, _) = execute_touch(reply_to_probe("HANG UP")).await;
     assert!(matches!(outcome, Err(ControllerError::Link(_))));
 }
 
@@ -324,17 +331,20 @@ async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
         }
         "?" if polls == 30 => {
             polls += 1;
-            Some(format!("{IDLE}{{told}}\r\nok\r\n"))
+            Some(format!("{IDLE_REPORT}{{told}}\r\nok\r\n"))
         }
         _ => None,
     };
-    assert_eq!(touched(running).await.0.unwrap().touch.unwrap().at(Axis::X), -18.385);
+    assert_eq!(
+        execute_touch(running).await.0.unwrap().touch.unwrap().get_or_zero(Axis::X),
+        -18.385
+    );
 }
 
 #[tokio::test]
 async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
     let begun = Arc::new(Mutex::new(None));
-    let (link, _) = odd(move |line| {
+    let (link, _) = peer_with_overrides(move |line| {
         let mut begun = begun.lock().unwrap();
         if line.contains("G4 ") {
             *begun = Some(std::time::Instant::now());
@@ -343,13 +353,13 @@ async fn a_dwell_is_waited_for_although_the_control_reports_idle() {
         let over = begun.is_some_and(|since| since.elapsed() > Duration::from_millis(450));
         (line == "?" && over).then(|| {
             *begun = None;
-            format!("{IDLE}ok\r\n")
+            format!("{IDLE_REPORT}ok\r\n")
         })
     });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     let motions = vec![Motion::Dwell { seconds: 0.45 }];
-    driver.execute(proven(&Block { step: 0, repeat: 0, motions })).await.unwrap();
+    driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap();
 }
 
 #[tokio::test]
@@ -357,14 +367,14 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
     let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
     let asked = halt.clone();
     let mut held = false;
-    let (link, tape) = odd(move |line| match line {
+    let (link, tape) = peer_with_overrides(move |line| match line {
         "!" => {
             held = true;
             Some(String::new())
         }
         "?" if held => Some(status("Hold:0|MPos:0.000,0.000,0.000,0.000,0.000")),
         probing if probing.contains("F30.") => {
-            asked.lock().unwrap().as_ref().unwrap().now();
+            asked.lock().unwrap().as_ref().unwrap().trigger();
             Some(String::new())
         }
         _ => None,
@@ -373,7 +383,7 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
     *halt.lock().unwrap() = Some(handle);
     driver.prepare().await.unwrap();
     for _ in 0..2 {
-        let outcome = driver.execute(proven(&touch(0))).await;
+        let outcome = driver.execute(prove_block(&touch(0))).await;
         assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     }
     assert!(matches!(driver.finish().await, Err(ControllerError::Halted)));
@@ -383,11 +393,11 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
 }
 
 /// Error after a halt at a control that moves until it has received more than `deaf` holds, and the text sent.
-async fn held_at_last(deaf: usize) -> (ControllerError, String) {
+async fn halt_with_lost_holds(deaf: usize) -> (ControllerError, String) {
     let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
     let asked = halt.clone();
     let (mut moves, mut holds) = (false, 0);
-    let (link, tape) = odd(move |line| match line {
+    let (link, tape) = peer_with_overrides(move |line| match line {
         "!" => {
             holds += 1;
             Some(String::new())
@@ -396,7 +406,7 @@ async fn held_at_last(deaf: usize) -> (ControllerError, String) {
         "?" if moves => Some(status("Run|MPos:0.000,0.000,0.000,0.000,0.000")),
         probing if probing.contains("F30.") => {
             moves = true;
-            asked.lock().unwrap().as_ref().unwrap().now();
+            asked.lock().unwrap().as_ref().unwrap().trigger();
             Some(String::new())
         }
         _ => None,
@@ -404,20 +414,20 @@ async fn held_at_last(deaf: usize) -> (ControllerError, String) {
     let (mut driver, handle) = grbl(link);
     *halt.lock().unwrap() = Some(handle);
     driver.prepare().await.unwrap();
-    let error = driver.execute(proven(&touch(0))).await.unwrap_err();
+    let error = driver.execute(prove_block(&touch(0))).await.unwrap_err();
     let tape = tape.lock().unwrap().clone();
     (error, tape)
 }
 
 #[tokio::test]
 async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
-    let (error, tape) = held_at_last(2).await;
+    let (error, tape) = halt_with_lost_holds(2).await;
     assert!(matches!(error, ControllerError::Halted), "{error}");
     let after = tape.split_once('!').unwrap().1;
     assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
 
-    let (error, _) = held_at_last(usize::MAX).await;
-    assert!(matches!(error, ControllerError::NotHeld { .. }), "{error}");
+    let (error, _) = halt_with_lost_holds(usize::MAX).await;
+    assert!(matches!(error, ControllerError::HoldFailed { .. }), "{error}");
     assert!(error.remedy().contains("emergency stop"), "{}", error.remedy());
 }
 
@@ -429,25 +439,25 @@ async fn a_held_simulated_machine_stays() {
     let to = position(&[(Axis::Z, -90.0)]);
     let block =
         Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
-    let running = tokio::spawn(async move { (driver.execute(proven(&block)).await, driver) });
+    let running = tokio::spawn(async move { (driver.execute(prove_block(&block)).await, driver) });
     tokio::time::sleep(Duration::from_millis(50)).await;
-    halt.now();
+    halt.trigger();
     let (outcome, _driver) = running.await.unwrap();
     assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     let after = world.lock().unwrap().position();
-    assert!((before.at(Axis::Z) - after.at(Axis::Z)).abs() < 1.0);
+    assert!((before.get_or_zero(Axis::Z) - after.get_or_zero(Axis::Z)).abs() < 1.0);
 }
 
 #[tokio::test]
 async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_next() {
     let (mut asked, mut owed) = (0, true);
-    let (link, _) = odd(move |line| {
+    let (link, _) = peer_with_overrides(move |line| {
         asked += usize::from(line == "?");
         match line {
             "" => Some(String::new()),
             "?" if asked == 2 => {
                 owed = false;
-                Some(format!("{IDLE}ok\r\n"))
+                Some(format!("{IDLE_REPORT}ok\r\n"))
             }
             "$I" if std::mem::take(&mut owed) => Some("ok\r\n".to_owned()),
             _ => None,
@@ -456,6 +466,6 @@ async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_nex
     let prepared = grbl(link).0.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
     // The answer to the blank line never comes: the next line is sent nevertheless.
-    let (link, _) = odd(|line| line.is_empty().then(String::new));
+    let (link, _) = peer_with_overrides(|line| line.is_empty().then(String::new));
     grbl(link).0.prepare().await.unwrap();
 }

@@ -3,17 +3,17 @@
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use super::bench::{FULL, Tape};
+use super::bench::{FULL_REPORT, SentText};
 use super::*;
-use crate::controllers::grbl::message::Message;
+use crate::controllers::grbl::message::GrblMessage;
 
 /// Driver of a simulated control with the options `made`, and the text that the driver has sent.
-fn taped_driver(made: Options) -> (Grbl, Tape) {
+fn taped_driver(made: Options) -> (Grbl, SentText) {
     let mut control = Firmware::new(testing::world(), made);
     let (ours, middle) = tokio::io::duplex(4096);
     let (onward, theirs) = tokio::io::duplex(4096);
     tokio::spawn(async move { control.serve(theirs).await });
-    let tape = Tape::default();
+    let tape = SentText::default();
     let copy = tape.clone();
     let (mut from_us, mut to_us) = tokio::io::split(middle);
     let (mut from_it, mut to_it) = tokio::io::split(onward);
@@ -26,7 +26,7 @@ fn taped_driver(made: Options) -> (Grbl, Tape) {
             }
         }
     });
-    (grbl(Link::over("in process", ours)).0, tape)
+    (grbl(Link::from_stream("in process", ours)).0, tape)
 }
 
 /// Lines that command a motion: G0, G1, G38, G28, G30, homing and jogs.
@@ -41,14 +41,14 @@ fn motions(sent: &str) -> Vec<&str> {
 }
 
 /// Setting, value, text of the message, remedy.
-const UNREADY: [(u16, f64, &str, &str); 7] = [
+const UNREADY_SETTINGS: [(u16, f64, &str, &str); 7] = [
     (13, 1.0, "in inches ($13=1)", "$13=0"),
     (20, 0.0, "soft limits are off", "$20=1"),
     (131, 0.0, "do not limit Y", "$131"),
     (22, 0.0, "homing is off", "$22=1"),
-    (10, 510.0, "hide the machine position", "$10=511"),
+    (10, 510.0, "do not contain the machine position", "$10=511"),
     (10, 447.0, "the overrides ($10=447)", "$10=511"),
-    (10, 495.0, "hide the probe", "$10=511"),
+    (10, 495.0, "do not contain the probe", "$10=511"),
 ];
 
 fn options() -> Options {
@@ -57,32 +57,33 @@ fn options() -> Options {
 
 #[tokio::test]
 async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
-    for (number, value, state, remedy) in UNREADY {
+    for (number, value, state, remedy) in UNREADY_SETTINGS {
         let mut made = options();
         made.settings.insert(number, value);
-        is_refused(made, state, remedy).await;
+        assert_refused(made, state, remedy).await;
     }
-    is_refused(Options { homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H").await;
+    assert_refused(Options { is_homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H")
+        .await;
     for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
-        is_refused(Options { overrides, ..options() }, state, "100 %").await;
+        assert_refused(Options { overrides, ..options() }, state, "100 %").await;
     }
-    is_refused(Options { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
-    is_refused(Options { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
+    assert_refused(Options { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
+    assert_refused(Options { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
     let silent = Options { settings: [].into(), ..options() };
-    is_refused(silent, "does not tell its settings", "grblHAL").await;
+    assert_refused(silent, "does not report its settings", "grblHAL").await;
 
     let (mut driver, tape) = taped_driver(options());
     driver.prepare().await.unwrap();
-    driver.execute(proven(&touch(0))).await.unwrap();
+    driver.execute(prove_block(&touch(0))).await.unwrap();
     assert!(!motions(&tape.lock().unwrap()).is_empty());
 }
 
-async fn is_refused(made: Options, state: &str, remedy: &str) {
+async fn assert_refused(made: Options, state: &str, remedy: &str) {
     let (mut driver, tape) = taped_driver(made);
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains(state), "{error}");
     assert!(error.remedy().contains(remedy), "{}", error.remedy());
-    let refused = driver.execute(proven(&touch(0))).await.unwrap_err();
+    let refused = driver.execute(prove_block(&touch(0))).await.unwrap_err();
     assert!(matches!(refused, ControllerError::NotReady { .. }), "{refused}");
     let sent = tape.lock().unwrap().clone();
     assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
@@ -93,7 +94,7 @@ async fn is_refused(made: Options, state: &str, remedy: &str) {
 async fn an_axis_without_a_switch_must_be_declared() {
     let mut made = options();
     made.settings.extend([(22, 1.0), (44, 7.0)]);
-    is_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
+    assert_refused(made.clone(), "does not home B, C", "homing = \"none\"").await;
     let (mut driver, _) = taped_driver(made);
     driver.homed_axes.retain(|axis| axis.is_linear());
     driver.prepare().await.unwrap();
@@ -102,19 +103,19 @@ async fn an_axis_without_a_switch_must_be_declared() {
 /// `check` lists all that `prepare` refuses.
 #[tokio::test]
 async fn an_introduction_has_the_whole_list() {
-    let mut made = Options { homed: false, overrides: [110, 50], ..options() };
+    let mut made = Options { is_homed: false, overrides: [110, 50], ..options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
-    let said = taped_driver(made).0.introduce().await.unwrap();
-    let hinders: Vec<String> =
-        said.remarks.iter().filter(|r| r.hinders).map(|r| r.what.clone()).collect();
-    assert_eq!(hinders.len(), 4, "{hinders:?}");
+    let said = taped_driver(made).0.identify_device().await.unwrap();
+    let blocking: Vec<String> =
+        said.findings.iter().filter(|r| r.is_blocking).map(|r| r.description.clone()).collect();
+    assert_eq!(blocking.len(), 4, "{blocking:?}");
 }
 
 /// Modal words as a real grblHAL reports them.
 #[tokio::test]
 async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
     for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
-        let (link, tape) = odd(move |line| {
+        let (link, tape) = peer_with_overrides(move |line| {
             let modes =
                 format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
@@ -129,14 +130,14 @@ async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
 #[tokio::test]
 async fn regress_an_override_during_a_touch_makes_no_reading() {
     let mut touched = false;
-    let (link, tape) = odd(move |line| {
+    let (link, tape) = peer_with_overrides(move |line| {
         // 30 mm/min is the feed of the touch, not of the guarded approach.
         touched |= line.contains("G38") && line.contains("F30.");
         (touched && line == "?").then(|| status("Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
     });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
-    let error = driver.execute(proven(&touch(3))).await.unwrap_err();
+    let error = driver.execute(prove_block(&touch(3))).await.unwrap_err();
     assert!(error.to_string().contains("feed 200 %"), "{error}");
     tokio::time::sleep(Duration::from_millis(30)).await;
     let tape = tape.lock().unwrap().clone();
@@ -148,17 +149,17 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
 /// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
 async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
-    let head_sent = |driver: &Grbl, tape: &Tape| {
+    let head_sent = |driver: &Grbl, tape: &SentText| {
         let tape = tape.lock().unwrap();
         let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
         head.filter(|line| tape.lines().any(|sent| sent.ends_with(line.as_str()))).count()
     };
-    let (mut driver, tape) = taped_driver(Options { homed: false, ..options() });
+    let (mut driver, tape) = taped_driver(Options { is_homed: false, ..options() });
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("not homed"), "{error}");
     assert_eq!(head_sent(&driver, &tape), 0);
     for words in ["M3 G50", "M5 G51:XY"] {
-        let (link, tape) = odd(move |line| {
+        let (link, tape) = peer_with_overrides(move |line| {
             let modes =
                 format!("[GC:G0 G54 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
@@ -173,11 +174,11 @@ async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
 }
 
 /// Reported properties of a control with axes of 400 mm travel and these settings.
-async fn described(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo {
+async fn device_info(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo {
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
     let settings = all.iter().chain(&travels).chain(settings).copied().collect();
-    taped_driver(Options { settings, ..options() }).0.introduce().await.unwrap()
+    taped_driver(Options { settings, ..options() }).0.identify_device().await.unwrap()
 }
 
 #[tokio::test]
@@ -185,42 +186,42 @@ async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_ho
     // Homing by hand; by hand axis by axis; by cycles that the control does not list; with a zero at the
     // switch. By hand, the zero of a rotary axis is its position at that time: the owner decides whether it
     // is confirmed.
-    for (settings, homes) in [
+    for (settings, has_homing) in [
         (&[(21, 0.0), (22, 33.0), (23, 0.0), (44, 0.0)][..], None),
         (&[(21, 1.0), (22, 35.0), (23, 1.0), (44, 0.0)], None),
         (&[(21, 0.0), (22, 1.0), (23, 0.0)], Some(true)),
     ] {
-        let said = described(settings).await;
+        let said = device_info(settings).await;
         let x = said.axes[&Axis::X];
         assert_eq!((x.min, format!("{:?}", x.max)), (Some(-400.0), "Some(0.0)".to_owned()));
-        assert_eq!(said.axes[&Axis::B].homes, homes, "{settings:?}");
+        assert_eq!(said.axes[&Axis::B].has_homing, has_homing, "{settings:?}");
     }
-    let said = described(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
+    let said = device_info(&[(21, 0.0), (22, 41.0), (23, 1.0), (44, 0.0)]).await;
     assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].max), (Some(0.0), Some(400.0)));
     assert_eq!(said.axes[&Axis::Y].min, Some(-400.0));
-    let off = described(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
-    assert_eq!((off.axes[&Axis::X].min, off.axes[&Axis::B].homes), (None, None));
+    let off = device_info(&[(21, 0.0), (22, 0.0), (44, 7.0)]).await;
+    assert_eq!((off.axes[&Axis::X].min, off.axes[&Axis::B].has_homing), (None, None));
 }
 
 #[tokio::test]
 async fn a_control_that_moves_is_waited_for_before_it_is_described() {
-    let (link, _) = odd(|line| match line {
+    let (link, _) = peer_with_overrides(|line| match line {
         "?" => Some(status("Run|MPos:{at}|FS:500,0")),
         "$I" => Some("error:8\r\n".to_owned()),
         _ => None,
     });
-    let error = grbl(link).0.introduce().await.unwrap_err();
-    assert!(error.remedy().contains("wait until the machine stands"), "{}", error.remedy());
+    let error = grbl(link).0.identify_device().await.unwrap_err();
+    assert!(error.remedy().contains("wait until the machine is at rest"), "{}", error.remedy());
 }
 
 /// The answer to an earlier `?` arrives after 0x87 was sent, as on a busy computer.
 #[tokio::test]
 async fn regress_a_late_report_is_not_taken_for_the_full_one() {
-    let (link, _) = odd(|line| {
+    let (link, _) = peer_with_overrides(|line| {
         let late = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0>\r\n";
         match line {
             "?" => Some(late.to_owned()),
-            "0x87" => Some(format!("{late}{FULL}")),
+            "0x87" => Some(format!("{late}{FULL_REPORT}")),
             _ => None,
         }
     });
@@ -230,7 +231,9 @@ async fn regress_a_late_report_is_not_taken_for_the_full_one() {
 /// grblHAL at compatibility level 2 leaves out the field that marks a full report.
 #[tokio::test]
 async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
-    let (link, _) = odd(|line| (line == "0x87").then(|| FULL.replace("|FW:grblHAL", "")));
+    let (link, _) = peer_with_overrides(|line| {
+        (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", ""))
+    });
     grbl(link).0.prepare().await.unwrap();
 }
 
@@ -239,10 +242,10 @@ async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
 async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
     let (mut driver, _) = taped_driver(options());
     driver.prepare().await.unwrap();
-    driver.wire.ask("\x18").await.unwrap_err();
+    driver.connection.send_line("\x18").await.unwrap_err();
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("not homed"), "{error}");
-    driver.wire.ask("$H").await.unwrap();
+    driver.connection.send_line("$H").await.unwrap();
     driver.prepare().await.unwrap();
 }
 
@@ -250,16 +253,16 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
 #[tokio::test]
 async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
     let (mut driver, _) = taped_driver(options());
-    driver.wire.wake().await.unwrap();
-    driver.wire.ask("G55 G90").await.unwrap();
+    driver.connection.start_session().await.unwrap();
+    driver.connection.send_line("G55 G90").await.unwrap();
     driver.prepare().await.unwrap();
-    driver.wire.ask("G54 G91 G20").await.unwrap();
+    driver.connection.send_line("G54 G91 G20").await.unwrap();
     driver.prepare().await.unwrap();
-    let modes = |said: Vec<Message>| format!("{said:?}");
-    let set = modes(driver.wire.ask("$G").await.unwrap());
+    let modes = |said: Vec<GrblMessage>| format!("{said:?}");
+    let set = modes(driver.connection.send_line("$G").await.unwrap());
     assert!(["G59", "G21", "G90"].iter().all(|word| set.contains(word)), "{set}");
-    driver.execute(proven(&touch(0))).await.unwrap();
+    driver.execute(prove_block(&touch(0))).await.unwrap();
     driver.finish().await.unwrap();
-    let left = modes(driver.wire.ask("$G").await.unwrap());
+    let left = modes(driver.connection.send_line("$G").await.unwrap());
     assert!(left.contains("G55") && left.contains("G90"), "{left}");
 }

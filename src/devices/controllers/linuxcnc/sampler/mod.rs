@@ -3,10 +3,10 @@
 //! positions all the time; they are kept while a block runs that needs them. `docs/linuxcnc-sampler.md`
 //! describes the set-up.
 
-mod record;
 #[cfg(test)]
 mod tests;
-mod ticks;
+mod tick_clock;
+mod tick_record;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -14,33 +14,33 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio::time::{Instant, sleep};
 
-use self::record::{Record, TickPositions};
+use self::tick_record::{TickPositions, TickRecord};
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use link::Clock;
 use link::{Address, ByteStreamHandle, HostPort, StreamRead};
-use machine::record::track::Track;
+use machine::record::track::AxisTrack;
 use machine::{Axis, Position};
 
 /// Time for which the stream is observed before anything moves, to check its period.
-const LISTEN: Duration = Duration::from_millis(1300);
-const GATHERED: Duration = Duration::from_millis(100);
+const PERIOD_CHECK_TIME: Duration = Duration::from_millis(1300);
+const BUFFER_DRAIN_TIME: Duration = Duration::from_millis(100);
 /// Maximum time that a tick may take to arrive: a pipe may hold 4096 bytes, and a network delays by up to a
 /// second.
-const ON_THE_WAY: Duration = Duration::from_secs(3);
-const POLL: Duration = Duration::from_millis(5);
+const MAX_TICK_DELAY: Duration = Duration::from_secs(3);
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval at which the task checks whether its handle still exists.
-const WANTED: Duration = Duration::from_secs(1);
+const HANDLE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Largest difference between two reports of the same axis position, mm and rad: axes under control are
 /// never quite at rest.
-const SAME_MM: f64 = 0.01;
-const SAME_RAD: f64 = 0.001;
-const RECIPE: &str = "docs/linuxcnc-sampler.md has its halcmd lines";
+const MAX_POSITION_DIFFERENCE_MM: f64 = 0.01;
+const MAX_POSITION_DIFFERENCE_RAD: f64 = 0.001;
+const SETUP_GUIDE: &str = "see the halcmd lines in docs/linuxcnc-sampler.md";
 
 /// Keys of `[controller.sampler]`.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
+#[serde(try_from = "SamplerKeys")]
+pub struct SamplerConfig {
     tcp: HostPort,
     period_s: f64,
     axes: Option<Vec<Axis>>,
@@ -48,36 +48,35 @@ pub struct Config {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct SamplerKeys {
     /// Address at which the output of `halsampler -t` can be read.
     tcp: HostPort,
     /// Period of the servo thread, s.
-    #[serde(default = "usual_period")]
+    #[serde(default = "default_period_s")]
     period_s: f64,
     /// Axes in the order of the sampler's pins; if absent, the machine's axes in the order X Y Z A B C.
     axes: Option<Vec<Axis>>,
 }
 
-fn usual_period() -> f64 {
+fn default_period_s() -> f64 {
     0.001
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<SamplerKeys> for SamplerConfig {
     type Error = String;
 
-    fn try_from(Keys { tcp, period_s, axes }: Keys) -> Result<Self, String> {
+    fn try_from(SamplerKeys { tcp, period_s, axes }: SamplerKeys) -> Result<Self, String> {
         if !(1e-5..=0.1).contains(&period_s) {
             return Err(format!(
-                "`period_s` is {period_s}; it is the servo thread's period, 0.00001 to 0.1 s"
+                "`period_s` is {period_s}; it must be the servo thread's period, 0.00001 to 0.1 s"
             ));
         }
-        let doubled = |axes: &Vec<Axis>| {
+        let is_repeated = |axes: &Vec<Axis>| {
             axes.iter().enumerate().any(|(i, axis)| *axis == Axis::S || axes[..i].contains(axis))
         };
-        if axes.as_ref().is_some_and(doubled) {
+        if axes.as_ref().is_some_and(is_repeated) {
             return Err(
-                "`axes` names each axis once, in the order of the sampler's pins; S is none \
-                        of them"
+                "`axes` must name each axis once, in the order of the sampler's pins, without S"
                     .to_owned(),
             );
         }
@@ -90,15 +89,15 @@ pub struct Sampler {
     name: String,
     period_s: f64,
     clock: Arc<dyn Clock>,
-    record: Arc<Mutex<Heard>>,
+    shared_state: Arc<Mutex<SamplerState>>,
     /// The control's unit of length, mm, once it is known.
-    mm: f64,
+    mm_per_unit: f64,
 }
 
-struct Heard {
-    record: Record,
+struct SamplerState {
+    record: TickRecord,
     /// Reason why no more positions will come.
-    lost: Option<String>,
+    lost_reason: Option<String>,
 }
 
 impl Sampler {
@@ -107,166 +106,191 @@ impl Sampler {
     /// # Errors
     /// Nothing listens at the address.
     pub async fn open(
-        config: &Config,
+        config: &SamplerConfig,
         axes: &[Axis],
         clock: Arc<dyn Clock>,
     ) -> Result<Self, ControllerError> {
-        let own = || axes.iter().copied().filter(|axis| *axis != Axis::S).collect();
-        let axes = config.axes.clone().unwrap_or_else(own);
+        let machine_axes = || axes.iter().copied().filter(|axis| *axis != Axis::S).collect();
+        let axes = config.axes.clone().unwrap_or_else(machine_axes);
         let address = Address::from(&config.tcp);
         let name = format!("the sampler at {address}");
-        let flow = link::listen(&address).await.map_err(|error| {
-            let state = format!("{name} is not there: {error}");
-            not_ready(&state, &format!("start it beside LinuxCNC: {RECIPE}"))
+        let stream = link::open_byte_stream(&address).await.map_err(|error| {
+            let state = format!("{name} is not reachable: {error}");
+            not_ready(&state, &format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
         })?;
-        let heard = Heard { record: Record::of(axes, config.period_s), lost: None };
-        let record = Arc::new(Mutex::new(heard));
-        tokio::spawn(listen(flow, Arc::downgrade(&record), clock.clone()));
-        Ok(Self { name, period_s: config.period_s, clock, record, mm: 1.0 })
+        let state =
+            SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
+        let shared_state = Arc::new(Mutex::new(state));
+        tokio::spawn(read_stream(stream, Arc::downgrade(&shared_state), clock.clone()));
+        Ok(Self { name, period_s: config.period_s, clock, shared_state, mm_per_unit: 1.0 })
     }
 
     /// Describes the sampler in words.
-    pub(super) fn says(&self) -> String {
-        format!("positions stamped every {} ms by {}", self.period_s * 1e3, self.name)
+    pub(super) fn describe(&self) -> String {
+        format!("positions with time stamps every {} ms from {}", self.period_s * 1e3, self.name)
     }
 
-    fn heard(&self) -> MutexGuard<'_, Heard> {
-        self.record.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock_state(&self) -> MutexGuard<'_, SamplerState> {
+        self.shared_state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Checks that the sampler is running, has the configured period and agrees with the control, whose
-    /// axes are at `stands`; `mm` is the control's unit of length, mm.
-    pub(super) async fn agrees(
+    /// axes are at `position`; `mm_per_unit` is the control's unit of length, mm.
+    pub(super) async fn check_agreement(
         &mut self,
-        stands: &Position,
+        position: &Position,
         axes: &[Axis],
-        mm: f64,
+        mm_per_unit: f64,
     ) -> Result<(), ControllerError> {
-        self.mm = mm;
-        let wanted = axes.iter().filter(|axis| **axis != Axis::S);
-        if let Some(axis) = wanted.into_iter().find(|a| !self.heard().record.axes().contains(a)) {
+        self.mm_per_unit = mm_per_unit;
+        let required_axes = axes.iter().filter(|axis| **axis != Axis::S);
+        if let Some(axis) =
+            required_axes.into_iter().find(|a| !self.lock_state().record.axes().contains(a))
+        {
             return Err(not_ready(
-                &format!("{} does not take down axis {axis}", self.name),
-                "name it in [controller.sampler] axes, and give it a pin of the sampler",
+                &format!("{} does not record axis {axis}", self.name),
+                "add the axis to [controller.sampler] axes, and connect it to a pin of the sampler",
             ));
         }
-        let silent = |name: &str, why: String| {
-            not_ready(&format!("{name}: {why}"), &format!("see that it runs: {RECIPE}"))
+        let silent = |name: &str, reason: String| {
+            not_ready(
+                &format!("{name}: {reason}"),
+                &format!("check that the sampler runs: {SETUP_GUIDE}"),
+            )
         };
         // Positions buffered before the connection arrive at once.
-        self.until(f64::NEG_INFINITY).await.map_err(|why| silent(&self.name, why))?;
-        sleep(GATHERED).await;
-        let before = self.heard().record.newest.as_ref().map(|stands| stands.tick);
-        sleep(LISTEN).await;
+        self.wait_for_tick_after(f64::NEG_INFINITY)
+            .await
+            .map_err(|reason| silent(&self.name, reason))?;
+        sleep(BUFFER_DRAIN_TIME).await;
+        let before =
+            self.lock_state().record.newest_positions.as_ref().map(|position| position.tick);
+        sleep(PERIOD_CHECK_TIME).await;
         let now_s = self.clock.now_s();
-        let newest = self.until(now_s).await.map_err(|why| silent(&self.name, why))?;
-        let period_s = before.and_then(|tick| self.heard().record.ticks.wrong_period_s(tick));
+        let newest =
+            self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
+        let period_s = before.and_then(|tick| self.lock_state().record.ticks.wrong_period_s(tick));
         if let Some(period_s) = period_s {
             return Err(not_ready(
-                &format!("{} counts every {:.3} ms", self.name, period_s * 1e3),
+                &format!("{} counts one tick every {:.3} ms", self.name, period_s * 1e3),
                 "set [controller.sampler] period_s to the servo thread's period (`halcmd show thread`)",
             ));
         }
-        let other = self.other(&newest, stands);
-        other.map_or(Ok(()), |other| Err(not_ready(&other, &elsewhere())))
+        let difference = self.position_difference(&newest, position);
+        difference.map_or(Ok(()), |difference| Err(not_ready(&difference, &pin_remedy())))
     }
 
     /// Starts to keep positions.
-    pub(super) fn begin(&self) {
-        self.heard().record.begin();
+    pub(super) fn start_recording(&self) {
+        self.lock_state().record.start_recording();
     }
 
-    /// Returns all positions since [`Self::begin`]; the machine has come to rest at `stands` after `step`.
-    pub(super) async fn end(&self, step: u32, stands: &Position) -> Result<Track, ControllerError> {
-        let unstamped = |why, remedy| ControllerError::Unstamped { step, why, remedy };
-        let newest = self.until(self.clock.now_s()).await.map_err(|why| {
-            unstamped(format!("{}: {why}", self.name), format!("see that it runs: {RECIPE}"))
+    /// Returns all positions since [`Self::start_recording`]; the machine has come to rest at `position` after `step`.
+    pub(super) async fn finish_recording(
+        &self,
+        step: u32,
+        position: &Position,
+    ) -> Result<AxisTrack, ControllerError> {
+        let unstamped = |reason, remedy| ControllerError::MissingTrack { step, reason, remedy };
+        let newest = self.wait_for_tick_after(self.clock.now_s()).await.map_err(|reason| {
+            unstamped(
+                format!("{}: {reason}", self.name),
+                format!("check that the sampler runs: {SETUP_GUIDE}"),
+            )
         })?;
-        let track = self.heard().record.end(self.mm);
-        if let Some(other) = self.other(&newest, stands) {
-            return Err(unstamped(other, elsewhere()));
+        let track = self.lock_state().record.finish_recording(self.mm_per_unit);
+        if let Some(difference) = self.position_difference(&newest, position) {
+            return Err(unstamped(difference, pin_remedy()));
         }
         track.ok_or_else(|| {
             unstamped(
-                "the scan took longer than positions are kept".to_owned(),
-                "make it shorter or faster: at 1 kHz a quarter of an hour is kept".to_owned(),
+                "the scan was too long for the position memory".to_owned(),
+                "make the scan shorter or faster: at 1 kHz the memory holds a quarter of an hour"
+                    .to_owned(),
             )
         })
     }
 
     /// Discards the kept positions.
-    pub(super) fn give_up(&self) {
-        self.heard().record.end(self.mm);
+    pub(super) fn discard_recording(&self) {
+        self.lock_state().record.finish_recording(self.mm_per_unit);
     }
 
     /// Waits for a tick later than `t_s`; the error is the reason why none comes.
-    async fn until(&self, t_s: f64) -> Result<TickPositions, String> {
-        let end = Instant::now() + ON_THE_WAY;
+    async fn wait_for_tick_after(&self, t_s: f64) -> Result<TickPositions, String> {
+        let end = Instant::now() + MAX_TICK_DELAY;
         loop {
             {
-                let heard = self.heard();
-                if let Some(why) = &heard.lost {
-                    return Err(format!("it is lost: {why}"));
+                let state = self.lock_state();
+                if let Some(reason) = &state.lost_reason {
+                    return Err(format!("the connection is lost: {reason}"));
                 }
-                let newest = heard.record.newest.as_ref();
-                let was = newest.and_then(|newest| heard.record.ticks.time_s(newest.tick));
+                let newest = state.record.newest_positions.as_ref();
+                let was = newest.and_then(|newest| state.record.ticks.time_s(newest.tick));
                 if let Some(newest) = newest.filter(|_| was.is_some_and(|was| was > t_s)) {
                     return Ok(newest.clone());
                 }
                 if Instant::now() > end {
-                    return Err(match &heard.record.strange {
+                    return Err(match &state.record.last_invalid_line {
                         Some(line) if newest.is_none() => format!(
-                            "it says `{line}`, not a number, {} positions and a bit",
-                            heard.record.axes().len()
+                            "received `{line}` instead of a number, {} positions and a bit",
+                            state.record.axes().len()
                         ),
-                        _ => format!("it says nothing new for {} s", ON_THE_WAY.as_secs()),
+                        _ => format!("no new line for {} s", MAX_TICK_DELAY.as_secs()),
                     });
                 }
             }
-            sleep(POLL).await;
+            sleep(POLL_INTERVAL).await;
         }
     }
 
     /// Describes a difference between the positions of the sampler and of the control.
-    fn other(&self, newest: &TickPositions, stands: &Position) -> Option<String> {
-        let heard = self.heard();
-        let said: Vec<f64> = heard.record.inside(&newest.at, self.mm).collect();
-        let mut axes = heard.record.axes().iter().zip(said);
-        let far = |axis: Axis, said: f64| {
-            let same = if axis.is_linear() { SAME_MM } else { SAME_RAD };
-            stands.get(axis).is_some_and(|stands| (stands - said).abs() > same)
+    fn position_difference(&self, newest: &TickPositions, position: &Position) -> Option<String> {
+        let state = self.lock_state();
+        let value: Vec<f64> =
+            state.record.to_internal_units(&newest.positions, self.mm_per_unit).collect();
+        let mut axes = state.record.axes().iter().zip(value);
+        let is_different = |axis: Axis, value: f64| {
+            let tolerance = if axis.is_linear() {
+                MAX_POSITION_DIFFERENCE_MM
+            } else {
+                MAX_POSITION_DIFFERENCE_RAD
+            };
+            position.get(axis).is_some_and(|position| (position - value).abs() > tolerance)
         };
-        let (axis, said) = axes.find(|(axis, said)| far(**axis, *said))?;
-        let (at, said) = (axis.to_edge(stands.at(*axis)), axis.to_edge(said));
-        Some(format!("{axis} stands at {at:.3}, and {} says {said:.3}", self.name))
+        let (axis, value) = axes.find(|(axis, value)| is_different(**axis, *value))?;
+        let (at, value) =
+            (axis.to_mm_or_deg(position.get_or_zero(*axis)), axis.to_mm_or_deg(value));
+        Some(format!("{axis} is at {at:.3}, but {} reports {value:.3}", self.name))
     }
 }
 
-fn elsewhere() -> String {
+fn pin_remedy() -> String {
     format!(
-        "its pins must be joint.N.pos-fb, one for each of [controller.sampler] axes in their order: {RECIPE}"
+        "connect the pins of the sampler to joint.N.pos-fb, one for each axis of [controller.sampler] axes, in that \
+         order: {SETUP_GUIDE}"
     )
 }
 
 /// Task: reads the stream until the handle is dropped or the stream ends.
-async fn listen(
-    mut flow: ByteStreamHandle,
-    record: std::sync::Weak<Mutex<Heard>>,
+async fn read_stream(
+    mut stream: ByteStreamHandle,
+    shared_state: std::sync::Weak<Mutex<SamplerState>>,
     clock: Arc<dyn Clock>,
 ) {
     loop {
-        let came = flow.recv_deadline(Instant::now() + WANTED).await;
-        let Some(record) = record.upgrade() else { return };
-        let mut heard = record.lock().unwrap_or_else(PoisonError::into_inner);
-        match came {
+        let read = stream.recv_deadline(Instant::now() + HANDLE_CHECK_INTERVAL).await;
+        let Some(shared_state) = shared_state.upgrade() else { return };
+        let mut state = shared_state.lock().unwrap_or_else(PoisonError::into_inner);
+        match read {
             Ok(None) => {}
             Ok(Some(StreamRead::Bytes(at, bytes))) => {
                 let at_s = clock.now_s() - at.elapsed().as_secs_f64();
-                heard.record.came(&bytes, at_s);
+                state.record.push_bytes(&bytes, at_s);
             }
-            Ok(Some(StreamRead::Forgotten)) => heard.record.missed(),
+            Ok(Some(StreamRead::Overflow)) => state.record.discard_partial_line(),
             Err(error) => {
-                heard.lost = Some(error.to_string());
+                state.lost_reason = Some(error.to_string());
                 return;
             }
         }

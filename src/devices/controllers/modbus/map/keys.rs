@@ -4,19 +4,22 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{Chunk, Command, Map, Register, Results, Status, check};
-use link::modbus::Space;
-use link::modbus::value::{Kind, Number, Order};
+use super::{
+    ChunkRegisters, CommandRegisters, Register, RegisterMap, ResultRegisters, StatusRegisters,
+    check,
+};
+use link::modbus::RegisterSpace;
+use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
 
 /// Keys of one item; an omitted key keeps its published value.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(in super::super) struct Entry {
+pub(in super::super) struct RegisterKeys {
     address: Option<u16>,
     #[serde(rename = "type")]
-    kind: Option<Kind>,
-    order: Option<Order>,
+    kind: Option<NumberType>,
+    order: Option<ByteOrder>,
     scale: Option<f64>,
 }
 
@@ -25,12 +28,12 @@ pub(in super::super) struct Entry {
 struct ChunkKeys {
     address: Option<u16>,
     registers: Option<u16>,
-    order: Option<Order>,
+    order: Option<ByteOrder>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(in super::super) struct Keys {
+pub(in super::super) struct RegisterMapKeys {
     command: CommandKeys,
     status: StatusKeys,
 }
@@ -38,67 +41,69 @@ pub(in super::super) struct Keys {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct CommandKeys {
-    hold: Entry,
-    sequence: Entry,
-    heartbeat: Entry,
-    acknowledge: Entry,
-    crc: Entry,
-    length: Entry,
+    hold: RegisterKeys,
+    sequence: RegisterKeys,
+    heartbeat: RegisterKeys,
+    acknowledge: RegisterKeys,
+    crc: RegisterKeys,
+    length: RegisterKeys,
     chunk: ChunkKeys,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct StatusKeys {
-    space: Option<Space>,
-    sequence_head: Entry,
-    version: Entry,
-    state: Entry,
-    alarm: Entry,
-    accepted: Entry,
-    executed: Entry,
-    error: Entry,
-    probe: Entry,
-    inputs: Entry,
-    latches: Entry,
-    heartbeat: Entry,
-    time_s: Entry,
-    latch_time_s: Entry,
+    space: Option<RegisterSpace>,
+    sequence_head: RegisterKeys,
+    version: RegisterKeys,
+    state: RegisterKeys,
+    alarm: RegisterKeys,
+    accepted: RegisterKeys,
+    executed: RegisterKeys,
+    error: RegisterKeys,
+    probe: RegisterKeys,
+    inputs: RegisterKeys,
+    latches: RegisterKeys,
+    heartbeat: RegisterKeys,
+    time_s: RegisterKeys,
+    latch_time_s: RegisterKeys,
     /// If present, such a table lists all axes of the window.
-    latch: Option<BTreeMap<Axis, Entry>>,
-    position: Option<BTreeMap<Axis, Entry>>,
-    sequence_tail: Entry,
+    latch: Option<BTreeMap<Axis, RegisterKeys>>,
+    position: Option<BTreeMap<Axis, RegisterKeys>>,
+    sequence_tail: RegisterKeys,
     result: Option<ResultKeys>,
 }
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct ResultKeys {
-    under_way: Entry,
-    sequence: Entry,
-    row: Entry,
-    contact: Entry,
-    valid: Entry,
+    under_way: RegisterKeys,
+    sequence: RegisterKeys,
+    row: RegisterKeys,
+    contact: RegisterKeys,
+    valid: RegisterKeys,
 }
 
 /// Default addresses of a window.
 struct DefaultAddresses {
-    chunk: u16,
-    tail: u16,
+    chunk_registers: u16,
+    tail_address: u16,
 }
 
-const LINE_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk: 100, tail: 44 };
-const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk: 328, tail: 49 };
+const LINE_WINDOW_DEFAULTS: DefaultAddresses =
+    DefaultAddresses { chunk_registers: 100, tail_address: 44 };
+const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses =
+    DefaultAddresses { chunk_registers: 328, tail_address: 49 };
 
-const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-const LATCH: u16 = 20;
-const POSITION: u16 = 32;
+const WINDOW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+const LATCH_ADDRESS: u16 = 20;
+const POSITION_ADDRESS: u16 = 32;
 /// Default scale of positions, mm or degrees.
-const STEP: f64 = 0.001;
+const POSITION_SCALE: f64 = 0.001;
 
-impl Entry {
-    pub(in super::super) fn at(self, address: u16, kind: Kind) -> Register {
-        let number = Number {
+impl RegisterKeys {
+    pub(in super::super) fn register(self, address: u16, kind: NumberType) -> Register {
+        let number = NumberFormat {
             kind: self.kind.unwrap_or(kind),
             order: self.order.unwrap_or_default(),
             scale: self.scale.unwrap_or(1.0),
@@ -107,81 +112,83 @@ impl Entry {
     }
 
     /// Sets the scale, unless the keys give one.
-    pub(in super::super) fn scaled(self, scale: f64) -> Self {
+    pub(in super::super) fn with_default_scale(self, scale: f64) -> Self {
         Self { scale: self.scale.or(Some(scale)), ..self }
     }
 
-    fn of_axis(self, address: u16) -> Register {
-        self.scaled(STEP).at(address, Kind::I32)
+    fn axis_register(self, address: u16) -> Register {
+        self.with_default_scale(POSITION_SCALE).register(address, NumberType::I32)
     }
 }
 
-fn axes(
+fn axis_registers(
     name: &str,
-    keys: Option<BTreeMap<Axis, Entry>>,
+    keys: Option<BTreeMap<Axis, RegisterKeys>>,
     first: u16,
 ) -> Result<BTreeMap<Axis, Register>, String> {
     let Some(keys) = keys else {
-        let places = AXES.into_iter().zip((first..).step_by(2));
-        return Ok(places.map(|(axis, place)| (axis, Entry::default().of_axis(place))).collect());
+        let addresses = WINDOW_AXES.into_iter().zip((first..).step_by(2));
+        return Ok(addresses
+            .map(|(axis, address)| (axis, RegisterKeys::default().axis_register(address)))
+            .collect());
     };
-    let register = |(axis, entry): (Axis, Entry)| match entry.address {
-        Some(address) => Ok((axis, entry.of_axis(address))),
+    let register = |(axis, entry): (Axis, RegisterKeys)| match entry.address {
+        Some(address) => Ok((axis, entry.axis_register(address))),
         None => Err(format!("`status.{name}.{axis}` needs an `address`")),
     };
     keys.into_iter().map(register).collect()
 }
 
-impl TryFrom<Keys> for Map {
+impl TryFrom<RegisterMapKeys> for RegisterMap {
     type Error = String;
 
-    fn try_from(Keys { command, status }: Keys) -> Result<Self, String> {
+    fn try_from(RegisterMapKeys { command, status }: RegisterMapKeys) -> Result<Self, String> {
         if status.result.is_some() {
             return Err(
-                "`status.result` belongs to a resident program: write [controller.program], \
-                        or remove it"
+                "`status.result` belongs to a resident program: add [controller.program], \
+                        or remove `status.result`"
                     .to_owned(),
             );
         }
         let map = Self {
-            command: command.at(&LINE_WINDOW_DEFAULTS),
-            status: status.at(&LINE_WINDOW_DEFAULTS)?,
+            command: command.into_registers(&LINE_WINDOW_DEFAULTS),
+            status: status.into_registers(&LINE_WINDOW_DEFAULTS)?,
         };
-        check::map(&map)?;
+        check::check_map(&map)?;
         Ok(map)
     }
 }
 
-impl Keys {
+impl RegisterMapKeys {
     /// Returns the map of the window to a resident program.
     ///
     /// # Errors
     /// The map is invalid; the message names the items.
-    pub(in super::super) fn of_program(self) -> Result<Map, String> {
+    pub(in super::super) fn into_program_map(self) -> Result<RegisterMap, String> {
         let Self { command, mut status } = self;
         let result = status.result.take().unwrap_or_default();
-        let mut map = Map {
-            command: command.at(&PROGRAM_WINDOW_DEFAULTS),
-            status: status.at(&PROGRAM_WINDOW_DEFAULTS)?,
+        let mut map = RegisterMap {
+            command: command.into_registers(&PROGRAM_WINDOW_DEFAULTS),
+            status: status.into_registers(&PROGRAM_WINDOW_DEFAULTS)?,
         };
-        map.status.result = Some(result.registers());
-        check::map(&map)?;
+        map.status.result = Some(result.into_registers());
+        check::check_map(&map)?;
         Ok(map)
     }
 }
 
 impl CommandKeys {
-    fn at(self, usual: &DefaultAddresses) -> Command {
-        Command {
-            hold: self.hold.at(0, Kind::U16),
-            sequence: self.sequence.at(1, Kind::U16),
-            heartbeat: self.heartbeat.at(2, Kind::U16),
-            acknowledge: self.acknowledge.at(3, Kind::U16),
-            crc: self.crc.at(4, Kind::U16),
-            length: self.length.at(5, Kind::U16),
-            chunk: Chunk {
+    fn into_registers(self, defaults: &DefaultAddresses) -> CommandRegisters {
+        CommandRegisters {
+            hold: self.hold.register(0, NumberType::U16),
+            sequence: self.sequence.register(1, NumberType::U16),
+            heartbeat: self.heartbeat.register(2, NumberType::U16),
+            acknowledge: self.acknowledge.register(3, NumberType::U16),
+            crc: self.crc.register(4, NumberType::U16),
+            length: self.length.register(5, NumberType::U16),
+            chunk: ChunkRegisters {
                 address: self.chunk.address.unwrap_or(6),
-                registers: self.chunk.registers.unwrap_or(usual.chunk),
+                registers: self.chunk.registers.unwrap_or(defaults.chunk_registers),
                 order: self.chunk.order.unwrap_or_default(),
             },
         }
@@ -189,37 +196,37 @@ impl CommandKeys {
 }
 
 impl ResultKeys {
-    fn registers(self) -> Results {
-        Results {
-            under_way: self.under_way.at(44, Kind::U16),
-            sequence: self.sequence.at(45, Kind::U16),
-            row: self.row.at(46, Kind::U16),
-            contact: self.contact.at(47, Kind::U16),
-            valid: self.valid.at(48, Kind::U16),
+    fn into_registers(self) -> ResultRegisters {
+        ResultRegisters {
+            under_way: self.under_way.register(44, NumberType::U16),
+            sequence: self.sequence.register(45, NumberType::U16),
+            row: self.row.register(46, NumberType::U16),
+            contact: self.contact.register(47, NumberType::U16),
+            valid: self.valid.register(48, NumberType::U16),
         }
     }
 }
 
 impl StatusKeys {
-    fn at(self, usual: &DefaultAddresses) -> Result<Status, String> {
-        Ok(Status {
-            space: self.space.unwrap_or(Space::Input),
-            sequence_head: self.sequence_head.at(0, Kind::U16),
-            version: self.version.at(1, Kind::U16),
-            state: self.state.at(2, Kind::U16),
-            alarm: self.alarm.at(3, Kind::U16),
-            accepted: self.accepted.at(4, Kind::U16),
-            executed: self.executed.at(5, Kind::U16),
-            error: self.error.at(6, Kind::U16),
-            probe: self.probe.at(7, Kind::U16),
-            inputs: self.inputs.at(8, Kind::U32),
-            latches: self.latches.at(10, Kind::U16),
-            heartbeat: self.heartbeat.at(11, Kind::U16),
-            time_s: self.time_s.at(12, Kind::F64),
-            latch_time_s: self.latch_time_s.at(16, Kind::F64),
-            latch: axes("latch", self.latch, LATCH)?,
-            position: axes("position", self.position, POSITION)?,
-            sequence_tail: self.sequence_tail.at(usual.tail, Kind::U16),
+    fn into_registers(self, defaults: &DefaultAddresses) -> Result<StatusRegisters, String> {
+        Ok(StatusRegisters {
+            space: self.space.unwrap_or(RegisterSpace::Input),
+            sequence_head: self.sequence_head.register(0, NumberType::U16),
+            version: self.version.register(1, NumberType::U16),
+            state: self.state.register(2, NumberType::U16),
+            alarm: self.alarm.register(3, NumberType::U16),
+            accepted: self.accepted.register(4, NumberType::U16),
+            executed: self.executed.register(5, NumberType::U16),
+            error: self.error.register(6, NumberType::U16),
+            probe: self.probe.register(7, NumberType::U16),
+            inputs: self.inputs.register(8, NumberType::U32),
+            latches: self.latches.register(10, NumberType::U16),
+            heartbeat: self.heartbeat.register(11, NumberType::U16),
+            time_s: self.time_s.register(12, NumberType::F64),
+            latch_time_s: self.latch_time_s.register(16, NumberType::F64),
+            latch: axis_registers("latch", self.latch, LATCH_ADDRESS)?,
+            position: axis_registers("position", self.position, POSITION_ADDRESS)?,
+            sequence_tail: self.sequence_tail.register(defaults.tail_address, NumberType::U16),
             result: None,
         })
     }

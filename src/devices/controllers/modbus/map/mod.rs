@@ -10,46 +10,46 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use link::modbus::value::{Number, Order, ValueError};
-use link::modbus::{Allowed, Range, Space};
+use link::modbus::value::{ByteOrder, NumberFormat, ValueError};
+use link::modbus::{AccessList, RegisterRange, RegisterSpace};
 use machine::Axis;
 
 /// Maximum number of registers that one request may write (Modbus application protocol, function 16).
-pub(super) const MOST_WRITTEN: usize = 123;
+pub(super) const MAX_WRITE_REGISTERS: usize = 123;
 /// Maximum number of registers that one request may read (functions 3 and 4).
-const MOST_READ: usize = 125;
+const MAX_READ_REGISTERS: usize = 125;
 
 /// One item: its first register and the format of its number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Register {
     pub address: u16,
-    pub number: Number,
+    pub number: NumberFormat,
 }
 
 /// A block of registers for one command: text, two characters a register; or the parameters of a resident program.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Chunk {
+pub(super) struct ChunkRegisters {
     pub address: u16,
     pub registers: u16,
-    pub order: Order,
+    pub order: ByteOrder,
 }
 
 /// Holding registers that `trued` writes.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Command {
+pub(super) struct CommandRegisters {
     pub hold: Register,
     pub sequence: Register,
     pub heartbeat: Register,
     pub acknowledge: Register,
     pub crc: Register,
     pub length: Register,
-    pub chunk: Chunk,
+    pub chunk: ChunkRegisters,
 }
 
 /// Registers that the control writes, read in one request from `sequence_head` to `sequence_tail`.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Status {
-    pub space: Space,
+pub(super) struct StatusRegisters {
+    pub space: RegisterSpace,
     pub sequence_head: Register,
     pub version: Register,
     pub state: Register,
@@ -67,12 +67,12 @@ pub(super) struct Status {
     pub position: BTreeMap<Axis, Register>,
     pub sequence_tail: Register,
     /// Registers of the results, only with a resident program.
-    pub result: Option<Results>,
+    pub result: Option<ResultRegisters>,
 }
 
 /// Further registers of a resident program: the row that it executes, and the result that it hands over.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Results {
+pub(super) struct ResultRegisters {
     pub under_way: Register,
     pub sequence: Register,
     pub row: Register,
@@ -82,15 +82,15 @@ pub(super) struct Results {
 
 /// Register map of the whole window.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(try_from = "keys::Keys")]
-pub struct Map {
-    pub(super) command: Command,
-    pub(super) status: Status,
+#[serde(try_from = "keys::RegisterMapKeys")]
+pub struct RegisterMap {
+    pub(super) command: CommandRegisters,
+    pub(super) status: StatusRegisters,
 }
 
 impl Register {
     pub(super) fn count(&self) -> u16 {
-        self.number.registers()
+        self.number.register_count()
     }
 
     /// Reads the number from a block of registers that begins at `first`.
@@ -98,16 +98,18 @@ impl Register {
         let wanted = self.count();
         let start = usize::from(self.address.saturating_sub(first));
         let words = block.get(start..start + usize::from(wanted));
-        self.number.read(words.ok_or(ValueError::Count { came: block.len(), wanted })?)
+        self.number.decode(
+            words.ok_or(ValueError::RegisterCount { received: block.len(), expected: wanted })?,
+        )
     }
 
     /// Returns the address and the words of `value`.
     pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), ValueError> {
-        Ok((self.address, self.number.write(f64::from(value))?))
+        Ok((self.address, self.number.encode(f64::from(value))?))
     }
 }
 
-impl Chunk {
+impl ChunkRegisters {
     /// Capacity of the chunk, bytes.
     pub(super) fn bytes(&self) -> usize {
         2 * usize::from(self.registers)
@@ -119,17 +121,17 @@ impl Chunk {
         let word = |pair: &[u8]| {
             let pair = [pair.first().copied(), pair.get(1).copied()].map(Option::unwrap_or_default);
             match self.order {
-                Order::Abcd | Order::Cdab => u16::from_be_bytes(pair),
-                Order::Badc | Order::Dcba => u16::from_le_bytes(pair),
+                ByteOrder::Abcd | ByteOrder::Cdab => u16::from_be_bytes(pair),
+                ByteOrder::Badc | ByteOrder::Dcba => u16::from_le_bytes(pair),
             }
         };
         (self.address, text.chunks(2).map(word).collect())
     }
 }
 
-impl Command {
+impl CommandRegisters {
     /// Name, first register and number of registers of each item.
-    fn spans(&self) -> Vec<(&'static str, u16, u16)> {
+    fn register_spans(&self) -> Vec<(&'static str, u16, u16)> {
         let items = [
             ("hold", self.hold),
             ("sequence", self.sequence),
@@ -143,14 +145,14 @@ impl Command {
     }
 }
 
-impl Status {
+impl StatusRegisters {
     /// Returns the first register of the status block, and the number of its registers.
-    pub(super) fn block(&self) -> (u16, u16) {
+    pub(super) fn block_range(&self) -> (u16, u16) {
         let (first, tail) = (self.sequence_head.address, self.sequence_tail);
         (first, tail.address.saturating_add(tail.count()).saturating_sub(first))
     }
 
-    fn spans(&self) -> Vec<(String, u16, u16)> {
+    fn register_spans(&self) -> Vec<(String, u16, u16)> {
         let items = [
             ("sequence_head", self.sequence_head),
             ("version", self.version),
@@ -171,7 +173,7 @@ impl Status {
         let of = |name: &'static str| {
             move |(axis, at): (&Axis, &Register)| (format!("{name}.{axis}"), *at)
         };
-        let results = self.result.iter().flat_map(Results::items);
+        let results = self.result.iter().flat_map(ResultRegisters::named_registers);
         let results = results.map(|(name, register)| (format!("result.{name}"), register));
         items
             .chain(results)
@@ -182,12 +184,12 @@ impl Status {
     }
 }
 
-impl Results {
-    pub(super) fn items_mut(&mut self) -> [&mut Register; 5] {
+impl ResultRegisters {
+    pub(super) fn registers_mut(&mut self) -> [&mut Register; 5] {
         [&mut self.under_way, &mut self.sequence, &mut self.row, &mut self.contact, &mut self.valid]
     }
 
-    fn items(&self) -> [(&'static str, Register); 5] {
+    fn named_registers(&self) -> [(&'static str, Register); 5] {
         [
             ("under_way", self.under_way),
             ("sequence", self.sequence),
@@ -198,32 +200,36 @@ impl Results {
     }
 }
 
-impl Map {
+impl RegisterMap {
     /// Ranges that the link may access: the status to read, the command block to write.
-    pub(super) fn allowed(&self) -> Allowed {
-        let (first, count) = self.status.block();
+    pub(super) fn access_ranges(&self) -> AccessList {
+        let (first, count) = self.status.block_range();
         let last = first.saturating_add(count.saturating_sub(1));
-        let read = vec![Range { space: self.status.space, first, last }];
-        let mut spans: Vec<(u16, u16)> =
-            self.command.spans().into_iter().map(|(_, first, count)| (first, count)).collect();
+        let read = vec![RegisterRange { space: self.status.space, first, last }];
+        let mut spans: Vec<(u16, u16)> = self
+            .command
+            .register_spans()
+            .into_iter()
+            .map(|(_, first, count)| (first, count))
+            .collect();
         spans.sort_unstable();
-        let mut write: Vec<Range> = Vec::new();
+        let mut write: Vec<RegisterRange> = Vec::new();
         for (first, count) in spans {
             let last = first.saturating_add(count.saturating_sub(1));
             match write.last_mut() {
                 // One request may write adjacent items.
                 Some(range) if range.last.checked_add(1) == Some(first) => range.last = last,
-                _ => write.push(Range { space: Space::Holding, first, last }),
+                _ => write.push(RegisterRange { space: RegisterSpace::Holding, first, last }),
             }
         }
-        Allowed { read, write }
+        AccessList { read, write }
     }
 
     /// Returns an axis without registers in the window.
-    pub(super) fn missing(&self, axes: &[Axis]) -> Option<Axis> {
-        let told = |axis: &&Axis| {
+    pub(super) fn axis_without_registers(&self, axes: &[Axis]) -> Option<Axis> {
+        let has_registers = |axis: &&Axis| {
             self.status.latch.contains_key(axis) && self.status.position.contains_key(axis)
         };
-        axes.iter().find(|axis| !told(axis)).copied()
+        axes.iter().find(|axis| !has_registers(axis)).copied()
     }
 }

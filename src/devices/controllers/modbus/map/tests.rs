@@ -1,17 +1,20 @@
 use super::*;
 
-fn map(text: &str) -> Result<Map, String> {
-    toml::from_str::<Map>(text).map_err(|error| error.message().to_owned())
+fn map(text: &str) -> Result<RegisterMap, String> {
+    toml::from_str::<RegisterMap>(text).map_err(|error| error.message().to_owned())
 }
 
 #[test]
 fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
     let published = map("").unwrap();
-    let allowed = published.allowed();
-    assert_eq!(allowed.read, [Range { space: Space::Input, first: 0, last: 44 }]);
-    assert_eq!(allowed.write, [Range { space: Space::Holding, first: 0, last: 105 }]);
-    assert_eq!(published.status.block(), (0, 45));
-    assert_eq!(published.missing(&[Axis::X, Axis::C]), None);
+    let allowed = published.access_ranges();
+    assert_eq!(allowed.read, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
+    assert_eq!(
+        allowed.write,
+        [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]
+    );
+    assert_eq!(published.status.block_range(), (0, 45));
+    assert_eq!(published.axis_without_registers(&[Axis::X, Axis::C]), None);
 }
 
 #[test]
@@ -39,9 +42,9 @@ fn an_item_can_be_moved_and_made_of_another_kind() {
         position = { X = { address = 230, scale = 0.0001 } }
     ")
     .unwrap();
-    assert_eq!(moved.status.block(), (200, 100));
-    assert_eq!(moved.allowed().write.len(), 2);
-    assert_eq!(moved.missing(&[Axis::X, Axis::C]), Some(Axis::C));
+    assert_eq!(moved.status.block_range(), (200, 100));
+    assert_eq!(moved.access_ranges().write.len(), 2);
+    assert_eq!(moved.axis_without_registers(&[Axis::X, Axis::C]), Some(Axis::C));
     let mut block = vec![0; 100];
     (block[30], block[31]) = (0xFFFF, 0xFFFE);
     assert_eq!(moved.status.position[&Axis::X].read(&block, 200), Ok(-0.0002));
@@ -50,17 +53,17 @@ fn an_item_can_be_moved_and_made_of_another_kind() {
 #[test]
 fn a_map_that_cannot_be_is_refused_in_words() {
     for (text, why) in [
-        ("[command]\nhold = { address = 1 }", "lie over each other"),
+        ("[command]\nhold = { address = 1 }", "overlap at address"),
         ("[command]\nchunk = { registers = 124 }", "one request writes"),
-        ("[command]\nchunk = { registers = 120 }", "must lie side by side"),
-        ("[command]\ncrc = { address = 200 }", "must lie side by side"),
-        ("[command]\nlength = { address = 106 }\ncrc = { address = 5 }", "must lie side by side"),
+        ("[command]\nchunk = { registers = 120 }", "must be adjacent"),
+        ("[command]\ncrc = { address = 200 }", "must be adjacent"),
+        ("[command]\nlength = { address = 106 }\ncrc = { address = 5 }", "must be adjacent"),
         ("[status]\nsequence_tail = { address = 200 }", "one request reads"),
-        ("[status]\nstate = { address = 60 }", "lies outside the block"),
-        ("[status]\nspace = \"coil\"", "bits hold no numbers"),
+        ("[status]\nstate = { address = 60 }", "is outside the block"),
+        ("[status]\nspace = \"coil\"", "single bits"),
         ("[status]\nlatch = { X = { type = \"f32\" } }", "needs an `address`"),
         ("[status]\ntime_s = { scale = 0.0 }", "greater than 0"),
-        ("[status]\nspace = \"holding\"", "lie over each other"),
+        ("[status]\nspace = \"holding\"", "overlap at address"),
         ("[status]\nstat = { address = 1 }", "unknown field"),
         ("[status]\nstate = { adress = 1 }", "unknown field"),
     ] {
@@ -73,6 +76,6 @@ fn a_map_that_cannot_be_is_refused_in_words() {
 fn text_lies_two_characters_a_register() {
     let mut chunk = map("").unwrap().command.chunk;
     assert_eq!(chunk.write(b"G1X"), (6, vec![0x4731, 0x5800]));
-    chunk.order = Order::Badc;
+    chunk.order = ByteOrder::Badc;
     assert_eq!(chunk.write(b"G1X"), (6, vec![0x3147, 0x0058]));
 }

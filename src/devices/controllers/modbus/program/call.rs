@@ -4,35 +4,35 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::Program;
-use super::layout::Call;
-use super::rows::{self, Does, Row};
-use crate::controllers::modbus::driver::{ModbusControl, ORIENT};
-use crate::controllers::modbus::fault::{PROBE_CLOSED, STILL_CLOSED};
-use crate::controllers::modbus::status::{Shown, Status};
-use crate::controllers::modbus::window::{Pending, Window, next};
+use super::ResidentProgram;
+use super::layout::ProgramCall;
+use super::rows::{self, ProgramRow, RowAction};
+use crate::controllers::modbus::driver::{MAX_ORIENT_TIME, ModbusControl};
+use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
+use crate::controllers::modbus::status::{ResultSlot, WindowStatus};
+use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
 use crate::controllers::{ControllerError, arrival};
-use machine::record::motion::{Motion, Outcome};
+use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
 
 /// Result of a row that searches for a contact.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Found {
+pub(super) struct RowResult {
     /// Index of the row, from 0.
     pub row: usize,
-    pub contact: bool,
+    pub has_contact: bool,
     /// Latched position of the axes; `t_s` is its time, s.
-    pub latch: Position,
+    pub latched_position: Position,
     pub t_s: Option<f64>,
 }
 
 /// Kind of a valid result in a status.
-enum Seen {
+enum ResultKind {
     /// A result of another call, or an older status.
-    Old,
+    Stale,
     /// A result that was read already: the control has not received the acknowledgement yet.
-    ResumableRun,
+    AlreadyRead,
     New,
 }
 
@@ -41,186 +41,211 @@ impl ModbusControl {
     /// call.
     pub(in crate::controllers::modbus) async fn clear_results(
         &mut self,
-        status: &Status,
+        status: &WindowStatus,
     ) -> Result<(), ControllerError> {
-        self.window.taken = Some(status.latches);
+        self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(Shown { valid: true, .. }) => self.window.acknowledge(status.latches).await,
+            Some(ResultSlot { is_pending: true, .. }) => {
+                self.window.acknowledge(status.latch_count).await
+            }
             _ => Ok(()),
         }
     }
 
-    pub(in crate::controllers::modbus) async fn call(
+    pub(in crate::controllers::modbus) async fn call_program(
         &mut self,
-        program: &Program,
+        program: &ResidentProgram,
         block: &ProvenBlock,
-    ) -> Result<Outcome, ControllerError> {
-        let rows = rows::of(block)?;
-        let (found, status) = self.results(program, &rows, block).await?;
-        let touch = self.contacts(&rows, &found, block.step())?;
-        let latch_s = touch.and_then(|found| found.t_s);
-        let mut outcome = Outcome { t_s: self.time_s(latch_s, &status)?, ..Outcome::default() };
-        if let Some(found) = touch {
-            let spindle = block.motions().take(found.row).filter_map(orientation).last();
-            let spindle = spindle.or(self.spindle);
+    ) -> Result<BlockOutcome, ControllerError> {
+        let rows = rows::rows_from_block(block)?;
+        let (results, status) = self.execute_rows(program, &rows, block).await?;
+        let touch = self.find_touch(&rows, &results, block.step())?;
+        let latch_s = touch.and_then(|result| result.t_s);
+        let mut outcome =
+            BlockOutcome { t_s: self.contact_time_s(latch_s, &status)?, ..BlockOutcome::default() };
+        if let Some(result) = touch {
+            let spindle = block.motions().take(result.row).filter_map(orientation_rad).last();
+            let spindle = spindle.or(self.spindle_rad);
             let spindle = spindle.map(|s| (Axis::S, s));
-            outcome.touch = Some(self.of_machine(&found.latch).iter().chain(spindle).collect());
+            outcome.touch = Some(
+                self.machine_axes_only(&result.latched_position).iter().chain(spindle).collect(),
+            );
         }
-        self.spindle = block.motions().filter_map(orientation).last().or(self.spindle);
-        let end = rows::end(&rows, &self.stood);
-        let status = self.arrive(status, &end)?;
-        if rows.last().is_some_and(|row| row.does != Does::Touch) {
-            self.open_probe(block.step(), status).await?;
+        self.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.spindle_rad);
+        let end = rows::end_position(&rows, &self.rest_position);
+        let status = self.check_arrival(status, &end)?;
+        if rows.last().is_some_and(|row| row.action != RowAction::Touch) {
+            self.wait_probe_open(block.step(), status).await?;
         }
         Ok(outcome)
     }
 
     /// Executes `rows` once; returns every result, in order, and the status at the end.
-    pub(super) async fn results(
+    pub(super) async fn execute_rows(
         &mut self,
-        program: &Program,
-        rows: &[Row],
+        program: &ResidentProgram,
+        rows: &[ProgramRow],
         block: &ProvenBlock,
-    ) -> Result<(Vec<Found>, Status), ControllerError> {
+    ) -> Result<(Vec<RowResult>, WindowStatus), ControllerError> {
         let step = block.step();
-        let call = Call { sequence: self.window.coming(), program, step, rows };
-        let chunk = program.layout.chunk(&call);
-        let chunk = chunk.map_err(|why| ControllerError::Render { step, why })?;
-        self.begin(block).await?;
+        let call = ProgramCall { sequence: self.window.next_sequence(), program, step, rows };
+        let chunk = program.layout.encode_chunk(&call);
+        let chunk = chunk.map_err(|reason| ControllerError::RenderFailed { step, reason })?;
+        self.check_block_start(block).await?;
         let name = format!("program {}, step {step}", program.number);
-        let mut pending = self.window.begin(&chunk, &name, standstill(rows)).await?;
-        let collected = self.collect(&mut pending, rows, step).await;
+        let mut pending = self.window.start_chunk(&chunk, &name, max_rest_time(rows)).await?;
+        let collected = self.collect_results(&mut pending, rows, step).await;
         collected.map_err(|error| match error {
             ControllerError::Alarm { code, .. }
-                if [PROBE_CLOSED, STILL_CLOSED].map(u32::from).contains(&code) =>
+                if [ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED]
+                    .map(u32::from)
+                    .contains(&code) =>
             {
-                ControllerError::StillTripped { step }
+                ControllerError::ProbeStillClosed { step }
             }
             other => other,
         })
     }
 
-    async fn collect(
+    async fn collect_results(
         &mut self,
-        pending: &mut Pending,
-        rows: &[Row],
+        pending: &mut PendingChunk,
+        rows: &[ProgramRow],
         step: u32,
-    ) -> Result<(Vec<Found>, Status), ControllerError> {
-        let (mut found, mut over) = (Vec::new(), None);
+    ) -> Result<(Vec<RowResult>, WindowStatus), ControllerError> {
+        let (mut results, mut ended_at) = (Vec::new(), None);
         loop {
-            let (status, done) = self.window.look(pending).await?;
-            let Some(shown) = status.result else { return Err(results_differ("none", rows.len())) };
-            let under_way = usize::from(shown.under_way).checked_sub(1);
-            let row = under_way.and_then(|row| rows.get(row));
-            if status.probe_closed && row.is_some_and(|row| row.is_free_move) {
+            let (status, done) = self.window.poll_chunk(pending).await?;
+            let Some(slot) = status.result else {
+                return Err(result_mismatch("no result", rows.len()));
+            };
+            let active_row = usize::from(slot.active_row).checked_sub(1);
+            let row = active_row.and_then(|row| rows.get(row));
+            if status.is_probe_closed && row.is_some_and(|row| row.is_free_move) {
                 // The machine may still be moving, and does not stop by itself.
                 self.window.hold();
                 return Err(ControllerError::UnexpectedContact { step });
             }
-            if !shown.valid {
+            if !slot.is_pending {
                 if done {
-                    return Ok((found, status));
+                    return Ok((results, status));
                 }
                 continue;
             }
-            match seen(&self.window, &status, &shown, pending.sequence)? {
-                Seen::Old => {}
-                Seen::ResumableRun => self.window.acknowledge(status.latches).await?,
-                Seen::New => {
-                    found.push(taken(&status, &shown));
-                    self.window.taken = Some(status.latches);
-                    self.window.acknowledge(status.latches).await?;
+            match result_kind(&self.window, &status, &slot, pending.sequence)? {
+                ResultKind::Stale => {}
+                ResultKind::AlreadyRead => self.window.acknowledge(status.latch_count).await?,
+                ResultKind::New => {
+                    results.push(row_result(&status, &slot));
+                    self.window.last_result_number = Some(status.latch_count);
+                    self.window.acknowledge(status.latch_count).await?;
                 }
             }
             // The program has ended, but still reports a result that was acknowledged.
-            let since = over.filter(|_| done).unwrap_or_else(Instant::now);
-            over = done.then_some(since);
-            if since.elapsed() > self.window.patience.answer {
-                return Err(results_differ("one that was acknowledged", found.len()));
+            let since = ended_at.filter(|_| done).unwrap_or_else(Instant::now);
+            ended_at = done.then_some(since);
+            if since.elapsed() > self.window.timeouts.reply {
+                return Err(result_mismatch("an acknowledged result", results.len()));
             }
         }
     }
 
     /// Returns the touch among the results, if the rows have one; each contact must be on the path of its
     /// row.
-    fn contacts<'a>(
+    fn find_touch<'a>(
         &self,
-        rows: &[Row],
-        found: &'a [Found],
+        rows: &[ProgramRow],
+        results: &'a [RowResult],
         step: u32,
-    ) -> Result<Option<&'a Found>, ControllerError> {
-        let mut touches = (0..).zip(rows).filter(|(_, row)| row.does == Does::Touch);
-        for found in found {
-            let row = rows.get(found.row).map(|row| row.does);
+    ) -> Result<Option<&'a RowResult>, ControllerError> {
+        let mut touches = (0..).zip(rows).filter(|(_, row)| row.action == RowAction::Touch);
+        for result in results {
+            let row = rows.get(result.row).map(|row| row.action);
             match row {
-                Some(Does::Guarded) if found.contact => {
+                Some(RowAction::Guarded) if result.has_contact => {
                     return Err(ControllerError::UnexpectedContact { step });
                 }
-                Some(Does::Touch) if !found.contact => {
+                Some(RowAction::Touch) if !result.has_contact => {
                     return Err(ControllerError::NoContact { step });
                 }
                 _ => {}
             }
             match touches.next() {
-                Some((place, row)) if place == found.row => {
-                    self.on_the_way(rows.get(..place).unwrap_or(rows), row, found)?;
+                Some((index, row)) if index == result.row => {
+                    self.check_contact_path(rows.get(..index).unwrap_or(rows), row, result)?;
                 }
-                _ => return Err(results_differ(&format!("one of row {}", found.row + 1), 0)),
+                _ => {
+                    return Err(result_mismatch(&format!("a result of row {}", result.row + 1), 0));
+                }
             }
         }
         match touches.count() {
-            0 => Ok(found.last()),
-            missing => Err(results_differ("none", missing)),
+            0 => Ok(results.last()),
+            missing => Err(result_mismatch("no result", missing)),
         }
     }
 
-    fn on_the_way(&self, before: &[Row], row: &Row, found: &Found) -> Result<(), ControllerError> {
-        let from = rows::end(before, &self.stood);
+    fn check_contact_path(
+        &self,
+        before: &[ProgramRow],
+        row: &ProgramRow,
+        result: &RowResult,
+    ) -> Result<(), ControllerError> {
+        let from = rows::end_position(before, &self.rest_position);
         let to = from.updated_by(&row.target);
-        let contact = self.of_machine(&found.latch).only(|axis| from.get(axis).is_some());
-        let astray = arrival::contact_off_path(&from, &to, &contact, |axis| self.tolerance(axis));
-        astray.map_or(Ok(()), Err)
+        let contact = self
+            .machine_axes_only(&result.latched_position)
+            .filter_axes(|axis| from.get(axis).is_some());
+        let deviation_error =
+            arrival::contact_path_error(&from, &to, &contact, |axis| self.axis_tolerance(axis));
+        deviation_error.map_or(Ok(()), Err)
     }
 }
 
-fn seen(
-    window: &Window,
-    status: &Status,
-    shown: &Shown,
+fn result_kind(
+    window: &RegisterWindow,
+    status: &WindowStatus,
+    slot: &ResultSlot,
     sequence: u16,
-) -> Result<Seen, ControllerError> {
-    let taken = window.taken.unwrap_or_default();
-    if status.latches == taken {
-        return Ok(Seen::ResumableRun);
+) -> Result<ResultKind, ControllerError> {
+    let last_number = window.last_result_number.unwrap_or_default();
+    if status.latch_count == last_number {
+        return Ok(ResultKind::AlreadyRead);
     }
-    if status.accepted != sequence || shown.sequence != sequence {
-        return Ok(Seen::Old);
+    if status.accepted_sequence != sequence || slot.call_sequence != sequence {
+        return Ok(ResultKind::Stale);
     }
-    if status.latches == next(taken) {
-        return Ok(Seen::New);
+    if status.latch_count == sequence_after(last_number) {
+        return Ok(ResultKind::New);
     }
     // Numbers wrap around: a number in the farther half is an older one.
-    if status.latches.wrapping_sub(taken) > u16::MAX / 2 {
-        return Ok(Seen::Old);
+    if status.latch_count.wrapping_sub(last_number) > u16::MAX / 2 {
+        return Ok(ResultKind::Stale);
     }
-    let heard = format!("result {} where {} was to come", status.latches, next(taken));
-    Err(ControllerError::OutOfStep { heard })
+    let reply = format!(
+        "result {} received, result {} expected",
+        status.latch_count,
+        sequence_after(last_number)
+    );
+    Err(ControllerError::UnexpectedReply { reply })
 }
 
-fn taken(status: &Status, shown: &Shown) -> Found {
-    Found {
-        row: usize::from(shown.row).wrapping_sub(1),
-        contact: shown.contact,
-        latch: status.latch.clone(),
+fn row_result(status: &WindowStatus, slot: &ResultSlot) -> RowResult {
+    RowResult {
+        row: usize::from(slot.row).wrapping_sub(1),
+        has_contact: slot.has_contact,
+        latched_position: status.latched_position.clone(),
         t_s: status.latch_time_s,
     }
 }
 
-fn results_differ(shown: &str, wanted: usize) -> ControllerError {
-    ControllerError::OutOfStep { heard: format!("{shown} where {wanted} results were to come") }
+fn result_mismatch(slot: &str, expected: usize) -> ControllerError {
+    ControllerError::UnexpectedReply {
+        reply: format!("{slot} received, {expected} results expected"),
+    }
 }
 
-fn orientation(motion: &Motion) -> Option<f64> {
+fn orientation_rad(motion: &Motion) -> Option<f64> {
     match motion {
         Motion::Orient { s } => Some(*s),
         _ => None,
@@ -228,11 +253,11 @@ fn orientation(motion: &Motion) -> Option<f64> {
 }
 
 /// Maximum time for which the machine may be at rest within a call.
-fn standstill(rows: &[Row]) -> Duration {
-    let stands = rows.iter().map(|row| match row.does {
-        Does::Dwell => Duration::try_from_secs_f64(row.value).unwrap_or_default(),
-        Does::Orient => ORIENT,
+fn max_rest_time(rows: &[ProgramRow]) -> Duration {
+    let rest_times = rows.iter().map(|row| match row.action {
+        RowAction::Dwell => Duration::try_from_secs_f64(row.value).unwrap_or_default(),
+        RowAction::Orient => MAX_ORIENT_TIME,
         _ => Duration::ZERO,
     });
-    stands.sum()
+    rest_times.sum()
 }

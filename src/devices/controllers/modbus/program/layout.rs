@@ -2,33 +2,33 @@
 
 use serde::Deserialize;
 
-use super::Program;
-use super::rows::{Does, Row};
+use super::ResidentProgram;
+use super::rows::{ProgramRow, RowAction};
 use crate::controllers::modbus::map::Register;
-use crate::controllers::modbus::map::check::{Span, apart};
-use crate::controllers::modbus::map::keys::Entry;
-use link::modbus::Space;
-use link::modbus::value::{Kind, ValueError};
+use crate::controllers::modbus::map::check::{ItemSpan, check_overlaps};
+use crate::controllers::modbus::map::keys::RegisterKeys;
+use link::modbus::RegisterSpace;
+use link::modbus::value::{NumberType, ValueError};
 use machine::Axis;
 
-const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Default scale of positions, mm or degrees: the last of the text's four decimals. `VALUE_STEP`: the last
+const ROW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+/// Default scale of positions, mm or degrees: the last of the text's four decimals. `VALUE_SCALE`: the last
 /// of three decimals of feeds and seconds.
-const STEP: f64 = 0.0001;
-const VALUE_STEP: f64 = 0.001;
+const POSITION_SCALE: f64 = 0.0001;
+const VALUE_SCALE: f64 = 0.001;
 /// Largest difference between a number in registers and the number in the text, in the text's units.
-const SAME: f64 = 1e-6;
+const ROUNDING_TOLERANCE: f64 = 1e-6;
 
 /// Keys of `[controller.program.parameters]`: addresses count from the chunk's first register.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ParameterKeys {
-    sequence: Entry,
-    program: Entry,
-    tool: Entry,
-    step: Entry,
-    touches: Entry,
-    rows: Entry,
+    sequence: RegisterKeys,
+    program: RegisterKeys,
+    tool: RegisterKeys,
+    step: RegisterKeys,
+    touches: RegisterKeys,
+    rows: RegisterKeys,
     table: TableKeys,
 }
 
@@ -43,86 +43,92 @@ struct TableKeys {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct RowKeys {
-    kind: Entry,
-    axes: Entry,
-    value: Entry,
+    kind: RegisterKeys,
+    axes: RegisterKeys,
+    value: RegisterKeys,
     #[serde(rename = "X")]
-    x: Entry,
+    x: RegisterKeys,
     #[serde(rename = "Y")]
-    y: Entry,
+    y: RegisterKeys,
     #[serde(rename = "Z")]
-    z: Entry,
+    z: RegisterKeys,
     #[serde(rename = "A")]
-    a: Entry,
+    a: RegisterKeys,
     #[serde(rename = "B")]
-    b: Entry,
+    b: RegisterKeys,
     #[serde(rename = "C")]
-    c: Entry,
+    c: RegisterKeys,
 }
 
 /// Parameters of one call.
-pub(super) struct Call<'a> {
+pub(super) struct ProgramCall<'a> {
     pub sequence: u16,
-    pub program: &'a Program,
+    pub program: &'a ResidentProgram,
     pub step: u32,
-    pub rows: &'a [Row],
+    pub rows: &'a [ProgramRow],
 }
 
 #[derive(Debug, Clone)]
-pub(super) struct Layout {
+pub(super) struct ParameterLayout {
     sequence: Register,
     program: Register,
     tool: Register,
     step: Register,
     touches: Register,
     rows: Register,
-    /// First register of the table; registers of a row (`stride`); maximum number of rows (`most`).
-    table: u16,
-    stride: u16,
-    most: u16,
+    /// First register of the table; registers of a row (`row_registers`); maximum number of rows (`max_rows`).
+    table_address: u16,
+    row_registers: u16,
+    max_rows: u16,
     kind: Register,
     axes: Register,
     value: Register,
     target: Vec<(Axis, Register)>,
 }
 
-impl Layout {
+impl ParameterLayout {
     /// # Errors
     /// Items overlap, or are beyond the `registers` of the chunk.
-    pub(super) fn of(keys: ParameterKeys, row: RowKeys, registers: u16) -> Result<Self, String> {
+    pub(super) fn from_keys(
+        keys: ParameterKeys,
+        row: RowKeys,
+        registers: u16,
+    ) -> Result<Self, String> {
         let table = keys.table.address.unwrap_or(8);
-        let stride = keys.table.registers.unwrap_or(16);
-        let axes = AXES.into_iter().zip([row.x, row.y, row.z, row.a, row.b, row.c]);
-        let axis = |(place, (axis, entry)): (u16, (Axis, Entry))| {
-            (axis, entry.scaled(STEP).at(place, Kind::I32))
+        let row_registers = keys.table.registers.unwrap_or(16);
+        let axes = ROW_AXES.into_iter().zip([row.x, row.y, row.z, row.a, row.b, row.c]);
+        let axis = |(address, (axis, entry)): (u16, (Axis, RegisterKeys))| {
+            (axis, entry.with_default_scale(POSITION_SCALE).register(address, NumberType::I32))
         };
         let layout = Self {
-            sequence: keys.sequence.at(0, Kind::U16),
-            program: keys.program.at(1, Kind::U16),
-            tool: keys.tool.at(2, Kind::U16),
-            step: keys.step.at(3, Kind::U32),
-            touches: keys.touches.at(5, Kind::U16),
-            rows: keys.rows.at(6, Kind::U16),
-            table,
-            stride,
-            most: registers.saturating_sub(table).checked_div(stride).unwrap_or(0),
-            kind: row.kind.at(0, Kind::U16),
-            axes: row.axes.at(1, Kind::U16),
-            value: row.value.scaled(VALUE_STEP).at(2, Kind::U32),
+            sequence: keys.sequence.register(0, NumberType::U16),
+            program: keys.program.register(1, NumberType::U16),
+            tool: keys.tool.register(2, NumberType::U16),
+            step: keys.step.register(3, NumberType::U32),
+            touches: keys.touches.register(5, NumberType::U16),
+            rows: keys.rows.register(6, NumberType::U16),
+            table_address: table,
+            row_registers,
+            max_rows: registers.saturating_sub(table).checked_div(row_registers).unwrap_or(0),
+            kind: row.kind.register(0, NumberType::U16),
+            axes: row.axes.register(1, NumberType::U16),
+            value: row.value.with_default_scale(VALUE_SCALE).register(2, NumberType::U32),
             target: (4..).step_by(2).zip(axes).map(axis).collect(),
         };
-        layout.check()?;
+        layout.check_addresses()?;
         Ok(layout)
     }
 
-    fn check(&self) -> Result<(), String> {
-        if self.most == 0 {
-            return Err("`command.chunk` holds no row of the program's table".to_owned());
+    fn check_addresses(&self) -> Result<(), String> {
+        if self.max_rows == 0 {
+            return Err(
+                "`command.chunk` is too small for one row of the program's table".to_owned()
+            );
         }
-        let span = |section: &str, name: &str, at: &Register| -> Span {
-            (Space::Holding, at.address, at.count(), format!("{section}.{name}"))
+        let span = |section: &str, name: &str, at: &Register| -> ItemSpan {
+            (RegisterSpace::Holding, at.address, at.count(), format!("{section}.{name}"))
         };
-        let heads = [
+        let parameters = [
             ("sequence", &self.sequence),
             ("program", &self.program),
             ("tool", &self.tool),
@@ -130,44 +136,50 @@ impl Layout {
             ("touches", &self.touches),
             ("rows", &self.rows),
         ];
-        let heads = heads.map(|(name, at)| span("parameters", name, at));
+        let parameters = parameters.map(|(name, at)| span("parameters", name, at));
         let named = [("kind", &self.kind), ("axes", &self.axes), ("value", &self.value)];
-        let mut row: Vec<Span> = named.map(|(name, at)| span("row", name, at)).to_vec();
+        let mut row: Vec<ItemSpan> = named.map(|(name, at)| span("row", name, at)).to_vec();
         row.extend(self.target.iter().map(|(axis, at)| span("row", &axis.to_string(), at)));
-        row.push((Space::Holding, self.stride, 1, "the next row".to_owned()));
-        let end = |(_, at, count, _): &Span| u32::from(*at) + u32::from(*count);
+        row.push((RegisterSpace::Holding, self.row_registers, 1, "the next row".to_owned()));
+        let end = |(_, at, count, _): &ItemSpan| u32::from(*at) + u32::from(*count);
         if let Some((.., name)) =
-            row.iter().rev().skip(1).find(|item| end(item) > self.stride.into())
+            row.iter().rev().skip(1).find(|item| end(item) > self.row_registers.into())
         {
-            return Err(format!("`{name}` lies beyond the {} registers of a row", self.stride));
+            return Err(format!(
+                "`{name}` is beyond the {} registers of a row",
+                self.row_registers
+            ));
         }
-        if let Some((.., name)) = heads.iter().find(|item| end(item) > self.table.into()) {
-            return Err(format!("`{name}` does not lie before the table at {}", self.table));
+        if let Some((.., name)) =
+            parameters.iter().find(|item| end(item) > self.table_address.into())
+        {
+            return Err(format!("`{name}` must be before the table at {}", self.table_address));
         }
-        apart(heads.to_vec())?;
-        apart(row)
+        check_overlaps(parameters.to_vec())?;
+        check_overlaps(row)
     }
 
     /// Returns the chunk for `call` as bytes, the high byte of each register first.
     ///
     /// # Errors
     /// There are too many rows, or the registers cannot hold a number of the text.
-    pub(super) fn chunk(&self, call: &Call) -> Result<Vec<u8>, String> {
-        let items = self.items(call)?;
-        let length = usize::from(self.table) + call.rows.len() * usize::from(self.stride);
+    pub(super) fn encode_chunk(&self, call: &ProgramCall) -> Result<Vec<u8>, String> {
+        let items = self.parameter_values(call)?;
+        let length =
+            usize::from(self.table_address) + call.rows.len() * usize::from(self.row_registers);
         let mut words = vec![0; length];
         for (register, value) in &items {
-            let written = register.number.write(*value).map_err(|error| error.to_string())?;
+            let written = register.number.encode(*value).map_err(|error| error.to_string())?;
             let first = usize::from(register.address);
-            let place = words.get_mut(first..first + written.len());
-            place.ok_or("a parameter lies beyond the chunk")?.copy_from_slice(&written);
+            let target = words.get_mut(first..first + written.len());
+            target.ok_or("a parameter is beyond the chunk")?.copy_from_slice(&written);
         }
         // Compares each number with the one that the control will read.
         for (register, value) in &items {
             let read = register.read(&words, 0).map_err(|error: ValueError| error.to_string())?;
-            if (read - value).abs() > SAME {
+            if (read - value).abs() > ROUNDING_TOLERANCE {
                 return Err(format!(
-                    "its registers would hold {read} where the text says {value}: give it a finer \
+                    "the registers would contain {read} instead of {value} in the program text: set a finer \
                      `scale` or another `type`"
                 ));
             }
@@ -176,12 +188,14 @@ impl Layout {
     }
 
     /// All numbers of the call, each with its register.
-    fn items(&self, call: &Call) -> Result<Vec<(Register, f64)>, String> {
-        let (rows, most) = (call.rows.len(), usize::from(self.most));
-        if rows > most {
-            return Err(format!("it has {rows} moves, and `command.chunk` holds {most} rows"));
+    fn parameter_values(&self, call: &ProgramCall) -> Result<Vec<(Register, f64)>, String> {
+        let (rows, max_rows) = (call.rows.len(), usize::from(self.max_rows));
+        if rows > max_rows {
+            return Err(format!(
+                "the block has {rows} moves, but `command.chunk` holds only {max_rows} rows"
+            ));
         }
-        let touches = call.rows.iter().filter(|row| row.does == Does::Touch).count();
+        let touches = call.rows.iter().filter(|row| row.action == RowAction::Touch).count();
         let mut items = vec![
             (self.sequence, f64::from(call.sequence)),
             (self.program, f64::from(call.program.number)),
@@ -190,26 +204,33 @@ impl Layout {
             (self.touches, touches as f64),
             (self.rows, rows as f64),
         ];
-        for (row, first) in call.rows.iter().zip((self.table..).step_by(self.stride.into())) {
-            self.row(row, first, &mut items)?;
+        for (row, first) in
+            call.rows.iter().zip((self.table_address..).step_by(self.row_registers.into()))
+        {
+            self.add_row(row, first, &mut items)?;
         }
         Ok(items)
     }
 
-    fn row(&self, row: &Row, first: u16, items: &mut Vec<(Register, f64)>) -> Result<(), String> {
+    fn add_row(
+        &self,
+        row: &ProgramRow,
+        first: u16,
+        items: &mut Vec<(Register, f64)>,
+    ) -> Result<(), String> {
         let at = |at: &Register| Register { address: first + at.address, ..*at };
-        let known = |axis: Axis| self.target.iter().any(|(known, _)| *known == axis);
-        if let Some((axis, _)) = row.target.iter().find(|(axis, _)| !known(*axis)) {
-            return Err(format!("a row has no place for {axis}"));
+        let has_axis = |axis: Axis| self.target.iter().any(|(known, _)| *known == axis);
+        if let Some((axis, _)) = row.target.iter().find(|(axis, _)| !has_axis(*axis)) {
+            return Err(format!("a row has no register for {axis}"));
         }
         let named =
             self.target.iter().zip(0..).filter(|((axis, _), _)| row.target.get(*axis).is_some());
         let mask: u16 = named.map(|(_, bit)| 1 << bit).sum();
-        items.push((at(&self.kind), f64::from(row.does as u8)));
+        items.push((at(&self.kind), f64::from(row.action as u8)));
         items.push((at(&self.axes), f64::from(mask)));
         items.push((at(&self.value), row.value));
         for (axis, register) in &self.target {
-            let value = row.target.get(*axis).map_or(0.0, |value| axis.to_edge(value));
+            let value = row.target.get(*axis).map_or(0.0, |value| axis.to_mm_or_deg(value));
             items.push((at(register), value));
         }
         Ok(())

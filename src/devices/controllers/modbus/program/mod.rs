@@ -19,14 +19,14 @@ mod tests;
 
 use serde::Deserialize;
 
-use layout::{Layout, ParameterKeys, RowKeys};
+use layout::{ParameterKeys, ParameterLayout, RowKeys};
 
-use super::map::Map;
+use super::map::RegisterMap;
 
 /// Keys of `[controller.program]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub(super) struct Keys {
+pub(super) struct ProgramKeys {
     number: Option<u16>,
     tool: u16,
     parameters: ParameterKeys,
@@ -35,19 +35,19 @@ pub(super) struct Keys {
 
 /// Number of the resident program, and layout of its parameters in the chunk.
 #[derive(Debug, Clone)]
-pub(super) struct Program {
+pub(super) struct ResidentProgram {
     pub number: u16,
     /// Number of the probe as a tool of the control; 0: the program need not check it.
     tool: u16,
-    layout: Layout,
+    layout: ParameterLayout,
 }
 
-impl Program {
+impl ResidentProgram {
     /// # Errors
     /// The parameters do not fit the chunk of `map`, or overlap.
-    pub(super) fn of(keys: Keys, map: &Map) -> Result<Self, String> {
-        let Keys { number, tool, parameters, row } = keys;
-        let layout = Layout::of(parameters, row, map.command.chunk.registers)?;
+    pub(super) fn from_keys(keys: ProgramKeys, map: &RegisterMap) -> Result<Self, String> {
+        let ProgramKeys { number, tool, parameters, row } = keys;
+        let layout = ParameterLayout::from_keys(parameters, row, map.command.chunk.registers)?;
         Ok(Self { number: number.unwrap_or(1), tool, layout })
     }
 }

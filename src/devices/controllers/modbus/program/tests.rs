@@ -3,45 +3,45 @@
 use std::time::Duration;
 
 use super::super::driver::ModbusControl;
-use super::super::tests::{driver, fault, is_held_at_last, proven_as, turn_at_feed};
-use super::call::Found;
+use super::super::tests::{driver, fault, prove_block_for, turn_at_feed, wait_for_hold};
+use super::call::RowResult;
 use super::rows;
 use crate::controllers::{ControllerError, Driver};
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
-use simulator::controls::modbus::{Diary, Entry, Fault, FaultKind};
+use simulator::controls::modbus::{Diary, DiaryEntry, Fault, FaultKind};
 use simulator::interpreter::Pace;
 
-const PROGRAM: &str = "[program]";
+const PROGRAM_KEYS: &str = "[program]";
 
-fn proven(block: &Block) -> ProvenBlock {
-    proven_as(&Transmission::Rows, block)
+fn prove_block(block: &Block) -> ProvenBlock {
+    prove_block_for(&Transmission::Rows, block)
 }
 
-fn to(places: &[(Axis, f64)]) -> Position {
+fn position_of(places: &[(Axis, f64)]) -> Position {
     places.iter().copied().collect()
 }
 
-fn x(mm: f64) -> Position {
-    to(&[(Axis::X, mm)])
+fn x_position(mm: f64) -> Position {
+    position_of(&[(Axis::X, mm)])
 }
 
 /// Motions to a position beside the part, whose contact is at 28 mm.
-fn beside() -> Vec<Motion> {
-    let down = to(&[(Axis::Z, -150.0)]);
+fn approach_motions() -> Vec<Motion> {
+    let down = position_of(&[(Axis::Z, -150.0)]);
     vec![
-        Motion::Rapid { to: x(40.0) },
+        Motion::Rapid { to: x_position(40.0) },
         Motion::Guarded { to: down, feed_mm_min: 500.0 },
-        Motion::Guarded { to: x(30.123), feed_mm_min: 299.5 },
+        Motion::Guarded { to: x_position(30.123), feed_mm_min: 299.5 },
     ]
 }
 
 fn touch() -> [Motion; 2] {
     [
-        Motion::Probe { to: x(27.0), feed_mm_min: 60.0 },
-        Motion::BackOff { to: x(30.123), feed_mm_min: 600.0 },
+        Motion::Probe { to: x_position(27.0), feed_mm_min: 60.0 },
+        Motion::BackOff { to: x_position(30.123), feed_mm_min: 600.0 },
     ]
 }
 
@@ -49,16 +49,16 @@ fn block(motions: Vec<Motion>) -> Block {
     Block { step: 70_001, repeat: 0, motions }
 }
 
-async fn prepared(keys: &str, faults: Vec<Fault>) -> (ModbusControl, Diary) {
+async fn prepared_driver(keys: &str, faults: Vec<Fault>) -> (ModbusControl, Diary) {
     let (mut driver, _, diary) = driver(keys, Pace::Fast, faults).await;
     driver.prepare().await.unwrap();
     (driver, diary)
 }
 
-fn told(diary: &Diary) -> Vec<String> {
+fn executed_texts(diary: &Diary) -> Vec<String> {
     let diary = diary.lock().unwrap();
     let took = diary.iter().filter_map(|entry| match entry {
-        Entry::Took { text, .. } => Some(text.clone()),
+        DiaryEntry::Accepted { text, .. } => Some(text.clone()),
         _ => None,
     });
     took.collect()
@@ -66,18 +66,18 @@ fn told(diary: &Diary) -> Vec<String> {
 
 #[tokio::test]
 async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
-    let (mut driver, diary) = prepared(PROGRAM, Vec::new()).await;
+    let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     let mut motions = vec![Motion::Orient { s: -0.5 }, Motion::Dwell { seconds: 0.25 }];
-    motions.extend(beside());
+    motions.extend(approach_motions());
     motions.extend(touch());
-    motions.push(Motion::Rapid { to: to(&[(Axis::B, -0.1), (Axis::C, 0.2)]) });
-    let outcome = driver.execute(proven(&block(motions))).await.unwrap();
+    motions.push(Motion::Rapid { to: position_of(&[(Axis::B, -0.1), (Axis::C, 0.2)]) });
+    let outcome = driver.execute(prove_block(&block(motions))).await.unwrap();
     let touch = outcome.touch.unwrap();
-    assert!((touch.at(Axis::X) - 28.0).abs() < 1e-3, "{touch:?}");
-    assert_eq!((touch.at(Axis::Z), touch.at(Axis::S)), (-150.0, -0.5));
+    assert!((touch.get_or_zero(Axis::X) - 28.0).abs() < 1e-3, "{touch:?}");
+    assert_eq!((touch.get_or_zero(Axis::Z), touch.get_or_zero(Axis::S)), (-150.0, -0.5));
     // -0.5 rad is 331.352 degrees, -0.1 and 0.2 rad are -5.7296 and 11.4592 degrees.
     assert_eq!(
-        told(&diary),
+        executed_texts(&diary),
         [
             "step 70001: Orient 331.352; Dwell 0.25; Rapid X40.0000 0; Guarded Z-150.0000 500; Guarded \
           X30.1230 299.5; Touch X27.0000 60; Feed X30.1230 600; Rapid B-5.7296 C11.4592 0"
@@ -89,72 +89,74 @@ async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
 async fn a_list_of_touches_is_handed_over_one_by_one() {
     for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
         let faults = kind.map(|kind| Fault { after_touch: 2, ..fault(kind, 0) });
-        let (mut driver, diary) = prepared(PROGRAM, faults.into_iter().collect()).await;
+        let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
         let motions: Vec<_> =
-            beside().into_iter().chain([touch(), touch(), touch()].concat()).collect();
+            approach_motions().into_iter().chain([touch(), touch(), touch()].concat()).collect();
         let block = block(motions);
-        let rows = rows::of(&proven(&block)).unwrap();
+        let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
         let program = driver.program.clone().unwrap();
-        let (found, status) = driver.results(&program, &rows, &proven(&block)).await.unwrap();
+        let (found, status) =
+            driver.execute_rows(&program, &rows, &prove_block(&block)).await.unwrap();
         assert_eq!(found.iter().map(|found| found.row).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
         // Each result is a contact that the control has made.
         let diary = diary.lock().unwrap();
         let made = diary.iter().filter_map(|entry| match entry {
-            Entry::Contact { t_s, .. } => Some(Some(*t_s)),
+            DiaryEntry::Contact { t_s, .. } => Some(Some(*t_s)),
             _ => None,
         });
-        let times: Vec<_> = found.iter().map(|found: &Found| found.t_s).collect();
+        let times: Vec<_> = found.iter().map(|found: &RowResult| found.t_s).collect();
         assert_eq!(times, made.collect::<Vec<_>>());
-        assert_eq!(status.latches, 3);
-        let wrong = |entry: &&Entry| matches!(entry, Entry::Wrong(_));
+        assert_eq!(status.latch_count, 3);
+        let wrong = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(_));
         assert_eq!(diary.iter().filter(wrong).count(), usize::from(kind.is_some()));
     }
 }
 
 #[tokio::test]
 async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_program() {
-    let (mut driver, _) = prepared(PROGRAM, Vec::new()).await;
-    let mut motions = beside();
-    motions.push(Motion::Guarded { to: x(20.0), feed_mm_min: 60.0 });
-    motions.push(Motion::Rapid { to: x(-40.0) });
-    let error = driver.execute(proven(&block(motions))).await.unwrap_err();
+    let (mut driver, _) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
+    let mut motions = approach_motions();
+    motions.push(Motion::Guarded { to: x_position(20.0), feed_mm_min: 60.0 });
+    motions.push(Motion::Rapid { to: x_position(-40.0) });
+    let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 70_001 }), "{error}");
-    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!((stands - 28.0).abs() < 0.1, "{stands}");
 
-    let (mut driver, _) = prepared(PROGRAM, Vec::new()).await;
-    let mut motions = beside();
-    motions.push(Motion::Probe { to: x(29.0), feed_mm_min: 60.0 });
-    motions.push(Motion::Rapid { to: x(40.0) });
-    let error = driver.execute(proven(&block(motions))).await.unwrap_err();
+    let (mut driver, _) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
+    let mut motions = approach_motions();
+    motions.push(Motion::Probe { to: x_position(29.0), feed_mm_min: 60.0 });
+    motions.push(Motion::Rapid { to: x_position(40.0) });
+    let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
     assert!(matches!(error, ControllerError::NoContact { .. }), "{error}");
-    assert_eq!(driver.look().await.unwrap().stands.at(Axis::X), 29.0);
+    assert_eq!(driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X), 29.0);
 }
 
 #[tokio::test]
 async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
-    let (mut first, diary) = prepared(PROGRAM, Vec::new()).await;
+    let (mut first, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
     // The program ends, and its result is never acknowledged: the daemon was killed.
-    let motions: Vec<_> = beside().into_iter().chain(touch()).collect();
+    let motions: Vec<_> = approach_motions().into_iter().chain(touch()).collect();
     let block = block(motions);
-    let rows = rows::of(&proven(&block)).unwrap();
-    let (program, sequence) = (first.program.clone().unwrap(), first.window.coming());
-    let call = super::layout::Call { sequence, program: &program, step: 70_001, rows: &rows };
-    let chunk = program.layout.chunk(&call).unwrap();
-    first.window.begin(&chunk, "a call", Duration::ZERO).await.unwrap();
+    let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
+    let (program, sequence) = (first.program.clone().unwrap(), first.window.next_sequence());
+    let call =
+        super::layout::ProgramCall { sequence, program: &program, step: 70_001, rows: &rows };
+    let chunk = program.layout.encode_chunk(&call).unwrap();
+    first.window.start_chunk(&chunk, "a call", Duration::ZERO).await.unwrap();
     tokio::time::sleep(Duration::from_millis(50)).await;
-    let shown = first.window.status().await.unwrap().result.unwrap();
-    assert!(shown.valid && shown.contact);
+    let shown = first.window.read_status().await.unwrap().result.unwrap();
+    assert!(shown.is_pending && shown.has_contact);
     // The next run prepares, and its own touch has another result.
     first.prepare().await.unwrap();
-    assert!(!first.window.status().await.unwrap().result.unwrap().valid);
+    assert!(!first.window.read_status().await.unwrap().result.unwrap().is_pending);
     let outcome = first
-        .execute(proven(&Block { step: 2, repeat: 0, motions: touch().into() }))
+        .execute(prove_block(&Block { step: 2, repeat: 0, motions: touch().into() }))
         .await
         .unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
-        Entry::Contact { t_s, .. } => Some(*t_s),
+        DiaryEntry::Contact { t_s, .. } => Some(*t_s),
         _ => None,
     });
     assert_eq!(outcome.t_s, last);
@@ -164,64 +166,66 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
 async fn numbers_that_registers_cannot_hold_as_the_text_says_them_start_nothing() {
     let coarse = "[program.row]\nX = { scale = 0.01 }";
     for (keys, why) in [
-        (coarse, "its registers would hold 30.12 where the text says 30.123"),
-        ("[program]\n[registers.command]\nchunk = { registers = 72 }", "holds 4 rows"),
+        (coarse, "the registers would contain 30.12 instead of 30.123"),
+        ("[program]\n[registers.command]\nchunk = { registers = 72 }", "holds only 4 rows"),
     ] {
-        let (mut driver, diary) = prepared(keys, Vec::new()).await;
-        let motions = beside().into_iter().chain(touch()).collect();
-        let error = driver.execute(proven(&block(motions))).await.unwrap_err();
+        let (mut driver, diary) = prepared_driver(keys, Vec::new()).await;
+        let motions = approach_motions().into_iter().chain(touch()).collect();
+        let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
-        assert!(told(&diary).is_empty());
+        assert!(executed_texts(&diary).is_empty());
     }
 }
 
 #[tokio::test]
 async fn refusals_are_told_in_words() {
     for (keys, why) in [
-        ("[program]\nnumber = 9", "no such program"),
+        ("[program]\nnumber = 9", "program number is unknown"),
         ("[program]\ntool = 4", "another tool"),
         // An item is at another address: the checksum still fits, but the call is not the right one.
-        ("[program.parameters]\nsequence = { address = 7 }", "cannot do a row"),
+        ("[program.parameters]\nsequence = { address = 7 }", "cannot execute a row"),
     ] {
-        let (mut driver, diary) = prepared(keys, Vec::new()).await;
-        let error = driver.execute(proven(&block(beside()))).await.unwrap_err();
+        let (mut driver, diary) = prepared_driver(keys, Vec::new()).await;
+        let error = driver.execute(prove_block(&block(approach_motions()))).await.unwrap_err();
         assert!(error.to_string().contains(why), "{error}");
-        assert!(told(&diary).is_empty());
-        assert_eq!(driver.look().await.unwrap().stands.at(Axis::X), 0.0);
+        assert!(executed_texts(&diary).is_empty());
+        assert_eq!(driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X), 0.0);
     }
 }
 
 #[tokio::test]
 async fn a_call_that_an_earlier_run_could_not_end_is_no_matter() {
-    let (mut driver, diary) = prepared(PROGRAM, Vec::new()).await;
-    driver.window.begin(&[0; 48], "nonsense", Duration::ZERO).await.unwrap();
+    let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, Vec::new()).await;
+    driver.window.start_chunk(&[0; 48], "nonsense", Duration::ZERO).await.unwrap();
     driver.prepare().await.unwrap();
-    driver.execute(proven(&block(beside()))).await.unwrap();
-    assert_eq!(told(&diary).len(), 1);
+    driver.execute(prove_block(&block(approach_motions()))).await.unwrap();
+    assert_eq!(executed_texts(&diary).len(), 1);
 }
 
 #[tokio::test]
 async fn a_contact_during_a_rapid_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM, Pace::Real, faults).await;
+    let (mut driver, _, diary) = driver(PROGRAM_KEYS, Pace::Real, faults).await;
     driver.prepare().await.unwrap();
-    let error =
-        driver.execute(proven(&block(vec![Motion::Rapid { to: x(390.0) }]))).await.unwrap_err();
+    let error = driver
+        .execute(prove_block(&block(vec![Motion::Rapid { to: x_position(390.0) }])))
+        .await
+        .unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
-    is_held_at_last(&diary).await;
-    let stands = driver.look().await.unwrap().stands.at(Axis::X);
+    wait_for_hold(&diary).await;
+    let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!(stands < 380.0, "{stands}");
 }
 
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
-    let (mut driver, _, diary) = driver(PROGRAM, Pace::Real, faults).await;
+    let (mut driver, _, diary) = driver(PROGRAM_KEYS, Pace::Real, faults).await;
     driver.prepare().await.unwrap();
-    let error = driver.execute(proven(&turn_at_feed())).await.unwrap_err();
+    let error = driver.execute(prove_block(&turn_at_feed())).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
-    is_held_at_last(&diary).await;
-    let turned = driver.look().await.unwrap().stands.at(Axis::C).to_degrees();
+    wait_for_hold(&diary).await;
+    let turned = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::C).to_degrees();
     assert!(turned < 15.0, "{turned}");
 }
 
@@ -231,11 +235,12 @@ async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result()
         // X and Y are read from each other's registers.
         let axes = [("X", 2), ("Y", 0), ("Z", 4), ("B", 8), ("C", 10)];
         let axes = axes.map(|(axis, k)| format!("{axis} = {{ address = {} }}", first + k));
-        let keys = format!("{PROGRAM}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
-        let (mut driver, diary) = prepared(&keys, Vec::new()).await;
-        let motions = beside().into_iter().chain(touch()).collect();
-        let error = driver.execute(proven(&block(motions))).await.unwrap_err();
+        let keys =
+            format!("{PROGRAM_KEYS}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
+        let (mut driver, diary) = prepared_driver(&keys, Vec::new()).await;
+        let motions = approach_motions().into_iter().chain(touch()).collect();
+        let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
         assert!(matches!(error, ControllerError::WrongPosition { .. }), "{item}: {error}");
-        assert!(matches!(diary.lock().unwrap()[..], [.., Entry::Contact { .. }]));
+        assert!(matches!(diary.lock().unwrap()[..], [.., DiaryEntry::Contact { .. }]));
     }
 }

@@ -1,0 +1,138 @@
+//! Events of a stored run, in words.
+
+use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
+use machine::record::event::Event;
+use machine::record::machine::Homing;
+
+/// Stops, faults and acknowledgements of a run, each with its time.
+pub fn run_story(stored: &StoredRun) -> Vec<(String, String)> {
+    let told = |event: &Event| match event {
+        Event::Held { reason } => Some(format!("held: {reason}")),
+        Event::Faulted { what, .. } => Some(format!("fault: {what}")),
+        Event::Acknowledged { who, what, .. } => Some(format!("confirmed by {who}: {what}")),
+        Event::Asked { text, .. } => Some(format!("prompt for the operator: {text}")),
+        Event::Answered { who, .. } => Some(format!("prompt confirmed by {who}")),
+        Event::Resumed { gap_s } => {
+            Some(format!("resumed after an interruption at t = {gap_s:.1} s"))
+        }
+        Event::SamplesRemoved { scans } => Some(format!(
+            "the samples of {scans} scans were deleted at the end of their retention period"
+        )),
+        _ => None,
+    };
+    let events = stored.events.iter();
+    let events = events.filter_map(|(at, event)| Some((format!("{at:.0}"), told(event)?)));
+    let signed = stored.signatures.iter().map(|(at, signature)| {
+        let of = if signs_last_estimate(stored, signature) { "" } else { " (an earlier estimate)" };
+        (format!("{at:.0}"), format!("signed{of} {}", describe_signer(signature)))
+    });
+    events.chain(signed).collect()
+}
+
+/// Signatures of the last estimate, in words; signatures of earlier estimates are left out.
+pub fn describe_signatures(stored: &StoredRun) -> Vec<String> {
+    let of_last =
+        stored.signatures.iter().filter(|(_, signature)| signs_last_estimate(stored, signature));
+    of_last.map(|(at, signature)| format!("{} on {at:.0}", describe_signer(signature))).collect()
+}
+
+fn signs_last_estimate(stored: &StoredRun, signature: &Signature) -> bool {
+    stored.estimates.last().is_some_and(|last| last.sha256 == signature.estimate_sha256)
+}
+
+fn describe_signer(Signature { who, remark, .. }: &Signature) -> String {
+    match remark.as_str() {
+        "" => format!("by {who}"),
+        remark => format!("by {who} ({remark})"),
+    }
+}
+
+/// The reason why an incomplete run ended.
+pub fn describe_end(stored: &StoredRun) -> String {
+    let (id, state) = (stored.summary.id, stored.summary.state);
+    let last = stored.events.iter().rev().find_map(|(_, event)| match event {
+        Event::Held { reason } => Some(reason.clone()),
+        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
+        _ => None,
+    });
+    let why = match (state, last) {
+        (RunState::NotIdentified, _) => {
+            identification_fault(stored).unwrap_or_else(|| "no estimate is stored yet".to_owned())
+        }
+        (RunState::Interrupted, _) => "the process ended without writing a reason".to_owned(),
+        (_, Some(last)) => last,
+        (_, None) => "no reason is stored".to_owned(),
+    };
+    format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
+}
+
+/// Reason why the identification of a completed measurement failed, with the remedy; `None` if no
+/// identification has failed: the process ended first, or the computation is in progress.
+pub fn identification_fault(stored: &StoredRun) -> Option<String> {
+    let events = stored.events.iter().rev().map(|(_, event)| event);
+    let mut since =
+        events.take_while(|event| !matches!(event, Event::Finished | Event::Resumed { .. }));
+    since.find_map(|event| match event {
+        Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
+        _ => None,
+    })
+}
+
+/// Whether the control may have lost the position of an axis since the run was last resumed. An axis without a
+/// homing switch may have lost its zero in any interruption, and no control reports that.
+pub fn position_lost(stored: &StoredRun) -> bool {
+    if stored.plan.machine.axes.values().any(|axis| axis.homing == Homing::None) {
+        return true;
+    }
+    let events = stored.events.iter().rev().map(|(_, event)| event);
+    let mut since = events.take_while(|event| !matches!(event, Event::Resumed { .. }));
+    since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
+}
+
+/// Whether a person has acknowledged the stop and abandoned the run: no further action is expected. An
+/// acknowledgement for a resume does not count.
+pub fn is_abandoned(stored: &StoredRun) -> bool {
+    let last = stored.events.iter().rev().find_map(|(_, event)| match event {
+        Event::Acknowledged { leaves, .. } => Some(*leaves),
+        // Messages, and the later removal of samples.
+        Event::Announced { .. } | Event::SamplesRemoved { .. } => None,
+        _ => Some(false),
+    });
+    last.unwrap_or(false)
+}
+
+/// Command that resumes a stopped run, or the reason why it cannot be resumed. `can_resume`: its references
+/// were measured.
+pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String {
+    match (can_resume, position_lost) {
+        (true, true) => format!(
+            "check the machine and home all axes, then continue with `trued resume {run} --acknowledge \
+            YOUR_NAME --homed`"
+        ),
+        (true, false) => {
+            format!("check the machine, then continue with `trued resume {run}`")
+        }
+        (false, _) => format!(
+            "run {run} cannot be resumed, because its references were not measured before the stop: start a \
+            new run"
+        ),
+    }
+}
+
+/// Next action that is possible for a run in its state. `can_resume` as in [`resume_hint`].
+pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
+    let RunSummary { id, state, method, .. } = &stored.summary;
+    match state {
+        RunState::Held | RunState::Interrupted => {
+            Some(resume_hint(*id, can_resume, position_lost(stored)))
+        }
+        RunState::Closed => Some(format!(
+            "`trued identify {method} --run {id}` computes an estimate from the stored \
+                readings"
+        )),
+        RunState::NotIdentified => Some(format!(
+            "`trued resume {id}` computes the estimate from the stored readings; the machine does not move"
+        )),
+        RunState::Finished | RunState::Failed | RunState::Running => None,
+    }
+}

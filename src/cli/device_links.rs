@@ -1,0 +1,112 @@
+//! `--capture` and `--replay`: the links between the program and its devices.
+
+use std::path::{Path, PathBuf};
+
+use super::failure::Failure;
+use super::files::state_folder;
+use crate::setup::Devices;
+use link::{Capture, LinkMode, Replay};
+
+pub struct DeviceLinks<'a> {
+    wiring: LinkMode,
+    capture_file: Option<&'a Path>,
+    /// State directory of a replay; deleted at its end.
+    replay_folder: Option<TemporaryFolder>,
+}
+
+impl<'a> DeviceLinks<'a> {
+    pub fn from_options(
+        capture_file: Option<&'a Path>,
+        replayed: Option<&Path>,
+    ) -> Result<Self, Failure> {
+        let (wiring, replay_folder) = match (capture_file, replayed) {
+            (Some(file), _) => (LinkMode::Captured(create_capture(file)?), None),
+            (None, Some(file)) => {
+                let replay = Replay::read(file).map_err(|error| {
+                    Failure::new(error, "use a file that `trued run --capture FILE` has written")
+                })?;
+                (LinkMode::Replayed(replay), Some(TemporaryFolder::new()?))
+            }
+            (None, None) => (LinkMode::Direct, None),
+        };
+        Ok(Self { wiring, capture_file, replay_folder })
+    }
+
+    /// Whether the journal outlives the program.
+    pub fn is_journal_kept(&self) -> bool {
+        self.replay_folder.is_none()
+    }
+
+    /// Directory of journal and locks. A replay measures nothing: it has a directory of its own, and it cannot
+    /// be resumed.
+    pub fn state_folder(&self, state: Option<&Path>) -> Result<PathBuf, Failure> {
+        match &self.replay_folder {
+            Some(replay_folder) => Ok(replay_folder.0.clone()),
+            None => state_folder(state),
+        }
+    }
+
+    /// Opens the devices over these links.
+    pub async fn connect(
+        &self,
+        opening: impl Future<Output = Result<Devices, Failure>>,
+    ) -> Result<Devices, Failure> {
+        let mut devices = self.wiring.clone().apply_to(opening).await?;
+        if let LinkMode::Replayed(replay) = &self.wiring {
+            devices.clock = replay.clock();
+        }
+        Ok(devices)
+    }
+
+    /// Ends the capture after the run, also after an error, and reports whether it is complete.
+    ///
+    /// # Errors
+    /// The error of the run; in a replay with a message for replays.
+    pub fn finish<T>(&self, ended: Result<T, Failure>) -> Result<T, Failure> {
+        if let (LinkMode::Captured(capture), Some(file)) = (&self.wiring, self.capture_file) {
+            match capture.finish() {
+                Ok(()) => errln!("capture written: {}", file.display()),
+                Err(error) => errln!("{}: the capture is incomplete: {error}", file.display()),
+            }
+        }
+        ended.map_err(
+            |failure| if self.is_journal_kept() { failure } else { replay_failure(failure) },
+        )
+    }
+}
+
+/// The error of a replay: nothing has moved, and the run cannot be resumed.
+fn replay_failure(failure: Failure) -> Failure {
+    Failure::new(
+        format!("the replay ended: {}", failure.message),
+        "use the machine file, the method and the program version of the captured run; a replay cannot \
+        continue after the end of that run",
+    )
+}
+
+fn create_capture(file: &Path) -> Result<Capture, Failure> {
+    Capture::create(file).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => Failure::new(
+            format!("the file {} exists already", file.display()),
+            "a capture is never overwritten: choose another name, or move the existing file",
+        ),
+        _ => Failure::file(file, &error),
+    })
+}
+
+struct TemporaryFolder(PathBuf);
+
+impl TemporaryFolder {
+    fn new() -> Result<Self, Failure> {
+        let folder = std::env::temp_dir().join(format!("trued-replay-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).map_err(|error| Failure::file(&folder, &error))?;
+        Ok(Self(folder))
+    }
+}
+
+impl Drop for TemporaryFolder {
+    fn drop(&mut self) {
+        // A leftover directory does no harm.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}

@@ -1,0 +1,93 @@
+//! Properties that a control reports, and possible causes if no control can be identified.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use machine::Axis;
+use machine::record::machine::AxisSense;
+
+/// Properties that a control reports, from its own settings, independent of the machine file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DeviceInfo {
+    /// Name and version as reported.
+    pub identity: String,
+    /// All axes that the control drives.
+    pub axes: BTreeMap<Axis, ReportedAxis>,
+    /// Settings with which the control cannot measure, or which the operator must know.
+    pub findings: Vec<ReadinessFinding>,
+    /// How the operator inverts the probe input at the control, if the control supports it.
+    pub probe_polarity_hint: Option<String>,
+}
+
+/// Properties of one axis, in the units of [`AxisSpec`](machine::record::machine::AxisSpec): mm, degrees,
+/// minutes and seconds. `None` if the control does not report the value.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ReportedAxis {
+    /// Lower end of the travel in machine coordinates; `max` is the upper end.
+    pub min: Option<f64>,
+    pub max: Option<f64>,
+    /// Length of the travel, if the control reports it without the ends.
+    pub travel: Option<f64>,
+    /// Whether the control homes the axis.
+    pub has_homing: Option<bool>,
+    pub rapid_per_min: Option<f64>,
+    pub acceleration_per_s2: Option<f64>,
+    /// Smallest step that the control can command or report, mm or degrees.
+    pub resolution: Option<f64>,
+    /// Sense in which a positive command turns what the axis carries, if the control computes with it. The
+    /// wiring of the machine may differ.
+    pub positive_sense: Option<AxisSense>,
+}
+
+/// A remark on a setting of a control.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadinessFinding {
+    /// Whether the setting prevents a measurement; otherwise the remark is information.
+    pub is_blocking: bool,
+    pub description: String,
+    pub remedy: String,
+}
+
+impl ReadinessFinding {
+    pub(in crate::controllers) fn blocking(description: impl Into<String>, remedy: &str) -> Self {
+        Self { is_blocking: true, description: description.into(), remedy: remedy.to_owned() }
+    }
+
+    pub(in crate::controllers) fn note(description: impl Into<String>, remedy: &str) -> Self {
+        Self { is_blocking: false, ..Self::blocking(description, remedy) }
+    }
+}
+
+/// What the operator permits during the search for the reason why a control does not answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum DiagnosisMode {
+    /// Passive search: nothing is sent but what the machine file itself prescribes.
+    Passive,
+    /// Active search: requests also at other baud rates, in the protocols of other controls, under other unit
+    /// numbers. None of them is a command in the protocol that is tried; their effect on another device is
+    /// unknown.
+    Active,
+}
+
+/// A possible cause of a fault.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// Whether the cause was observed; otherwise it is suspected.
+    pub is_confirmed: bool,
+    /// Whether an active search could find out more.
+    pub needs_active_search: bool,
+    /// Description of the mistake.
+    pub cause: String,
+    /// Evidence for the cause.
+    pub evidence: String,
+    /// What the operator should do, or the lines to write in the machine file.
+    pub remedy: String,
+}
+
+impl fmt::Display for Diagnosis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { is_confirmed, cause, evidence, .. } = self;
+        let grade = if *is_confirmed { "" } else { "suspected: " };
+        write!(f, "{grade}{cause} ({evidence})")
+    }
+}

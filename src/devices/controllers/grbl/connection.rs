@@ -1,0 +1,405 @@
+//! Exchange of lines: sends one line and waits for its answer, polls the status meanwhile, reports silence,
+//! alarms and resets.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::fault::{
+    foreign_device_error, no_reply_error, not_ready_error, override_finding, refusal_error,
+    state_text, unexpected_reply_error,
+};
+use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
+use super::stall_detector::{GrblTimeouts, MAX_FREE_MOVE_POLL, StallDetector};
+use crate::controllers::{ControllerError, Halt, ReadinessFinding};
+use link::{LineEvent, Link, LinkError, UrgentSender};
+
+/// Request for a report with all fields: CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
+const FULL_REPORT_REQUEST: &[u8] = &[0x87];
+
+pub(super) struct GrblConnection {
+    link: Link,
+    urgent: UrgentSender,
+    halt: Halt,
+    /// Whether a line was sent whose answer has not come.
+    is_reply_pending: bool,
+    /// Whether no report has come since the last answer.
+    needs_status: bool,
+    /// Overrides last reported since [`GrblConnection::new`].
+    pub(super) overrides: Option<Overrides>,
+    /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
+    pub(super) free_move_step: Option<u32>,
+    /// Whether a block is running: its feeds are valid at overrides of 100 % only.
+    pub(super) is_block_running: bool,
+    pub(super) timeouts: GrblTimeouts,
+}
+
+impl GrblConnection {
+    /// Creates the wire on `link`, and the halt that holds the machine.
+    pub(super) fn new(link: Link) -> (Self, Halt) {
+        let urgent = link.urgent();
+        let hold = urgent.clone();
+        let halt = Halt::new(move || hold.send_and_close(b"!"));
+        let timeouts = GrblTimeouts::default();
+        (
+            Self {
+                link,
+                urgent,
+                halt: halt.clone(),
+                is_reply_pending: false,
+                needs_status: false,
+                overrides: None,
+                free_move_step: None,
+                is_block_running: false,
+                timeouts,
+            },
+            halt,
+        )
+    }
+
+    pub(super) fn is_halted(&self) -> bool {
+        self.halt.is_halted()
+    }
+
+    /// Holds the machine after a fault, whatever it is executing and whatever is still in transit.
+    pub(super) fn hold(&self) {
+        self.urgent.send_and_close(b"!");
+    }
+
+    /// Sends `line` and waits for its `ok`; returns the messages received before the `ok`.
+    ///
+    /// # Errors
+    /// A refusal, an alarm, a reset, silence, a surplus answer; `Halted` once a halt was requested.
+    pub(super) async fn send_line(
+        &mut self,
+        line: &str,
+    ) -> Result<Vec<GrblMessage>, ControllerError> {
+        self.send_line_with_rest(line, Duration::ZERO).await
+    }
+
+    /// As `send_line`, for a line during which the control is at rest for up to `rest_time`.
+    pub(super) async fn send_line_with_rest(
+        &mut self,
+        line: &str,
+        rest_time: Duration,
+    ) -> Result<Vec<GrblMessage>, ControllerError> {
+        self.process_unsolicited().await?;
+        if self.halt.is_halted() {
+            // Lines accepted before the halt may still move the machine.
+            return Err(self.wait_hold().await);
+        }
+        self.require_planned_speed()?;
+        self.link.send_line(line)?;
+        self.is_reply_pending = true;
+        let mut messages = Vec::new();
+        let mut last_report = Instant::now();
+        let mut stall_detector = StallDetector::default();
+        let mut request_at = Instant::now() + self.poll_interval();
+        loop {
+            match self.receive(request_at).await? {
+                Some(GrblMessage::Ok) => {
+                    (self.is_reply_pending, self.needs_status) = (false, true);
+                    return Ok(messages);
+                }
+                Some(GrblMessage::Error(code)) => {
+                    self.is_reply_pending = false;
+                    return Err(refusal_error(line, code));
+                }
+                Some(GrblMessage::Status(status)) => {
+                    last_report = Instant::now();
+                    if !self.halt.is_halted() {
+                        self.check_state(&status).await?;
+                        stall_detector.check_progress(&status, &self.timeouts, rest_time, line)?;
+                    }
+                }
+                Some(GrblMessage::Unknown(_)) => {}
+                Some(other) => messages.push(self.fail_on_alarm_or_reset(other).await?),
+                None => {
+                    self.urgent.send(b"?");
+                    request_at = Instant::now() + self.poll_interval();
+                }
+            }
+            if self.halt.is_halted() {
+                return Err(self.wait_hold().await);
+            }
+            if last_report.elapsed() > self.timeouts.reply {
+                return Err(no_reply_error(line, self.timeouts.reply));
+            }
+        }
+    }
+
+    fn poll_interval(&self) -> Duration {
+        match self.free_move_step {
+            Some(_) => self.timeouts.poll_interval.min(MAX_FREE_MOVE_POLL),
+            None => self.timeouts.poll_interval,
+        }
+    }
+
+    /// During a block: holds the machine if the last reported overrides are not 100 %. A touch at another
+    /// feed has another latch delay and overtravel.
+    fn require_planned_speed(&self) -> Result<(), ControllerError> {
+        let overrides = self.overrides.filter(|_| self.is_block_running);
+        let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding)
+        else {
+            return Ok(());
+        };
+        self.hold();
+        let remedy = "the machine was held: inspect it, reset the control, home the machine, and set both overrides \
+                      to 100 %";
+        Err(ControllerError::NotReady { state: description, remedy: remedy.to_owned() })
+    }
+
+    /// Reads the control's status now; requests it again if a byte is lost.
+    pub(super) async fn read_status(&mut self) -> Result<GrblStatus, ControllerError> {
+        self.query_report(b"?", |_| true).await
+    }
+
+    /// Reads the report with all its fields, or another report if no full one comes. The answer to an
+    /// earlier request may come first. A control that does not support the request does not answer.
+    pub(super) async fn read_full_status(&mut self) -> Result<GrblStatus, ControllerError> {
+        self.query_report(FULL_REPORT_REQUEST, |status| status.is_full).await
+    }
+
+    async fn query_report(
+        &mut self,
+        request: &'static [u8],
+        is_reply: fn(&GrblStatus) -> bool,
+    ) -> Result<GrblStatus, ControllerError> {
+        let mut other = None;
+        let deadline = Instant::now() + self.timeouts.reply;
+        while Instant::now() < deadline {
+            self.urgent.send(request);
+            let again = deadline.min(Instant::now() + self.poll_interval());
+            while let Some(message) = self.receive(again).await? {
+                match self.fail_on_alarm_or_reset(message).await? {
+                    GrblMessage::Status(status) => {
+                        self.needs_status = false;
+                        if is_reply(&status) {
+                            return Ok(status);
+                        }
+                        other = Some(status);
+                    }
+                    GrblMessage::Unknown(_) => {}
+                    // A line may be outstanding when a halt comes.
+                    GrblMessage::Ok | GrblMessage::Error(_) if self.is_reply_pending => {
+                        self.is_reply_pending = false
+                    }
+                    _ if self.is_reply_pending => {}
+                    answer => return Err(unexpected_reply_error(&answer)),
+                }
+            }
+        }
+        let name = if request == b"?" { "?" } else { "0x87" };
+        other.ok_or_else(|| no_reply_error(name, self.timeouts.reply))
+    }
+
+    /// Waits until the machine is at rest: two idle reports in a row. The first may be older than the start
+    /// of a motion that was just acknowledged.
+    pub(super) async fn wait_idle(&mut self) -> Result<GrblStatus, ControllerError> {
+        let mut idle_reports = 0;
+        // No pause before the second request: even a control whose moves take no time may have accepted
+        // the line without having executed it.
+        let mut pause = Duration::ZERO;
+        let mut stall_detector = StallDetector::default();
+        loop {
+            let status = self.read_status().await?;
+            if self.halt.is_halted() {
+                return Err(self.wait_hold().await);
+            }
+            self.check_state(&status).await?;
+            if status.state == "Idle" {
+                if idle_reports > 0 {
+                    return Ok(status);
+                }
+                idle_reports += 1;
+                continue;
+            }
+            stall_detector.check_progress(&status, &self.timeouts, Duration::ZERO, "?")?;
+            idle_reports = 0;
+            if !pause.is_zero() {
+                sleep(pause).await;
+            }
+            // Every move ends here: a long pause would cost more than the request.
+            pause = (pause * 2).max(Duration::from_millis(1)).min(self.timeouts.poll_interval / 10);
+        }
+    }
+
+    /// Returns an error for a state that the run has not commanded.
+    async fn check_state(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
+        match status.state.as_str() {
+            "Hold" | "Door" | "Tool" => {
+                Err(ControllerError::HeldAtControl { state: state_text(status) })
+            }
+            "Alarm" | "Sleep" => {
+                // The number of the alarm may follow, or may be lost.
+                let deadline = Instant::now() + self.timeouts.after_alarm;
+                while let Some(message) = self.receive(deadline).await? {
+                    self.fail_on_alarm_or_reset(message).await?;
+                }
+                Err(not_ready_error(status))
+            }
+            _ => match self.free_move_step.filter(|_| status.is_probe_closed) {
+                Some(step) => {
+                    // The machine may still be moving, and does not stop by itself.
+                    self.hold();
+                    Err(ControllerError::UnexpectedContact { step })
+                }
+                None => self.require_planned_speed(),
+            },
+        }
+    }
+
+    /// Returns an error for an alarm or a reset.
+    async fn fail_on_alarm_or_reset(
+        &mut self,
+        message: GrblMessage,
+    ) -> Result<GrblMessage, ControllerError> {
+        match message {
+            GrblMessage::Alarm(code) => Err(self.alarm_error(code).await?),
+            GrblMessage::Banner(banner) => Err(ControllerError::Reset { banner }),
+            other => Ok(other),
+        }
+    }
+
+    /// Begins the exchange: terminates a partial line in the control's buffer, and identifies the device. Waits
+    /// for the answer to the blank line too: a late one would be taken for the answer to the next line.
+    pub(super) async fn start_session(&mut self) -> Result<GrblStatus, ControllerError> {
+        self.link.send(b"\n")?;
+        self.urgent.send(b"?");
+        let deadline = Instant::now() + 2 * self.timeouts.reply;
+        let (mut noise, mut foreign) = (false, None);
+        let (mut status, mut answered) = (None, false);
+        while Instant::now() < deadline && !(answered && status.is_some()) {
+            match self.link.recv_deadline(Instant::now() + self.timeouts.after_alarm).await? {
+                Some(LineEvent::Noise { .. }) => noise = true,
+                Some(LineEvent::Line(line)) => match GrblMessage::parse(&line) {
+                    GrblMessage::Status(report) => status = Some(report),
+                    GrblMessage::Ok | GrblMessage::Error(_) => answered = true,
+                    GrblMessage::Unknown(text) if !text.is_empty() => {
+                        foreign.get_or_insert(text);
+                    }
+                    _ => {}
+                },
+                None => self.urgent.send(b"?"),
+            }
+        }
+        let Some(status) = status else {
+            return Err(foreign_device_error(noise, foreign, 2 * self.timeouts.reply));
+        };
+        self.drain_old_replies().await?;
+        Ok(status)
+    }
+
+    /// Waits until no more old answers come.
+    async fn drain_old_replies(&mut self) -> Result<(), LinkError> {
+        let deadline = Instant::now() + self.timeouts.reply;
+        while Instant::now() < deadline {
+            if self
+                .link
+                .recv_deadline(Instant::now() + self.timeouts.poll_interval / 2)
+                .await?
+                .is_none()
+            {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus
+    /// answer, which could be taken for the answer to the next line. The requested status report comes
+    /// after a surplus answer.
+    async fn process_unsolicited(&mut self) -> Result<(), ControllerError> {
+        if self.needs_status && !self.halt.is_halted() {
+            let status = self.read_status().await?;
+            self.check_state_unless_halted(&status).await?;
+        }
+        while let Some(received) = self.link.try_recv()? {
+            let message = parse_received(received);
+            self.store_overrides(Some(&message));
+            match self.fail_on_alarm_or_reset(message).await? {
+                GrblMessage::Status(status) => self.check_state_unless_halted(&status).await?,
+                GrblMessage::Unknown(_) => {}
+                other => return Err(unexpected_reply_error(&other)),
+            }
+        }
+        Ok(())
+    }
+
+    /// As `check_state`, but after a halt a reported hold is the driver's own.
+    async fn check_state_unless_halted(
+        &mut self,
+        status: &GrblStatus,
+    ) -> Result<(), ControllerError> {
+        if self.halt.is_halted() { Ok(()) } else { self.check_state(status).await }
+    }
+
+    async fn receive(&mut self, deadline: Instant) -> Result<Option<GrblMessage>, LinkError> {
+        let message = self.link.recv_deadline(deadline).await?.map(parse_received);
+        self.store_overrides(message.as_ref());
+        Ok(message)
+    }
+
+    /// Stores reported overrides. A report carries them rarely: after a change, and from time to time.
+    fn store_overrides(&mut self, message: Option<&GrblMessage>) {
+        if let Some(GrblMessage::Status(GrblStatus { overrides: Some(now), .. })) = message {
+            self.overrides = Some(*now);
+        }
+    }
+
+    /// Waits for what follows an alarm: the line's answer, or a banner if the control was reset.
+    async fn alarm_error(&mut self, code: u32) -> Result<ControllerError, LinkError> {
+        let deadline = Instant::now() + self.timeouts.after_alarm;
+        loop {
+            match self.receive(deadline).await? {
+                Some(GrblMessage::Banner(banner)) => return Ok(ControllerError::Reset { banner }),
+                Some(GrblMessage::Ok | GrblMessage::Error(_)) | None => {
+                    let meaning = alarm_meaning(code).to_owned();
+                    return Ok(ControllerError::Alarm { code, meaning });
+                }
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
+    /// until a report shows it; a surplus hold changes nothing.
+    async fn wait_hold(&mut self) -> ControllerError {
+        let timeouts = 2 * self.timeouts.reply;
+        let deadline = Instant::now() + timeouts;
+        // One idle report may be older than the start of a motion.
+        let mut idle = false;
+        while Instant::now() < deadline {
+            let status = match self.read_status().await {
+                Ok(status) => status,
+                Err(error) => return error,
+            };
+            let was_idle = std::mem::replace(&mut idle, status.state == "Idle");
+            if is_at_rest(&status) && (was_idle || !idle) {
+                return ControllerError::Halted;
+            }
+            if !matches!(status.state.as_str(), "Hold" | "Door") {
+                self.hold();
+            }
+            sleep(self.timeouts.poll_interval / 4).await;
+        }
+        ControllerError::HoldFailed { seconds: timeouts.as_secs_f64() }
+    }
+}
+
+fn parse_received(received: LineEvent) -> GrblMessage {
+    match received {
+        LineEvent::Line(line) => GrblMessage::parse(&line),
+        // If noise has replaced an answer, the silence that follows is reported.
+        LineEvent::Noise { bytes } => GrblMessage::Unknown(format!("{bytes} bytes")),
+    }
+}
+
+fn is_at_rest(status: &GrblStatus) -> bool {
+    match status.state.as_str() {
+        "Hold" => status.substate.as_deref() == Some("0"),
+        "Door" => matches!(status.substate.as_deref(), Some("0" | "1")),
+        "Run" | "Jog" | "Home" => false,
+        _ => true,
+    }
+}

@@ -1,0 +1,192 @@
+//! Identity and settings of a control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
+//! (`settings.h`).
+
+use super::driver::Grbl;
+use super::fault::not_ready_error;
+use super::firmware_info::FirmwareInfo;
+use super::homing::{HomingMethod, has_homing, homed_axes_mask, homing_method, travel_limits};
+use super::readiness;
+use super::settings::GrblSettings;
+use crate::controllers::{ControllerError, DeviceInfo, ReportedAxis};
+use machine::Axis;
+
+/// Resolution of the reports, mm or degrees: they print three decimals.
+const REPORT_RESOLUTION: f64 = 0.001;
+impl Grbl {
+    pub(super) async fn read_device_info(&mut self) -> Result<DeviceInfo, ControllerError> {
+        if !self.is_prepared {
+            let status = self.connection.start_session().await?;
+            // The control refuses `$I` while it moves.
+            if matches!(status.state.as_str(), "Run" | "Jog" | "Home") {
+                return Err(not_ready_error(&status));
+            }
+        }
+        let firmware = self.read_firmware_info().await?;
+        let settings = self.read_settings().await?;
+        let axes = firmware.axes();
+        let state = self.state_findings(&firmware).await?;
+        let (modes, offsets) =
+            (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
+        let needed = &self.homed_axes;
+        let mut info = device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
+        info.findings.extend(state);
+        info.findings.extend(readiness::modal_findings(&modes));
+        info.findings
+            .extend(readiness::homed_state_finding(&firmware, &settings, &axes, needed, &offsets));
+        Ok(info)
+    }
+}
+
+fn device_info(
+    firmware: &FirmwareInfo,
+    settings: &GrblSettings,
+    homed_axes_mask: u32,
+    homed_axes: &[Axis],
+) -> DeviceInfo {
+    let axes = firmware.axes();
+    let reported_axes =
+        axes.iter().map(|axis| (axis.0, reported_axis(firmware, settings, *axis, homed_axes_mask)));
+    DeviceInfo {
+        identity: firmware.identity(),
+        axes: reported_axes.collect(),
+        findings: readiness::settings_findings(firmware, settings, &axes, homed_axes),
+        probe_polarity_hint: settings.value(6).map(|now| {
+            format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))
+        }),
+    }
+}
+
+/// Properties of one axis. Classic Grbl does not report at which end its zero is: that is compiled in.
+fn reported_axis(
+    firmware: &FirmwareInfo,
+    settings: &GrblSettings,
+    (axis, index): (Axis, u16),
+    homed_axes_mask: u32,
+) -> ReportedAxis {
+    let positive_value = |number: u16| settings.value(number + index).filter(|value| *value > 0.0);
+    let ends = match firmware.is_classic {
+        true => None,
+        false => travel_limits(settings, (axis, index), homed_axes_mask),
+    };
+    let has_homing = match firmware.is_classic {
+        true => None,
+        // By hand, `$H` sets the zero at the present position of the axis: the owner decides whether that
+        // is confirmed.
+        false if !axis.is_linear() && homing_method(settings, index) == HomingMethod::Manual => {
+            None
+        }
+        false => has_homing(settings, index, homed_axes_mask),
+    };
+    ReportedAxis {
+        min: ends.map(|(min, _)| min),
+        max: ends.map(|(_, max)| max),
+        travel: positive_value(130),
+        has_homing,
+        rapid_per_min: positive_value(110),
+        acceleration_per_s2: positive_value(120),
+        resolution: positive_value(100).map(|steps| REPORT_RESOLUTION.max(1.0 / steps)),
+        positive_sense: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controllers::grbl::message::GrblMessage;
+
+    fn reported_axes(axis_letters: &str, is_classic: bool, lines: &str) -> DeviceInfo {
+        let firmware = FirmwareInfo {
+            is_classic,
+            version: "1.1f".to_owned(),
+            axis_letters: axis_letters.to_owned(),
+        };
+        let settings = lines.lines().filter_map(|line| match GrblMessage::parse(line) {
+            GrblMessage::Setting(number, value) => Some((number, value)),
+            _ => None,
+        });
+        let axes: Vec<Axis> = firmware.axes().into_iter().map(|(axis, _)| axis).collect();
+        device_info(&firmware, &GrblSettings(settings.collect()), 0, &axes)
+    }
+
+    fn ends(info: &DeviceInfo, axis: Axis) -> (f64, f64) {
+        (info.axes[&axis].min.unwrap(), info.axes[&axis].max.unwrap())
+    }
+
+    const FIVE_AXIS_SETTINGS: &str = "$10=511\n$13=0\n$20=1\n$21=1\n$22=1\n$23=1\n$27=2.000\n$44=4\n$45=3\n$100=800.000\n\
+        $110=3000.000\n$120=200.000\n$130=302.000\n$131=202.000\n$132=102.000\n$133=0.000\n$300=grbl\n";
+
+    #[test]
+    fn where_the_travel_lies_follows_from_homing() {
+        // As in limits_set_work_envelope: the whole travel minus the pull-off distance.
+        let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
+        assert_eq!(ends(&info, Axis::X), (-300.0, -2.0));
+        assert_eq!(ends(&info, Axis::Z), (-100.0, -2.0));
+        let zero_at_switch = FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=9\n");
+        let info = reported_axes("XYZBC", false, &zero_at_switch);
+        assert_eq!(ends(&info, Axis::X), (0.0, 300.0));
+        assert_eq!(ends(&info, Axis::Y), (-200.0, 0.0));
+        let no_switches_watched = zero_at_switch.replace("$21=1", "$21=0");
+        assert_eq!(
+            ends(&reported_axes("XYZBC", false, &no_switches_watched), Axis::X),
+            (0.0, 302.0)
+        );
+        assert_eq!(info.axes[&Axis::X].rapid_per_min, Some(3000.0));
+        assert_eq!(info.axes[&Axis::X].acceleration_per_s2, Some(200.0));
+        // 1/800 mm, coarser than the three decimals of the reports.
+        assert_eq!(info.axes[&Axis::X].resolution, Some(0.00125));
+        assert_eq!(
+            info.axes[&Axis::B],
+            ReportedAxis { has_homing: Some(false), ..ReportedAxis::default() }
+        );
+        assert_eq!(info.axes[&Axis::X].has_homing, Some(true));
+    }
+
+    #[test]
+    fn what_cannot_be_known_is_not_said() {
+        for lines in [
+            FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"),
+            FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2"),
+        ] {
+            let info = reported_axes("XYZBC", false, &lines);
+            assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(302.0)));
+        }
+        // Settings of Grbl 1.1 on an Arduino, as users publish them.
+        let info = reported_axes(
+            "XYZ",
+            true,
+            "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)",
+        );
+        assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(500.0)));
+        assert_eq!(info.findings.len(), 1, "{:?}", info.findings);
+    }
+
+    #[test]
+    fn settings_that_cannot_measure_are_named() {
+        let sound = reported_axes("XYZ", false, FIVE_AXIS_SETTINGS);
+        assert_eq!(sound.findings, []);
+        for (sound, wrong, named) in [
+            ("$10=511", "$10=495", "do not contain the probe"),
+            ("$10=511", "$10=510", "the machine position"),
+            ("$13=0", "$13=1", "in inches"),
+            ("$22=1", "$22=0", "homing is off"),
+        ] {
+            let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace(sound, wrong));
+            assert!(
+                info.findings[0].is_blocking && info.findings[0].description.contains(named),
+                "{info:?}"
+            );
+        }
+        let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace("$20=1", "$20=0"));
+        assert!(
+            info.findings[0].is_blocking && info.findings[0].description.contains("soft limits")
+        );
+        let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
+        assert!(info.findings[0].is_blocking, "{info:?}");
+        assert!(info.findings[0].description.contains("does not home B, C"), "{info:?}");
+        assert_eq!(
+            reported_axes("XYZBC", false, &FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=33\n"))
+                .findings,
+            []
+        );
+    }
+}

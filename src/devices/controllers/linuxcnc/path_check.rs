@@ -1,0 +1,124 @@
+//! Path of a program's motions: whether the machine has reached its end, and whether a contact is on the
+//! path. The control's log is written by its interpreter, which can be ahead of the machine.
+
+use std::f64::consts::TAU;
+
+use crate::controllers::{ControllerError, arrival};
+use machine::record::motion::Motion;
+use machine::{Axis, Position};
+
+/// Error if `position` is not the end of `motions`; a probing move ends at its contact.
+pub(super) fn end_deviation_error(
+    motions: &[Motion],
+    position: &Position,
+) -> Option<ControllerError> {
+    let moving = motions.iter().rev().find(|motion| motion_target(motion).is_some());
+    if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
+        return None;
+    }
+    position_error(&end_position(motions), position)
+}
+
+/// Error if `position` is not `end`.
+pub(super) fn position_error(end: &Position, position: &Position) -> Option<ControllerError> {
+    arrival::deviation_error(end, &unwrap_rotary_axes(position, end), |axis| {
+        arrival::axis_tolerance(axis, None)
+    })
+}
+
+/// End position of the rotary axes of `motions`, if one of them turns at feed.
+pub(super) fn turn_end_position(motions: &[Motion]) -> Option<Position> {
+    let is_rotary = |axis: Axis| !axis.is_linear() && axis != Axis::S;
+    let turns_at_feed = motions.iter().any(|motion| match motion {
+        Motion::Feed { to, .. } => to.iter().any(|(axis, _)| is_rotary(axis)),
+        _ => false,
+    });
+    turns_at_feed.then(|| end_position(motions).filter_axes(is_rotary))
+}
+
+/// Error if the contact at `at` is not between the start of the probing move of `motions` and its target.
+pub(super) fn contact_path_error(motions: &[Motion], at: &Position) -> Option<ControllerError> {
+    let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }))?;
+    let (from, to) = (end_position(&motions[..probing]), end_position(&motions[..=probing]));
+    // The position of an axis before the first motion is not known here.
+    let at =
+        unwrap_rotary_axes(at, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
+    if at.is_empty() {
+        return None;
+    }
+    arrival::contact_path_error(&from, &to, &at, |axis| arrival::axis_tolerance(axis, None))
+}
+
+/// End position of each axis that `motions` move.
+fn end_position(motions: &[Motion]) -> Position {
+    let targets = motions.iter().filter_map(motion_target);
+    targets.flat_map(Position::iter).fold(Position::new(), |at, (axis, value)| at.with(axis, value))
+}
+
+fn motion_target(motion: &Motion) -> Option<&Position> {
+    match motion {
+        Motion::Rapid { to }
+        | Motion::Feed { to, .. }
+        | Motion::Guarded { to, .. }
+        | Motion::Probe { to, .. }
+        | Motion::BackOff { to, .. } => Some(to),
+        Motion::Orient { .. } | Motion::Dwell { .. } => None,
+    }
+}
+
+/// Returns `position` with its rotary axes shifted by whole turns to be nearest to `end`: a rotary axis may
+/// wrap.
+fn unwrap_rotary_axes(position: &Position, end: &Position) -> Position {
+    let nearest_turn = |value: f64, target: f64| value + ((target - value) / TAU).round() * TAU;
+    let ends: Vec<_> = end.iter().collect();
+    let unwrapped = position.iter().map(|(axis, value)| {
+        let target = ends.iter().find(|(other, _)| !axis.is_linear() && *other == axis);
+        (axis, target.map_or(value, |(_, target)| nearest_turn(value, *target)))
+    });
+    unwrapped.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f64, c_deg: f64) -> Position {
+        Position::new().with(Axis::X, x).with(Axis::C, c_deg.to_radians())
+    }
+
+    fn touch() -> Vec<Motion> {
+        vec![
+            Motion::Rapid { to: at(60.0, -90.0) },
+            Motion::Guarded { to: at(30.0, -90.0), feed_mm_min: 300.0 },
+            Motion::Probe { to: at(26.0, -90.0), feed_mm_min: 30.0 },
+        ]
+    }
+
+    #[test]
+    fn a_guarded_move_that_stopped_on_its_way_is_astray() {
+        let guarded = &touch()[..2];
+        assert!(end_deviation_error(guarded, &at(30.001, -90.0)).is_none());
+        assert!(end_deviation_error(guarded, &at(30.0, 270.0)).is_none(), "an axis that wraps");
+        let error = end_deviation_error(guarded, &at(41.3, -90.0)).unwrap();
+        assert!(error.to_string().contains("X41.300, not at X30.000"), "{error}");
+        assert!(end_deviation_error(guarded, &at(30.0, -89.0)).is_some());
+    }
+
+    #[test]
+    fn a_touch_ends_anywhere_but_its_contact_lies_on_its_way() {
+        assert!(end_deviation_error(&touch(), &at(28.0, -90.0)).is_none());
+        assert!(contact_path_error(&touch(), &at(28.0, -90.0)).is_none());
+        // Result of another touch.
+        assert!(contact_path_error(&touch(), &at(-28.0, -90.0)).is_some());
+        assert!(contact_path_error(&touch(), &at(28.0, 30.0)).is_some());
+    }
+
+    #[test]
+    fn a_back_off_is_where_it_was_told_to_be() {
+        let mut motions = touch();
+        motions.push(Motion::BackOff { to: at(30.0, -90.0), feed_mm_min: 300.0 });
+        assert!(end_deviation_error(&motions, &at(27.9, -90.0)).is_some());
+        assert!(end_deviation_error(&motions, &at(30.0, -90.0)).is_none());
+        assert!(end_deviation_error(&[Motion::Dwell { seconds: 1.0 }], &at(5.0, 0.0)).is_none());
+    }
+}

@@ -1,0 +1,251 @@
+//! Runs a program and watches that it moves and that LinuxCNC's task is alive.
+//!
+//! linuxcncrsh answers `get` from a copy of the task's state. If the task is frozen or dead, the copy
+//! becomes outdated and the answers continue. Only an acknowledgement of the task proves that it is alive:
+//! a `set` waits for it. So after [`SIGN_OF_LIFE_INTERVAL`] without a change, the driver sets a setting to its present
+//! value.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep};
+
+use super::files::SharedFiles;
+use super::result::ResultLog;
+use super::rsh::RshClient;
+use super::{path_check, state};
+use crate::controllers::{ControllerError, Halt};
+use machine::record::motion::Motion;
+use machine::{Axis, Position};
+use planning::gcode::TransmissionUnit;
+
+/// Polling interval. LinuxCNC's task runs every 5 ms in its own samples.
+const POLL_INTERVAL: Duration = Duration::from_millis(4);
+/// Time idle without the log's end, before and again after a sign of life, after which the program counts
+/// as stopped.
+const STOP_CONFIRM_TIME: Duration = Duration::from_millis(60);
+/// Time without a change after which a sign of life is requested, and interval of the requests.
+const SIGN_OF_LIFE_INTERVAL: Duration = Duration::from_secs(1);
+/// Maximum time for which a running program on a live task may neither move nor log: after it something
+/// holds the program.
+const MAX_STALL_TIME: Duration = Duration::from_secs(10);
+
+/// Maximum time for the machine to come to rest after a hold, from any speed.
+const MAX_BRAKING_TIME: Duration = Duration::from_secs(5);
+/// Maximum time until the task updates its reported state. `MAX_REST_MOVEMENT` is the largest change of the feedback
+/// at rest, mm or degrees.
+const STATE_UPDATE_TIME: Duration = Duration::from_millis(30);
+const MAX_REST_MOVEMENT: f64 = 0.01;
+
+/// The program that is watched.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ProgramLimits<'a> {
+    pub step: u32,
+    /// Time without motion that the program may need, in addition to [`MAX_STALL_TIME`].
+    pub rest_time: Duration,
+    /// End position of its rotary axes, if one of them turns at feed: a contact before that position is
+    /// unexpected.
+    pub turn_end: Option<&'a Position>,
+}
+
+/// Time for which a program is at rest by itself.
+pub(super) fn program_rest_time(part: &TransmissionUnit) -> Duration {
+    let seconds = part.motions.iter().map(|motion| match motion {
+        Motion::Dwell { seconds } => seconds.max(0.0),
+        // Maximum time that the dialect allows.
+        Motion::Orient { .. } => 20.0,
+        _ => 0.0,
+    });
+    let seconds = seconds.sum::<f64>() + part.clamp_wait_s;
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+}
+
+/// Runs the open program and waits until the machine is at rest. If the program has ended, its log is
+/// returned even if `halt` came meanwhile.
+///
+/// # Errors
+/// A contact, if the probe is read; an obstacle that holds the program; a halt; a fault of the link.
+pub(super) async fn run_program(
+    rsh: &mut RshClient,
+    files: &SharedFiles,
+    halt: &Halt,
+    limits: ProgramLimits<'_>,
+) -> Result<ResultLog, ControllerError> {
+    let ProgramLimits { step, rest_time, turn_end } = limits;
+    rsh.send_command("run").await?;
+    let (mut idle_since, mut is_refreshed) = (None, false);
+    let mut halted_since = None;
+    let mut progress = ProgressMonitor::start();
+    loop {
+        if let Some(turn_end) = turn_end
+            && has_contact_in_turn(rsh, turn_end).await?
+        {
+            return Err(ControllerError::UnexpectedContact { step });
+        }
+        let status = rsh.get("program_status").await?;
+        let log = files.read_log(step)?;
+        match status.as_str() {
+            "IDLE" if log.is_complete => return Ok(log),
+            // A measured result is kept, unless the program does not end at once.
+            _ if halt.is_halted()
+                && (!log.is_complete
+                    || halted_since.get_or_insert_with(Instant::now).elapsed()
+                        > STOP_CONFIRM_TIME) =>
+            {
+                return Err(ControllerError::Halted);
+            }
+            "IDLE" => {
+                let since = *idle_since.get_or_insert_with(Instant::now);
+                let stopped = since.elapsed() > STOP_CONFIRM_TIME;
+                if stopped && is_refreshed {
+                    return Ok(log);
+                }
+                if stopped {
+                    refresh_state(rsh).await?;
+                    (idle_since, is_refreshed) = (None, true);
+                }
+            }
+            "PAUSED" => return Err(paused_error("pause was pressed")),
+            _ => {
+                (idle_since, is_refreshed) = (None, false);
+                progress.check_progress(rsh, log.line_count, rest_time).await?;
+            }
+        }
+        sleep(POLL_INTERVAL).await;
+    }
+}
+
+/// Whether the probe reads closed before the rotary axes have reached `turn_end`. The touch of the same program
+/// begins after that.
+async fn has_contact_in_turn(
+    rsh: &mut RshClient,
+    turn_end: &Position,
+) -> Result<bool, ControllerError> {
+    if rsh.get("probe_value").await? == "0" {
+        return Ok(false);
+    }
+    let axes: Vec<Axis> = turn_end.iter().map(|(axis, _)| axis).collect();
+    let position = state::read_position(rsh, &axes).await?;
+    Ok(path_check::position_error(turn_end, &position).is_some())
+}
+
+/// Time without a change.
+struct ProgressMonitor {
+    since: Instant,
+    last: (String, usize),
+    /// Time of the last request for a sign of life.
+    last_sign_of_life: Instant,
+}
+
+impl ProgressMonitor {
+    fn start() -> Self {
+        Self { since: Instant::now(), last: (String::new(), 0), last_sign_of_life: Instant::now() }
+    }
+
+    async fn check_progress(
+        &mut self,
+        rsh: &mut RshClient,
+        line_count: usize,
+        rest_time: Duration,
+    ) -> Result<(), ControllerError> {
+        let now = (rsh.get("abs_act_pos").await?, line_count);
+        if now != self.last {
+            *self = Self { last: now, ..Self::start() };
+        }
+        if self.last_sign_of_life.elapsed() < SIGN_OF_LIFE_INTERVAL {
+            return Ok(());
+        }
+        request_sign_of_life(rsh).await?;
+        if rsh.get("feed_override").await? == "0" {
+            return Err(paused_error("the feed override is 0 %"));
+        }
+        if self.since.elapsed() > MAX_STALL_TIME + rest_time {
+            return Err(paused_error(
+                "the program runs, but the machine does not move: a feed hold or an interlock",
+            ));
+        }
+        self.last_sign_of_life = Instant::now();
+        Ok(())
+    }
+}
+
+/// Ensures that the reported state is current. On a slow computer, idle may date from before the program
+/// began, and a message may be outstanding: a task that accepts a command has updated its state. While it
+/// is stopped, it refuses the command.
+async fn refresh_state(rsh: &mut RshClient) -> Result<(), ControllerError> {
+    match request_sign_of_life(rsh).await {
+        Err(ControllerError::Refused { .. }) => Ok(()),
+        result => result,
+    }
+}
+
+/// Sets a harmless setting to its present value. The task must acknowledge it, which it does at once, also
+/// while a program runs. (`set mode auto` is not harmless: it aborts.)
+pub(super) async fn request_sign_of_life(rsh: &mut RshClient) -> Result<(), ControllerError> {
+    let stop = rsh.get("optional_stop").await?;
+    rsh.send_command(&format!("optional_stop {stop}")).await
+}
+
+/// Repeats a hold until the machine is at rest. The first hold, on a connection of its own, may be lost:
+/// linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so that
+/// of two lines that come together one or both may be answered as other lines (two holds of 125 were lost
+/// under load; the answer to one was `SET NAK`). A request with an odd answer, or with none, is repeated.
+///
+/// # Errors
+/// The control has not accepted an abort in time, or the machine is not at rest; a fault of the link.
+pub(super) async fn abort_until_at_rest(rsh: &mut RshClient) -> Result<(), ControllerError> {
+    let deadline = Instant::now() + MAX_BRAKING_TIME;
+    // Wait, so that the first hold is processed alone.
+    sleep(STATE_UPDATE_TIME).await;
+    while Instant::now() < deadline {
+        if ignore_odd_reply(rsh.take_command().await)?.is_some()
+            && ignore_odd_reply(rsh.send_command("abort").await)?.is_some()
+            && ignore_odd_reply(is_at_rest(rsh).await)? == Some(true)
+        {
+            return Ok(());
+        }
+        // A control that is off refuses everything, and its machine is at rest.
+        if ignore_odd_reply(is_off(rsh).await)? == Some(true) {
+            return Ok(());
+        }
+    }
+    Err(ControllerError::HoldFailed { seconds: MAX_BRAKING_TIME.as_secs_f64() })
+}
+
+/// Whether three reports in a row show no motion: a report may be older than the one before.
+async fn is_at_rest(rsh: &mut RshClient) -> Result<bool, ControllerError> {
+    let mm = state::read_length_unit_mm(rsh).await?;
+    let mut before = state::read_numbers(rsh, "abs_act_pos").await?;
+    for _ in 0..2 {
+        sleep(STATE_UPDATE_TIME).await;
+        let now = state::read_numbers(rsh, "abs_act_pos").await?;
+        let moved = before.iter().zip(&now).any(|(a, b)| (a - b).abs() * mm > MAX_REST_MOVEMENT);
+        if moved || rsh.get("program_status").await? != "IDLE" {
+            return Ok(false);
+        }
+        before = now;
+    }
+    Ok(true)
+}
+
+async fn is_off(rsh: &mut RshClient) -> Result<bool, ControllerError> {
+    Ok(rsh.get("estop").await? != "OFF" || rsh.get("machine").await? != "ON")
+}
+
+/// Returns `None` for an odd answer or for none; a lost link is an error.
+fn ignore_odd_reply<T>(result: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
+    use ControllerError as E;
+    match result {
+        Err(
+            E::Refused { .. }
+            | E::NoAnswer { .. }
+            | E::UnreadableReply { .. }
+            | E::Frozen
+            | E::NotReady { .. },
+        ) => Ok(None),
+        result => result.map(Some),
+    }
+}
+
+fn paused_error(reason: &str) -> ControllerError {
+    ControllerError::Paused { reason: reason.to_owned() }
+}

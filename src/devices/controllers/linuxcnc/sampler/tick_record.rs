@@ -1,0 +1,252 @@
+//! Lines of `halsampler -t`: the number of the tick, the position of each axis, and a bit that is set after
+//! ticks for which the sampler had no room. (Those ticks are not counted: the numbers continue as if
+//! nothing were lost, contrary to sampler(9). Seen in LinuxCNC 2.9.0.)
+
+use super::tick_clock::{Tick, TickClock};
+use machine::Axis;
+use machine::record::track::AxisTrack;
+
+/// Maximum length of a line, bytes; longer input is not a line.
+const MAX_LINE_BYTES: usize = 1024;
+/// Maximum number of ticks of one block that are kept: a quarter of an hour at 1 kHz.
+const MAX_TICKS: usize = 1_000_000;
+
+/// Positions of the axes at a tick, in the control's own units and degrees.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct TickPositions {
+    pub tick: Tick,
+    pub positions: Vec<f64>,
+}
+
+#[derive(Debug)]
+pub(super) struct TickRecord {
+    axes: Vec<Axis>,
+    pub ticks: TickClock,
+    partial_line: Vec<u8>,
+    pub newest_positions: Option<TickPositions>,
+    /// The last line that is not in the sampler's format.
+    pub last_invalid_line: Option<String>,
+    /// Ticks of the running block.
+    block_ticks: Option<BlockTicks>,
+}
+
+#[derive(Debug, Default)]
+struct BlockTicks {
+    ticks: Vec<Tick>,
+    values: Vec<f64>,
+    is_full: bool,
+}
+
+impl TickRecord {
+    pub fn new(axes: Vec<Axis>, period_s: f64) -> Self {
+        let ticks = TickClock::with_period(period_s);
+        Self {
+            axes,
+            ticks,
+            partial_line: Vec::new(),
+            newest_positions: None,
+            last_invalid_line: None,
+            block_ticks: None,
+        }
+    }
+
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    /// Processes bytes that were read at `at_s`.
+    pub fn push_bytes(&mut self, bytes: &[u8], at_s: f64) {
+        for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
+            self.partial_line.extend_from_slice(piece);
+            if piece.ends_with(b"\n") {
+                let line = std::mem::take(&mut self.partial_line);
+                self.process_line(String::from_utf8_lossy(&line).trim(), at_s);
+            } else if self.partial_line.len() > MAX_LINE_BYTES {
+                self.partial_line.clear();
+                self.last_invalid_line = Some(format!("{MAX_LINE_BYTES} bytes without a line end"));
+            }
+        }
+    }
+
+    /// Handles bytes that were lost before they were read.
+    pub fn discard_partial_line(&mut self) {
+        self.partial_line.clear();
+    }
+
+    fn process_line(&mut self, line: &str, at_s: f64) {
+        // The numbers that follow show which ticks are missing.
+        if line == "overrun" {
+            return;
+        }
+        let Some((number, at, is_full)) = parse_line(line, self.axes.len()) else {
+            self.last_invalid_line = Some(line.chars().take(80).collect());
+            return;
+        };
+        if is_full {
+            self.ticks.start_new_count();
+        }
+        let tick = self.ticks.register_tick(number, at_s);
+        if let Some(block_ticks) = &mut self.block_ticks {
+            block_ticks.is_full |= block_ticks.ticks.len() >= MAX_TICKS;
+            if !block_ticks.is_full {
+                block_ticks.ticks.push(tick);
+                block_ticks.values.extend(&at);
+            }
+        }
+        self.newest_positions = Some(TickPositions { tick, positions: at });
+    }
+
+    /// Starts to keep all ticks.
+    pub fn start_recording(&mut self) {
+        self.block_ticks = Some(BlockTicks::default());
+    }
+
+    /// Returns the ticks kept since [`Self::start_recording`], with the times as they are known now; `None` if there
+    /// were too many.
+    pub fn finish_recording(&mut self, mm_per_unit: f64) -> Option<AxisTrack> {
+        let block_ticks = self.block_ticks.take().unwrap_or_default();
+        let mut track = AxisTrack::new(self.axes.clone());
+        let mut before = None;
+        for (tick, at) in
+            block_ticks.ticks.iter().zip(block_ticks.values.chunks(self.axes.len().max(1)))
+        {
+            if !before.is_some_and(|before| tick.is_next_after(before)) {
+                track.record_gap();
+            }
+            before = self.ticks.time_s(*tick).map(|t_s| {
+                track.push(t_s, self.to_internal_units(at, mm_per_unit));
+                *tick
+            });
+        }
+        (!block_ticks.is_full).then_some(track)
+    }
+
+    /// Converts positions to mm and rad; `mm_per_unit` is the control's unit of length, mm.
+    pub fn to_internal_units<'a>(
+        &'a self,
+        at: &'a [f64],
+        mm_per_unit: f64,
+    ) -> impl Iterator<Item = f64> + 'a {
+        let scaled = move |(axis, at): (&Axis, &f64)| match axis.is_linear() {
+            true => at * mm_per_unit,
+            false => axis.to_mm_or_rad(*at),
+        };
+        self.axes.iter().zip(at).map(scaled)
+    }
+}
+
+/// Returns the number of the tick, `axes` positions, and whether ticks before it are missing.
+fn parse_line(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
+    let mut words = line.split_whitespace();
+    let number = words.next()?.parse().ok()?;
+    let at: Vec<f64> = words
+        .by_ref()
+        .take(axes)
+        .map(|word| word.parse().ok().filter(|value: &f64| value.is_finite()))
+        .collect::<Option<_>>()?;
+    let is_full = match (words.next()?, words.next()) {
+        ("0", None) => false,
+        ("1", None) => true,
+        _ => return None,
+    };
+    (at.len() == axes).then_some((number, at, is_full))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use super::*;
+
+    fn new_record() -> TickRecord {
+        TickRecord::new(vec![Axis::X, Axis::C], 0.001)
+    }
+
+    /// Adds a line for each tick, as halsampler writes it; X is a tenth of the number, C is at 90°.
+    fn push_lines(record: &mut TickRecord, numbers: impl IntoIterator<Item = i64>) {
+        for number in numbers {
+            let x = number as f64 / 10.0;
+            let line = format!("{number} {x:.6} 90.000000 0 \n");
+            record.push_bytes(line.as_bytes(), number as f64 * 0.001);
+        }
+    }
+
+    #[test]
+    fn lines_however_they_are_cut_become_a_track() {
+        let text = b"overrun\n7 1.500000 90.000000 0 \n8 2.500000 -90.000000 0 \n";
+        for cut in 0..text.len() {
+            let mut record = new_record();
+            record.start_recording();
+            record.push_bytes(&text[..cut], 0.008);
+            record.push_bytes(&text[cut..], 0.008);
+            assert_eq!(record.last_invalid_line, None);
+            let track = record.finish_recording(25.4).unwrap();
+            let at = track.position_at(0.0075).unwrap();
+            assert!(
+                (at.get_or_zero(Axis::X) - 2.0 * 25.4).abs() < 1e-9
+                    && at.get_or_zero(Axis::C).abs() < 1e-9,
+                "{at:?}"
+            );
+            let first = track.position_at(0.007 + 1e-9).unwrap();
+            assert!((first.get_or_zero(Axis::C) - FRAC_PI_2).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn missing_ticks_and_an_overrun_are_gaps() {
+        let mut record = new_record();
+        push_lines(&mut record, 0..10);
+        record.start_recording();
+        push_lines(&mut record, (10..20).chain(23..30));
+        record.push_bytes(b"overrun\n", 0.031);
+        push_lines(&mut record, 35..40);
+        let track = record.finish_recording(1.0).unwrap();
+        assert_eq!((track.position_count(), track.gap_count()), (22, 2));
+        assert_eq!(track.position_at(0.009), None);
+        assert!((track.position_at(0.0155).unwrap().get_or_zero(Axis::X) - 1.55).abs() < 1e-9);
+        assert_eq!((track.position_at(0.021), track.position_at(0.032)), (None, None));
+        assert_eq!(record.finish_recording(1.0).unwrap().position_count(), 0);
+    }
+
+    #[test]
+    fn after_ticks_without_room_the_count_begins_anew() {
+        let mut record = new_record();
+        record.start_recording();
+        push_lines(&mut record, 0..100);
+        // Half a second has passed that the numbers do not count.
+        record.push_bytes(b"100 10.000000 90.000000 1 \n101 10.100000 90.000000 0 \n", 0.601);
+        let track = record.finish_recording(1.0).unwrap();
+        assert_eq!(track.gap_count(), 1);
+        assert!((track.position_at(0.6 + 1e-9).unwrap().get_or_zero(Axis::X) - 10.0).abs() < 1e-5);
+        assert_eq!((track.position_at(0.1), track.position_at(0.3)), (None, None));
+    }
+
+    #[test]
+    fn what_is_no_line_of_the_sampler_is_told() {
+        for line in
+            ["1 2 0", "1 2 3", "1 2 3 4 0", "1 2 3 2", "x 2 3 0", "1 nan 3 0", "1.5 2 3 0", ""]
+        {
+            let mut record = new_record();
+            record.push_bytes(format!("{line}\n").as_bytes(), 0.0);
+            assert_eq!(
+                (record.newest_positions, record.last_invalid_line.as_deref()),
+                (None, Some(line))
+            );
+        }
+        let mut record = new_record();
+        for _ in 0..100 {
+            record.push_bytes(&[b'7'; 500], 0.0);
+        }
+        assert!(
+            record.last_invalid_line.is_some() && record.partial_line.len() <= MAX_LINE_BYTES + 500
+        );
+    }
+
+    #[test]
+    fn more_than_is_kept_is_no_track() {
+        let mut record = new_record();
+        record.start_recording();
+        push_lines(&mut record, 0..MAX_TICKS as i64 + 1);
+        assert_eq!(record.finish_recording(1.0), None);
+    }
+}

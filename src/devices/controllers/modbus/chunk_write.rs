@@ -1,0 +1,115 @@
+//! Writes the chunk before the control acts, and the sequence number that makes it act.
+
+use tokio::time::sleep;
+
+use super::crc::crc16_modbus;
+use super::fault::is_transient;
+use super::map::MAX_WRITE_REGISTERS;
+use super::window::{RegisterWindow, encoding_error, next_heartbeat};
+use crate::controllers::ControllerError;
+use link::modbus::{ModbusError, RegisterSpace};
+
+/// Maximum number of attempts for a request that may be repeated without harm.
+const MAX_ATTEMPTS: usize = 4;
+
+impl RegisterWindow {
+    /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
+    /// before the sequence number is written: an unanswered write is repeated.
+    pub(super) async fn write_chunk(&self, chunk: &[u8]) -> Result<(), ControllerError> {
+        let command = &self.map.command;
+        let length = u16::try_from(chunk.len()).unwrap_or(u16::MAX);
+        let beat = next_heartbeat(&self.own_heartbeat);
+        let items = [
+            command.heartbeat.write(beat),
+            command.acknowledge.write(self.last_result_number.unwrap_or(self.sequence)),
+            command.crc.write(crc16_modbus(chunk)),
+            command.length.write(length),
+            Ok(command.chunk.write(chunk)),
+        ];
+        let items: Result<Vec<_>, _> = items.into_iter().collect();
+        for (address, words) in merge_adjacent(items.map_err(encoding_error)?) {
+            self.write_with_retry(address, &words).await?;
+        }
+        Ok(())
+    }
+
+    /// Writes registers that have no effect by themselves, and checks that they keep the values.
+    async fn write_with_retry(&self, address: u16, words: &[u16]) -> Result<(), ControllerError> {
+        let mut attempts_left = MAX_ATTEMPTS;
+        while let Err(error) = self.link.write(address, words).await {
+            attempts_left -= 1;
+            let lost = matches!(error, ModbusError::ReadBackDiffers { .. });
+            if attempts_left == 0 || !(lost || is_transient(&error)) {
+                return Err(error.into());
+            }
+            sleep(self.timeouts.poll_interval).await;
+        }
+        Ok(())
+    }
+
+    /// Acknowledges a result that was read. A repeated acknowledgement does no harm.
+    pub(super) async fn acknowledge(&self, number: u16) -> Result<(), ControllerError> {
+        let (at, words) = self.map.command.acknowledge.write(number).map_err(encoding_error)?;
+        self.write_with_retry(at, &words).await
+    }
+
+    /// Writes the sequence number: the control acts when it changes. The control accepts each number only
+    /// once, and only the next one, so that a repeated write is no second command. Still, the write is
+    /// repeated only if the control reports that it has accepted nothing and holds no such number.
+    pub(super) async fn write_sequence(&self, sequence: u16) -> Result<(), ControllerError> {
+        let (at, words) = self.map.command.sequence.write(sequence).map_err(encoding_error)?;
+        let mut attempts_left = MAX_ATTEMPTS;
+        while let Err(error) = self.link.write_without_echo(at, &words).await {
+            attempts_left -= 1;
+            if attempts_left == 0 || !is_transient(&error) {
+                return Err(error.into());
+            }
+            if self.read_status().await?.accepted_sequence != self.sequence
+                || self.has_registers(at, &words).await?
+            {
+                // The chunk was accepted, or is about to be; the next poll reports any other state.
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    async fn has_registers(&self, at: u16, words: &[u16]) -> Result<bool, ControllerError> {
+        let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+        let mut attempts_left = MAX_ATTEMPTS;
+        loop {
+            match self.link.read(RegisterSpace::Holding, at, count).await {
+                Ok(read) => return Ok(read == words),
+                Err(error) => {
+                    attempts_left -= 1;
+                    if attempts_left == 0 || !is_transient(&error) {
+                        return Err(error.into());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Joins adjacent items into one request, as far as one request holds them.
+fn merge_adjacent(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
+    items.sort_by_key(|(address, _)| *address);
+    let mut merged: Vec<(u16, Vec<u16>)> = Vec::new();
+    for (address, words) in items {
+        match merged.last_mut() {
+            Some((first, before))
+                if usize::from(*first) + before.len() == usize::from(address)
+                    && before.len() + words.len() <= MAX_WRITE_REGISTERS =>
+            {
+                before.extend(words);
+            }
+            _ => merged.push((address, words)),
+        }
+    }
+    let chunks = merged.into_iter().flat_map(|(first, words)| {
+        let addresses = (first..).step_by(MAX_WRITE_REGISTERS);
+        let chunks: Vec<_> = words.chunks(MAX_WRITE_REGISTERS).map(<[u16]>::to_vec).collect();
+        addresses.zip(chunks)
+    });
+    chunks.collect()
+}

@@ -1,0 +1,313 @@
+//! Reads the same registers with other settings: another word order, type, scale or address. If the values
+//! then make sense, a suspicion names the one setting that would have to be changed.
+
+use super::map::{Register, RegisterMap, ResultRegisters, StatusRegisters};
+use super::status::WindowStatus;
+use crate::controllers::Diagnosis;
+use link::modbus::RegisterSpace;
+use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
+use machine::Axis;
+use machine::record::machine::Machine;
+
+const WORD_ORDERS: [ByteOrder; 4] =
+    [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
+const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
+/// Largest distance of an axis beyond the travel of the machine file, mm or degrees.
+pub(super) const TRAVEL_MARGIN: f64 = 1.0;
+/// Smallest magnitude of a plausible position other than zero, mm or degrees.
+const MIN_PLAUSIBLE_POSITION: f64 = 1e-4;
+const MAX_MISREAD_INTEGER: f64 = 1e-20;
+
+/// Another setting with which the positions can be read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum FormatChange {
+    Order(ByteOrder),
+    Kind(NumberType),
+    Scale(f64),
+}
+
+impl FormatChange {
+    fn apply(self, number: NumberFormat) -> NumberFormat {
+        match self {
+            Self::Order(order) => NumberFormat { order, ..number },
+            Self::Kind(kind) => NumberFormat { kind, ..number },
+            Self::Scale(scale) => NumberFormat { scale, ..number },
+        }
+    }
+
+    /// Returns the mistake, and the key to write.
+    fn describe(self, from: NumberFormat) -> (String, String) {
+        let lowercase = |text: String| text.to_lowercase();
+        match self {
+            Self::Order(order) => {
+                ("wrong word order".to_owned(), lowercase(format!("order = \"{order:?}\"")))
+            }
+            Self::Kind(kind) => {
+                let is_same_class = kind.is_float() == from.kind.is_float();
+                let cause = if is_same_class { "wrong signedness" } else { "wrong type" };
+                (cause.to_owned(), lowercase(format!("type = \"{kind:?}\"")))
+            }
+            Self::Scale(scale) => ("wrong scale".to_owned(), format!("scale = {scale} or less")),
+        }
+    }
+}
+
+/// Whether `value` is a small whole number read as floating point: its magnitude is far below that of any
+/// position.
+pub(super) fn is_misread_integer(value: f64) -> bool {
+    value != 0.0 && value.abs() < MAX_MISREAD_INTEGER
+}
+
+/// Whether the positions in `block` are possible for `machine`: each within its travel.
+pub(super) fn are_positions_plausible(map: &RegisterMap, block: &[u16], machine: &Machine) -> bool {
+    read_positions(&map.status, block, machine, None)
+        .is_some_and(|positions| are_within_travel(&positions, machine))
+}
+
+/// Suspected causes, one for each single change that would bring all axes into their travel.
+pub(super) fn diagnose_position_format(
+    map: &RegisterMap,
+    block: &[u16],
+    machine: &Machine,
+) -> Vec<Diagnosis> {
+    let Some(number) = map.status.position.values().next().map(|register| register.number) else {
+        return Vec::new();
+    };
+    let kinds = number.kind.same_size_types();
+    let orders =
+        WORD_ORDERS.into_iter().filter(|order| *order != number.order).map(FormatChange::Order);
+    let scales = SCALE_CANDIDATES
+        .into_iter()
+        .filter(|scale| *scale != number.scale)
+        .map(FormatChange::Scale);
+    let changes = orders.chain(kinds.iter().copied().map(FormatChange::Kind)).chain(scales);
+    let mut candidates: Vec<(FormatChange, Vec<(Axis, f64)>)> = Vec::new();
+    for change in changes {
+        let Some(positions) = read_positions(&map.status, block, machine, Some(change)) else {
+            continue;
+        };
+        let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_POSITION)
+            && positions
+                .iter()
+                .all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_POSITION);
+        // Among the scales that fit, the largest represents all; among types with the same result, the
+        // first.
+        let is_scale_again = |earlier: &FormatChange| {
+            matches!((earlier, change), (FormatChange::Scale(_), FormatChange::Scale(_)))
+        };
+        let is_duplicate =
+            candidates.iter().any(|(earlier, same)| is_scale_again(earlier) || *same == positions);
+        if is_plausible && !is_duplicate && are_within_travel(&positions, machine) {
+            candidates.push((change, positions));
+        }
+    }
+    candidates
+        .iter()
+        .map(|(change, positions)| format_diagnosis(*change, number, positions))
+        .collect()
+}
+
+fn format_diagnosis(
+    change: FormatChange,
+    number: NumberFormat,
+    positions: &[(Axis, f64)],
+) -> Diagnosis {
+    let (cause, key) = change.describe(number);
+    let position_list: Vec<String> =
+        positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
+    Diagnosis {
+        is_confirmed: false,
+        needs_active_search: false,
+        cause: format!("{cause} of the positions"),
+        evidence: format!(
+            "with {key} every axis is within its travel: {}",
+            position_list.join(", ")
+        ),
+        remedy: format!(
+            "if the control's display shows these positions: {key} in each axis of \
+             [controller.registers.status.position] and .latch"
+        ),
+    }
+}
+
+/// Position of each axis of `machine` according to `block`, mm and degrees.
+fn read_positions(
+    registers: &StatusRegisters,
+    block: &[u16],
+    machine: &Machine,
+    change: Option<FormatChange>,
+) -> Option<Vec<(Axis, f64)>> {
+    let first = registers.sequence_head.address;
+    let axes = machine.axes.keys().filter(|axis| **axis != Axis::S);
+    let value = |axis: &Axis| {
+        let Register { address, number } = *registers.position.get(axis)?;
+        let number = change.map_or(number, |change| change.apply(number));
+        let value = Register { address, number }.read(block, first).ok()?;
+        Some((*axis, value))
+    };
+    axes.map(value).collect()
+}
+
+fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
+    positions.iter().all(|(axis, value)| {
+        if is_misread_integer(*value) {
+            return false;
+        }
+        let travel = machine.axes.get(axis);
+        travel.is_none_or(|spec| {
+            (spec.min - TRAVEL_MARGIN..=spec.max + TRAVEL_MARGIN).contains(value)
+        })
+    })
+}
+
+/// Other locations of the status that are tried: shift in registers, and whether in the other space.
+pub(super) const STATUS_SHIFTS: [(i16, bool); 5] =
+    [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
+
+/// Returns the map with its status shifted by `shift` registers, and in the other space if `in_other_space`.
+pub(super) fn shifted_map(
+    map: &RegisterMap,
+    shift: i16,
+    in_other_space: bool,
+) -> Option<RegisterMap> {
+    let mut map = map.clone();
+    let status = &mut map.status;
+    if in_other_space {
+        status.space = if status.space == RegisterSpace::Input {
+            RegisterSpace::Holding
+        } else {
+            RegisterSpace::Input
+        };
+    }
+    let counts = [
+        &mut status.sequence_head,
+        &mut status.version,
+        &mut status.state,
+        &mut status.alarm,
+        &mut status.accepted,
+        &mut status.executed,
+        &mut status.error,
+        &mut status.probe,
+        &mut status.inputs,
+        &mut status.latches,
+        &mut status.heartbeat,
+        &mut status.time_s,
+        &mut status.latch_time_s,
+        &mut status.sequence_tail,
+    ];
+    let axes = status.latch.values_mut().chain(status.position.values_mut());
+    let results = status.result.iter_mut().flat_map(ResultRegisters::registers_mut);
+    for register in counts.into_iter().chain(axes).chain(results) {
+        register.address = register.address.checked_add_signed(shift)?;
+    }
+    Some(map)
+}
+
+/// Whether `block` is a valid status according to `map`.
+pub(super) fn is_status(map: &RegisterMap, block: &[u16]) -> bool {
+    matches!(WindowStatus::parse(map, block), Ok(Some(_)))
+}
+
+/// Suspected cause if the status was found with [`shifted_map`].
+pub(super) fn shifted_status_diagnosis(
+    map: &RegisterMap,
+    shift: i16,
+    in_other_space: bool,
+) -> Diagnosis {
+    let space = if map.status.space == RegisterSpace::Input { "input" } else { "holding" };
+    let cause = match (shift, in_other_space) {
+        (0, _) => format!("wrong space: the status is in the {space} registers"),
+        (_, false) => {
+            format!(
+                "addresses off by one: the status begins {shift:+} register from the configured address"
+            )
+        }
+        (_, true) => format!("wrong space and addresses off by one: {space} registers, {shift:+}"),
+    };
+    let (first, _) = map.status.block_range();
+    let keys = match (shift, in_other_space) {
+        (0, _) => format!("[controller.registers.status] space = \"{space}\""),
+        (_, in_other_space) => format!(
+            "{}{shift:+} to every address of [controller.registers.status] (many manuals count from 1, the \
+             machine file counts from 0)",
+            if in_other_space { format!("space = \"{space}\", and ") } else { String::new() }
+        ),
+    };
+    Diagnosis {
+        is_confirmed: true,
+        needs_active_search: false,
+        cause,
+        evidence: format!(
+            "read from {space} register {first} on, head, tail, version and state agree"
+        ),
+        remedy: format!("in the machine file: {keys}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn machine() -> Machine {
+        serde_json::from_value(json!({
+            "name": "bench", "topology": "w-C-B-X-F-Z-Y-S-t",
+            "axes": {"X": {"min": -400, "max": 400}, "Z": {"min": 30, "max": 760}, "C": {"min": -360, "max": 360}}
+        }))
+        .unwrap()
+    }
+
+    /// The published window with other keys for the positions.
+    fn map(keys: &str) -> RegisterMap {
+        let axis = |(axis, at): (&str, u16)| format!("{axis} = {{ address = {at}, {keys} }}");
+        let axes = [("X", 32), ("Z", 36), ("C", 42)].map(axis).join(", ");
+        toml::from_str(&format!("[status]\nposition = {{ {axes} }}")).unwrap()
+    }
+
+    /// X -12.5, Z 100, C 45, as a control with the published window stores them.
+    fn block() -> Vec<u16> {
+        let mut block = vec![0; 45];
+        for (at, steps) in [(32, -12_500_i32), (36, 100_000), (42, 45_000)] {
+            let bits = steps as u32;
+            (block[at], block[at + 1]) = ((bits >> 16) as u16, bits as u16);
+        }
+        block
+    }
+
+    #[test]
+    fn one_thing_that_is_read_wrongly_is_named() {
+        assert!(are_positions_plausible(&map("type = \"i32\""), &block(), &machine()));
+        for (wrong, named, right) in [
+            ("order = \"cdab\"", "wrong word order", "order = \"abcd\""),
+            ("order = \"dcba\"", "wrong word order", "order = \"abcd\""),
+            ("type = \"u32\"", "wrong signedness", "type = \"i32\""),
+            ("type = \"f32\"", "wrong type", "type = \"i32\""),
+            ("scale = 0.1", "wrong scale", "scale = 0.001"),
+        ] {
+            let map = map(wrong);
+            assert!(!are_positions_plausible(&map, &block(), &machine()), "{wrong}");
+            let candidates = diagnose_position_format(&map, &block(), &machine());
+            let first = candidates.first().unwrap_or_else(|| panic!("{wrong}: nothing"));
+            assert!(first.cause.starts_with(named), "{wrong}: {candidates:?}");
+            assert!(
+                candidates.iter().any(|candidate| candidate.remedy.contains(right)),
+                "{wrong}: {candidates:?}"
+            );
+            assert!(candidates.iter().all(|candidate| !candidate.is_confirmed));
+        }
+    }
+
+    #[test]
+    fn what_lies_at_other_addresses_is_recognised() {
+        let published: RegisterMap = toml::from_str("").unwrap();
+        let mut block = block();
+        (block[0], block[1], block[2], block[44]) = (7, 1, 1, 7);
+        assert!(is_status(&published, &block));
+        let later = shifted_map(&published, 1, false).unwrap();
+        assert_eq!(later.status.block_range(), (1, 45));
+        assert!(!is_status(&published, &[&[0], &block[..44]].concat()));
+        assert!(shifted_map(&published, -1, false).is_none());
+        assert_eq!(shifted_map(&published, 0, true).unwrap().status.space, RegisterSpace::Holding);
+    }
+}

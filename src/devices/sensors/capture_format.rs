@@ -1,0 +1,155 @@
+//! Format of a capture: requests to a sensor and its answers, as lines; and the replay of a capture in
+//! place of a sensor.
+//!
+//! ```text
+//! > take 2
+//! < 12.0310521 -0.41236 - 0
+//! < 12.0320519 - range 1
+//! ```
+//!
+//! Columns of a sample: time, s; distance, mm; flag; number of samples missing before it; the encoder's
+//! count, if the sample has one.
+
+use tokio::sync::mpsc;
+
+use super::{Sample, SampleCounters, SamplePredicate, SensorError, SensorInfo, SensorRequest};
+use link::RequestCapture;
+use machine::record::reading::ReadingFlag;
+
+pub const PREPARE_REQUEST: &str = "prepare";
+pub const WATCH_REQUEST: &str = "watch";
+const NO_VALUE: &str = "-";
+
+pub fn take_line(count: u32) -> String {
+    format!("take {count}")
+}
+
+pub fn info_line(SensorInfo { identity, rate_hz }: &SensorInfo) -> String {
+    format!("{rate_hz} {}", identity.replace('\n', " "))
+}
+
+/// Numbers are written with full precision: reading them gives the same bits.
+pub fn sample_line(Sample { t_s, value_mm, flag, missing, encoder_count }: &Sample) -> String {
+    let value = value_mm.map_or(NO_VALUE.to_owned(), |mm| mm.to_string());
+    let flag = Some(flag.as_str()).filter(|flag| !flag.is_empty()).unwrap_or(NO_VALUE);
+    let count = encoder_count.map(|count| format!(" {count}")).unwrap_or_default();
+    format!("{t_s} {value} {flag} {missing}{count}")
+}
+
+fn parse_info(line: &str) -> Option<SensorInfo> {
+    let (rate_hz, identity) = line.split_once(' ')?;
+    Some(SensorInfo { identity: identity.to_owned(), rate_hz: rate_hz.parse().ok()? })
+}
+
+fn parse_sample(line: &str) -> Option<Sample> {
+    let mut parts = line.split(' ');
+    let mut next = || parts.next();
+    let (t_s, value, flag, missing) = (next()?, next()?, next()?, next()?);
+    let flag = if flag == NO_VALUE { "" } else { flag };
+    let value_mm = match value {
+        NO_VALUE => None,
+        mm => Some(mm.parse().ok()?),
+    };
+    Some(Sample {
+        t_s: t_s.parse().ok()?,
+        value_mm,
+        flag: ReadingFlag::ALL.into_iter().find(|known| known.as_str() == flag)?,
+        missing: missing.parse().ok()?,
+        encoder_count: parts.next().map(str::parse).transpose().ok()?,
+    })
+}
+
+/// Answers requests from a capture, until the handle is dropped.
+pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<SensorRequest>) {
+    let mut rejected = Ok(None);
+    while let Some(request) = inbox.recv().await {
+        match request {
+            SensorRequest::StartCapture(_) => {}
+            SensorRequest::Prepare(reply) => {
+                let info =
+                    replay_lines(&capture, PREPARE_REQUEST, parse_info).and_then(first_or_error);
+                drop(reply.send(info));
+            }
+            SensorRequest::Take(count, reply) => {
+                let samples = replay_lines(&capture, &take_line(count), parse_sample);
+                let non_empty = samples.and_then(|all| {
+                    if all.is_empty() { Err(capture_exhausted()) } else { Ok(all) }
+                });
+                drop(reply.send(non_empty));
+            }
+            SensorRequest::Watch(is_good, on_rejection, started) => {
+                drop(started.send(Ok(())));
+                rejected = first_rejected(&capture, &is_good);
+                if !matches!(rejected, Ok(None)) {
+                    on_rejection();
+                }
+            }
+            // A capture has no counts.
+            SensorRequest::Counters(reply) => drop(reply.send(Ok(SampleCounters::default()))),
+            SensorRequest::Current(reply) => drop(reply.send(Err(capture_exhausted()))),
+            SensorRequest::EndWatch(reply) => {
+                drop(reply.send(std::mem::replace(&mut rejected, Ok(None))))
+            }
+        }
+    }
+}
+
+/// Returns the first sample of the watch that was not good.
+fn first_rejected(
+    capture: &RequestCapture,
+    is_good: &SamplePredicate,
+) -> Result<Option<Sample>, SensorError> {
+    Ok(replay_lines(capture, WATCH_REQUEST, parse_sample)?
+        .into_iter()
+        .find(|sample| !is_good(sample)))
+}
+
+fn first_or_error<T>(all: Vec<T>) -> Result<T, SensorError> {
+    all.into_iter().next().ok_or_else(capture_exhausted)
+}
+
+fn replay_lines<T>(
+    capture: &RequestCapture,
+    request: &str,
+    read: impl Fn(&str) -> Option<T>,
+) -> Result<Vec<T>, SensorError> {
+    let unreadable = |line: &String| SensorError::InvalidData {
+        text: format!("the capture has the unreadable line `{line}` for the request `{request}`"),
+        remedy: "use an unchanged capture: this one was cut or changed".to_owned(),
+    };
+    let reply = capture.replay_request(request)?;
+    reply.iter().map(|line| read(line).ok_or_else(|| unreadable(line))).collect()
+}
+
+fn capture_exhausted() -> SensorError {
+    SensorError::InvalidData {
+        text: "the capture has no further reply of the sensor".to_owned(),
+        remedy: "use a capture of a longer run: this one ends here".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sample_comes_back_to_the_last_bit() {
+        for flag in ReadingFlag::ALL {
+            for value_mm in [None, Some(-0.1 - 0.2), Some(1e-9), Some(-0.0)] {
+                let one = Sample {
+                    t_s: 1.0 / 3.0,
+                    value_mm,
+                    flag,
+                    missing: 7,
+                    encoder_count: value_mm.map(|_| u32::MAX),
+                };
+                assert_eq!(parse_sample(&sample_line(&one)), Some(one));
+            }
+        }
+        let reply = SensorInfo { identity: "frames 181 on can0".to_owned(), rate_hz: 1e3 / 3.0 };
+        assert_eq!(parse_info(&info_line(&reply)), Some(reply));
+        for spoilt in ["", "1.0", "1.0 2.0 - x", "1.0 2.0 odd 0", "1.0 - ", "1.0 2.0 - 0 x"] {
+            assert_eq!(parse_sample(spoilt), None, "{spoilt}");
+        }
+    }
+}

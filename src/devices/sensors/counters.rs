@@ -1,0 +1,41 @@
+//! Counts of the samples that came from a sensor, and of those that did not.
+
+use std::fmt;
+
+use super::Sample;
+use machine::record::reading::ReadingFlag;
+
+/// Counts over all requests to the sensor's task.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SampleCounters {
+    /// Number of samples that were requested and received.
+    pub received_count: u64,
+    /// Number of samples missing between them, by the sensor's counter.
+    pub missing_count: u64,
+    /// Number of times that no sample came within the sensor's timeout.
+    pub silence_count: u64,
+    /// Minimum number of samples that came without being requested, by the counter.
+    pub unrequested_count: u64,
+}
+
+impl SampleCounters {
+    pub(super) fn add(&mut self, sample: &Sample) {
+        if sample.flag == ReadingFlag::Stale {
+            self.silence_count += 1;
+        } else {
+            self.received_count += 1;
+        }
+        self.missing_count += u64::from(sample.missing);
+    }
+}
+
+impl fmt::Display for SampleCounters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { received_count, missing_count, silence_count, unrequested_count } = self;
+        write!(
+            f,
+            "{received_count} samples received, {missing_count} missing, {silence_count} timeouts, \
+             {unrequested_count} not requested"
+        )
+    }
+}

@@ -1,0 +1,261 @@
+//! Content of a sensor's frame, as the machine file describes it: value, status and counter. Shared by all
+//! sensors that send frames.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::encoder;
+use super::field::{BitField, Endianness};
+use super::sample_layout::{DecodedSample, InvalidReason, Location, SampleLayout, check_scale};
+use machine::record::reading::ReadingFlag;
+
+/// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValueKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Endianness>,
+    #[serde(default)]
+    signed: bool,
+    /// Size of one count, mm; negative if the sensor counts in the other direction.
+    scale_mm: f64,
+    #[serde(default)]
+    offset_mm: f64,
+    /// Numbers that are codes, not values.
+    #[serde(default)]
+    codes: Vec<CodeKeys>,
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CodeKeys {
+    is: i64,
+    means: InvalidReason,
+}
+
+/// Keys of `[sensor.….counter]`: the counter increases by one with each sample, and wraps around.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CounterKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Endianness>,
+}
+
+/// Keys of `[sensor.….encoder_count]`: the count of a rotary encoder at the sample.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderCountKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Endianness>,
+    /// Number of counts after which the count restarts; if absent, the capacity of its bits.
+    round: Option<u64>,
+}
+
+/// Keys of `[[sensor.….status]]`: bits with a meaning that applies if they hold `is` (absent: any number
+/// but zero).
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StatusKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    #[serde(default = "default_width")]
+    width: u16,
+    order: Option<Endianness>,
+    is: Option<i64>,
+    means: InvalidReason,
+}
+
+fn default_width() -> u16 {
+    1
+}
+
+/// Layout of a frame that has passed the checks.
+#[derive(Debug, Clone)]
+pub struct FrameLayout {
+    pub sample: SampleLayout<BitField>,
+    /// Minimum number of bytes of a frame.
+    min_bytes: usize,
+}
+
+/// Maximum width of a counter, bits: far more than any sensor has.
+const MAX_COUNTER_BITS: u16 = 32;
+
+/// A number that marks a value as invalid; `None`: any number but zero.
+type FieldCondition = (BitField, Option<i128>);
+
+impl Location for BitField {
+    type Data<'d> = &'d [u8];
+    type Error = FrameTooShort;
+    type Condition = FieldCondition;
+
+    fn read_number(self, frame: &[u8]) -> Result<f64, FrameTooShort> {
+        self.read_integer(frame).map(|number| number as f64)
+    }
+
+    fn read_integer(self, frame: &[u8]) -> Result<i128, FrameTooShort> {
+        self.extract(frame)
+            .ok_or(FrameTooShort { expected_bytes: self.end_byte(), received_bytes: frame.len() })
+    }
+
+    fn is_met((field, expected): &FieldCondition, frame: &[u8]) -> bool {
+        let number = field.extract(frame);
+        number.is_some_and(|number| expected.map_or(number != 0, |expected| number == expected))
+    }
+}
+
+impl FrameLayout {
+    /// Checks the layout of frames of `length` bytes; `order` applies to numbers without an order of their
+    /// own.
+    ///
+    /// # Errors
+    /// The layout is invalid; the message names the keys.
+    pub fn new(
+        value: ValueKeys,
+        counter: Option<CounterKeys>,
+        encoder: Option<EncoderCountKeys>,
+        status: Vec<StatusKeys>,
+        order: Option<Endianness>,
+        length: usize,
+    ) -> Result<Self, String> {
+        let ValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
+        let value = BitField::new("value", byte, bit, width, signed, value.order.or(order))?;
+        check_scale(scale_mm, offset_mm)?;
+        let code = |code: &CodeKeys| {
+            Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()))
+        };
+        let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
+        let counter = counter.map(|keys| counter_field(&keys, order)).transpose()?;
+        let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
+        let mut flags = status_conditions(&status, order)?;
+        let fields = [("value".to_owned(), value)].into_iter();
+        let fields = fields.chain(counter.map(|(field, _)| ("counter".to_owned(), field)));
+        let fields = fields.chain(encoder.map(|(field, _)| ("encoder_count".to_owned(), field)));
+        let is_first = |index: usize, field: BitField| {
+            !flags.iter().take(index).any(|((earlier, _), _)| *earlier == field)
+        };
+        let status = status_names().zip(flags.iter().map(|((field, _), _)| *field)).enumerate();
+        let status = status.filter(|(index, (_, field))| is_first(*index, *field));
+        let min_bytes = check_overlap(fields.chain(status.map(|(_, named)| named)), length)?;
+        flags.extend(codes);
+        let sample = SampleLayout { value, scale_mm, offset_mm, counter, encoder, flags };
+        Ok(Self { sample, min_bytes })
+    }
+
+    /// # Errors
+    /// The frame is too short for the layout.
+    pub fn decode(&self, frame: &[u8]) -> Result<DecodedSample, FrameTooShort> {
+        if frame.len() < self.min_bytes {
+            return Err(FrameTooShort {
+                expected_bytes: self.min_bytes,
+                received_bytes: frame.len(),
+            });
+        }
+        self.sample.decode(frame)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the frame has {received_bytes} bytes, but the layout needs {expected_bytes}")]
+pub struct FrameTooShort {
+    pub expected_bytes: usize,
+    pub received_bytes: usize,
+}
+
+fn counter_field(keys: &CounterKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
+    let CounterKeys { byte, bit, width, .. } = *keys;
+    let field = BitField::new("counter", byte, bit, width, false, keys.order.or(order))?;
+    if width > MAX_COUNTER_BITS {
+        return Err(format!("`counter.width` is {width}; the maximum is {MAX_COUNTER_BITS}"));
+    }
+    Ok((field, 1 << width))
+}
+
+fn encoder_field(
+    keys: &EncoderCountKeys,
+    order: Option<Endianness>,
+) -> Result<(BitField, u64), String> {
+    let EncoderCountKeys { byte, bit, width, .. } = *keys;
+    let field = BitField::new("encoder_count", byte, bit, width, false, keys.order.or(order))?;
+    Ok((field, encoder::modulus("encoder_count", keys.round, width)?))
+}
+
+/// Returns the condition and the flag of each `status`.
+fn status_conditions(
+    status: &[StatusKeys],
+    order: Option<Endianness>,
+) -> Result<Vec<(FieldCondition, ReadingFlag)>, String> {
+    let mut conditions: Vec<(FieldCondition, ReadingFlag)> = Vec::new();
+    for (name, keys) in status_names().zip(status) {
+        let StatusKeys { byte, bit, width, .. } = *keys;
+        let field = BitField::new(&name, byte, bit, width, false, keys.order.or(order))?;
+        let is = keys.is.map(|is| representable(&name, is, field)).transpose()?;
+        // Several entries may use the same bits, each with its own number.
+        let same = conditions.iter().position(|((earlier, expected), _)| {
+            *earlier == field && expected.is_none_or(|expected| Some(expected) == is)
+        });
+        if let Some(earlier) = same {
+            return Err(format!(
+                "`status {}` and `{name}` are met at the same time: they have the same bits; set a different `is` \
+                 for each, and put the status without `is` last",
+                earlier + 1
+            ));
+        }
+        conditions.push(((field, is), keys.means.flag()));
+    }
+    Ok(conditions)
+}
+
+/// Returns `number`, which `field` can hold.
+fn representable(name: &str, number: i64, field: BitField) -> Result<i128, String> {
+    let (least, greatest) = field.number_range();
+    if (least..=greatest).contains(&i128::from(number)) {
+        return Ok(i128::from(number));
+    }
+    let width = field.width;
+    Err(format!("`{name}` can never be {number}: {width} bits hold {least} to {greatest}"))
+}
+
+fn status_names() -> impl Iterator<Item = String> {
+    (1..).map(|number: u32| format!("status {number}"))
+}
+
+/// Checks that no bit is used twice and none is beyond `length`; returns the number of bytes that are
+/// needed.
+fn check_overlap(
+    fields: impl Iterator<Item = (String, BitField)>,
+    length: usize,
+) -> Result<usize, String> {
+    let mut taken = BTreeMap::new();
+    let mut expected_bytes = 0;
+    for (name, field) in fields {
+        let end = field.end_byte();
+        if end > length {
+            return Err(format!(
+                "`{name}` extends to byte {}; the frame has the {length} bytes 0 to {}",
+                end - 1,
+                length.saturating_sub(1)
+            ));
+        }
+        expected_bytes = expected_bytes.max(end);
+        for (byte, bit) in field.bit_positions() {
+            if let Some(other) = taken.insert((byte, bit), name.clone()) {
+                return Err(format!(
+                    "`{other}` and `{name}` overlap at byte {byte}, bit {bit}: compare both with the \
+                     sensor's manual"
+                ));
+            }
+        }
+    }
+    Ok(expected_bytes)
+}

@@ -1,0 +1,120 @@
+//! Layout of one sample, common to CAN, serial and Modbus sensors: value, counter, encoder count and the
+//! conditions that mark the value as invalid. Each transport defines the locations in its data.
+
+use serde::Deserialize;
+
+use super::encoder;
+use machine::record::reading::ReadingFlag;
+
+/// Location of a number in the data of one transport.
+pub trait Location: Copy {
+    /// Data of one sample: the bytes of a frame, the columns of a line, the registers of one request.
+    type Data<'d>: Copy;
+    type Error;
+    /// Condition on the data under which the value is invalid.
+    type Condition;
+
+    fn read_number(self, data: Self::Data<'_>) -> Result<f64, Self::Error>;
+    fn read_integer(self, data: Self::Data<'_>) -> Result<i128, Self::Error>;
+    fn is_met(condition: &Self::Condition, data: Self::Data<'_>) -> bool;
+}
+
+/// A layout that has passed the checks.
+#[derive(Debug, Clone)]
+pub struct SampleLayout<L: Location> {
+    /// Value = `offset_mm` + `scale_mm` × the number at `value`.
+    pub value: L,
+    pub scale_mm: f64,
+    pub offset_mm: f64,
+    /// Counter, and number of samples after which it restarts.
+    pub counter: Option<(L, u64)>,
+    /// Encoder count, and number of counts after which it restarts.
+    pub encoder: Option<(L, u64)>,
+    /// Conditions with their flags; the first one that is met applies.
+    pub flags: Vec<(L::Condition, ReadingFlag)>,
+}
+
+/// Decoded sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DecodedSample {
+    /// Value in mm, or the reason why there is none.
+    pub value: Result<f64, ReadingFlag>,
+    pub counter: Option<u64>,
+    /// Count of the rotary encoder, as a remainder (`encoder.rs`).
+    pub encoder_count: Option<u32>,
+}
+
+/// Meaning of a code or of a status.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InvalidReason {
+    /// No echo comes back from a surface.
+    NoEcho,
+    Range,
+    Saturated,
+    /// The value is an earlier one.
+    Stale,
+}
+
+impl InvalidReason {
+    pub fn flag(self) -> ReadingFlag {
+        match self {
+            Self::NoEcho | Self::Range => ReadingFlag::Range,
+            Self::Saturated => ReadingFlag::Saturated,
+            Self::Stale => ReadingFlag::Stale,
+        }
+    }
+}
+
+impl<L: Location> SampleLayout<L> {
+    /// Number of samples after which the counter restarts, if there is one.
+    pub fn counter_modulus(&self) -> Option<u64> {
+        self.counter.map(|(_, modulus)| modulus)
+    }
+
+    /// Number of counts after which the encoder's count restarts, if a sample has one.
+    pub fn encoder_modulus(&self) -> Option<u64> {
+        self.encoder.map(|(_, modulus)| modulus)
+    }
+
+    /// # Errors
+    /// The data do not match the layout.
+    pub fn decode(&self, data: L::Data<'_>) -> Result<DecodedSample, L::Error> {
+        let counter = self.counter.map(|(counter, _)| counter.read_integer(data)).transpose()?;
+        let encoder_count = match self.encoder {
+            Some((count, modulus)) => Some(encoder::remainder(count.read_integer(data)?, modulus)),
+            None => None,
+        };
+        let value = match self.flags.iter().find(|(condition, _)| L::is_met(condition, data)) {
+            Some((_, flag)) => Err(*flag),
+            None => Ok(self.offset_mm + self.scale_mm * self.value.read_number(data)?),
+        };
+        // A negative counter of a line becomes a number that the line's check of the range refuses.
+        Ok(DecodedSample { value, counter: counter.map(|count| count as u64), encoder_count })
+    }
+}
+
+/// # Errors
+/// A factor of 0, or a number that is not finite; the message names the key.
+pub fn check_scale(scale_mm: f64, offset_mm: f64) -> Result<(), String> {
+    if scale_mm == 0.0 || !scale_mm.is_finite() {
+        return Err(format!(
+            "`value.scale_mm` is {scale_mm}: all readings would be equal; set it to the size of one count \
+             in mm, e.g. 0.001, or to 1.0 for values in mm"
+        ));
+    }
+    if !offset_mm.is_finite() {
+        return Err("`value.offset_mm` must be a finite number".to_owned());
+    }
+    Ok(())
+}
+
+impl DecodedSample {
+    /// Replaces a value beyond the sensor's range by the flag `Range`.
+    pub fn flag_out_of_range(self, [least, greatest]: [f64; 2]) -> Self {
+        let value = self.value.and_then(|mm| {
+            if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(ReadingFlag::Range) }
+        });
+        Self { value, ..self }
+    }
+}

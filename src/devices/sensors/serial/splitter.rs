@@ -1,0 +1,115 @@
+//! Cuts a byte stream into whole pieces. The stream may be split anywhere, unreadable, or without an end of
+//! line.
+
+use super::format::DataFormat;
+use super::{frame, line};
+use crate::sensors::sample_layout::DecodedSample;
+
+/// Maximum length of a line, bytes; longer input is not a line.
+const MAX_LINE_BYTES: usize = 512;
+
+#[derive(Debug, PartialEq)]
+pub(super) enum StreamPiece {
+    Whole {
+        sample: DecodedSample,
+        bytes: usize,
+    },
+    /// Bytes that cannot be decoded.
+    Undecodable(Vec<u8>),
+}
+
+#[derive(Debug)]
+pub(super) struct StreamSplitter {
+    format: DataFormat,
+    buffer: Vec<u8>,
+    /// Whether the bytes may begin within a piece: everything before the next start of a piece is ignored.
+    is_unsynchronized: bool,
+}
+
+impl StreamSplitter {
+    pub fn new(format: DataFormat) -> Self {
+        Self { format, buffer: Vec::new(), is_unsynchronized: true }
+    }
+
+    /// Discards all bytes held. `is_within_piece`: the next bytes may begin within a piece.
+    pub fn restart(&mut self, is_within_piece: bool) {
+        self.buffer.clear();
+        self.is_unsynchronized = is_within_piece;
+    }
+
+    /// Returns all pieces that `bytes` completes, in order.
+    pub fn push(&mut self, bytes: &[u8]) -> Vec<StreamPiece> {
+        self.buffer.extend_from_slice(bytes);
+        match &self.format {
+            DataFormat::Line(layout) => {
+                split_lines(layout, &mut self.buffer, &mut self.is_unsynchronized)
+            }
+            DataFormat::Frame(layout) => {
+                split_frames(layout, &mut self.buffer, &mut self.is_unsynchronized)
+            }
+        }
+    }
+}
+
+fn split_lines(
+    layout: &line::LineFormat,
+    buffer: &mut Vec<u8>,
+    is_unsynchronized: &mut bool,
+) -> Vec<StreamPiece> {
+    let mut pieces = Vec::new();
+    while let Some(at) = find_bytes(buffer, &layout.end) {
+        let rest = buffer.split_off(at + layout.end.len());
+        let ended = std::mem::replace(buffer, rest);
+        let line = ended.get(..at).unwrap_or_default().trim_ascii();
+        // An empty line is ignored: some line ends consist of two others.
+        if std::mem::take(is_unsynchronized) || line.is_empty() {
+            continue;
+        }
+        pieces.push(match layout.decode(line) {
+            Some(sample) => StreamPiece::Whole { sample, bytes: ended.len() },
+            None => StreamPiece::Undecodable(line.to_vec()),
+        });
+    }
+    if buffer.len() > MAX_LINE_BYTES {
+        pieces.push(StreamPiece::Undecodable(std::mem::take(buffer)));
+        *is_unsynchronized = true;
+    }
+    pieces
+}
+
+fn split_frames(
+    layout: &frame::FrameFormat,
+    buffer: &mut Vec<u8>,
+    is_unsynchronized: &mut bool,
+) -> Vec<StreamPiece> {
+    let mut pieces = Vec::new();
+    let mut invalid = Vec::new();
+    loop {
+        // Keep bytes that may be the beginning of a frame.
+        let begin = find_bytes(buffer, &layout.sync)
+            .unwrap_or_else(|| buffer.len().saturating_sub(layout.sync.len() - 1));
+        invalid.extend(buffer.drain(..begin));
+        let Some(frame) = buffer.get(..layout.frame_length()) else { break };
+        match layout.decode(frame) {
+            Some(sample) => {
+                buffer.drain(..layout.frame_length());
+                if !std::mem::take(is_unsynchronized) && !invalid.is_empty() {
+                    pieces.push(StreamPiece::Undecodable(std::mem::take(&mut invalid)));
+                }
+                invalid.clear();
+                pieces.push(StreamPiece::Whole { sample, bytes: layout.frame_length() });
+            }
+            // The sync bytes were there by chance, or bytes after them are missing.
+            None => invalid.extend(buffer.drain(..1)),
+        }
+    }
+    // Bytes before the first valid piece count as invalid too: they may be noise.
+    if !invalid.is_empty() {
+        pieces.push(StreamPiece::Undecodable(invalid));
+    }
+    pieces
+}
+
+fn find_bytes(bytes: &[u8], pattern: &[u8]) -> Option<usize> {
+    bytes.windows(pattern.len()).position(|window| window == pattern)
+}

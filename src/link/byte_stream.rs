@@ -1,0 +1,259 @@
+//! Byte stream of a device that sends without a request: each read with its time. The reader may fall behind; the
+//! queue then drops the oldest reads. Several handles may share one stream: each handle receives all bytes.
+
+use std::future::Future;
+use std::io;
+use std::sync::{Arc, Weak};
+
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::{Mutex, broadcast, mpsc, oneshot};
+use tokio::time::{Instant, timeout_at};
+
+use super::LinkError;
+use super::capture::LinkProtocol;
+use super::mode::LinkMode;
+use super::owner::{ChannelEnds, Sink, StreamOwner, start_owner_thread};
+
+/// Maximum number of reads in the queue: more than eight seconds of a device that sends 1000 times per second.
+const MAX_QUEUED_READS: usize = 8192;
+
+/// Data from the stream.
+#[derive(Debug, Clone)]
+pub enum StreamRead {
+    /// Bytes of one read, and the time of the read.
+    Bytes(Instant, Arc<[u8]>),
+    /// Queue overflow: older bytes were dropped unread.
+    Overflow,
+}
+
+/// Bytes and the time of the read, or the reason why the stream has ended.
+type ReadResult = Result<(Instant, Arc<[u8]>), String>;
+
+/// Handle of a stream: receives and sends bytes.
+pub struct ByteStreamHandle {
+    stream: Arc<SharedStream>,
+    incoming: broadcast::Receiver<ReadResult>,
+    loss_reason: Option<String>,
+}
+
+/// State that all handles of one stream share.
+struct SharedStream {
+    name: String,
+    reads: broadcast::WeakSender<ReadResult>,
+    outgoing: mpsc::UnboundedSender<Vec<u8>>,
+    empty_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
+    request_turn: Arc<Mutex<RequestTurn>>,
+}
+
+/// Lock held from a request to its reply: the handles of one stream send one request at a time.
+#[derive(Default)]
+pub struct RequestTurn {
+    /// Whether a reply that is late may still arrive.
+    pub reply_owed: bool,
+}
+
+/// Weak reference to an open stream; does not keep the stream open.
+pub(super) struct WeakByteStream(Weak<SharedStream>);
+
+impl WeakByteStream {
+    /// Returns one more handle, which receives the bytes from now on; `None` if the stream is closed or lost.
+    pub(super) fn upgrade(&self) -> Option<ByteStreamHandle> {
+        let stream = self.0.upgrade()?;
+        let incoming = stream.reads.upgrade()?.subscribe();
+        Some(ByteStreamHandle { stream, incoming, loss_reason: None })
+    }
+}
+
+impl ByteStreamHandle {
+    /// Wraps a stream inside this process; a task of the caller's runtime owns the stream.
+    pub fn from_stream(
+        name: impl Into<String>,
+        stream: impl AsyncRead + AsyncWrite + Send + 'static,
+    ) -> Self {
+        let (flow, ends) = Self::create_channels(name.into());
+        tokio::spawn(StreamOwner::new(stream, ends).run());
+        flow
+    }
+
+    /// Starts the owning thread, which opens the stream.
+    pub(super) async fn open<S: AsyncRead + AsyncWrite + Send + 'static>(
+        name: String,
+        open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+    ) -> Result<Self, LinkError> {
+        let (flow, ends) = Self::create_channels(name);
+        let (opened, result) = oneshot::channel();
+        let open_error =
+            |source| LinkError::OpenFailed { address: flow.stream.name.clone(), source };
+        let backend = LinkMode::current().for_link(&flow.stream.name, LinkProtocol::Lines);
+        start_owner_thread(ends, async move { backend.open(open).await }, opened)
+            .map_err(open_error)?;
+        result
+            .await
+            .map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
+        Ok(flow)
+    }
+
+    fn create_channels(name: String) -> (Self, ChannelEnds<ReadSink>) {
+        let (reads, incoming) = broadcast::channel(MAX_QUEUED_READS);
+        let (outgoing, queued) = mpsc::unbounded_channel();
+        // No urgent queue is needed: no motion depends on a sensor's stream.
+        let (_, urgent_queue) = mpsc::unbounded_channel();
+        let (empty_requests, empty_queue) = mpsc::unbounded_channel();
+        let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
+        let stream = Arc::new(SharedStream {
+            name,
+            reads: reads_weak,
+            outgoing,
+            empty_requests,
+            request_turn,
+        });
+        let flow = Self { stream, incoming, loss_reason: None };
+        (
+            flow,
+            ChannelEnds {
+                sink: ReadSink(reads),
+                queued,
+                urgent_queue,
+                empty_requests: empty_queue,
+            },
+        )
+    }
+
+    pub(super) fn downgrade(&self) -> WeakByteStream {
+        WeakByteStream(Arc::downgrade(&self.stream))
+    }
+
+    pub fn request_turn(&self) -> Arc<Mutex<RequestTurn>> {
+        self.stream.request_turn.clone()
+    }
+
+    /// Queues bytes. They are written completely and in order.
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.stream.outgoing.send(bytes.to_vec()).map_err(|_| self.lost_error())
+    }
+
+    /// Drops all bytes that have arrived but were not read, including bytes in the kernel's buffer. (Bytes that an
+    /// adapter holds back for its next packet are not visible.)
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub async fn discard_received(&mut self) -> Result<(), LinkError> {
+        let (notify, emptied) = oneshot::channel();
+        if self.stream.empty_requests.send(notify).is_ok() {
+            // If the owner ends meanwhile, the check below detects it.
+            let _ = emptied.await;
+        }
+        // The reason for the loss is the last entry of the queue: read it before the queue is dropped.
+        if self.incoming.is_closed() {
+            while let Ok(read) = self.incoming.try_recv() {
+                self.loss_reason = read.err().or(self.loss_reason.take());
+            }
+            return Err(self.lost_error());
+        }
+        self.incoming = self.incoming.resubscribe();
+        Ok(())
+    }
+
+    /// Next data, or `None` after `deadline`. A lost link stays lost.
+    ///
+    /// # Errors
+    /// The link is lost.
+    pub async fn recv_deadline(
+        &mut self,
+        deadline: Instant,
+    ) -> Result<Option<StreamRead>, LinkError> {
+        // The dropped future waits on a channel, not on the device.
+        match timeout_at(deadline, self.incoming.recv()).await {
+            Err(_) => Ok(None),
+            Ok(Ok(Ok((at, bytes)))) => Ok(Some(StreamRead::Bytes(at, bytes))),
+            Ok(Ok(Err(why))) => {
+                self.loss_reason = Some(why);
+                Err(self.lost_error())
+            }
+            Ok(Err(RecvError::Lagged(_))) => Ok(Some(StreamRead::Overflow)),
+            Ok(Err(RecvError::Closed)) => Err(self.lost_error()),
+        }
+    }
+
+    fn lost_error(&self) -> LinkError {
+        let why = self.loss_reason.clone().unwrap_or_else(|| "the link is closed".to_owned());
+        LinkError::Lost { address: self.stream.name.clone(), why }
+    }
+}
+
+struct ReadSink(broadcast::Sender<ReadResult>);
+
+impl Sink for ReadSink {
+    fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
+        // No receiver is left: `wait_for_no_readers` reports it.
+        let _ = self.0.send(Ok((Instant::now(), bytes.into())));
+        Ok(())
+    }
+
+    async fn wait_for_no_readers(&self) {
+        self.0.closed().await;
+    }
+
+    async fn report_loss(self, why: String) {
+        let _ = self.0.send(Err(why));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use tokio::io::AsyncWriteExt;
+
+    use super::*;
+
+    async fn next(flow: &mut ByteStreamHandle) -> Option<Vec<u8>> {
+        match flow.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap() {
+            Some(StreamRead::Bytes(_, bytes)) => Some(bytes.to_vec()),
+            _ => None,
+        }
+    }
+
+    #[tokio::test]
+    async fn what_nobody_reads_is_forgotten_and_the_newest_is_kept() {
+        let (near, mut far) = tokio::io::duplex(64);
+        let mut flow = ByteStreamHandle::from_stream("a sensor", near);
+        for _ in 0..MAX_QUEUED_READS + 10 {
+            far.write_all(b"old").await.unwrap();
+            tokio::task::yield_now().await;
+        }
+        // `None` reports that bytes are missing.
+        assert_eq!(next(&mut flow).await, None);
+        assert_eq!(next(&mut flow).await.unwrap(), b"old");
+        flow.discard_received().await.unwrap();
+        far.write_all(b"new").await.unwrap();
+        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+    }
+
+    /// The owner has not run since these bytes arrived: they are still in the duplex buffer, which stands in for the
+    /// kernel's.
+    #[tokio::test]
+    async fn what_nobody_has_read_yet_is_forgotten_as_well() {
+        let (near, mut far) = tokio::io::duplex(1 << 16);
+        let mut flow = ByteStreamHandle::from_stream("a sensor", near);
+        far.write_all(&[7; 20_000]).await.unwrap();
+        flow.discard_received().await.unwrap();
+        far.write_all(b"new").await.unwrap();
+        assert_eq!(next(&mut flow).await.unwrap(), b"new");
+    }
+
+    #[tokio::test]
+    async fn a_lost_one_says_why_even_when_all_is_forgotten() {
+        let (near, mut far) = tokio::io::duplex(64);
+        let mut flow = ByteStreamHandle::from_stream("a sensor", near);
+        far.write_all(b"last words").await.unwrap();
+        drop(far);
+        flow.stream.outgoing.closed().await;
+        let error = flow.discard_received().await.unwrap_err();
+        assert!(error.to_string().contains("the device closed the connection"), "{error}");
+    }
+}

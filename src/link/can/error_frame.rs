@@ -1,0 +1,77 @@
+//! Meaning of a CAN controller's error frame for a receiver of frames.
+
+use socketcan::CanError;
+use socketcan::errors::{ControllerProblems, ErrorCause};
+
+/// Class of one error frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum ErrorFrameClass {
+    /// Bits that no node can decode. The sender sends the frame again.
+    BusErrors(String),
+    /// The controller is bus-off: it receives nothing until it is restarted.
+    BusOff(String),
+    /// The controller lost frames.
+    FramesMissed,
+    /// The error frame does not affect a receiver, or reports a recovery.
+    Harmless,
+}
+
+/// State that a controller reports after recovery: error-active.
+const ERROR_ACTIVE: ControllerProblems = ControllerProblems::ACTIVE;
+
+impl From<CanError> for ErrorFrameClass {
+    fn from(error: CanError) -> Self {
+        let overflowed =
+            |problems: ControllerProblems| problems.intersects(ControllerProblems::RX_OVERFLOW);
+        if error.is_restarted() || error.controller().is_some_and(overflowed) {
+            Self::FramesMissed
+        } else if error.is_bus_off() {
+            Self::BusOff(error.to_string())
+        } else if error.causes().any(is_receive_fault) {
+            Self::BusErrors(error.to_string())
+        } else {
+            Self::Harmless
+        }
+    }
+}
+
+fn is_receive_fault(cause: &ErrorCause) -> bool {
+    match cause {
+        ErrorCause::LostArbitration(_) | ErrorCause::Counters { .. } => false,
+        ErrorCause::Controller(problems) => *problems != ERROR_ACTIVE,
+        _ => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use socketcan::CanErrorFrame;
+
+    use super::*;
+
+    /// Makes an error frame; bits and bytes as in the kernel's `can/error.h`.
+    fn of(class: u32, data: &[u8]) -> ErrorFrameClass {
+        CanErrorFrame::new_error(class, data).unwrap().into_error().into()
+    }
+
+    #[test]
+    fn error_frames_are_told_apart_by_what_they_mean_for_a_listener() {
+        // Bus error with a protocol violation (stuff error), as at a wrong bit rate.
+        let ErrorFrameClass::BusErrors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else {
+            panic!()
+        };
+        assert!(why.contains("bit stuffing error") && why.contains("bus error"), "{why}");
+        // Error-passive, with the counters.
+        let ErrorFrameClass::BusErrors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else {
+            panic!()
+        };
+        assert!(why.contains("rx passive") && why.contains("rx=128"), "{why}");
+        assert_eq!(of(0x40, &[]), ErrorFrameClass::BusOff("bus off".to_owned()));
+        assert_eq!(of(0x100, &[]), ErrorFrameClass::FramesMissed);
+        assert_eq!(of(0x04, &[0, 0x01]), ErrorFrameClass::FramesMissed, "receive buffer overflow");
+        // Return to error-active, counters alone, lost arbitration: no fault.
+        assert_eq!(of(0x04, &[0, 0x40]), ErrorFrameClass::Harmless);
+        assert_eq!(of(0x200, &[0, 0, 0, 0, 0, 0, 3, 4]), ErrorFrameClass::Harmless);
+        assert_eq!(of(0x02, &[5]), ErrorFrameClass::Harmless);
+    }
+}

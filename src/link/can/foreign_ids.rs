@@ -1,0 +1,108 @@
+//! Detects other identifiers on the bus while no frame of the own identifier arrives. Without this check, a wrong
+//! identifier cannot be distinguished from a silent sensor.
+
+use std::time::{Duration, Instant};
+
+use super::CanId;
+
+/// Silence of the own identifier after which the socket accepts other identifiers, and the time for which it does
+/// so.
+const OWN_ID_SILENCE: Duration = Duration::from_millis(300);
+const ACCEPT_ALL_TIME: Duration = Duration::from_secs(1);
+/// Maximum number of reported identifiers.
+const MAX_REPORTED_IDS: usize = 8;
+
+/// Which identifiers the socket accepts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum IdFilterState {
+    /// Only the own identifier.
+    OwnId,
+    AllIds,
+    /// Only the own identifier; other identifiers have been accepted since the last own frame.
+    OwnIdAfterScan,
+}
+
+pub(super) struct ForeignIdDetector {
+    filter: IdFilterState,
+    /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
+    since: Instant,
+    reported: Vec<CanId>,
+}
+
+/// Filter that the socket must use from now on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum IdFilterChange {
+    AllIds,
+    OwnId,
+}
+
+impl ForeignIdDetector {
+    pub fn new(now: Instant) -> Self {
+        Self { filter: IdFilterState::OwnId, since: now, reported: Vec::new() }
+    }
+
+    /// Records a frame of the own identifier.
+    pub fn record_own_frame(&mut self, now: Instant) -> Option<IdFilterChange> {
+        let previous = self.filter;
+        *self = Self::new(now);
+        (previous == IdFilterState::AllIds).then_some(IdFilterChange::OwnId)
+    }
+
+    /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
+    pub fn due_filter_change(&mut self, now: Instant) -> Option<IdFilterChange> {
+        match self.filter {
+            IdFilterState::OwnId if now - self.since >= OWN_ID_SILENCE => {
+                (self.filter, self.since) = (IdFilterState::AllIds, now);
+                Some(IdFilterChange::AllIds)
+            }
+            IdFilterState::AllIds
+                if now - self.since >= ACCEPT_ALL_TIME
+                    || self.reported.len() == MAX_REPORTED_IDS =>
+            {
+                self.filter = IdFilterState::OwnIdAfterScan;
+                Some(IdFilterChange::OwnId)
+            }
+            _ => None,
+        }
+    }
+
+    /// Records a frame of another identifier. Returns whether it must be reported.
+    pub fn needs_report(&mut self, id: CanId) -> bool {
+        let is_new = self.filter == IdFilterState::AllIds
+            && self.reported.len() < MAX_REPORTED_IDS
+            && !self.reported.contains(&id);
+        if is_new {
+            self.reported.push(id);
+        }
+        is_new
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn others_are_listened_to_once_after_each_silence() {
+        let begun = Instant::now();
+        let at = |ms| begun + Duration::from_millis(ms);
+        let id = |raw| CanId::new(raw, false).unwrap();
+        let mut others = ForeignIdDetector::new(begun);
+        assert_eq!(others.due_filter_change(at(299)), None);
+        assert!(!others.needs_report(id(7)), "what the filter let through before it was set");
+        assert_eq!(others.due_filter_change(at(300)), Some(IdFilterChange::AllIds));
+        assert!(
+            others.needs_report(id(7)) && !others.needs_report(id(7)) && others.needs_report(id(8))
+        );
+        assert_eq!(others.due_filter_change(at(1299)), None);
+        assert_eq!(others.due_filter_change(at(1300)), Some(IdFilterChange::OwnId));
+        assert_eq!(others.due_filter_change(at(9000)), None, "not again and again");
+        assert_eq!(others.record_own_frame(at(9000)), None);
+        assert_eq!(others.due_filter_change(at(9300)), Some(IdFilterChange::AllIds));
+        assert_eq!(others.record_own_frame(at(9301)), Some(IdFilterChange::OwnId), "at once");
+        // On a busy bus, the socket accepts other identifiers only until enough are found.
+        assert_eq!(others.due_filter_change(at(9601)), Some(IdFilterChange::AllIds));
+        assert_eq!((0..20).filter(|raw| others.needs_report(id(*raw))).count(), MAX_REPORTED_IDS);
+        assert_eq!(others.due_filter_change(at(9602)), Some(IdFilterChange::OwnId));
+    }
+}

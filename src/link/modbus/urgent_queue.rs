@@ -1,0 +1,42 @@
+//! Queue of urgent writes.
+
+use std::collections::VecDeque;
+
+use tokio::sync::mpsc;
+
+use super::UrgentWrite;
+
+/// Queue of urgent writes, which can be checked during a request.
+pub(super) struct UrgentQueue {
+    queue: mpsc::UnboundedReceiver<UrgentWrite>,
+    received: VecDeque<UrgentWrite>,
+}
+
+impl UrgentQueue {
+    pub(super) fn new(queue: mpsc::UnboundedReceiver<UrgentWrite>) -> Self {
+        Self { queue, received: VecDeque::new() }
+    }
+
+    /// Waits until an urgent write is queued. Cancel safe.
+    pub(super) async fn wait_for_write(&mut self) {
+        if self.has_write() {
+            return;
+        }
+        match self.queue.recv().await {
+            Some(write) => self.received.push_back(write),
+            None => std::future::pending().await,
+        }
+    }
+
+    pub(super) fn has_write(&mut self) -> bool {
+        while let Ok(write) = self.queue.try_recv() {
+            self.received.push_back(write);
+        }
+        !self.received.is_empty()
+    }
+
+    /// Removes the oldest urgent write.
+    pub(super) fn pop(&mut self) -> Option<UrgentWrite> {
+        self.received.pop_front()
+    }
+}

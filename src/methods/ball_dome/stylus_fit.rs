@@ -1,0 +1,97 @@
+//! The variants that can be computed from the readings and the prior.
+
+use nalgebra::Vector3;
+
+use super::error_and_stylus_fit::fit_errors_and_stylus;
+use super::points::MeasuredPoints;
+use super::prior::is_spindle_error;
+use super::stylus::{stylus_change, stylus_gain};
+use super::variant::{DomeVariant, StylusResult, StylusSource, VARIANT_KINDS, VariantKind};
+use crate::identification::KnownErrors;
+use machine::kinematics::ErrorTerm;
+
+/// Derivative of each point by the errors of the prior, with the stated stylus.
+pub fn prior_error_derivatives(
+    points: &MeasuredPoints,
+    known: Option<&KnownErrors<'_>>,
+) -> Vec<Vec<Vector3<f64>>> {
+    let errors = known.map_or(&[][..], |known| &known.errors);
+    let parameters: Vec<_> = errors.iter().map(|error| error.parameter).collect();
+    points.error_derivatives(errors, points.stylus, &parameters)
+}
+
+/// All variants that the readings and the prior determine; and those that they do not, in words.
+pub fn compute_variants(
+    points: &MeasuredPoints,
+    known: Option<&KnownErrors<'_>>,
+    tool_ball: usize,
+) -> (Vec<DomeVariant>, Vec<String>) {
+    let (mut variants, mut lost) = (Vec::new(), Vec::new());
+    for kind in VARIANT_KINDS {
+        let errors = match (kind.is_calibrated, known) {
+            (false, _) => &[][..],
+            (true, Some(known)) => &known.errors,
+            (true, None) => continue,
+        };
+        match find_stylus(kind, points, errors, known, tool_ball) {
+            Some(found) => variants.push(DomeVariant::new(kind, points, errors, found)),
+            None => lost.push(format!(
+                "{}: the measured indexations do not determine {}",
+                kind.name,
+                match kind.stylus {
+                    StylusSource::ErrorAndStylusFit => "machine errors and stylus together",
+                    _ => "the stylus",
+                }
+            )),
+        }
+    }
+    (variants, lost)
+}
+
+fn find_stylus(
+    kind: VariantKind,
+    points: &MeasuredPoints,
+    errors: &[ErrorTerm],
+    known: Option<&KnownErrors<'_>>,
+    tool_ball: usize,
+) -> Option<StylusResult> {
+    let of_balls = |is_included: &dyn Fn(usize) -> bool| {
+        let gain =
+            stylus_gain(&points.stylus_derivatives(errors), &points.ball_index, is_included)?;
+        let change = stylus_change(&gain, &points.table_positions_mm(errors, points.stylus));
+        Some(StylusResult {
+            stylus: points.stylus + change,
+            gain: Some(gain),
+            prior_derivatives: Vec::new(),
+        })
+    };
+    match kind.stylus {
+        StylusSource::Stated => {
+            Some(StylusResult { stylus: points.stylus, gain: None, prior_derivatives: Vec::new() })
+        }
+        StylusSource::OneBall => of_balls(&|ball| ball == tool_ball),
+        StylusSource::AllBalls => of_balls(&|_| true),
+        StylusSource::ErrorAndStylusFit => {
+            let (known, fit) = (known?, fit_errors_and_stylus(points, known?).ok()?);
+            let prior_derivatives = stylus_by_spindle_errors(points, known);
+            let offset =
+                prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
+            let stylus = fit.stylus + offset.sum::<Vector3<f64>>();
+            Some(StylusResult { stylus, gain: Some(fit.gain), prior_derivatives })
+        }
+    }
+}
+
+/// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
+/// (paper 4, Eqs. 5 to 7).
+fn stylus_by_spindle_errors(points: &MeasuredPoints, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
+    let of = |error: &ErrorTerm| {
+        if !is_spindle_error(error) {
+            return Vector3::zeros();
+        }
+        let by_error = points.error_derivatives(&[], points.stylus, &[error.parameter]);
+        let stylus_derivatives = points.stylus_derivatives(&[]);
+        -(stylus_derivatives[0].transpose() * by_error[0][0])
+    };
+    known.errors.iter().map(of).collect()
+}

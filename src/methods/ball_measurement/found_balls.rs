@@ -1,0 +1,143 @@
+//! Positions of the balls that were found so far, from the nominal machine.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+
+use super::label::{Label, MeasurementPass};
+use super::setup::MeasurementSetup;
+use machine::Position;
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Step};
+use machine::record::reading::Reading;
+use planning::{BallCheckError, MeasuredBall, evaluate_ball};
+
+/// Found positions of each ball: visit and centre, table frame, mm, the newest last.
+#[derive(Debug, Default)]
+pub struct FoundBalls {
+    centres: Vec<Vec<(usize, Vector3<f64>)>>,
+}
+
+/// One measurement of a ball: its steps and their newest readings.
+pub struct BallMeasurement<'a> {
+    pub label: Label,
+    /// Index of the ball.
+    pub ball: usize,
+    pub steps: Vec<&'a Step>,
+    pub readings: Vec<&'a Reading>,
+}
+
+impl FoundBalls {
+    /// Positions from the plan's steps and their readings; incomplete measurements are ignored.
+    pub fn from_readings(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Self {
+        Self::from_measurements(setup, &ball_measurements(setup, readings))
+    }
+
+    pub fn from_measurements<'t, 'r: 't>(
+        setup: &MeasurementSetup<'_>,
+        all: impl IntoIterator<Item = &'t BallMeasurement<'r>>,
+    ) -> Self {
+        let mut found = vec![Vec::new(); setup.balls.balls.len()];
+        for measurement in all {
+            // These passes repeat a visit whose result is already stored.
+            if matches!(measurement.label.pass, MeasurementPass::Reference | MeasurementPass::Watch)
+            {
+                continue;
+            }
+            if let (Some(centres), Some(Ok(measured))) =
+                (found.get_mut(measurement.ball), measurement.fit_ball(setup))
+            {
+                centres.push((measurement.label.indexation as usize, measured.centre_mm));
+            }
+        }
+        Self { centres: found }
+    }
+
+    /// Positions as if every ball in the plan had been found at its stated position.
+    pub fn from_stated_positions(setup: &MeasurementSetup<'_>) -> Self {
+        let mut found = vec![Vec::new(); setup.balls.balls.len()];
+        for label in setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
+            let ball = setup.balls.balls.iter().position(|ball| ball.id == label.ball);
+            let Some(ball) = ball else { continue };
+            if let (Some(centres), Some(of)) = (found.get_mut(ball), setup.balls.balls.get(ball)) {
+                centres.push((label.indexation as usize, Vector3::from(of.centre_mm)));
+            }
+        }
+        Self { centres: found }
+    }
+
+    /// Whether every ball was found.
+    pub fn has_all_balls(&self) -> bool {
+        self.centres.iter().all(|centres| !centres.is_empty())
+    }
+
+    /// Expected position of a ball at a visit: as found at this visit, or as last found at another one. Until
+    /// all balls are found, the stated position is used: path planning and proof can use only one artefact,
+    /// which is the stated one until then.
+    pub fn expected_centre(
+        &self,
+        setup: &MeasurementSetup<'_>,
+        ball: usize,
+        visit: usize,
+    ) -> Vector3<f64> {
+        let found = self.centres.get(ball).filter(|_| self.has_all_balls());
+        let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
+        let last = there.or_else(|| found.and_then(|all| all.last()));
+        let stated = setup.balls.balls.get(ball).map(|ball| Vector3::from(ball.centre_mm));
+        last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
+    }
+
+    /// Position uncertainty of a ball in a search, mm: the stated one until all balls are found. A position
+    /// that was found at another indexation deviates by twice the location errors of the rotary axes, which
+    /// are unknown before the identification. The standoff of a slow touch is allowed for them, but never
+    /// more than the stated uncertainty.
+    pub fn uncertainty_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
+        let stated = setup.balls.uncertainty_mm;
+        if self.has_all_balls() { stated.min(setup.touch_settings.standoff_mm) } else { stated }
+    }
+}
+
+impl BallMeasurement<'_> {
+    /// The measured ball by the nominal machine. `None`: touches are missing.
+    pub fn fit_ball(
+        &self,
+        setup: &MeasurementSetup<'_>,
+    ) -> Option<Result<MeasuredBall, BallCheckError>> {
+        let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
+        let complete = self.steps.len() == touches.len();
+        let (machine, probe) = (&setup.plan.machine, &setup.plan.probe);
+        complete.then(|| evaluate_ball(&self.label.ball, &touches, machine, probe))
+    }
+}
+
+/// All measurements in the plan's steps, in their order.
+pub fn ball_measurements<'a>(
+    setup: &MeasurementSetup<'a>,
+    readings: &'a [Reading],
+) -> Vec<BallMeasurement<'a>> {
+    let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
+    for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
+        let of_step = newest.entry(reading.step).or_insert(reading);
+        if reading.repeat >= of_step.repeat {
+            *of_step = reading;
+        }
+    }
+    let mut all: Vec<BallMeasurement<'_>> = Vec::new();
+    for step in &setup.plan.steps {
+        let Ok(label) = step.label.parse::<Label>() else { continue };
+        let Some(ball) = setup.balls.balls.iter().position(|ball| ball.id == label.ball) else {
+            continue;
+        };
+        let same = |other: &Label| {
+            (other.pass, other.indexation, &other.ball)
+                == (label.pass, label.indexation, &label.ball)
+        };
+        if !all.last().is_some_and(|last| same(&last.label)) {
+            all.push(BallMeasurement { label, ball, steps: Vec::new(), readings: Vec::new() });
+        }
+        if let Some(last) = all.last_mut() {
+            last.steps.push(step);
+            last.readings.extend(newest.get(&step.id).copied());
+        }
+    }
+    all
+}

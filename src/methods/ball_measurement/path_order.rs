@@ -1,0 +1,173 @@
+//! Order of the balls of an indexation and of the touches of each ball, from the times of the planned paths.
+
+use super::setup::{BallVisit, MeasurementSetup, describe_position};
+use super::touch_order::{BallPathTimes, TouchOrder, fastest_touch_orders};
+use crate::MethodRefusal;
+use machine::Position;
+use machine::record::artefact::{Artefact, Balls};
+use machine::record::motion::Block;
+use machine::record::plan::{Plan, Step, StepKind};
+use planning::{
+    BallApproach, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes,
+};
+use planning::{end_position, machine_time_s, step_blocks};
+use rayon::prelude::*;
+
+/// Number of nearest neighbours of a ball for which paths are planned.
+const MAX_PLANNED_NEIGHBOURS: usize = 16;
+/// Number of balls that are tried as the first of a visit.
+const MAX_START_BALLS: usize = 4;
+/// Number of touches of a measurement without a form check.
+const TOUCH_COUNT_WITHOUT_FORM: usize = 5;
+
+/// As [`super::order_balls_in_xy`], but from the time of each planned path with all its heights. This is worth
+/// the computing time for many balls at different heights. It then chooses the order of the touches of each
+/// ball; a form check, with more than five touches, keeps its order. Every ball counts as found at its stated
+/// position.
+///
+/// # Errors
+/// A ball cannot be measured at its visit.
+pub fn order_balls_by_path(
+    setup: &MeasurementSetup<'_>,
+    mut visits: Vec<BallVisit>,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
+    let uncertainty_mm = setup.touch_settings.position_tolerance_mm();
+    let found = Artefact::Balls(Balls { uncertainty_mm, ..setup.balls.clone() });
+    let (access, clearance) =
+        (setup.access(&found)?, SafeHeights::above_artefact(setup.plan, &found)?);
+    let planner = PathPlanner { plan: setup.plan, clearance: &clearance };
+    let mut machine_position: Option<Position> = None;
+    for visit in &mut visits {
+        let balls = slow_steps_of_balls(setup, &access, visit)?;
+        let order = planner.order_balls(&balls, machine_position.as_ref())?;
+        visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();
+        let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
+        let around = match setup.touch_settings.touch_count {
+            TOUCH_COUNT_WITHOUT_FORM => {
+                fastest_touch_orders(&planner.ball_path_times(&balls, machine_position.as_ref())?)
+            }
+            _ => vec![TouchOrder::default(); balls.len()],
+        };
+        if let (Some(steps), Some(around)) = (balls.last(), around.last()) {
+            let steps = around.apply(steps.iter().collect());
+            machine_position = steps.last().map(|last| planner.end_position(last)).transpose()?;
+        }
+        visit.touch_orders = visit.balls.iter().copied().zip(around).collect();
+    }
+    Ok(visits)
+}
+
+/// Steps of a slow measurement of each ball of the visit.
+fn slow_steps_of_balls(
+    setup: &MeasurementSetup<'_>,
+    access: &TouchAccess,
+    visit: &BallVisit,
+) -> Result<Vec<Vec<Step>>, MethodRefusal> {
+    let approach = BallApproach::Measure {
+        standoff_mm: setup.touch_settings.standoff_mm,
+        search_mm: setup.touch_settings.search_mm,
+    };
+    let steps = |index: &usize| {
+        let ball = setup.balls.balls.get(*index)?;
+        let task = setup.ball_task(ball, &visit.rotary, approach);
+        let steps = access.steps(&task, &setup.plan.probe, StepKind::Touch, (0, 0), str::to_owned);
+        Some(steps.map_err(|reason| {
+            MethodRefusal::new(
+                format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)),
+                "remove the position from tilt_deg and turn_deg, or place the ball elsewhere",
+            )
+        }))
+    };
+    visit.balls.iter().filter_map(steps).collect()
+}
+
+struct PathPlanner<'a> {
+    plan: &'a Plan,
+    clearance: &'a SafeHeights,
+}
+
+impl PathPlanner<'_> {
+    fn blocks(&self, from: &Position, step: &Step) -> Result<Vec<Block>, MethodRefusal> {
+        let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
+        Ok(step_blocks(self.plan, step, 0, start, self.clearance)?)
+    }
+
+    /// Position of the machine after a touch.
+    fn end_position(&self, step: &Step) -> Result<Position, MethodRefusal> {
+        let blocks = self.blocks(&step.from, step)?;
+        Ok(end_position(blocks.iter().flat_map(|block| &block.motions), &step.from))
+    }
+
+    /// Indices of the balls in an order of short duration, each with its touches in the default order.
+    fn order_balls(
+        &self,
+        balls: &[Vec<Step>],
+        machine_position: Option<&Position>,
+    ) -> Result<Vec<usize>, MethodRefusal> {
+        let ends =
+            balls.iter().filter_map(|steps| steps.last()).map(|last| self.end_position(last));
+        let ends = ends.collect::<Result<Vec<_>, _>>()?;
+        let from = |from: &Position| self.path_times_s(from, balls);
+        let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
+        let from_start_s = machine_position.map(from).transpose()?;
+        Ok(TravelTimes { pairwise_s: between, from_start_s }.visiting_order(MAX_START_BALLS))
+    }
+
+    /// Path times of the balls in their order, from the current position of the machine.
+    fn ball_path_times(
+        &self,
+        balls: &[&Vec<Step>],
+        machine_position: Option<&Position>,
+    ) -> Result<Vec<BallPathTimes>, MethodRefusal> {
+        let ends = |steps: &&Vec<Step>| steps.iter().map(|step| self.end_position(step)).collect();
+        let ends =
+            balls.par_iter().map(ends).collect::<Result<Vec<Vec<Position>>, MethodRefusal>>()?;
+        let of_ball = |number: usize| {
+            let row = |from: &Position| -> Result<Vec<f64>, MethodRefusal> {
+                balls[number].iter().map(|step| self.path_time_s(from, step)).collect()
+            };
+            let rows = |from: &[Position]| from.iter().map(row).collect::<Result<Vec<_>, _>>();
+            let entering = match number.checked_sub(1) {
+                Some(before) => rows(&ends[before])?,
+                None => machine_position.map(row).transpose()?.into_iter().collect(),
+            };
+            Ok(BallPathTimes { entering_s: entering, within_s: rows(&ends[number])? })
+        };
+        (0..balls.len()).into_par_iter().map(of_ball).collect()
+    }
+
+    /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY,
+    /// because a tour uses few others.
+    fn path_times_s(
+        &self,
+        from: &Position,
+        balls: &[Vec<Step>],
+    ) -> Result<Vec<f64>, MethodRefusal> {
+        let places: Vec<Position> =
+            balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();
+        let from_xy_positions =
+            TravelTimes::from_xy_positions(&places, Some(from), &self.plan.machine).from_start_s;
+        let mut seconds = from_xy_positions.unwrap_or_default();
+        let mut order: Vec<usize> = (0..seconds.len()).collect();
+        order.sort_by(|a, b| seconds[*a].total_cmp(&seconds[*b]));
+        let (near, far) = order.split_at(MAX_PLANNED_NEIGHBOURS.min(order.len()));
+        let mut longest = 0.0_f64;
+        for ball in near {
+            let Some(first) = balls[*ball].first() else { continue };
+            seconds[*ball] = self.path_time_s(from, first)?;
+            longest = longest.max(seconds[*ball]);
+        }
+        far.iter().for_each(|ball| seconds[*ball] += longest);
+        Ok(seconds)
+    }
+
+    /// Path time to the contact of a touch, s.
+    fn path_time_s(&self, from: &Position, step: &Step) -> Result<f64, MethodRefusal> {
+        let (mut seconds, mut machine_position) = (0.0, from.clone());
+        for block in self.blocks(from, step)? {
+            seconds += machine_time_s(&block, &machine_position, &self.plan.machine);
+            machine_position = end_position(&block.motions, &machine_position);
+        }
+        Ok(seconds)
+    }
+}

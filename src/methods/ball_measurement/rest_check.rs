@@ -1,0 +1,121 @@
+//! Check that the machine is at rest before a long measurement: one ball is measured repeatedly until it is.
+
+use estimation::coverage::coverage_factor;
+use nalgebra::Vector3;
+
+use super::found_balls::ball_measurements;
+use super::label::{Label, MeasurementPass};
+use super::review::continuation_advice;
+use super::setup::MeasurementSetup;
+use crate::MethodRefusal;
+use crate::identification::declared::drift_mm_per_s;
+use machine::record::reading::Reading;
+
+/// Minimum number of rounds for the creep rate and its scatter.
+const MIN_WATCH_ROUNDS: usize = 5;
+/// Maximum duration of the watch, as a multiple of the requested duration.
+const MAX_WATCH_DURATION_RATIO: f64 = 6.0;
+
+/// Creep rate of the ball along one axis.
+#[derive(Debug, Clone, Copy)]
+struct Creep {
+    axis: char,
+    mm_per_s: f64,
+    /// Expanded uncertainty of the creep rate, mm/s, from the scatter of the rounds about the line.
+    expanded_mm_per_s: f64,
+}
+
+/// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
+/// machine creeps no faster than declared.
+///
+/// # Errors
+/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch again.
+pub fn needs_watch_round(
+    setup: &MeasurementSetup<'_>,
+    readings: &[Reading],
+) -> Result<bool, MethodRefusal> {
+    let watch_s = setup.touch_settings.watch_s;
+    // The watch ends when the measurement begins, also for a resumed run.
+    if watch_s <= 0.0 || has_measurement_begun(setup) {
+        return Ok(false);
+    }
+    let resumed_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+    let rounds = watch_rounds(setup, readings, resumed_s);
+    let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
+        return Ok(true);
+    };
+    let watched_s = last_s - first_s;
+    if watched_s < watch_s || rounds.len() < MIN_WATCH_ROUNDS {
+        return Ok(true);
+    }
+    let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
+    let newest = &rounds[older.min(rounds.len() - MIN_WATCH_ROUNDS)..];
+    // The declared rate is a standard deviation; k = 2.
+    let allowed = 2.0 * drift_mm_per_s(setup.plan);
+    // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
+    // uncertainty than the newest ones.
+    let may_creep =
+        |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded_mm_per_s > allowed;
+    let creeping = |rounds: &[(f64, Vector3<f64>)]| fit_creep(rounds).into_iter().find(may_creep);
+    let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
+    let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
+    MethodRefusal::require(
+        watched_s < MAX_WATCH_DURATION_RATIO * watch_s,
+        format!(
+            "the machine is not confirmed at rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h \
+            along {}, and the limit from drift_um_per_h is {:.1} µm/h",
+            watched_s / 60.0,
+            um_per_h(creep.mm_per_s),
+            um_per_h(creep.expanded_mm_per_s),
+            creep.axis,
+            um_per_h(allowed)
+        ),
+        format!(
+            "let the machine warm up or cool down, {}. If ± exceeds the limit, raise watch_min; if the \
+            creep cannot be avoided, raise drift_um_per_h of [machine]",
+            continuation_advice(setup)
+        ),
+    )?;
+    Ok(true)
+}
+
+fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
+    let pass =
+        |label: &str| label.parse::<Label>().is_ok_and(|label| label.pass == MeasurementPass::Slow);
+    setup.plan.steps.iter().any(|step| pass(&step.label))
+}
+
+/// Time, s, and centre, mm, of each round since the run was resumed.
+fn watch_rounds(
+    setup: &MeasurementSetup<'_>,
+    readings: &[Reading],
+    resumed_s: f64,
+) -> Vec<(f64, Vector3<f64>)> {
+    let all = ball_measurements(setup, readings);
+    let of_watch =
+        all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
+    let round = of_watch.filter_map(|measurement| {
+        let measured = measurement.fit_ball(setup)?.ok()?;
+        let times = measurement.readings.iter().map(|reading| reading.t_s);
+        Some((times.sum::<f64>() / measurement.readings.len() as f64, measured.centre_mm))
+    });
+    round.filter(|(t_s, _)| *t_s > resumed_s).collect()
+}
+
+/// Slopes of straight lines through the rounds.
+fn fit_creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
+    let count = rounds.len() as f64;
+    let middle_s = rounds.iter().map(|(t_s, _)| t_s).sum::<f64>() / count;
+    let mean = rounds.iter().map(|(_, at)| at).sum::<Vector3<f64>>() / count;
+    let square: f64 = rounds.iter().map(|(t_s, _)| (t_s - middle_s).powi(2)).sum();
+    let rate = rounds.iter().map(|(t_s, at)| (at - mean) * (t_s - middle_s)).sum::<Vector3<f64>>()
+        / square;
+    let left =
+        |(t_s, at): &(f64, Vector3<f64>)| (at - mean - rate * (t_s - middle_s)).map(|d| d * d);
+    let variance = rounds.iter().map(left).sum::<Vector3<f64>>() / (count - 2.0);
+    [(0, 'X'), (1, 'Y'), (2, 'Z')].map(|(k, axis)| Creep {
+        axis,
+        mm_per_s: rate[k],
+        expanded_mm_per_s: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
+    })
+}

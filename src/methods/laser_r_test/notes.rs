@@ -1,0 +1,219 @@
+//! Warnings and notes of the estimate.
+
+use super::centres::GAIN_INDEX;
+use super::observe::ObservedScans;
+use super::paper;
+use super::result::IdentificationResult;
+use super::scan_purpose::ScanPurpose;
+use crate::identification::{LOCATION_ERRORS_TEXT, MisfitAdvice, describe_aliased_orders};
+use machine::Axis;
+use machine::kinematics::ErrorShape;
+use machine::record::estimate::Unit;
+
+/// A gain is reported if it deviates from 1 by more than [`MIN_REPORTED_GAIN`] and by more than
+/// [`MIN_REPORTED_GAIN_RATIO`] standard uncertainties.
+const MIN_REPORTED_GAIN: f64 = 1e-3;
+const MIN_REPORTED_GAIN_RATIO: f64 = 4.0;
+
+pub fn estimate_warnings(result: &IdentificationResult<'_>) -> Vec<String> {
+    let mut lines: Vec<String> = skipped_scan_warnings(result);
+    lines.extend(result.observed.describe_excluded_samples());
+    lines.extend(sparse_motion_warnings(result));
+    lines.extend(misfit_warning(result));
+    lines.extend(result.identification.outlier_check.warnings.iter().cloned());
+    lines.extend(gain_warning(result));
+    lines.extend(form_warning(result));
+    lines.extend(noise_warning(result));
+    lines.extend(result.identification.trials_warning());
+    lines
+}
+
+fn skipped_scan_warnings(result: &IdentificationResult<'_>) -> Vec<String> {
+    let is_not_search = |line: &&String| ScanPurpose::from_label(line) != Some(ScanPurpose::Search);
+    let lines = result.observed.skipped_scans.iter().filter(is_not_search);
+    lines.map(|line| format!("not used: {line}")).collect()
+}
+
+/// Warnings for motions with too few samples, where forward and backward have unequal weight.
+fn sparse_motion_warnings(result: &IdentificationResult<'_>) -> impl Iterator<Item = String> {
+    let is_not_search = |line: &&String| ScanPurpose::from_label(line) != Some(ScanPurpose::Search);
+    result.observed.sparse_motions.iter().filter(is_not_search).cloned()
+}
+
+fn misfit_warning(result: &IdentificationResult<'_>) -> Option<String> {
+    let declaring_settings = match result.setup.uses_touch_probe() {
+        true => "repeatability_um or error_motion_um",
+        false => "noise_um or error_motion_um",
+    };
+    let causes =
+        "error motions (harmonics = [2]), squareness of X, Y and Z, drift or a loose sphere";
+    result.identification.misfit_warning(&MisfitAdvice { causes, declaring_settings })
+}
+
+fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
+    if result.setup.uses_touch_probe() {
+        return None;
+    }
+    let index = result.unknown_names.len() + GAIN_INDEX;
+    let gain = result.identification.outputs.parameters.get(index)?.value;
+    let u = result.identification.uncertainty(index)?.u;
+    (gain.abs() > MIN_REPORTED_GAIN_RATIO * u && gain.abs() > MIN_REPORTED_GAIN).then(|| {
+        format!(
+            "the scale of the sensor deviates by {:+.0} um/m from that of X, Y and Z (u {:.0}): \
+             check the scale, range_mm and the radius of the sphere",
+            Unit::UmPerM.from_internal(gain),
+            Unit::UmPerM.from_internal(u)
+        )
+    })
+}
+
+fn form_warning(result: &IdentificationResult<'_>) -> Option<String> {
+    let forms = result.form_errors_mm();
+    let worst = forms.iter().zip(&result.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
+    let (form, group) = worst?;
+    let (subject, remedy) = match result.setup.uses_touch_probe() {
+        true => (
+            "touches of the sphere",
+            "clean the sphere and the stylus, and check that both are tight",
+        ),
+        false => {
+            ("the sphere's scan", "clean the sphere, and check its radius and incidence_limit_deg")
+        }
+    };
+    (*form > result.setup.settings.form_limit_um * 1e-3).then(|| {
+        format!(
+            "{}: residuals of {subject} spread over {:.1} um; {remedy}",
+            group.label,
+            form * 1e3
+        )
+    })
+}
+
+fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
+    if result.setup.uses_touch_probe() {
+        return None;
+    }
+    let (observed_mm, declared_mm) =
+        (result.observed.scatter_mm()?, result.setup.sensor.noise_um? * 1e-3);
+    (observed_mm > 1.5 * declared_mm).then(|| {
+        format!(
+            "the scatter of the samples {} is {:.3} um, noise_um of the sensor is {:.3}",
+            if result.observed.latency.is_some() { "about their sphere" } else { "at rest" },
+            observed_mm * 1e3,
+            declared_mm * 1e3
+        )
+    })
+}
+
+pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
+    let held =
+        result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
+    let held: Vec<String> = held.map(ToString::to_string).collect();
+    let mut lines = vec![
+        "X, Y and Z are assumed straight, square to each other and of equal scale; their errors \
+         are part of the result"
+            .to_owned(),
+        format!(
+            "{}: relative to the axis of rotation nearest to the bed; it includes the position \
+             error of this axis",
+            zero_point_name(result)
+        ),
+        "errors of an axis: relative to the axis that carries it; ISO 230-1's E_A0C is the sum of EA0B \
+         and EA0C here"
+            .to_owned(),
+        "the result describes the machine at the middle of the measurement".to_owned(),
+    ];
+    if !held.is_empty() {
+        lines.push(format!(
+            "held at zero, because equivalent to {}, sphere or a reported error: {}",
+            zero_point_name(result),
+            held.join(", ")
+        ));
+    }
+    lines.extend(result.selection.gauge.iter().cloned());
+    lines.extend(latency_note(result));
+    lines.extend(paper_comparison(result));
+    lines
+}
+
+/// Corrections of the continuous scans: latency and lost motion.
+fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
+    let ObservedScans { latency, reversal_sample_count, .. } = &result.observed;
+    let latency = latency.as_ref()?;
+    let first = result.unknown_names.len() + result.grouped.centres.beam_unknown_count();
+    let expanded =
+        |k: usize| result.identification.uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
+    let lags = latency.moved_axes.iter().zip(latency.values().into_iter().skip(1)).enumerate();
+    let lags = lags.map(|(k, (axis, lag))| {
+        format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3)
+    });
+    Some(format!(
+        "continuous scans: a sensor reading belongs to the axis positions {:.3} ms (U {:.3}) \
+         earlier; lost motion of the axes at reversals: {}. All scans are corrected for both. \
+         Estimated from {} samples at two feeds; {reversal_sample_count} samples at reversals or \
+         gaps are not used",
+        latency.latency_s * 1e3,
+        expanded(0) * 1e3,
+        lags.collect::<Vec<_>>().join(", "),
+        latency.sample_count
+    ))
+}
+
+/// Result of the paper's own estimator, for comparison.
+fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
+    let [a, b, c, x, a_cb] =
+        paper::identify_like_paper(result.setup, &result.grouped, &result.centre_fit.x)?;
+    let urad = |value: f64| Unit::Urad.from_internal(value);
+    Some(format!(
+        "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts \
+         as true): EA0B {:.2}, EB0B {:.2}, EC0B {:.2} urad, EX0C {:.2} um, EA0C {:.2} urad",
+        urad(a),
+        urad(b),
+        urad(c),
+        Unit::Um.from_internal(x),
+        urad(a_cb)
+    ))
+}
+
+/// Name of the point that the axes move to the sphere.
+fn zero_point_name(result: &IdentificationResult<'_>) -> &'static str {
+    match result.setup.uses_touch_probe() {
+        true => "stylus centre",
+        false => "zero position",
+    }
+}
+
+pub fn not_identifiable(result: &IdentificationResult<'_>) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "position of the axis of rotation nearest to the bed: it only shifts the {}",
+            zero_point_name(result)
+        ),
+        match result.setup.uses_touch_probe() {
+            true => {
+                "separate values of sphere radius, stylus ball radius and mean pre-travel of \
+                     the probe: only their combination is measured"
+            }
+            false => "separate values of sphere radius and zero error of the sensor",
+        }
+        .to_owned(),
+    ];
+    let orders = &result.setup.settings.harmonics;
+    if orders.is_empty() {
+        lines.push(
+            "error motions of the rotary axes: location errors are means over the angles measured"
+                .to_owned(),
+        );
+    }
+    let angles = |axis: Axis| -> Vec<f64> {
+        result.grouped.groups.iter().map(|group| group.rotary.get_or_zero(axis)).collect()
+    };
+    let axes = result.setup.chain.topology().axes();
+    let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
+    lines.extend(
+        rotary
+            .filter_map(|axis| describe_aliased_orders(axis, &angles(axis), LOCATION_ERRORS_TEXT)),
+    );
+    lines.extend(result.identification.outlier_check.describe_detection_limits());
+    lines
+}

@@ -1,0 +1,205 @@
+//! Grouping of the scans that measure the same centre.
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use super::centres::{CentreEquations, DwellPointRow, beam_frame, determines_centre};
+use super::observe::ObservedScans;
+use super::scan_data::{ScanData, SpotMean};
+use super::scan_purpose::ScanPurpose;
+use super::settings::count_heights;
+use super::setup::LaserSetup;
+use crate::MethodRefusal;
+use crate::identification::declared;
+use machine::{Axis, Position};
+
+/// Assumed standard deviation of one sample if none is declared or observed, mm.
+const DEFAULT_NOISE_MM: f64 = 1e-3;
+/// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
+const MIN_POINT_U_MM: f64 = 1e-6;
+
+/// Scans of the sphere at one pose.
+#[derive(Debug, Clone)]
+pub struct PoseGroup {
+    pub label: String,
+    /// Positions of all rotary axes.
+    pub rotary: Position,
+    pub t_s: f64,
+    /// Matrix from X, Y, Z to the machine frame.
+    pub machine_from_xyz: Matrix3<f64>,
+    /// Matrix from the machine frame to X, Y, Z.
+    pub xyz_from_machine: Matrix3<f64>,
+    /// Rotation from the table frame to the machine frame.
+    pub machine_from_table: Rotation3<f64>,
+}
+
+/// Centres to be fitted, and the origin of each row.
+pub struct GroupedScans {
+    pub groups: Vec<PoseGroup>,
+    pub centres: CentreEquations,
+    /// Axis positions, samples and time of each row.
+    pub spots: Vec<SpotMean>,
+    /// For each row, the index of its scan and of the dwell point in the scan.
+    pub row_origins: Vec<(usize, usize)>,
+    /// Number of different heights among the scans that determine the beam.
+    pub height_count: usize,
+}
+
+/// Standard deviation of one sample, mm.
+pub fn sample_noise_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f64 {
+    let declared = setup.sensor.noise_um.map(|um| um * 1e-3);
+    let observed_mm = observed.scatter_mm();
+    match (declared, observed_mm, &observed.latency) {
+        // In motion, the jitter of both clocks adds to the scatter.
+        (Some(declared), Some(observed_mm), Some(_)) => declared.max(observed_mm),
+        _ => declared.or(observed_mm).unwrap_or(DEFAULT_NOISE_MM),
+    }
+}
+
+/// A group with its scans and their indices.
+type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a ScanData)>);
+
+/// Groups the scans by pose. Scans that do not determine a centre are removed and reported in `skipped_scans`.
+///
+/// # Errors
+/// No scan is left, or the linear axes do not span space.
+pub fn group_scans(
+    setup: &LaserSetup<'_>,
+    observed: &mut ObservedScans,
+) -> Result<GroupedScans, MethodRefusal> {
+    let radius = setup.measuring_radius_mm();
+    let is_flat = |scan: &ScanData| !determines_centre(scan, setup.beam_direction(), radius);
+    let lines = observed.scans.iter().filter(|scan| is_flat(scan)).map(|scan| {
+        format!(
+            "{}: the samples lie nearly on one great circle and do not determine the centre",
+            scan.label
+        )
+    });
+    let lines: Vec<String> = lines.collect();
+    observed.skipped_scans.extend(lines);
+    observed.scans.retain(|scan| !is_flat(scan));
+    // Scans used for the latency are not used a second time. If there are continuous scans, dwell scans are not
+    // used either: their lost motion is unknown.
+    let has_continuous = observed.latency.is_some();
+    let is_dwell =
+        |scan: &ScanData| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
+    let is_auxiliary = |scan: &ScanData| {
+        matches!(scan.purpose, ScanPurpose::Search | ScanPurpose::Latency)
+            || has_continuous && is_dwell(scan)
+    };
+    let has_pose_scans = observed.scans.iter().any(|scan| !is_auxiliary(scan));
+    let all = observed.scans.iter().enumerate();
+    let used = all.filter(|(_, scan)| !has_pose_scans || !is_auxiliary(scan));
+    let mut members: Vec<GroupWithScans<'_>> = Vec::new();
+    for (index, scan) in used {
+        let is_same_pose = |(group, scans): &&mut GroupWithScans<'_>| {
+            scan.purpose == ScanPurpose::Height
+                && scans.iter().all(|(_, other)| other.purpose == ScanPurpose::Height)
+                && group.rotary == scan.rotary
+        };
+        match members.iter_mut().find(is_same_pose) {
+            Some((_, scans)) => scans.push((index, scan)),
+            None => members.push((pose_group(setup, scan)?, vec![(index, scan)])),
+        }
+    }
+    if members.is_empty() {
+        return Err(refuse_no_scans(observed));
+    }
+    Ok(assemble_rows(setup, observed, members))
+}
+
+fn pose_group(setup: &LaserSetup<'_>, scan: &ScanData) -> Result<PoseGroup, MethodRefusal> {
+    let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
+    let (machine_from_xyz, xyz_from_machine) =
+        (setup.machine_from_xyz(&rotary), setup.xyz_from_machine(&rotary)?);
+    let machine_from_table = setup.chain.machine_from_table(&rotary, &[]).rotation;
+    Ok(PoseGroup {
+        label,
+        t_s: 0.0,
+        machine_from_xyz,
+        xyz_from_machine,
+        machine_from_table,
+        rotary,
+    })
+}
+
+fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
+    let mut why = match observed.skipped_scans.as_slice() {
+        [] => "there are no readings of the sphere".to_owned(),
+        [first, ..] => format!("no scan determines the sphere: {first}"),
+    };
+    if let Some(excluded) = observed.describe_excluded_samples() {
+        why = format!("{why}; {excluded}");
+    }
+    MethodRefusal {
+        reason: why,
+        remedy:
+            "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan \
+                  along two lines that cross at the pole"
+                .to_owned(),
+    }
+}
+
+fn assemble_rows(
+    setup: &LaserSetup<'_>,
+    observed: &ObservedScans,
+    members: Vec<GroupWithScans<'_>>,
+) -> GroupedScans {
+    let (noise, resolution) = (sample_noise_mm(setup, observed), resolution_u_mm(setup));
+    let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut row_origins, mut most, mut index) = (Vec::new(), 0, 0);
+    for (mut group, scans) in members {
+        let poles: Vec<f64> = scans.iter().map(|(_, scan)| pole_reading_mm(scan)).collect();
+        most = most.max(count_heights(&poles));
+        let first = spots.len();
+        for (number, scan) in scans {
+            for (point, spot) in scan.spots.iter().enumerate() {
+                let u_mm = (noise / (spot.sample_count as f64).sqrt())
+                    .hypot(resolution)
+                    .max(MIN_POINT_U_MM);
+                let (displacement_mm, machine_from_spindle, reading_mm) =
+                    (spot.displacement_mm, scan.machine_from_spindle, spot.reading_mm);
+                rows.push(DwellPointRow {
+                    group: index,
+                    displacement_mm,
+                    machine_from_spindle,
+                    reading_mm,
+                    u_mm,
+                });
+                spots.push(*spot);
+                row_origins.push((number, point));
+            }
+        }
+        let times = spots[first..].iter().map(|spot| spot.t_s);
+        group.t_s = times.sum::<f64>() / (spots.len() - first).max(1) as f64;
+        groups.push(group);
+        index += 1;
+    }
+    let centres = CentreEquations {
+        beam_frame: beam_frame(setup.beam_direction()),
+        radius_mm: setup.measuring_radius_mm(),
+        rows,
+        group_count: groups.len(),
+        is_beam_free: most >= 3 && !setup.uses_touch_probe(),
+        is_radius_free: setup.uses_touch_probe(),
+        fixed_beam: [0.0; 3],
+    };
+    GroupedScans { groups, centres, spots, row_origins, height_count: most }
+}
+
+/// Smallest reading of a scan, near the pole.
+fn pole_reading_mm(scan: &ScanData) -> f64 {
+    scan.spots.iter().map(|spot| spot.reading_mm).fold(f64::INFINITY, f64::min)
+}
+
+/// Coarsest display resolution of the linear axes as a standard uncertainty, mm.
+fn resolution_u_mm(setup: &LaserSetup<'_>) -> f64 {
+    let along = |axis: Axis| declared::resolution_u_mm(setup.plan, axis.direction());
+    Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
+}
+
+impl PoseGroup {
+    /// Axis positions X, Y, Z of a centre given in the machine frame.
+    pub fn xyz_at(&self, centre: Vector3<f64>) -> Vector3<f64> {
+        self.xyz_from_machine * centre
+    }
+}

@@ -1,0 +1,336 @@
+//! Time series of a continuous scan: axis positions by the control's stamps, and values of the sensor. The latency
+//! τ relates the two clocks: the value stamped t + τ belongs to the position stamped t. Positions may be
+//! interpolated, as axes have inertia. Values are never interpolated.
+
+use nalgebra::Vector3;
+
+use machine::record::reading::{Reading, ReadingFlag};
+
+/// Time to either side over which a velocity is computed, s.
+const VELOCITY_SPAN_S: f64 = 5e-3;
+/// Ratio of the distance between two stamps to the usual one, above which there is a gap.
+const MIN_GAP_RATIO: f64 = 5.0;
+/// Distance after a reversal from which an axis is reliable, mm: its lost motion is taken up by then. The same
+/// distance before the reversal is excluded too, otherwise the samples near turning points would have one direction
+/// only.
+const MIN_TRAVEL_AFTER_REVERSAL_MM: f64 = 0.05;
+/// Fraction of the fastest speed below which an axis counts as standing. Its lost motion is uncertain there.
+const MIN_SPEED_RATIO: f64 = 0.05;
+/// Largest error of interpolated positions, mm. Samples at a larger one, where the velocity changes too abruptly
+/// for the stamps, are not used.
+const MAX_INTERPOLATION_ERROR_MM: f64 = 0.1e-3;
+/// Apparent motion of an axis at standstill, mm.
+const STANDSTILL_JITTER_MM: f64 = 2e-3;
+
+/// Readings of one scan in the order of time.
+#[derive(Debug, Clone)]
+pub struct PositionHistory {
+    t_s: Vec<f64>,
+    /// Positions X, Y, Z at the stamps, and their derivatives by time.
+    xyz: Vec<Vector3<f64>>,
+    stamp_velocities: Vec<Vector3<f64>>,
+    /// For each stamp, whether positions between it and the next one can be interpolated.
+    is_interpolable: Vec<bool>,
+    /// Direction of the last motion at each stamp: [`motion_signs`] of each axis.
+    last_motion_sign: Vec<Option<Vector3<f64>>>,
+    /// Fastest speed, mm/s.
+    max_speed: f64,
+    /// Distance between two stamps above which there is a gap, s.
+    min_gap_s: f64,
+    /// Stamps and values of the sensor without flags.
+    readings: Vec<(f64, f64)>,
+}
+
+/// A value, with the axis positions at the time of its measurement.
+#[derive(Debug, Clone, Copy)]
+pub struct TimedSample {
+    pub xyz: Vector3<f64>,
+    /// Velocity in mm/s, and sign of the last motion along each axis (0 before the first motion).
+    pub velocity: Vector3<f64>,
+    pub last_motion_sign: Vector3<f64>,
+    pub reading_mm: f64,
+    pub t_s: f64,
+}
+
+impl PositionHistory {
+    pub fn new(readings: &[&Reading]) -> Self {
+        let mut sorted = readings.to_vec();
+        sorted.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let good = sorted.iter().filter(|reading| reading.flag == ReadingFlag::None);
+        let values = good.filter_map(|reading| Some((reading.t_s, reading.value_mm?))).collect();
+        sorted.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
+        let t_s: Vec<f64> = sorted.iter().map(|reading| reading.t_s).collect();
+        let xyz: Vec<Vector3<f64>> = sorted.iter().map(|reading| reading.position.xyz()).collect();
+        let mut apart: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        apart.sort_by(f64::total_cmp);
+        let min_gap_s = MIN_GAP_RATIO * apart.get(apart.len() / 2).copied().unwrap_or_default();
+        let stamp_velocities = stamp_velocities(&t_s, &xyz, min_gap_s);
+        let is_interpolable = interpolable_intervals(&t_s, &xyz);
+        let max_speed = stamp_velocities.iter().map(|velocity| velocity.norm()).fold(0.0, f64::max);
+        let mut last_motion_sign: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
+        // After a gap the direction of the last motion is unknown.
+        let apart =
+            |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > min_gap_s);
+        let mut from = 0;
+        for to in (1..xyz.len()).filter(apart).chain([xyz.len()]) {
+            last_motion_sign
+                .extend(xyz.get(from..to).map(self::last_motion_signs).unwrap_or_default());
+            from = to;
+        }
+        Self {
+            last_motion_sign,
+            stamp_velocities,
+            is_interpolable,
+            max_speed,
+            t_s,
+            xyz,
+            min_gap_s,
+            readings: values,
+        }
+    }
+
+    /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
+    /// velocity, and without a nearby stamp.
+    pub fn timed_samples(&self, latency_s: f64) -> Vec<TimedSample> {
+        let timed_sample = |&(stamp_s, reading_mm): &(f64, f64)| {
+            let t_s = stamp_s - latency_s;
+            let (xyz, velocity) = (self.position_at(t_s)?, self.velocity_at(t_s)?);
+            let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
+            let last_motion_sign = self.last_motion_sign.get(node).copied().flatten()?;
+            // An axis may also have reversed between the two stamps.
+            let next = self.t_s.partition_point(|stamp| *stamp < t_s);
+            self.last_motion_sign.get(next).copied().flatten()?;
+            let is_sure =
+                self.t_s.get(node) == Some(&t_s) || self.is_interpolable.get(node) == Some(&true);
+            let is_sign_unknown = |k: usize| {
+                last_motion_sign[k] == 0.0 && velocity[k].abs() > MIN_SPEED_RATIO * self.max_speed
+            };
+            let is_slow = velocity.norm() < MIN_SPEED_RATIO * self.max_speed;
+            let sample = TimedSample { xyz, velocity, last_motion_sign, reading_mm, t_s: stamp_s };
+            (is_sure && !is_slow && !(0..3).any(is_sign_unknown)).then_some(sample)
+        };
+        self.readings.iter().filter_map(timed_sample).collect()
+    }
+
+    /// The same sample with another latency, without another check of its reliability.
+    pub fn at_latency(&self, sample: &TimedSample, latency_s: f64) -> Option<TimedSample> {
+        let t_s = sample.t_s - latency_s;
+        Some(TimedSample {
+            xyz: self.position_at(t_s)?,
+            velocity: self.velocity_at(t_s)?,
+            ..*sample
+        })
+    }
+
+    /// Number of values.
+    pub fn reading_count(&self) -> usize {
+        self.readings.len()
+    }
+
+    /// Position between two stamps by cubic (Hermite) interpolation with their slopes. Linear interpolation would
+    /// be wrong by the motion under acceleration, 1 um at 500 mm/s² and 4 ms.
+    fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let next = self.t_s.partition_point(|stamp| *stamp < t_s);
+        let node =
+            |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.stamp_velocities.get(k)?));
+        let (after, to, last) = node(next)?;
+        if after == t_s {
+            return Some(to);
+        }
+        let (before, from, first) = node(next.checked_sub(1)?)?;
+        let (duration_s, u) = (after - before, (t_s - before) / (after - before));
+        let bent =
+            (first * duration_s - (to - from)) * (1.0 - u) - (last * duration_s - (to - from)) * u;
+        (duration_s <= self.min_gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
+    }
+
+    /// Velocity from the stamped positions to either side, or to one side at the ends.
+    fn velocity_at(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let (here, before, after) = (
+            self.position_at(t_s)?,
+            self.position_at(t_s - VELOCITY_SPAN_S),
+            self.position_at(t_s + VELOCITY_SPAN_S),
+        );
+        match (before, after) {
+            (Some(before), Some(after)) => Some((after - before) / (2.0 * VELOCITY_SPAN_S)),
+            (None, Some(after)) => Some((after - here) / VELOCITY_SPAN_S),
+            (Some(before), None) => Some((here - before) / VELOCITY_SPAN_S),
+            (None, None) => None,
+        }
+    }
+}
+
+/// Whether the interpolation error between two stamps is small enough. For different accelerations at the ends it
+/// is a sixteenth of the second difference of the neighbouring velocities, times the duration.
+fn interpolable_intervals(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<bool> {
+    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+    let interval = |pair: &[(f64, Vector3<f64>)]| match pair {
+        &[(t0, p0), (t1, p1)] => (t1 - t0, (p1 - p0) / (t1 - t0)),
+        _ => (0.0, Vector3::zeros()),
+    };
+    let intervals: Vec<(f64, Vector3<f64>)> = nodes.windows(2).map(interval).collect();
+    let velocity = |k: usize| intervals.get(k).map(|(_, velocity)| *velocity);
+    let is_interpolable = |(k, (duration_s, own)): (usize, &(f64, Vector3<f64>))| {
+        let before = k.checked_sub(1).and_then(velocity).unwrap_or(*own);
+        let after = velocity(k + 1).unwrap_or(*own);
+        (before + after - *own * 2.0).norm() * duration_s / 16.0 <= MAX_INTERPOLATION_ERROR_MM
+    };
+    intervals.iter().enumerate().map(is_interpolable).collect()
+}
+
+/// Derivatives at the stamps, from the parabola through each stamp and its neighbours. At a gap, from the one
+/// neighbour on the same side.
+fn stamp_velocities(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
+    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
+    let interval_velocity = |k: usize| match nodes.get(k..k + 2) {
+        Some(&[(t0, p0), (t1, p1)]) if t1 - t0 <= gap_s => Some((t1 - t0, (p1 - p0) / (t1 - t0))),
+        _ => None,
+    };
+    let slope =
+        |k: usize| match (k.checked_sub(1).and_then(interval_velocity), interval_velocity(k)) {
+            (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
+            (before, after) => before.or(after).map_or(Vector3::zeros(), |(_, slope)| slope),
+        };
+    (0..nodes.len()).map(slope).collect()
+}
+
+/// [`motion_signs`] of X, Y and Z. `None` where one of them reverses.
+fn last_motion_signs(positions: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
+    let signs = |k: usize| {
+        motion_signs(&positions.iter().map(|position| position[k]).collect::<Vec<f64>>())
+    };
+    let [x, y, z] = [signs(0), signs(1), signs(2)];
+    let each = x.into_iter().zip(y).zip(z);
+    each.map(|((x, y), z)| Some(Vector3::new(x?, y?, z?))).collect()
+}
+
+/// For each position of one axis, the sign of its last motion, or 0 if it has not moved yet. `None` from
+/// [`MIN_TRAVEL_AFTER_REVERSAL_MM`] before a reversal until the axis has moved back by the same distance.
+fn motion_signs(positions: &[f64]) -> Vec<Option<f64>> {
+    let mut signs: Vec<Option<f64>> = Vec::with_capacity(positions.len());
+    let mut sign = 0.0;
+    let first = positions.first().copied().unwrap_or_default();
+    let (mut least, mut most) = (first, first);
+    for position in positions {
+        (least, most) = (least.min(*position), most.max(*position));
+        let turned = match (
+            position - least > MIN_TRAVEL_AFTER_REVERSAL_MM,
+            most - position > MIN_TRAVEL_AFTER_REVERSAL_MM,
+        ) {
+            (true, _) if sign <= 0.0 => 1.0,
+            (_, true) if sign >= 0.0 => -1.0,
+            _ => {
+                signs.push(Some(sign));
+                continue;
+            }
+        };
+        let extreme = if turned > 0.0 { least } else { most };
+        let within =
+            |k: usize, mm: f64| positions.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
+        // A real standstill, not only one or two stamps near the turning point, between which the motion would
+        // appear uniform.
+        let is_standstill =
+            |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, STANDSTILL_JITTER_MM));
+        let near_reversal = signs
+            .iter_mut()
+            .enumerate()
+            .rev()
+            .take_while(|(k, _)| within(*k, MIN_TRAVEL_AFTER_REVERSAL_MM));
+        near_reversal.filter(|(k, _)| !is_standstill(*k)).for_each(|(_, sign)| *sign = None);
+        (sign, least, most) = (turned, *position, *position);
+        signs.push(Some(sign));
+    }
+    signs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use machine::{Axis, Position};
+
+    fn reading(t_s: f64, x: f64, flag: ReadingFlag) -> Reading {
+        Reading {
+            step: 0,
+            repeat: 0,
+            position: Position::new().with(Axis::X, x),
+            value_mm: Some(x),
+            sensor: String::new(),
+            t_s,
+            flag,
+            temperatures_c: Default::default(),
+        }
+    }
+
+    /// X leaves 0 at 10 mm/s. The value stamped 0.5 s was measured 20 ms earlier, at 4.8 mm.
+    #[test]
+    fn a_value_belongs_to_where_the_axes_stood_a_latency_ago() {
+        let x = |t: f64| 10.0 * t;
+        let all: Vec<Reading> = (0..=100)
+            .map(|i| f64::from(i) * 0.01)
+            .map(|t| reading(t, x(t), ReadingFlag::None))
+            .collect();
+        let history = PositionHistory::new(&all.iter().rev().collect::<Vec<_>>());
+        let found = |latency: f64| {
+            let seen = history.timed_samples(latency);
+            *seen.iter().find(|seen| (seen.t_s - 0.5).abs() < 1e-9).unwrap()
+        };
+        assert!((found(0.02).xyz.x - 4.8).abs() < 1e-9);
+        assert!((found(0.015).xyz.x - 4.85).abs() < 1e-9);
+        assert!((found(-0.02).xyz.x - 5.2).abs() < 1e-9);
+        assert!((found(0.02).velocity.x - 10.0).abs() < 1e-9);
+        assert_eq!((found(0.02).reading_mm, found(0.02).last_motion_sign), (5.0, Vector3::x()));
+        // Two values at the beginning have no position, as the stamps start later. At the next ones the axis has
+        // not moved far enough.
+        assert_eq!(history.reading_count(), 101);
+        assert!(
+            (97..=98).contains(&history.timed_samples(0.02).len()),
+            "{}",
+            history.timed_samples(0.02).len()
+        );
+    }
+
+    /// Acceleration: exact to the last digit at 500 mm/s² and stamps 4 ms apart.
+    #[test]
+    fn an_axis_that_speeds_up_is_followed() {
+        let x = |t: f64| 250.0 * t * t;
+        let times = (0..=20).map(|i| f64::from(i) * 4e-3);
+        let all: Vec<Reading> = times.map(|t| reading(t, x(t), ReadingFlag::None)).collect();
+        let seen = PositionHistory::new(&all.iter().collect::<Vec<_>>()).timed_samples(2e-3);
+        let fast: Vec<&TimedSample> =
+            seen.iter().filter(|seen| (0.01..0.075).contains(&seen.t_s)).collect();
+        assert!(fast.len() > 10);
+        assert!(fast.iter().all(|seen| (seen.xyz.x - x(seen.t_s - 2e-3)).abs() < 1e-12));
+    }
+
+    #[test]
+    fn nothing_is_said_across_a_gap_and_nothing_of_flagged_values() {
+        let time = |i: u32| f64::from(i) * 0.01 + if i > 50 { 1.0 } else { 0.0 };
+        let flag = |i| if i == 20 { ReadingFlag::Range } else { ReadingFlag::None };
+        let all: Vec<Reading> =
+            (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
+        let history = PositionHistory::new(&all.iter().collect::<Vec<_>>());
+        let seen = history.timed_samples(0.005);
+        assert!(seen.iter().all(|seen| (seen.t_s - 0.2).abs() > 1e-9));
+        // The first two values and the first two after the gap are omitted.
+        assert_eq!((history.reading_count(), seen.len()), (100, 96));
+        assert!(seen.iter().all(|seen| (seen.xyz.x - 10.0 * (seen.t_s - 0.005)).abs() < 1e-9));
+    }
+
+    #[test]
+    fn an_axis_that_turns_round_is_not_trusted_until_it_has_come_back() {
+        let trembling = |i: u32| f64::from(i % 2) * 1e-3;
+        let up = (0..100).map(|i| f64::from(i) * 0.01);
+        let down = (0..100).map(|i| 0.99 - f64::from(i) * 0.01);
+        let places: Vec<f64> = (0..50).map(trembling).chain(up).chain(down).collect();
+        let ways = motion_signs(&places);
+        let count = |way| ways.iter().filter(|found| **found == way).count();
+        assert_eq!(ways[10], Some(0.0));
+        assert_eq!((ways[60], ways[160]), (Some(1.0), Some(-1.0)));
+        // Samples between the stamps on either side of the turning point are omitted as well.
+        assert_eq!((ways[149], ways[150], ways[152]), (None, None, None));
+        // Positions before the reversal are omitted over the same distance as after it.
+        assert_eq!((ways[143], ways[146]), (Some(1.0), None));
+        // 10 to 50 um from the start; to the reversal, and from there.
+        assert!((15..=18).contains(&count(None)), "{ways:?}");
+    }
+}

@@ -1,0 +1,34 @@
+//! Dwell points and cells: positions of samples with their means.
+
+use nalgebra::{Rotation3, Vector3};
+
+use super::scan_purpose::ScanPurpose;
+use machine::Position;
+
+/// Mean of the samples at one dwell point, or in one cell of a continuous scan.
+#[derive(Debug, Clone, Copy)]
+pub struct SpotMean {
+    /// Axis positions X, Y, Z, mm.
+    pub xyz: Vector3<f64>,
+    /// Displacement of the spindle relative to the table, machine frame.
+    pub displacement_mm: Vector3<f64>,
+    /// Reading, mm.
+    pub reading_mm: f64,
+    pub sample_count: usize,
+    pub t_s: f64,
+    /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
+    pub velocity: Vector3<f64>,
+    pub last_motion_sign: Vector3<f64>,
+}
+
+/// Dwell points of one step, with the rotary axes at rest.
+#[derive(Debug, Clone)]
+pub struct ScanData {
+    pub purpose: ScanPurpose,
+    pub label: String,
+    /// Positions of all rotary axes.
+    pub rotary: Position,
+    /// Rotation from the spindle frame to the machine frame.
+    pub machine_from_spindle: Rotation3<f64>,
+    pub spots: Vec<SpotMean>,
+}

@@ -1,0 +1,168 @@
+//! Texts of the results for the operator.
+
+use super::fit::FittedDelay;
+use super::observe::ObservedTouches;
+use super::scan_test::{LatchDiagnosis, SIGNIFICANCE_LEVEL, ScanTest, ScanTime};
+use estimation::coverage::chi_square_bounds;
+
+/// Probability with which the declared scatter meets its bounds. Outside of them it counts as contradicted.
+const SCATTER_PROBABILITY: f64 = 0.998;
+
+/// Largest scatter of the slow touches that `declared_mm` and a scan explain, mm.
+pub fn scatter_bound_mm(
+    observed: &ObservedTouches,
+    fitted: &FittedDelay,
+    scan: &ScanTest,
+    declared_mm: f64,
+) -> Option<f64> {
+    let [slow, _] = fitted.scatter;
+    let explained = match scan.latch {
+        // With the upper bound of the scan duration.
+        LatchDiagnosis::Scan(time) => {
+            declared_mm.powi(2) + (observed.speeds_mm_s()[0] * time.upper_bound_s()).powi(2) / 12.0
+        }
+        _ => declared_mm.powi(2),
+    };
+    let (_, upper) = chi_square_bounds(slow.dof, SCATTER_PROBABILITY)?;
+    Some((upper * explained / slow.dof).sqrt())
+}
+
+/// Text on the location of the latch.
+pub fn describe_latch(observed: &ObservedTouches, fitted: &FittedDelay, scan: &ScanTest) -> String {
+    let [slow, fast] = observed.feeds_mm_min;
+    let [s_slow, s_fast] = fitted.scatter.map(|scatter| scatter.std_dev_mm * 1e3);
+    let scatter = format!(
+        "touches scatter by {s_slow:.2} µm at {slow} mm/min and by {s_fast:.2} µm at {fast} mm/min ({})",
+        describe_scan_test(scan)
+    );
+    match scan.latch {
+        LatchDiagnosis::NoScan { max_undetected_s } => format!(
+            "the control latches contacts itself: {} touches show no scan longer than {:.2} ms; \
+             {scatter}",
+            observed.touches.len(),
+            max_undetected_s * 1e3
+        ),
+        LatchDiagnosis::Scan(time) => format!(
+            "a program scan of about {:.1} ms (U = {:.1} ms), e.g. of a PLC, latches the contact: \
+             {scatter}; each touch at {slow} mm/min is late by 0 to {:.2} µm",
+            time.duration_s * 1e3,
+            time.expanded_s() * 1e3,
+            observed.speeds_mm_s()[0] * time.duration_s * 1e3
+        ),
+        LatchDiagnosis::ExcessScatter(ScanTime { duration_s, .. }) => format!(
+            "{scatter}, but the delay is too short for the scan of {:.1} ms that this scatter \
+             needs: the machine or the part vibrates at that feed, or the probe is loose",
+            duration_s * 1e3
+        ),
+    }
+}
+
+/// Text on a delay that exceeds its uncertainty.
+pub fn describe_delay(observed: &ObservedTouches, fitted: &FittedDelay) -> Option<String> {
+    let [slow, _] = observed.feeds_mm_min;
+    let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);
+    if delay_ms > expanded_ms {
+        Some(format!(
+            "a contact is latched {delay_ms:.2} ms late (U = {expanded_ms:.2} ms): {:.2} µm at \
+             {slow} mm/min in every direction, the same effect as additional pre-travel of the \
+             probe; compare only touches at one feed",
+            observed.speeds_mm_s()[0] * delay_ms
+        ))
+    } else if delay_ms < -expanded_ms {
+        Some(format!(
+            "a contact is latched {:.2} ms early (U = {expanded_ms:.2} ms): the control subtracts \
+             too much for a delay of the probe, or does not move at the commanded feed",
+            -delay_ms
+        ))
+    } else {
+        None
+    }
+}
+
+/// Text on touches that scatter more than declared.
+pub fn describe_scatter(
+    observed: &ObservedTouches,
+    fitted: &FittedDelay,
+    scan: &ScanTest,
+    declared_mm: Option<f64>,
+) -> Option<String> {
+    let mm = declared_mm?;
+    let bound_mm = scatter_bound_mm(observed, fitted, scan, mm)?;
+    if fitted.scatter[0].std_dev_mm <= bound_mm {
+        return None;
+    }
+    Some(format!(
+        "touches scatter by {:.2} µm at {} mm/min; repeatability_um in [probe] and the display \
+         resolution explain {:.2} µm: increase repeatability_um, or check for dirt, a loose stylus \
+         or a loose part",
+        fitted.scatter[0].std_dev_mm * 1e3,
+        observed.feeds_mm_min[0],
+        mm * 1e3
+    ))
+}
+
+pub fn estimate_warnings(
+    observed: &ObservedTouches,
+    fitted: &FittedDelay,
+    scan: &ScanTest,
+    declared_mm: Option<f64>,
+) -> Vec<String> {
+    let is_without_scan = matches!(scan.latch, LatchDiagnosis::NoScan { .. });
+    let latch_warning = (!is_without_scan).then(|| describe_latch(observed, fitted, scan));
+    let scatter_warning = describe_scatter(observed, fitted, scan, declared_mm);
+    let time_warning =
+        || "the readings have no times (t_s): the drift is fitted over their order".to_owned();
+    let lines = [latch_warning, describe_delay(observed, fitted), scatter_warning];
+    lines.into_iter().flatten().chain((!observed.has_times).then(time_warning)).collect()
+}
+
+/// Text such as `F = 840 against 4.7 at 1 %`.
+fn describe_scan_test(scan: &ScanTest) -> String {
+    format!(
+        "F = {:.1} against {:.1} at {} %",
+        scan.variance_ratio,
+        scan.ratio_limit,
+        SIGNIFICANCE_LEVEL * 100.0
+    )
+}
+
+pub fn describe_conventions(observed: &ObservedTouches, fitted: &FittedDelay) -> Vec<String> {
+    let [slow, fast] = observed.feeds_mm_min;
+    vec![
+        "positive: latched after contact, farther along the touch".to_owned(),
+        format!(
+            "s_{slow}, s_{fast}: experimental standard deviation of a touch at that feed in \
+             mm/min; the uncertainties follow from it, not from the declared repeatability"
+        ),
+        format!(
+            "a linear drift is fitted and removed ({:.2} µm/min along the touch); the order slow, \
+             fast, fast, slow separates it from the delay",
+            fitted.drift_mm_s * 60e3
+        ),
+        "the axes are assumed to move at the commanded feed: with a feed override other than 100 % \
+         all times are wrong in proportion"
+            .to_owned(),
+        format!("all touches start at one position, about {:.2} mm before contact", observed.mean_contact_distance_mm),
+    ]
+}
+
+pub fn not_identifiable(
+    observed: &ObservedTouches,
+    fitted: &FittedDelay,
+    scan: &ScanTest,
+) -> Vec<String> {
+    let mut lines = vec![
+        "the cause of a constant delay: the filter or radio link of the probe, the control and, if \
+         the control latches commanded positions, the following error of the axes have the same \
+         effect"
+            .to_owned(),
+        "a scan that is synchronous with the touches, so that each contact has the same phase: its \
+         effect is that of a constant delay"
+            .to_owned(),
+    ];
+    if let LatchDiagnosis::NoScan { max_undetected_s } = scan.latch {
+        let scatter = describe_latch(observed, fitted, scan);
+        lines.push(format!("a scan shorter than {:.2} ms: {scatter}", max_undetected_s * 1e3));
+    }
+    lines
+}

@@ -1,0 +1,232 @@
+//! Errors that measurements in all directions can separate, independent of the design: columns of the
+//! equations on poses without symmetry and without limits.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+use estimation::independence::{find_linear_combination, independent_columns};
+use machine::frame::unit_vector;
+use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
+use machine::record::artefact::Balls;
+use machine::{Axis, Position, frame::Point};
+
+/// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
+/// all directions.
+const TEST_POSE_COUNT: usize = 60;
+const TEST_BALLS_MM: [[f64; 3]; 5] = [
+    [-152.0, 11.0, 41.0],
+    [149.0, -23.0, 57.0],
+    [160.0, 161.0, 178.0],
+    [-158.0, 137.0, 95.0],
+    [31.0, -166.0, 76.0],
+];
+/// Their square roots give angles that repeat in no axis.
+const ANGLE_PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
+/// Stylus on the axis of the spindle, mm. Only there is a tilt of the spindle equivalent to an offset.
+const TEST_STYLUS_MM: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
+/// Minimum share of its length that an independent column keeps after projection out of the others; below it
+/// the column is a linear combination of them.
+const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
+/// Minimum coefficient of a named member of a linear combination, mm/mm.
+const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
+/// Tolerance within which a coefficient counts as one. A deviation within it comes from the slant of a bar.
+const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
+
+/// Distance of two balls with a certified length from their midpoint, mm.
+const HALF_LENGTH_MM: f64 = 150.0;
+/// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
+/// fixed.
+const LENGTH_WEIGHT: f64 = 30.0;
+/// Minimum share of its length that the column of a gain keeps; otherwise even a slight slant of a length
+/// would show a gain, without use. About 0.65·cos² of the angle between length and axis; 12° of slant.
+const MIN_GAIN_SHARE: f64 = 0.03;
+/// Cosine above which the directions of two lengths are parallel.
+const MIN_PARALLEL_COSINE: f64 = 0.9999;
+
+/// Measuring conditions of a machine: its rotary axes, including S, that stay at zero; and the directions on
+/// the table of the certified lengths. Without lengths one along X is assumed; the measurements will show
+/// that it is missing.
+#[derive(Debug, Clone, Copy)]
+pub struct MeasuringConditions<'a> {
+    pub chain: &'a KinematicChain,
+    pub fixed_axes: &'a [Axis],
+    pub length_directions: &'a [Vector3<f64>],
+}
+
+/// Columns of the unknowns. The last rows are the certified lengths, without which the scale would be
+/// undetermined.
+struct UnknownColumns {
+    stylus: Vec<Vec<f64>>,
+    balls: Vec<Vec<f64>>,
+    machine: Vec<Vec<f64>>,
+}
+
+/// What an error is inseparable from.
+#[derive(Debug, Default)]
+pub struct Confounding {
+    /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
+    /// the measurements.
+    pub names: Vec<String>,
+    /// Sums that are reported, e.g. `tool_x is reported as tool_x + EX0S`.
+    pub sums: Vec<String>,
+}
+
+/// The directions of the certified lengths, from the stated positions of the balls.
+pub fn length_directions(balls: &Balls) -> Vec<Vector3<f64>> {
+    let position = |id: &str| {
+        let ball = balls.balls.iter().find(|ball| ball.id == id);
+        ball.map(|ball| Vector3::from(ball.centre_mm))
+    };
+    let mut all: Vec<Vector3<f64>> = Vec::new();
+    for length in &balls.lengths {
+        let (Some(from), Some(to)) = (position(&length.from), position(&length.to)) else {
+            continue;
+        };
+        let Some(along) = unit_vector(to - from) else { continue };
+        if !all.iter().any(|known| known.dot(&along).abs() > MIN_PARALLEL_COSINE) {
+            all.push(along);
+        }
+    }
+    all
+}
+
+#[derive(PartialEq, Eq)]
+enum ErrorKind {
+    Offset,
+    Angle,
+    Gain,
+}
+
+impl MeasuringConditions<'_> {
+    /// The coordinates of the stylus that do more than shift all balls alike.
+    pub fn free_stylus_coordinates(&self) -> Vec<usize> {
+        let UnknownColumns { stylus, balls, .. } = self.columns(&[]);
+        independent_columns(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
+    }
+
+    /// Those `candidates`, in their order, that are not linear combinations of stylus, balls and the
+    /// candidates already kept.
+    pub fn separable_errors(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
+        let UnknownColumns { stylus, balls, machine } = self.columns(candidates);
+        let known = [stylus, balls].concat();
+        let kept = independent_columns(&known, &machine, |i| min_independent_share(&candidates[i]));
+        kept.into_iter().map(|i| candidates[i]).collect()
+    }
+
+    /// What `error` is inseparable from, given the errors `identified`; `None` if it is separable.
+    pub fn confounding(
+        &self,
+        error: ErrorParameter,
+        identified: &[ErrorParameter],
+    ) -> Option<Confounding> {
+        let all = [identified, &[error]].concat();
+        let UnknownColumns { stylus, balls, mut machine } = self.columns(&all);
+        let column = machine.pop()?;
+        let free = self.free_stylus_coordinates();
+        let stylus = free.iter().map(|k| stylus[*k].clone());
+        let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
+        let shares = find_linear_combination(&known, &column, min_independent_share(&error))?;
+        let is_named = |j: usize| {
+            column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * column_norm(&column)
+        };
+        let of_errors = identified.iter().map(|known| (known.to_string(), error_kind(*known)));
+        let of_stylus =
+            free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), ErrorKind::Offset));
+        let mut confounding = Confounding::default();
+        for (j, (name, name_kind)) in
+            of_errors.chain(of_stylus).enumerate().filter(|(j, _)| is_named(*j))
+        {
+            let share = shares[j];
+            if name_kind == error_kind(error)
+                && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE
+            {
+                let sign = if share < 0.0 { '-' } else { '+' };
+                confounding.sums.push(format!("{name} is reported as {name} {sign} {error}"));
+            }
+            confounding.names.push(name);
+        }
+        if (identified.len() + free.len()..known.len()).any(is_named) {
+            confounding.names.push("the positions of the balls".to_owned());
+        }
+        Some(confounding)
+    }
+
+    fn columns(&self, errors: &[ErrorParameter]) -> UnknownColumns {
+        let (positions, lengths) = self.ball_positions();
+        let mut stylus = vec![Vec::new(); 3];
+        let mut balls = vec![Vec::new(); 3 * positions.len()];
+        let mut machine = vec![Vec::new(); errors.len()];
+        for (pose, ball) in
+            (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b)))
+        {
+            let Some(position) = self.pose_at(pose, positions[ball]) else { continue };
+            let of_errors =
+                self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
+            let table = self.chain.machine_from_table(&position, &[]).rotation;
+            let of_stylus =
+                table.inverse() * self.chain.machine_from_spindle(&position, &[]).rotation;
+            for axis in 0..3 {
+                let own = |j| f64::from(u8::from(j == 3 * ball + axis));
+                balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
+                (0..3).for_each(|k| stylus[k].push(of_stylus[(axis, k)]));
+                machine.iter_mut().zip(&of_errors).for_each(|(all, new)| all.push(new[axis]));
+            }
+        }
+        for (i, along) in lengths.iter().enumerate() {
+            let first = 6 * i;
+            for (j, column) in balls.iter_mut().enumerate() {
+                column.push(match j.checked_sub(first) {
+                    Some(k @ 0..3) => -along[k] * LENGTH_WEIGHT,
+                    Some(k @ 3..6) => along[k - 3] * LENGTH_WEIGHT,
+                    _ => 0.0,
+                });
+            }
+            stylus.iter_mut().chain(&mut machine).for_each(|column| column.push(0.0));
+        }
+        UnknownColumns { stylus, balls, machine }
+    }
+
+    /// Positions of the balls, in pairs for the certified lengths first; and the directions of the lengths.
+    fn ball_positions(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
+        const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
+        let lengths =
+            if self.length_directions.is_empty() { ALONG_X } else { self.length_directions };
+        let mut positions = Vec::new();
+        for (along, centre) in lengths.iter().zip(TEST_BALLS_MM.iter().cycle()) {
+            let middle = Vector3::from(*centre) * 0.3;
+            positions.extend([middle - along * HALF_LENGTH_MM, middle + along * HALF_LENGTH_MM]);
+        }
+        positions.extend(TEST_BALLS_MM.map(Vector3::from));
+        (positions, lengths)
+    }
+
+    fn pose_at(&self, pose: usize, ball: Vector3<f64>) -> Option<Position> {
+        let turning = self.chain.topology().axes().filter(|axis| !axis.is_linear());
+        let angle = |axis: Axis| match self.fixed_axes.contains(&axis) {
+            true => 0.0,
+            false => (pose as f64 * ANGLE_PRIMES[axis as usize].sqrt()).fract() * TAU,
+        };
+        let others: Position = turning.map(|axis| (axis, angle(axis))).collect();
+        let (target, tip) = (Point::from_vec(ball), Point::from_vec(TEST_STYLUS_MM));
+        let linear = self.chain.solve_linear_axes(target, tip, &others, &[]).ok()?;
+        Some(others.updated_by(&linear))
+    }
+}
+
+fn error_kind(error: ErrorParameter) -> ErrorKind {
+    match (error.shape(), error.component().is_linear()) {
+        (ErrorShape::Gain, _) => ErrorKind::Gain,
+        (_, true) => ErrorKind::Offset,
+        (_, false) => ErrorKind::Angle,
+    }
+}
+
+/// Minimum share of its length that an independent column keeps.
+fn min_independent_share(error: &ErrorParameter) -> f64 {
+    if error.shape() == ErrorShape::Gain { MIN_GAIN_SHARE } else { MIN_INDEPENDENT_SHARE }
+}
+
+fn column_norm(column: &[f64]) -> f64 {
+    column.iter().map(|x| x * x).sum::<f64>().sqrt()
+}

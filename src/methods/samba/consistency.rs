@@ -1,0 +1,169 @@
+//! Detection of inconsistent data: single measurements, balls that moved between two visits, lengths. They
+//! are flagged and named, not removed.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::model::length_u_mm;
+use super::solution::GeometrySolution;
+use crate::ball_measurement;
+use crate::identification::{Measurement, mean_coordinate_u_mm};
+use estimation::coverage;
+use machine::Axis;
+use machine::kinematics::ErrorShape;
+
+/// Probability of a false alarm over all measurements.
+const FALSE_ALARM_PROBABILITY: f64 = 1e-3;
+/// Minimum share of χ² that the step of a ball must explain to be named.
+const MIN_CHI2_SHARE: f64 = 0.3;
+/// Leverage above which no other row checks a row.
+const MAX_LEVERAGE: f64 = 1.0 - 1e-4;
+/// Disagreement of a certified length with its balls beyond what a machine can have, mm/mm.
+const MAX_LENGTH_DISAGREEMENT: f64 = 1e-4;
+
+impl GeometrySolution<'_> {
+    fn ball_id(&self, ball: usize) -> &str {
+        self.balls.balls.get(ball).map_or("", |ball| ball.id.as_str())
+    }
+
+    fn chi2(&self) -> f64 {
+        self.minimum.residuals.iter().map(|r| r * r).sum()
+    }
+
+    /// Each ball at each indexation as a measurement for the outlier check.
+    pub fn measurements(&self) -> Vec<Measurement> {
+        let residuals = self.position_residuals();
+        ball_measurement::outlier_measurements(&self.observed, |centre| {
+            let u_mm = mean_coordinate_u_mm(&self.problem.weight(centre));
+            (residuals[centre], self.problem.measurement_row(centre), u_mm)
+        })
+    }
+
+    /// Sentence about a ball, if any, whose step on the table between two visits explains the misfit: the
+    /// step that reduces χ² most.
+    pub fn moved_ball_warning(&self) -> Option<String> {
+        let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
+            .flat_map(|ball| {
+                let centres = &self.observed.centres;
+                let visits: Vec<usize> =
+                    (0..centres.len()).filter(|i| centres[*i].ball == ball).collect();
+                (1..visits.len()).map(move |split| (visits.clone(), split))
+            })
+            .collect();
+        let steps = candidates.iter().map(|(visits, split)| self.ball_step(visits, *split));
+        let (best, (reduction, step)) =
+            steps.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
+        let (visits, split) = &candidates[best];
+        let variance = (self.chi2() - reduction) / self.dof().checked_sub(3)?.max(1) as f64;
+        let probability = 1.0 - 2.0 * FALSE_ALARM_PROBABILITY / candidates.len() as f64;
+        let (_, limit) = coverage::chi_square_bounds(3.0, probability)?;
+        if reduction <= limit * variance || reduction <= MIN_CHI2_SHARE * self.chi2() {
+            return None;
+        }
+        Some(self.describe_moved_ball(visits, *split, step.norm() * 1e3))
+    }
+
+    /// With two or more measurements on both sides only a step of the ball explains the misfit. A single
+    /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
+    fn describe_moved_ball(&self, visits: &[usize], split: usize, um: f64) -> String {
+        let centre = |visit: usize| &self.observed.centres[visits[visit]];
+        let (ball, before) =
+            (self.ball_id(centre(split).ball), centre(split - 1).label.indexation_number());
+        let after = centre(split).label.indexation_number();
+        let single = match split {
+            1 => format!("its first measurement, at indexation {before}, is wrong"),
+            last if last + 1 == visits.len() => {
+                format!("its last measurement, at indexation {after}, is wrong")
+            }
+            _ => String::new(),
+        };
+        let alternative =
+            if single.is_empty() { single } else { format!(", or {single} (dirt, a loose ball)") };
+        format!(
+            "ball {ball} probably moved by {um:.1} µm between its measurements at indexations \
+             {before} and {after}{alternative}: tighten the ball and measure again"
+        )
+    }
+
+    /// Reduction of χ² by a step of the ball before its visit `split`, and the step (table frame, mm): three
+    /// more unknowns, with all others free.
+    fn ball_step(&self, visits: &[usize], split: usize) -> (f64, Vector3<f64>) {
+        let column = |axis: Axis| {
+            let mut column = vec![0.0; self.minimum.residuals.len()];
+            for centre in visits.iter().skip(split) {
+                let effect = -(self.problem.weight(*centre) * axis.direction());
+                column[self.problem.measurement_row(*centre)..][..3]
+                    .copy_from_slice(effect.as_slice());
+            }
+            self.minimum.factored.remainder(&column)
+        };
+        let free = Axis::LINEAR.map(column);
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let normal = Matrix3::from(free.each_ref().map(|a| free.each_ref().map(|b| product(a, b))));
+        let right = Vector3::from(free.each_ref().map(|a| product(a, &self.minimum.residuals)));
+        let singular = normal.determinant().abs() < 1e-9 * normal.column(0).norm().powi(3);
+        let Some(inverse) = normal.try_inverse().filter(|_| !singular) else {
+            return (0.0, Vector3::zeros());
+        };
+        // The column is the derivative of the model by the ball: minus the weight.
+        let step = inverse * right;
+        (step.dot(&right), step)
+    }
+
+    /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the balls as measured
+    /// without this length; if nothing else gives the scale, it is the scales of the machine.
+    pub fn length_disagreements(&self) -> Vec<String> {
+        let leverage = self.minimum.factored.leverage();
+        let lines = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
+            let row = self.problem.length_row(i);
+            let (deviation, reference) = if leverage[row] > MAX_LEVERAGE {
+                (self.mean_gain(), "the scales of the machine")
+            } else {
+                let without_length = self.minimum.residuals[row] / (1.0 - leverage[row]);
+                (
+                    without_length * length_u_mm(length) / length.mm,
+                    "the balls as measured without \
+                                                                    this length",
+                )
+            };
+            (deviation.abs() > MAX_LENGTH_DISAGREEMENT).then(|| {
+                format!(
+                    "the certified length {}–{} disagrees with {reference} by {:.0} µm/m: check \
+                     the certificate, its temperature and the numbers of the balls",
+                    length.from,
+                    length.to,
+                    deviation * 1e6
+                )
+            })
+        });
+        lines.collect()
+    }
+
+    /// The mean gain of the linear axes: the information of the only length about the machine's scales.
+    fn mean_gain(&self) -> f64 {
+        let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
+        let gains: Vec<f64> = named
+            .filter(|(p, _)| p.shape() == ErrorShape::Gain && p.component() == p.axis())
+            .map(|(_, value)| *value)
+            .collect();
+        gains.iter().sum::<f64>() / gains.len().max(1) as f64
+    }
+
+    /// Balls that were measured at too few indexations; their measurements determine only their own
+    /// coordinates.
+    pub fn under_measured_balls(&self) -> Vec<String> {
+        let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
+            let centres = self.observed.centres.iter().filter(|centre| centre.ball == ball);
+            let positions: std::collections::BTreeSet<usize> =
+                centres.map(|s| s.commanded_index).collect();
+            (positions.len() < 3).then(|| {
+                format!(
+                    "ball {} was measured at {} indexations: fewer than three determine only its \
+                     position and do not check it",
+                    named.id,
+                    positions.len()
+                )
+            })
+        });
+        lines.collect()
+    }
+}

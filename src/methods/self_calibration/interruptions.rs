@@ -1,0 +1,82 @@
+//! Interruptions of the cycle. They are removed from the time, and the drift model may have a step there.
+//!
+//! The drift model does not interpolate through hours without measurements. After an interruption the drift
+//! continues at the same rate, from the machine position that the references determine.
+
+use super::model::Observation;
+use crate::IdentifyError;
+
+/// Minimum number of directions touched between two interruptions, so that the step in X, Y and radius is
+/// determined. Any three different directions are sufficient.
+const MIN_SEGMENT_DIRECTIONS: usize = 3;
+
+/// Removes the interruptions from the times (s), and the observations that no step connects with the rest. Returns
+/// the times of the interruptions on the remaining time scale, and the number of removed observations.
+///
+/// # Errors
+/// The readings have no times, so those before an interruption are unknown.
+pub fn remove_interruptions(
+    observations: &mut Vec<Observation>,
+    gaps_s: &[f64],
+) -> Result<(Vec<f64>, usize), IdentifyError> {
+    if gaps_s.is_empty() {
+        return Ok((Vec::new(), 0));
+    }
+    if observations
+        .iter()
+        .all(|observation| observation.relative_time == observations[0].relative_time)
+    {
+        return Err(IdentifyError::IdentificationFailed(
+            "the measurement was interrupted, but the readings have no times (t_s)".to_owned(),
+        ));
+    }
+    let count = observations.len();
+    let segment = |time: f64| gaps_s.iter().filter(|gap| time > **gap).count();
+    let mut segments: Vec<Vec<Observation>> = vec![Vec::new(); gaps_s.len() + 1];
+    for observation in observations.iter() {
+        segments[segment(observation.relative_time)].push(*observation);
+    }
+    segments.retain(|observation| direction_count(observation) >= MIN_SEGMENT_DIRECTIONS);
+    let gaps = join_segments(&mut segments);
+    *observations = segments.concat();
+    let skipped_readings = count - observations.len();
+    if observations.is_empty() {
+        return Err(IdentifyError::IdentificationFailed(
+            "too few directions were touched between the interruptions".to_owned(),
+        ));
+    }
+    Ok((gaps, skipped_readings))
+}
+
+fn direction_count(observation: &[Observation]) -> usize {
+    let mut angles: Vec<usize> =
+        observation.iter().map(|observation| observation.phi_index).collect();
+    angles.sort_unstable();
+    angles.dedup();
+    angles.len()
+}
+
+/// Shifts each segment to begin one touch after the end of the segment before. Returns the times between the
+/// segments.
+fn join_segments(segments: &mut [Vec<Observation>]) -> Vec<f64> {
+    let span = |observation: &[Observation]| {
+        let times = || observation.iter().map(|observation| observation.relative_time);
+        (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let measured: f64 = segments.iter().map(|s| span(s)).map(|(first, last)| last - first).sum();
+    let pauses: usize = segments.iter().map(|s| s.len() - 1).sum();
+    let pause = measured / pauses.max(1) as f64;
+    let mut gaps = Vec::new();
+    let mut end = None;
+    for segment in segments {
+        let (first, last) = span(segment);
+        if let Some(end) = end {
+            gaps.push(end + pause / 2.0);
+            segment
+                .iter_mut()
+                .for_each(|observation| observation.relative_time += end + pause - first);
+        }
+        end = Some(end.map_or(last, |end| end + pause + last - first));
+    }
+    gaps
+}

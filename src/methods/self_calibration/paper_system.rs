@@ -1,0 +1,79 @@
+//! The identification exactly as the paper describes it (paper 1, Eqs. 1–4 with the erratum of METHODS section 1):
+//! 4N differences to the first touch of Test 1a, boundary conditions 1–3, all differences taken as independent. It
+//! serves as a gate and a comparison. The estimate of `trued` starts from the raw readings, because these
+//! differences share one reference.
+
+use faer::Mat;
+
+use super::design::{CalibrationTest, Design, GridTouch};
+use super::fit::RANK_THRESHOLD;
+use super::model::{Observation, UnknownsLayout};
+use super::outputs::{axis_position_coefficients, dot};
+use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
+
+/// Linear system of the paper for a design. That of the paper has one probe angle φ_b in addition to 0.
+pub struct PaperSystem {
+    pub layout: UnknownsLayout,
+    pub touches: Vec<GridTouch>,
+    /// Design matrix, 4N × 4N: unknowns as in [`UnknownsLayout`] without R.
+    pub design_matrix: Mat<f64>,
+    pub gauge: Mat<f64>,
+}
+
+impl PaperSystem {
+    pub fn new(design: &Design) -> Self {
+        let touches: Vec<GridTouch> = design.cycle_touches(false);
+        let layout =
+            UnknownsLayout { design: design.clone(), heights: 1, drift_order: 0, gaps: Vec::new() };
+        let observations: Vec<Observation> =
+            touches.iter().map(|t| unmeasured_observation(*t)).collect();
+        let full = layout.matrix(&observations);
+        let without_r = layout.unknowns() - 1;
+        // The first touch of the cycle, Test 1a at C = 0, is the reference of every difference.
+        let a = Mat::from_fn(full.nrows(), without_r, |i, j| full[(i, j + 1)] - full[(0, j + 1)]);
+        let gauge = layout.gauge();
+        let gauge = Mat::from_fn(gauge.nrows(), without_r, |i, j| gauge[(i, j + 1)]);
+        Self { layout, touches, design_matrix: a, gauge }
+    }
+
+    /// Solves for the differences (4N, in the order of `touches`), each with the standard uncertainty `sigma`.
+    pub fn solve(&self, differences: &[f64], sigma: f64) -> Result<LinearSolution, LinearError> {
+        linear::solve_least_squares(&LinearProblem {
+            a: self.design_matrix.as_ref(),
+            y: differences,
+            sigma: &vec![sigma; differences.len()],
+            constraints: Some(self.gauge.as_ref()),
+            rank_threshold: RANK_THRESHOLD,
+        })
+    }
+
+    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None` if one is
+    /// missing.
+    pub fn axis_position(&self, observations: &[Observation]) -> Option<[f64; 2]> {
+        let radius = |t: &GridTouch| {
+            observations
+                .iter()
+                .find(|s| s.height == 0 && s.c_index == t.c_index && s.phi_index == t.phi_index)
+                .map(|s| s.radius_mm)
+        };
+        let reference = radius(self.touches.first()?)?;
+        let differences: Vec<f64> =
+            self.touches.iter().map(|t| radius(t).map(|r| r - reference)).collect::<Option<_>>()?;
+        let x = self.solve(&differences, 1.0).ok()?.x;
+        let (cx, cy) = axis_position_coefficients(&self.layout, 0);
+        Some([dot(&cx[1..], &x), dot(&cy[1..], &x)])
+    }
+}
+
+fn unmeasured_observation(touch: GridTouch) -> Observation {
+    debug_assert!(!matches!(touch.test, CalibrationTest::Reference(_)));
+    Observation {
+        step: 0,
+        height: 0,
+        c_index: touch.c_index,
+        phi_index: touch.phi_index,
+        radius_mm: 0.0,
+        lateral_mm: 0.0,
+        relative_time: 0.0,
+    }
+}

@@ -1,0 +1,162 @@
+//! Paths from touch to touch of one ball: round the ball instead of over it.
+//!
+//! A touch ends beside the ball, at the distance at which an unguarded move may begin. From there, the guarded path
+//! leads over one corner along two tangents, so that it is nowhere nearer to the ball than the start of the next
+//! touch.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Rotation3, Unit, Vector3};
+
+use super::limits;
+use super::obstacle_body::ObstacleBody;
+use super::safe_heights::GUARDED_CLEARANCE_MM;
+use super::surroundings::{Obstacle, Surroundings};
+use machine::artefact::BodyShape;
+use machine::frame::unit_vector;
+use machine::kinematics::KinematicsError;
+use machine::record::machine::Machine;
+use machine::{Axis, Position, frame::Point};
+
+/// Maximum angle of a path round the ball, rad; with a larger angle, the corner is so far out that a path over the
+/// ball is as short.
+const MAX_ROUND_ANGLE_RAD: f64 = 2.0 / 3.0 * PI;
+/// Rounding tolerance of a position, mm.
+const POSITION_TOLERANCE_MM: f64 = 1e-3;
+
+/// A ball of the artefact.
+#[derive(Debug, Clone)]
+struct ArtefactBall {
+    name: String,
+    /// Centre, table frame, mm.
+    centre: Vector3<f64>,
+    /// Distance of the stylus ball's centre from this centre at contact, mm.
+    contact_distance_mm: f64,
+    /// Maximum distance of the ball from its expected position, mm.
+    uncertainty_mm: f64,
+}
+
+/// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
+/// touch of the same ball: a corner if necessary, and the start. `None`: the machine is not near the ball, the path
+/// round it is too long or out of travel, or an obstacle blocks it.
+pub(super) fn plan_round_ball(
+    surroundings: &Surroundings,
+    machine: &Machine,
+    position: &Position,
+    start: &Position,
+) -> Option<Vec<Position>> {
+    let ball = surroundings.nearest_ball(start)?;
+    let (here, there) =
+        (surroundings.tip_offset(&ball, position), surroundings.tip_offset(&ball, start));
+    let near = ball.contact_distance_mm + ball.uncertainty_mm;
+    let about_it =
+        |off: Vector3<f64>| (near..near + 2.0 * GUARDED_CLEARANCE_MM).contains(&off.norm());
+    // Below the ball's centre, the stem of the stylus would come nearer than its ball.
+    let upper = here.z.min(there.z) >= -POSITION_TOLERANCE_MM;
+    if !(about_it(here) && about_it(there) && upper) {
+        return None;
+    }
+    let corner = tangent_corner(here, there)?.into_iter();
+    let corner = corner.map(|off| position_beside_ball(surroundings, machine, &ball, (start, off)));
+    let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
+    let mut from = position;
+    for to in &places {
+        if !surroundings.is_path_free(from, to, &ball.name) {
+            return None;
+        }
+        from = to;
+    }
+    Some(places)
+}
+
+/// Position straight away from the ball that was touched from `start`, at a distance from which the next path may
+/// begin with a rapid. `None`: out of travel, or an obstacle is near.
+pub(super) fn end_beside_ball(
+    surroundings: &Surroundings,
+    machine: &Machine,
+    start: &Position,
+) -> Option<Position> {
+    let ball = surroundings.nearest_ball(start)?;
+    let there = surroundings.tip_offset(&ball, start);
+    let far = (ball.contact_distance_mm
+        + ball.uncertainty_mm
+        + GUARDED_CLEARANCE_MM
+        + POSITION_TOLERANCE_MM)
+        .max(there.norm());
+    let end =
+        position_beside_ball(surroundings, machine, &ball, (start, unit_vector(there)? * far))?;
+    let free = surroundings.is_path_free(start, &end, &ball.name)
+        && surroundings.is_clear(&end, GUARDED_CLEARANCE_MM);
+    free.then_some(end)
+}
+
+fn position_beside_ball(
+    surroundings: &Surroundings,
+    machine: &Machine,
+    ball: &ArtefactBall,
+    (rotary, off): (&Position, Vector3<f64>),
+) -> Option<Position> {
+    let place = surroundings.position_at_offset(ball, rotary, off).ok()?;
+    limits::is_within_limits(&place.filter_axes(Axis::is_linear), machine).then_some(place)
+}
+
+/// Corner at which the tangents from two places meet, in the plane of the places and the origin. The tangents touch
+/// a ball about the origin whose radius is the distance of the nearer place. Empty if the straight path is clear of
+/// that ball. `None`: the angle is too large.
+fn tangent_corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3<f64>>> {
+    let radius = here.norm().min(there.norm());
+    let (u, v) = (unit_vector(here)?, unit_vector(there)?);
+    let to_tangent = |from: Vector3<f64>| (radius / from.norm()).min(1.0).acos();
+    let left = u.angle(&v) - to_tangent(here) - to_tangent(there);
+    if left <= 0.0 {
+        return Some(Vec::new());
+    }
+    let turn = Rotation3::from_axis_angle(
+        &Unit::try_new(u.cross(&v), 0.0)?,
+        to_tangent(here) + left / 2.0,
+    );
+    (left <= MAX_ROUND_ANGLE_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
+}
+
+impl Surroundings {
+    /// The ball nearest to the stylus ball.
+    fn nearest_ball(&self, at: &Position) -> Option<ArtefactBall> {
+        let ball = |obstacle: &Obstacle| match obstacle.body {
+            ObstacleBody::Round(BodyShape::Ball { centre, radius }) if obstacle.is_artefact => {
+                Some(ArtefactBall {
+                    name: obstacle.name.clone(),
+                    centre,
+                    contact_distance_mm: radius + self.ball_radius,
+                    uncertainty_mm: obstacle.uncertainty_mm,
+                })
+            }
+            _ => None,
+        };
+        let gap = |ball: &ArtefactBall| self.tip_offset(ball, at).norm() - ball.contact_distance_mm;
+        let balls = self.obstacles.iter().filter_map(ball);
+        balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
+    }
+
+    /// Vector from the centre of a ball to the stylus ball's centre, machine directions.
+    fn tip_offset(&self, ball: &ArtefactBall, at: &Position) -> Vector3<f64> {
+        let table = self.chain.machine_from_table(at, &[]).rotation;
+        table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
+    }
+
+    /// Position at which the stylus ball is at `off` from a ball, with the rotary axes as in `rotary`.
+    ///
+    /// # Errors
+    /// The linear axes of the machine do not span space.
+    fn position_at_offset(
+        &self,
+        ball: &ArtefactBall,
+        rotary: &Position,
+        off: Vector3<f64>,
+    ) -> Result<Position, KinematicsError> {
+        let rotary = rotary.filter_axes(|axis| !axis.is_linear());
+        let table = self.chain.machine_from_table(&rotary, &[]).rotation;
+        let target = Point::from_vec(ball.centre + table.transpose() * off);
+        let linear = self.chain.solve_linear_axes(target, self.tip, &rotary, &[])?;
+        Ok(rotary.updated_by(&linear))
+    }
+}

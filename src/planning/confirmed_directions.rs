@@ -1,0 +1,64 @@
+//! Confirmation of the machine's position by touches.
+
+use nalgebra::{Matrix3, Vector3};
+
+use machine::Position;
+use machine::record::plan::{Scan, Step, StepKind};
+
+/// Minimum determinant of the sum of the normals' dyads (1 for three at right angles) at which the normals count as
+/// independent: two at right angles and a third that is inclined to their plane by 18 degrees.
+const MIN_INDEPENDENCE_DETERMINANT: f64 = 0.1;
+
+/// Start of a block that moves to the part.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct BlockStart<'a> {
+    /// Position of the machine; `None` if unknown: then Z moves to its upper end first.
+    pub position: Option<&'a Position>,
+    /// Directions that touches have confirmed since the control was prepared.
+    pub confirmed: ConfirmedDirections,
+}
+
+/// Directions in which touches have met the part at its stated position since the control was prepared. A touch is
+/// not longer than the range in which the part may be, and a run stops when a touch meets nothing or when any other
+/// move meets something. The default: none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConfirmedDirections {
+    normal_dyads: Matrix3<f64>,
+}
+
+impl Default for ConfirmedDirections {
+    fn default() -> Self {
+        Self { normal_dyads: Matrix3::zeros() }
+    }
+}
+
+impl ConfirmedDirections {
+    /// All directions confirmed.
+    pub fn all() -> Self {
+        Self { normal_dyads: Matrix3::identity() }
+    }
+
+    /// Whether three independent directions are confirmed.
+    pub fn is_all(&self) -> bool {
+        self.normal_dyads.determinant() >= MIN_INDEPENDENCE_DETERMINANT
+    }
+
+    /// Whether any direction is confirmed: the probe has shown that it works.
+    pub fn is_any(&self) -> bool {
+        self.normal_dyads.trace() > 0.0
+    }
+
+    /// Confirmed directions after `step` was measured. A sensor that has measured the artefact within its range at
+    /// all points of a scan confirms all directions: its method refuses an artefact that is found at another
+    /// position than stated. A scan that moves rotary axes only confirms nothing of the linear axes. A prompt
+    /// resets all, because the operator may have moved the machine.
+    pub fn after_step(self, step: &Step) -> Self {
+        let normal = Vector3::from(step.normal);
+        match step.kind {
+            StepKind::Prompt => Self::default(),
+            _ if step.scan.as_ref().is_some_and(Scan::is_rotary_only) => self,
+            _ if step.scan.is_some() => Self::all(),
+            _ => Self { normal_dyads: self.normal_dyads + normal * normal.transpose() },
+        }
+    }
+}

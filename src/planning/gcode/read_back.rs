@@ -1,0 +1,131 @@
+//! Reads rendered text back and compares it with the intended motions.
+
+use std::f64::consts::TAU;
+
+use super::dialect::Dialect;
+use super::error::ReadBackMismatch;
+use super::rs274::{self, MotionFrame, MotionKind, ReadError, ReadMotion};
+use machine::Axis;
+use machine::record::motion::{Block, Motion};
+
+/// Half a unit of the third decimal, plus rounding; feeds, seconds and orientations have three decimals.
+const THIRD_DECIMAL_TOLERANCE: f64 = 0.000_501;
+
+impl Dialect {
+    /// Motions of `text`, which this dialect has rendered, as its control will understand them.
+    ///
+    /// # Errors
+    /// The first line that is not understood.
+    pub fn read_back(&self, text: &str) -> Result<Vec<ReadMotion>, ReadError> {
+        rs274::read_program_with(text, Some(&self.spec.work_offset), &self.options.declared)
+    }
+
+    /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
+    /// a small allowance for the decimal fraction itself.
+    pub fn rounding_tolerance(&self, axis: Axis) -> f64 {
+        let decimals = match axis {
+            Axis::S => return axis.to_mm_or_rad(THIRD_DECIMAL_TOLERANCE),
+            axis if axis.is_linear() => self.spec.decimals_mm,
+            _ => self.spec.decimals_deg,
+        };
+        axis.to_mm_or_rad(0.501 * 0.1_f64.powi(decimals as i32))
+    }
+
+    /// Checks that `text`, a whole program, means exactly the motions of `blocks`. Targets agree to half a unit of
+    /// the last decimal, all in machine coordinates.
+    ///
+    /// # Errors
+    /// The first line that cannot be read or has another meaning.
+    pub fn check_program(&self, text: &str, blocks: &[Block]) -> Result<(), ReadBackMismatch> {
+        let read = self.read_back(text)?;
+        let expected = blocks.iter().map(|block| block.motions.len()).sum();
+        if expected != read.len() {
+            return Err(ReadBackMismatch::Count { expected, read: read.len() });
+        }
+        let mut read = read.as_slice();
+        for block in blocks {
+            let (of_block, rest) = read.split_at(block.motions.len());
+            self.check_motions(block.step, &block.motions, of_block)?;
+            read = rest;
+        }
+        Ok(())
+    }
+
+    /// Checks that the read motions mean exactly the motions of one step.
+    ///
+    /// # Errors
+    /// The first motion that has another meaning.
+    pub(crate) fn check_motions(
+        &self,
+        step: u32,
+        expected: &[Motion],
+        read: &[ReadMotion],
+    ) -> Result<(), ReadBackMismatch> {
+        if expected.len() != read.len() {
+            return Err(ReadBackMismatch::Count { expected: expected.len(), read: read.len() });
+        }
+        expected.iter().zip(read).try_for_each(|(motion, read)| {
+            let differs = |reason| ReadBackMismatch::Motion { step, line: read.line, reason };
+            self.check_motion(step, motion, read).map_err(differs)
+        })
+    }
+
+    fn check_motion(&self, step: u32, motion: &Motion, read: &ReadMotion) -> Result<(), String> {
+        if read.step_number != Some(step) {
+            return Err(format!("the N word is {:?}", read.step_number));
+        }
+        if read.frame != MotionFrame::Machine {
+            return Err(format!("the motion is in the frame {:?}", read.frame));
+        }
+        let (to, feed) = match (motion, read.kind) {
+            (Motion::Rapid { to }, MotionKind::Rapid) => (to, None),
+            (
+                Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min },
+                MotionKind::Feed,
+            )
+            | (Motion::Guarded { to, feed_mm_min }, MotionKind::Probe { must_touch: false })
+            | (Motion::Probe { to, feed_mm_min }, MotionKind::Probe { .. }) => {
+                (to, Some(*feed_mm_min))
+            }
+            (Motion::Dwell { seconds }, MotionKind::Dwell { seconds: read }) => {
+                return check_value("dwell", *seconds, read, THIRD_DECIMAL_TOLERANCE);
+            }
+            (Motion::Orient { s }, MotionKind::Orient { s: read }) => {
+                let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
+                return check_value(
+                    "orientation",
+                    0.0,
+                    Axis::S.to_mm_or_deg(turn),
+                    THIRD_DECIMAL_TOLERANCE,
+                );
+            }
+            (_, kind) => return Err(format!("the motion is a {kind:?}")),
+        };
+        if to.iter().count() != read.target.iter().count() {
+            return Err("the motion moves other axes".to_owned());
+        }
+        for (axis, value) in to.iter() {
+            let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
+            let half_unit = axis.to_mm_or_deg(self.rounding_tolerance(axis));
+            check_value(
+                &axis.to_string(),
+                axis.to_mm_or_deg(value),
+                axis.to_mm_or_deg(other),
+                half_unit,
+            )?;
+        }
+        match (feed, read.feed_mm_min) {
+            (Some(feed), Some(read)) => check_value("feed", feed, read, THIRD_DECIMAL_TOLERANCE),
+            (None, None) => Ok(()),
+            _ => Err("the feed is missing or unexpected".to_owned()),
+        }
+    }
+}
+
+/// Written so that a NaN on either side is refused.
+fn check_value(what: &str, expected: f64, read: f64, tolerance: f64) -> Result<(), String> {
+    if (expected - read).abs() <= tolerance {
+        return Ok(());
+    }
+    Err(format!("{what} is {read} instead of {expected}"))
+}

@@ -1,0 +1,133 @@
+//! Machine-specific commands: the reader accepts only declared commands, and tracks what they switch.
+
+use std::collections::BTreeMap;
+
+use super::line::{GcodeLine, GcodeWords};
+use machine::Axis;
+
+/// Effect of a declared command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SwitchEffect {
+    /// Probe on (`true`) or off.
+    Probe(bool),
+    /// Clamp closed (`true`) or open.
+    Clamp(Axis, bool),
+}
+
+/// All declared commands, each a line of its own.
+#[derive(Debug, Clone, Default)]
+pub struct DeclaredCommands(Vec<(GcodeWords, SwitchEffect)>);
+
+impl DeclaredCommands {
+    /// Declares that `text` has the effect of `switch`.
+    ///
+    /// # Errors
+    /// The reason why `text` is refused; as a message that follows `text`.
+    pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), String> {
+        let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
+        let refused = || "the command must be one M word with its parameters".to_owned();
+        let Some(Ok(GcodeLine::GcodeWords(words))) =
+            text.chars().all(harmless).then(|| GcodeLine::parse(text))
+        else {
+            return Err(refused());
+        };
+        let [code] = words.m_words.as_slice() else { return Err(refused()) };
+        if !words.g_words_tenfold.is_empty()
+            || words.letters().any(|letter| !"PQE".contains(letter))
+        {
+            return Err(refused());
+        }
+        match code {
+            62 | 63 => {
+                return Err(format!(
+                    "M{code} takes effect only with the next move; use M64 or M65"
+                ));
+            }
+            _ => {}
+        }
+        if let Some(meaning) = fixed_meaning(*code) {
+            return Err(format!("M{code} {meaning}"));
+        }
+        if self.effect_of(&words).is_some() {
+            return Err("the command is declared for another function as well".to_owned());
+        }
+        self.0.push((words, switch));
+        Ok(())
+    }
+
+    /// Effect of a line that contains exactly these words.
+    pub(super) fn effect_of(&self, words: &GcodeWords) -> Option<SwitchEffect> {
+        self.0.iter().find(|(known, _)| known == words).map(|(_, switch)| *switch)
+    }
+
+    fn declares(&self, switch: SwitchEffect) -> bool {
+        self.0.iter().any(|(_, known)| *known == switch)
+    }
+}
+
+/// Meaning of an M word that can never switch a probe or clamp.
+fn fixed_meaning(code: u32) -> Option<&'static str> {
+    Some(match code {
+        0 | 1 | 60 => "pauses the program",
+        2 | 30 => "ends the program",
+        3..=5 | 19 => "turns or stops the spindle",
+        6 | 61 => "changes the tool",
+        7..=9 => "switches the coolant",
+        47 | 98 | 99 => "calls or repeats a program",
+        48..=53 => "switches overrides and feed hold",
+        66 => "reads an input",
+        70..=73 => "saves or restores modal state",
+        128..=130 | 428..=430 => "switches the kinematics",
+        _ => return None,
+    })
+}
+
+/// State of the switches, as far as the text shows it.
+#[derive(Debug, Default)]
+pub(super) struct SwitchState {
+    declared: DeclaredCommands,
+    is_probe_on: bool,
+    /// `true`: closed. Absent: unknown.
+    clamps: BTreeMap<Axis, bool>,
+}
+
+impl SwitchState {
+    pub fn new(declared: &DeclaredCommands) -> Self {
+        Self { declared: declared.clone(), ..Self::default() }
+    }
+
+    /// Whether the line is a declared command; if so, applies it.
+    pub fn apply(&mut self, words: &GcodeWords) -> bool {
+        match self.declared.effect_of(words) {
+            Some(SwitchEffect::Probe(on)) => self.is_probe_on = on,
+            Some(SwitchEffect::Clamp(axis, closed)) => drop(self.clamps.insert(axis, closed)),
+            None => return false,
+        }
+        true
+    }
+
+    /// Checks that no clamp blocks these axes.
+    pub fn check_clamps_open(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), String> {
+        let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&false);
+        match axes.find(clamped) {
+            Some(axis) => Err(format!("{axis} moves while its clamp is not open")),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the probe is on and all clamps are closed.
+    pub fn check_ready_to_probe(&self) -> Result<(), String> {
+        if self.declared.declares(SwitchEffect::Probe(true)) && !self.is_probe_on {
+            return Err("the probe is not switched on".to_owned());
+        }
+        let open = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&true);
+        match Axis::ALL.into_iter().find(open) {
+            Some(axis) => Err(format!("a probing move while the clamp of {axis} is not closed")),
+            None => Ok(()),
+        }
+    }
+
+    fn has_clamp(&self, axis: Axis) -> bool {
+        self.declared.declares(SwitchEffect::Clamp(axis, false))
+    }
+}

@@ -1,0 +1,60 @@
+//! Motions of a block during planning.
+
+use machine::record::motion::Motion;
+use machine::{Axis, Position};
+
+/// Maximum difference of equal positions, mm or rad.
+pub(super) const POSITION_TOLERANCE: f64 = 1e-9;
+
+pub(super) fn z_position(z: f64) -> Position {
+    Position::new().with(Axis::Z, z)
+}
+
+/// Motions so far, and the position at their end.
+pub(super) struct MotionSequence {
+    pub position: Position,
+    pub motions: Vec<Motion>,
+    /// Feed of guarded moves, mm/min.
+    near_part_feed_mm_min: f64,
+}
+
+impl MotionSequence {
+    pub fn add_rapid(&mut self, to: &Position) {
+        self.add_feed(to, |to| Motion::Rapid { to });
+    }
+
+    pub fn add_guarded(&mut self, to: &Position) {
+        let feed_mm_min = self.near_part_feed_mm_min;
+        self.add_feed(to, |to| Motion::Guarded { to, feed_mm_min });
+    }
+
+    /// Empty path from `position`.
+    pub fn starting_at(position: Option<&Position>, near_part_feed_mm_min: f64) -> Self {
+        Self {
+            position: position.cloned().unwrap_or_default(),
+            motions: Vec::new(),
+            near_part_feed_mm_min,
+        }
+    }
+
+    /// Adds a motion of the axes that are not at their target yet; none if all are.
+    pub fn add_feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
+        let moved: Position =
+            to.iter().filter(|(axis, value)| !self.is_at(*axis, *value)).collect();
+        if !moved.is_empty() {
+            self.position = self.position.updated_by(&moved);
+            self.motions.push(motion(moved));
+        }
+    }
+
+    pub fn add_orientation(&mut self, s: Option<f64>) {
+        if let Some(s) = s.filter(|s| !self.is_at(Axis::S, *s)) {
+            self.position.set(Axis::S, s);
+            self.motions.push(Motion::Orient { s });
+        }
+    }
+
+    pub fn is_at(&self, axis: Axis, value: f64) -> bool {
+        self.position.get(axis).is_some_and(|at| (at - value).abs() <= POSITION_TOLERANCE)
+    }
+}

@@ -1,0 +1,384 @@
+//! Checks the text, motion by motion, against the steps in their order.
+
+use std::f64::consts::PI;
+
+use super::refusal::{ProofRefusal, RefusalReason};
+use super::scene::{ClearanceRule, Scene};
+use super::sweep::JointPath;
+use super::{MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, rules, touch};
+use crate::ConfirmedDirections;
+use crate::gcode::rs274::{MotionFrame, MotionKind, ReadMotion};
+use machine::kinematics::{AxisCommands, KinematicChain};
+use machine::record::plan::{Step, StepKind};
+use machine::record::proof::{Clearance, Proof};
+use machine::{Axis, Position};
+
+/// Progress of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum StepPhase {
+    Approach,
+    /// On the path of a scan: number of points reached, and time of rest at the last one, s.
+    Scanning {
+        reached_count: usize,
+        dwelled_s: f64,
+    },
+    /// The touch is finished, and the machine is where contact stopped it.
+    Touched,
+    /// The machine is back at `from`.
+    BackedOff,
+    /// The prompt has stopped the program.
+    PromptShown,
+}
+
+fn is_prompt(step: &Step) -> bool {
+    step.kind == StepKind::Prompt
+}
+
+pub struct ProgramCheck<'a> {
+    request: &'a ProofRequest<'a>,
+    motions: Vec<ReadMotion>,
+    /// Steps of all stages, each with the number of its stage.
+    step_queue: Vec<(&'a Step, usize)>,
+    scenes: Vec<Scene>,
+    /// Index of the current turn.
+    step_index: Option<usize>,
+    pub(super) phase: StepPhase,
+    position: Position,
+    /// Current line, from 1.
+    line: usize,
+    proof: Proof,
+    /// Smallest clearance of the current step.
+    nearest: Option<Clearance>,
+    /// Lines whose path is not known.
+    unchecked_lines: Vec<usize>,
+    pub(super) confirmed: ConfirmedDirections,
+    pub(super) chain: KinematicChain,
+}
+
+pub(super) type CheckResult = Result<(), RefusalReason>;
+
+impl<'a> ProgramCheck<'a> {
+    /// Begins the check. `motions`: the motions of the request's programs, as read back.
+    pub fn begin(
+        request: &'a ProofRequest<'a>,
+        motions: Vec<ReadMotion>,
+    ) -> Result<Self, ProofRefusal> {
+        let at = |line| move |reason| ProofRefusal { step: None, line, reason };
+        let mut turns = Vec::new();
+        let mut scenes = Vec::new();
+        for (stage, staged) in request.stages.iter().enumerate() {
+            let artefact = staged.found_artefact.unwrap_or(&request.plan.artefact);
+            scenes.push(Scene::new(request.plan, artefact).map_err(at(1))?);
+            for id in staged.steps {
+                let step = request.plan.steps.iter().find(|step| step.id == *id);
+                turns.push((step.ok_or(RefusalReason::UnknownStep(*id)).map_err(at(1))?, stage));
+            }
+        }
+        let position = request.position.cloned().unwrap_or_default();
+        let chain =
+            KinematicChain::new(&request.plan.machine).map_err(|error| at(1)(error.into()))?;
+        Ok(Self {
+            request,
+            motions,
+            step_queue: turns,
+            scenes,
+            step_index: None,
+            phase: StepPhase::BackedOff,
+            position,
+            line: 1,
+            proof: Proof::default(),
+            nearest: None,
+            unchecked_lines: Vec::new(),
+            confirmed: request.confirmed,
+            chain,
+        })
+    }
+
+    /// Checks all motions.
+    pub fn check_all_motions(mut self) -> Result<Proof, ProofRefusal> {
+        for motion in std::mem::take(&mut self.motions) {
+            self.line = motion.line;
+            self.check_motion(&motion).map_err(|reason| self.refusal(reason))?;
+            self.proof.motions += usize::from(motion.kind != MotionKind::Stop);
+        }
+        self.check_end().map_err(|reason| self.refusal(reason))?;
+        Ok(self.into_proof())
+    }
+
+    fn refusal(&self, reason: RefusalReason) -> ProofRefusal {
+        let step = self.step().map(|step| (step.id, step.label.clone()));
+        ProofRefusal { step, line: self.line, reason }
+    }
+
+    pub(super) fn step(&self) -> Option<&'a Step> {
+        self.step_queue.get(self.step_index?).map(|(step, _)| *step)
+    }
+
+    pub(super) fn request(&self) -> &'a ProofRequest<'a> {
+        self.request
+    }
+
+    /// Whether touches have confirmed the position of the machine.
+    pub(super) fn is_confirmed(&self) -> bool {
+        self.confirmed.is_all()
+    }
+
+    pub(super) fn position(&self) -> &Position {
+        &self.position
+    }
+
+    /// Scene of the current stage; before any step, of the first stage.
+    fn scene(&self) -> Option<&Scene> {
+        let stage = self
+            .step_index
+            .and_then(|turn| self.step_queue.get(turn))
+            .map_or(0, |(_, stage)| *stage);
+        self.scenes.get(stage)
+    }
+
+    fn check_motion(&mut self, motion: &ReadMotion) -> CheckResult {
+        self.advance_to_step(motion.step_number.ok_or(RefusalReason::MotionWithoutStep)?)?;
+        if let MotionFrame::Work(slot) = &motion.frame {
+            return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
+        }
+        let machine = &self.request.plan.machine;
+        rules::check_limits(motion, machine, self.request.dialect)?;
+        if self.step().is_some_and(is_prompt) {
+            return self.check_prompt(motion.kind);
+        }
+        if let Some((step, scan)) = self.step().and_then(|step| Some((step, step.scan.as_ref()?))) {
+            return self.check_scan_motion(motion, step, scan);
+        }
+        match motion.kind {
+            MotionKind::Dwell { .. } => Ok(()),
+            MotionKind::Feed if self.phase == StepPhase::Approach && !self.is_confirmed() => {
+                self.check_unconfirmed_feed(motion)
+            }
+            MotionKind::Feed => self.check_back_off(motion),
+            _ if self.phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
+            MotionKind::Orient { s } => self.check_orientation(s),
+            MotionKind::Rapid if !self.is_confirmed() => {
+                Err(RefusalReason::RapidBeforeConfirmation)
+            }
+            MotionKind::Rapid => self.check_move(
+                &motion.target,
+                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            ),
+            MotionKind::Probe { must_touch } => self.check_probing_move(motion, must_touch),
+            MotionKind::Stop => Err(RefusalReason::UnexpectedStop),
+        }
+    }
+
+    /// Checks a prompt: it is one stop, and after it the position of the machine is unknown.
+    fn check_prompt(&mut self, kind: MotionKind) -> CheckResult {
+        match (kind, self.phase) {
+            (MotionKind::Stop, StepPhase::Approach) => {
+                (self.position, self.phase) = (Position::new(), StepPhase::PromptShown);
+                self.confirmed = ConfirmedDirections::default();
+                Ok(())
+            }
+            (MotionKind::Stop, _) => Err(RefusalReason::UnexpectedStop),
+            _ => Err(RefusalReason::MotionInPrompt),
+        }
+    }
+
+    /// Continues the current step, or completes it and begins the next one.
+    fn advance_to_step(&mut self, n: u32) -> CheckResult {
+        let next = self.step_index.map_or(0, |turn| turn + 1);
+        let expected = self.step_queue.get(next).map(|(step, _)| step.id);
+        match self.step() {
+            Some(step) if step.id == n => return Ok(()),
+            _ if expected != Some(n) => {
+                return Err(RefusalReason::WrongStepOrder { found: n, expected });
+            }
+            Some(_) => self.complete_step()?,
+            None => {}
+        }
+        (self.step_index, self.phase) = (Some(next), StepPhase::Approach);
+        Ok(())
+    }
+
+    fn complete_step(&mut self) -> CheckResult {
+        match (self.step().and_then(|step| step.scan.as_ref()), self.phase) {
+            (_, StepPhase::PromptShown) => return Ok(()),
+            (Some(scan), _) => self.check_scan_complete(scan)?,
+            (None, StepPhase::Touched) => {
+                return Err(RefusalReason::IncompleteStep("the back-off from contact"));
+            }
+            (None, StepPhase::BackedOff) => self.check_move(
+                &Position::new(),
+                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            )?,
+            (None, _) => return Err(RefusalReason::IncompleteStep("the touch")),
+        }
+        self.proof.steps.extend(self.nearest.take());
+        if let Some(step) = self.step() {
+            self.confirmed = self.confirmed.after_step(step);
+        }
+        Ok(())
+    }
+
+    fn check_end(&mut self) -> CheckResult {
+        if self.step_index.is_some() {
+            self.complete_step()?;
+        }
+        let next = self.step_index.map_or(0, |turn| turn + 1);
+        self.step_queue
+            .get(next)
+            .map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
+    }
+
+    /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
+    /// guarded move.
+    fn check_probing_move(&mut self, motion: &ReadMotion, must_touch: bool) -> CheckResult {
+        let step = self.step().ok_or(RefusalReason::MotionWithoutStep)?;
+        let dialect = self.request.dialect;
+        let changes = |(axis, value): (Axis, f64)| self.position.get(axis) != Some(value);
+        let turns = motion.target.iter().filter(|(axis, _)| !axis.is_linear()).any(changes);
+        let ends = self.position.updated_by(&motion.target);
+        let begins = rules::find_axis_mismatch(&self.position, &step.from, dialect);
+        let to = rules::find_axis_mismatch(&ends, &step.to.filter_axes(Axis::is_linear), dialect);
+        if !turns && (begins.is_none() || to.is_none()) {
+            match (self.phase, begins, to) {
+                (StepPhase::Approach, None, None) => return self.check_touch(motion, step),
+                (StepPhase::Approach, None, Some(to)) => {
+                    return Err(to.into_refusal_reason(RefusalReason::WrongTarget));
+                }
+                (StepPhase::Approach, Some(begins), _) => {
+                    return Err(begins.into_refusal_reason(RefusalReason::WrongTouchStart));
+                }
+                (_, _, None) => return Err(RefusalReason::RepeatedTouch),
+                _ => {}
+            }
+        }
+        if must_touch {
+            return Err(RefusalReason::UnexpectedProbingMove);
+        }
+        let probe = &self.request.plan.probe;
+        rules::check_max_feed("the guarded move", motion, probe.guarded_feed_mm_min)?;
+        rules::braking_distance_mm(motion, &self.request.plan.machine, probe)?;
+        let rule = match (turns, self.is_confirmed()) {
+            (true, false) => return Err(RefusalReason::TurnBeforeConfirmation),
+            (true, true) => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            (false, false) => self.unconfirmed_guarded_rule(motion)?,
+            (false, true) => self.guarded_move_rule(),
+        };
+        self.check_move(&motion.target, &rule)
+    }
+
+    /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
+    pub(super) fn guarded_move_rule(&self) -> ClearanceRule {
+        if self.proof.motions == 0 {
+            ClearanceRule::LeavingStart
+        } else {
+            ClearanceRule::GuardedMove
+        }
+    }
+
+    fn check_touch(&mut self, motion: &ReadMotion, step: &Step) -> CheckResult {
+        let plan = self.request.plan;
+        rules::check_exact_feed("the touch", motion, step.feed_mm_min)?;
+        let braking = rules::braking_distance_mm(motion, &plan.machine, &plan.probe)?;
+        let to = self.position.updated_by(&motion.target);
+        rules::check_touch_length(&self.position, &to, plan.probe.overtravel_mm)?;
+        let from = self.commands(&self.position)?;
+        let joint_path = JointPath { from, to: self.commands(&to)? };
+        let reach = {
+            let scene = self.scene().ok_or(RefusalReason::MotionWithoutStep)?;
+            touch::touch_reach(scene, &joint_path, braking, step.normal)?
+        };
+        // At its start, the ball is clear of the artefact, wherever the artefact is.
+        self.check_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
+        self.check_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.body))?;
+        self.check_clearance(
+            &reach.joint_path,
+            &ClearanceRule::TouchMovingParts(reach.body, reach.lateral),
+        )?;
+        self.position = self.position.filter_axes(|axis| motion.target.get(axis).is_none());
+        self.phase = StepPhase::Touched;
+        Ok(())
+    }
+
+    /// Checks a G1 move: from contact straight back to `from`, along the path that was proven for the touch.
+    fn check_back_off(&mut self, motion: &ReadMotion) -> CheckResult {
+        let step = self.step().ok_or(RefusalReason::MotionWithoutStep)?;
+        if self.phase != StepPhase::Touched {
+            return Err(RefusalReason::UnexpectedFeedMove);
+        }
+        let probe = &self.request.plan.probe;
+        rules::check_max_feed("the back-off from contact", motion, probe.search_feed_mm_min)?;
+        let ends = self.position.updated_by(&motion.target);
+        if let Some(off) = rules::find_axis_mismatch(&ends, &step.from, self.request.dialect) {
+            return Err(off.into_refusal_reason(RefusalReason::WrongBackOffTarget));
+        }
+        (self.position, self.phase) = (ends, StepPhase::BackedOff);
+        Ok(())
+    }
+
+    /// Checks an orientation of the spindle to `s`; the sense of rotation is unknown.
+    pub(super) fn check_orientation(&mut self, s: f64) -> CheckResult {
+        if !self.is_confirmed() {
+            self.check_z_at_top(&Position::new().with(Axis::S, s))?;
+        }
+        let turned = |by: f64| self.position.clone().with(Axis::S, s + by);
+        let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
+        match (from, to) {
+            (Ok(from), Ok(to)) => self.check_clearance(
+                &JointPath { from, to },
+                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
+            )?,
+            _ => self.unchecked_lines.push(self.line),
+        }
+        self.position.set(Axis::S, s);
+        Ok(())
+    }
+
+    /// Checks a straight move to `target`.
+    pub(super) fn check_move(&mut self, target: &Position, rule: &ClearanceRule) -> CheckResult {
+        let ends = self.position.updated_by(target);
+        match (self.commands(&self.position), self.commands(&ends)) {
+            (Ok(from), Ok(to)) => self.check_clearance(&JointPath { from, to }, rule)?,
+            _ => self.unchecked_lines.push(self.line),
+        }
+        self.position = ends;
+        Ok(())
+    }
+
+    /// Commands of all axes; a spindle that is not oriented counts as zero.
+    fn commands(&self, position: &Position) -> Result<AxisCommands, RefusalReason> {
+        let axes = self.request.plan.machine.axes.keys();
+        let mut unknown = axes.filter(|axis| **axis != Axis::S && position.get(**axis).is_none());
+        match unknown.next() {
+            Some(axis) => Err(RefusalReason::UnknownPosition(*axis)),
+            None => Ok(Axis::ALL.map(|axis| position.get_or_zero(axis))),
+        }
+    }
+
+    /// Checks that the path is free, and keeps the smallest clearance.
+    fn check_clearance(&mut self, joint_path: &JointPath, rule: &ClearanceRule) -> CheckResult {
+        let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
+        let nearest_pair =
+            self.scene().map_or(Ok(None), |scene| scene.nearest_pair(joint_path, rule, most))?;
+        if let Some((clearance_mm, between)) = nearest_pair {
+            let step = self.step().map_or(0, |step| step.id);
+            self.nearest = Some(Clearance { step, line: self.line, clearance_mm, between });
+        }
+        Ok(())
+    }
+
+    fn into_proof(self) -> Proof {
+        let mut proof = self.proof;
+        let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
+        proof.nearest = proof.steps.iter().min_by(least).cloned();
+        let scene = self.scenes.into_iter().next();
+        proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.unchecked_items);
+        if let (Some(first), Some(last)) =
+            (self.unchecked_lines.first(), self.unchecked_lines.last())
+        {
+            proof.not_looked_at.push(format!(
+                "the path of lines {first} to {last}, before the positions of all axes are known"
+            ));
+        }
+        proof
+    }
+}

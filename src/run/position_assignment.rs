@@ -1,0 +1,195 @@
+//! One scan in motion: the samples of a sensor with the axis positions that the control reports for their
+//! times.
+
+use devices::sensors::Sample;
+use machine::Position;
+use machine::record::track::AxisTrack;
+
+/// Maximum deviation of a controlled axis at rest, mm or rad.
+pub(super) const REST_TOLERANCE: f64 = 0.002;
+/// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
+const MAX_RATE_RATIO: f64 = 1.02;
+const RATE_WINDOW_SAMPLES: usize = 50;
+/// Maximum distance at which a stamped path has reached a point, mm or rad: the axes lag behind their commands
+/// and stop at the points.
+const PATH_POINT_TOLERANCE: f64 = 0.2;
+
+/// Reason why a track does not cover all of `path`. Without this check, missing samples beyond its ends would
+/// not be noticed.
+pub(super) fn uncovered_path(track: &AxisTrack, path: &[Position]) -> Option<String> {
+    let reached = track.reached_point_count(path, PATH_POINT_TOLERANCE);
+    (reached < path.len()).then(|| {
+        format!(
+            "the control reported the time of only {reached} of the {} points on the path",
+            path.len()
+        )
+    })
+}
+
+/// Samples with the axis positions at their times.
+#[derive(Debug, Default)]
+pub(super) struct PositionedSamples {
+    pub samples: Vec<(Sample, Position)>,
+    /// Number of samples taken in motion at a time without a position from the control.
+    pub without_position: usize,
+    /// Number of samples left out because the sensor is faster than the planned rate.
+    pub dropped_by_rate: usize,
+}
+
+/// The `samples` taken while the axes of `track` moved, at most `rate_hz` per second.
+pub(super) fn assign_positions(
+    samples: &[Sample],
+    track: &AxisTrack,
+    rate_hz: f64,
+) -> PositionedSamples {
+    let Some((from_s, to_s)) = track.motion_interval_s(REST_TOLERANCE) else {
+        return PositionedSamples::default();
+    };
+    let moving = samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s));
+    let positions = moving.map(|sample| (*sample, track.position_at(sample.t_s)));
+    limit_rate(&positions.collect::<Vec<_>>(), rate_hz)
+}
+
+/// At most `rate_hz` samples per second with their positions. `None`: the position is unknown.
+pub(super) fn limit_rate(
+    samples: &[(Sample, Option<Position>)],
+    rate_hz: f64,
+) -> PositionedSamples {
+    let mut placed = PositionedSamples::default();
+    let keep = kept_share(samples, rate_hz);
+    let mut due = 1.0;
+    for (sample, position) in samples {
+        // Chosen by number and not by time, as sample times have jitter.
+        due += keep * (1.0 + f64::from(sample.missing));
+        if due < 1.0 {
+            placed.dropped_by_rate += 1;
+            continue;
+        }
+        due = (due - 1.0).min(1.0 - f64::EPSILON);
+        match position {
+            Some(position) => placed.samples.push((*sample, position.clone())),
+            None => placed.without_position += 1,
+        }
+    }
+    placed
+}
+
+/// Share of `samples` that is kept. Sample times have jitter, and a counter that wraps reports far too many
+/// missing samples. The rate is therefore the median over groups of [`RATE_WINDOW_SAMPLES`] samples.
+fn kept_share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
+    let own_hz = |window: &[(Sample, Option<Position>)]| {
+        let ((first, _), rest) = window.split_first()?;
+        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.missing)).sum();
+        Some(came / (rest.last()?.0.t_s - first.t_s))
+    };
+    let mut rates: Vec<f64> = samples.chunks(RATE_WINDOW_SAMPLES).filter_map(own_hz).collect();
+    rates.sort_by(f64::total_cmp);
+    let own_hz = rates.get(rates.len() / 2).copied().unwrap_or_default();
+    if own_hz > rate_hz * MAX_RATE_RATIO { rate_hz / own_hz } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use machine::Axis;
+    use machine::record::reading::ReadingFlag;
+
+    fn x(at: f64) -> Position {
+        Position::new().with(Axis::X, at)
+    }
+
+    /// X moves from 0 to 10 mm within 10 s, stamped every 0.1 s from 10 s before to 10 s after the motion; no
+    /// stamps from 2.95 to 4.05 s.
+    fn track() -> AxisTrack {
+        let mut track = AxisTrack::new(vec![Axis::X]);
+        for number in -100_i32..=200 {
+            let t_s = f64::from(number) * 0.1;
+            if (2.95..4.05).contains(&t_s) {
+                track.record_gap();
+            } else {
+                track.push(t_s, [t_s.clamp(0.0, 10.0)]);
+            }
+        }
+        track
+    }
+
+    /// A sample every 4 ms whose value is its time.
+    fn samples() -> Vec<Sample> {
+        let sample = |number: i32| {
+            let t_s = f64::from(number) * 0.004 + 0.001;
+            Sample {
+                t_s,
+                value_mm: Some(t_s),
+                flag: ReadingFlag::None,
+                missing: 0,
+                encoder_count: None,
+            }
+        };
+        (-1000..4000).map(sample).collect()
+    }
+
+    #[test]
+    fn each_sample_has_the_position_of_its_own_time() {
+        let placed = assign_positions(&samples(), &track(), 1000.0);
+        for (sample, position) in &placed.samples {
+            assert!(
+                (position.get_or_zero(Axis::X) - sample.t_s).abs() < 1e-9,
+                "{sample:?} {position:?}"
+            );
+        }
+        // Ten seconds minus the gap from 2.9 to 4.1 s.
+        assert!((2200 - placed.samples.len() as i32).abs() <= 2, "{}", placed.samples.len());
+        assert!((300 - placed.without_position as i32).abs() <= 2, "{}", placed.without_position);
+        assert_eq!(placed.dropped_by_rate, 0);
+    }
+
+    #[test]
+    fn a_fast_sensor_is_thinned_by_leaving_out() {
+        let placed = assign_positions(&samples(), &track(), 100.0);
+        let times: Vec<f64> = placed.samples.iter().map(|(sample, _)| sample.t_s).collect();
+        assert!((880 - times.len() as i32).abs() <= 2, "{}", times.len());
+        // Kept samples are two or three sensor periods apart, and no sample is interpolated.
+        for pair in times.windows(2).filter(|pair| pair[1] < 2.9 || pair[0] > 4.1) {
+            let periods = (pair[1] - pair[0]) / 0.004;
+            assert!((1.99..3.01).contains(&periods), "{pair:?}");
+        }
+        assert!(
+            samples().iter().filter(|sample| times.contains(&sample.t_s)).count() == times.len()
+        );
+    }
+
+    #[test]
+    fn what_stood_still_all_the_while_is_no_scan() {
+        let mut still = AxisTrack::new(vec![Axis::X]);
+        for number in 0..100 {
+            still.push(f64::from(number), [5.0 + 0.001 * f64::from(number % 2)]);
+        }
+        assert!(assign_positions(&samples(), &still, 1000.0).samples.is_empty());
+    }
+
+    /// A counter that wraps reports tens of thousands of missing samples. No other sample is lost because of
+    /// it.
+    #[test]
+    fn a_counter_that_begins_anew_thins_nothing() {
+        let mut samples = samples();
+        samples[1500].missing = 60_000;
+        samples[2000].missing = u32::MAX;
+        samples[2100].missing = u32::MAX;
+        assert_eq!(assign_positions(&samples, &track(), 1000.0).dropped_by_rate, 0);
+        let dropped_by_rate = assign_positions(&samples, &track(), 100.0);
+        assert!(
+            (880 - dropped_by_rate.samples.len() as i32).abs() <= 4,
+            "{}",
+            dropped_by_rate.samples.len()
+        );
+    }
+
+    #[test]
+    fn a_track_that_ends_before_the_scan_or_begins_later_is_none_of_it() {
+        let path = |points: &[f64]| points.iter().map(|at| x(*at)).collect::<Vec<Position>>();
+        assert_eq!(uncovered_path(&track(), &path(&[0.0, 10.0])), None);
+        let why = uncovered_path(&track(), &path(&[0.0, 10.0, 0.0])).unwrap();
+        assert!(why.contains("2 of the 3 points"), "{why}");
+        assert!(uncovered_path(&track(), &path(&[-1.0, 10.0])).unwrap().contains("0 of the 2"));
+    }
+}

@@ -1,0 +1,156 @@
+//! Resuming a stored run after a stop, up to its estimate. Used by the command line and by the service.
+
+use std::sync::Arc;
+
+use jiff::Timestamp;
+
+use super::identify::stored_setup;
+use super::prompts::answered_prompts;
+use super::{CycleError, InterruptedRun, PromptAnswers, Run, can_resume, conclude_run};
+use crate::archive::run_story;
+use crate::setup::{Devices, MachineFile, RunHistory, SetupError};
+use crate::store::{Journal, RunId, RunState, StoredRun};
+use machine::record::estimate::Estimate;
+use machine::record::event::Event;
+use machine::record::plan::ArtefactMount;
+use methods::Method;
+
+/// An unfinished run with the machine file and the method with which it was started.
+pub struct ResumableRun {
+    pub machine: MachineFile,
+    method: Arc<dyn Method>,
+    stored: StoredRun,
+    /// Answered prompts as (step, repeat), and the mountings of the artefact that they confirm.
+    answered_prompts: Vec<(u32, u32)>,
+    mountings: Vec<ArtefactMount>,
+    /// Wall time since the last reading, s.
+    elapsed_s: f64,
+}
+
+/// Question to the operator before the machine moves again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResumeQuestion {
+    pub run: RunId,
+    /// How the run was interrupted.
+    pub end_reason: String,
+    pub confirmation: &'static str,
+    /// Whether the control may have lost its position, so that all axes must be homed first.
+    pub position_lost: bool,
+}
+
+/// Reason why a run cannot be resumed.
+#[derive(Debug, thiserror::Error)]
+pub enum ResumeRefusal {
+    #[error("run {run} {why} and cannot be resumed")]
+    NotResumable { run: RunId, why: &'static str, next_action: Option<String> },
+    #[error("{}\nthe name of the operator who has checked the machine is missing; nothing has moved", .0.end_reason)]
+    NameMissing(ResumeQuestion),
+    #[error("{}\nthe confirmation that all axes are homed is missing; nothing has moved", .0.end_reason)]
+    NotHomed(ResumeQuestion),
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+}
+
+impl ResumableRun {
+    /// # Errors
+    /// The run is not unfinished, or its machine file or its settings belong to another version.
+    pub fn from_stored(stored: StoredRun) -> Result<Self, ResumeRefusal> {
+        check_state(&stored)?;
+        let (machine, method) = stored_setup(&stored)?;
+        let since = stored.measured_until.or(stored.summary.ended);
+        let elapsed_s =
+            since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
+        let answered_prompts = answered_prompts(&stored.events);
+        let mount = |(id, _): &(u32, u32)| stored.plan.steps.iter().find(|s| s.id == *id)?.mount;
+        let mountings = answered_prompts.iter().filter_map(mount).collect();
+        Ok(Self { machine, method, stored, answered_prompts, mountings, elapsed_s })
+    }
+
+    pub fn stored(&self) -> &StoredRun {
+        &self.stored
+    }
+
+    pub fn resume_question(&self) -> ResumeQuestion {
+        resume_question(&self.stored)
+    }
+
+    /// State from which a simulated machine continues.
+    pub fn history(&self) -> RunHistory<'_> {
+        let Self { stored, mountings, elapsed_s, .. } = self;
+        RunHistory { readings: &stored.readings, mountings, elapsed_s: *elapsed_s }
+    }
+
+    /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
+    ///
+    /// # Errors
+    /// `who` is empty, or `homed` is false although the control may have lost its position.
+    pub fn acknowledgement(&self, who: &str, homed: bool) -> Result<Event, ResumeRefusal> {
+        let question = self.resume_question();
+        let who = who.trim().to_owned();
+        match (who.is_empty(), question.position_lost && !homed) {
+            (true, _) => Err(ResumeRefusal::NameMissing(question)),
+            (false, true) => Err(ResumeRefusal::NotHomed(question)),
+            (false, false) => {
+                let ResumeQuestion { end_reason, confirmation, .. } = question;
+                let what = format!("{end_reason}; confirmed question: {confirmation}");
+                Ok(Event::Acknowledged { who, what, leaves: false })
+            }
+        }
+    }
+
+    /// Resumes the run on open devices and returns its estimate. The acknowledgement must be in the journal.
+    ///
+    /// # Errors
+    /// A fault or a stop: the machine holds, and all readings so far are in the journal.
+    pub async fn run(
+        self,
+        devices: &Devices,
+        journal: &Journal,
+        answers: PromptAnswers,
+        on_event: &mut dyn FnMut(&Event),
+    ) -> Result<(RunId, Estimate), CycleError> {
+        let Self { machine, method, stored, answered_prompts, elapsed_s, .. } = self;
+        let StoredRun { summary, plan, stages, readings, .. } = stored;
+        let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, on_event);
+        let mut run = run.with_answers(answers);
+        let ended =
+            run.resume(InterruptedRun { stages, readings, answered_prompts, elapsed_s }).await;
+        let estimate = conclude_run(run, ended, &method, &machine.tolerance).await?;
+        Ok((summary.id, estimate))
+    }
+}
+
+/// Question for an interrupted run.
+pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
+    let position_lost = run_story::position_lost(stored);
+    let confirmation = match position_lost {
+        true => {
+            "Are all axes homed (the control may have lost its position)? Is each axis without a homing \
+            switch at its zero mark when the control shows 0? Is the path free, and is the probe or sensor \
+            in the spindle undamaged?"
+        }
+        false => "Is the path free, and is the probe or sensor in the spindle undamaged?",
+    };
+    ResumeQuestion {
+        run: stored.summary.id,
+        end_reason: run_story::describe_end(stored),
+        confirmation,
+        position_lost,
+    }
+}
+
+fn check_state(stored: &StoredRun) -> Result<(), ResumeRefusal> {
+    let (run, state) = (stored.summary.id, stored.summary.state);
+    if state.is_resumable() {
+        return Ok(());
+    }
+    let why = match state {
+        RunState::Finished => "is finished",
+        RunState::NotIdentified => "is measured completely and has no estimate yet",
+        RunState::Failed => "was refused before any motion",
+        RunState::Closed => "is closed",
+        _ => "is in progress",
+    };
+    let next_action = run_story::next_action(stored, can_resume(&stored.plan, &stored.readings));
+    Err(ResumeRefusal::NotResumable { run, why, next_action })
+}

@@ -1,0 +1,84 @@
+//! Rate limits: of changes by each client, of log lines about the holds of each client, and of invalid tokens from
+//! each address.
+
+use std::num::NonZeroU32;
+use std::time::Duration;
+
+use governor::clock::{Clock, DefaultClock};
+use governor::state::keyed::HashMapStateStore;
+use governor::{Quota, RateLimiter};
+
+/// Limit of changes: burst size, and number per minute.
+const MAX_CHANGES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(59);
+const MAX_FAILURES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
+/// Limit of log lines about holds: burst size, and number per minute.
+const MAX_HOLD_LOG_LINES_PER_MINUTE: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
+/// Maximum number of clients that are counted separately; all further clients share one count.
+const MAX_COUNTED_CLIENTS: usize = 1000;
+
+type Limiter = RateLimiter<String, HashMapStateStore<String>, DefaultClock>;
+
+pub struct RateLimits {
+    changes: Limiter,
+    failures: Limiter,
+    holds: Limiter,
+}
+
+/// The rate limit is exceeded; the value is the time to wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RateLimitExceeded(pub Duration);
+
+impl Default for RateLimits {
+    fn default() -> Self {
+        let limiter = |most| Limiter::hashmap(Quota::per_minute(most));
+        let [changes, failures, holds] =
+            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE]
+                .map(limiter);
+        Self { changes, failures, holds }
+    }
+}
+
+impl RateLimits {
+    /// Counts a change by `caller`.
+    pub fn count_change(&self, caller: &str) -> Result<(), RateLimitExceeded> {
+        check_rate(&self.changes, caller)
+    }
+
+    /// Counts a hold by `caller`. The hold is executed in any case; an error means that it is not logged.
+    pub fn count_hold(&self, caller: &str) -> Result<(), RateLimitExceeded> {
+        check_rate(&self.holds, caller)
+    }
+
+    /// Counts an invalid token from `address`.
+    pub fn count_failure(&self, address: &str) -> Result<(), RateLimitExceeded> {
+        check_rate(&self.failures, address)
+    }
+}
+
+fn check_rate(limiter: &Limiter, client: &str) -> Result<(), RateLimitExceeded> {
+    if limiter.len() >= MAX_COUNTED_CLIENTS {
+        limiter.retain_recent();
+    }
+    let key = if limiter.len() >= MAX_COUNTED_CLIENTS { "all others" } else { client };
+    let result = limiter.check_key(&key.to_owned());
+    result.map_err(|until| RateLimitExceeded(until.wait_time_from(DefaultClock::default().now())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_caller_has_a_count_of_its_own_and_all_others_one() {
+        let rates = RateLimits::default();
+        let refused = |who: &str| (0..11).filter(|_| rates.count_failure(who).is_err()).count();
+        assert_eq!(refused("10.0.0.1"), 1);
+        assert_eq!(refused("10.0.0.2"), 1);
+        assert_eq!(rates.count_change("10.0.0.1"), Ok(()));
+        let flood = (0..3 * MAX_COUNTED_CLIENTS)
+            .filter(|n| rates.count_failure(&format!("flood {n}")).is_err())
+            .count();
+        assert!(flood > MAX_COUNTED_CLIENTS, "{flood}");
+        assert!(rates.failures.len() <= MAX_COUNTED_CLIENTS + 1);
+    }
+}

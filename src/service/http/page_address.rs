@@ -1,0 +1,57 @@
+//! Address of a daemon's page, for commands on the same computer: a small file beside the journal.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PageAddressFile {
+    /// Process ID of the daemon; a file that another process has left is ignored.
+    pub pid: u32,
+    pub page: SocketAddr,
+    /// By machine: SHA-256 of its machine file.
+    pub machine_files: BTreeMap<String, String>,
+}
+
+impl PageAddressFile {
+    fn path(folder: &Path) -> PathBuf {
+        folder.join("page.json")
+    }
+
+    /// Writes the file to `folder`, that of the journal. A concurrent reader gets the old or the new file.
+    pub fn write(&self, folder: &Path) -> io::Result<()> {
+        let (file, new_file) = (Self::path(folder), folder.join("page.json.new"));
+        std::fs::write(&new_file, serde_json::to_vec(self)?)?;
+        std::fs::rename(new_file, file)
+    }
+
+    /// The file of the daemon `pid`; `None` if that daemon has no page.
+    pub fn read(pid: u32, folder: &Path) -> Option<Self> {
+        let text = std::fs::read(Self::path(folder)).ok()?;
+        serde_json::from_slice(&text).ok().filter(|known: &Self| known.pid == pid)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_daemon_that_is_asked_for_is_believed() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(PageAddressFile::read(7, folder.path()), None);
+        let here = PageAddressFile {
+            pid: 7,
+            page: ([127, 0, 0, 1], 8137).into(),
+            machine_files: BTreeMap::new(),
+        };
+        here.write(folder.path()).unwrap();
+        assert_eq!(PageAddressFile::read(7, folder.path()), Some(here));
+        assert_eq!(PageAddressFile::read(8, folder.path()), None);
+        std::fs::write(PageAddressFile::path(folder.path()), "{").unwrap();
+        assert_eq!(PageAddressFile::read(7, folder.path()), None);
+    }
+}

@@ -1,0 +1,332 @@
+//! Decision whether a due slot may start: a pure function of the current state.
+
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::entry::{OverlapPolicy, ReadinessCondition};
+use crate::service::config::StartInterlock;
+use crate::service::machine_state::Refusal;
+use crate::service::schedule_state::Readiness;
+use crate::store::Arming;
+
+/// Maximum time by which an arming may be later than the clock; beyond it, the clock was set back, and the arming is
+/// invalid.
+const MAX_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
+
+/// Conditions of a start.
+#[derive(Debug, Clone)]
+pub struct StartRequirements<'a> {
+    pub required_interlocks: &'a [StartInterlock],
+    pub required_conditions: &'a [ReadinessCondition],
+    pub min_idle: Duration,
+    pub overlap: OverlapPolicy,
+    pub latest_start: Timestamp,
+}
+
+/// Current state of the machine, for the decision.
+#[derive(Debug, Clone)]
+pub struct StartConditions<'a> {
+    pub now: Timestamp,
+    /// Reason for which the gate would refuse a start now.
+    pub gate_refusal: Option<Refusal>,
+    /// Last arming of this cycle.
+    pub arming: Option<&'a Arming>,
+    /// Readiness that the machine reports; `None` without a fresh report.
+    pub readiness: Option<Readiness>,
+    /// Time for which the machine has reported without a break that the control executes no program, and for which no
+    /// run of this service was in progress.
+    pub idle_time: Option<Duration>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum StartDecision {
+    Start,
+    Wait(String),
+    Skip(String),
+}
+
+pub fn decide_start(
+    requirements: &StartRequirements<'_>,
+    conditions: &StartConditions<'_>,
+) -> StartDecision {
+    if let Err(why) = check_arming(conditions.arming, conditions.now) {
+        return StartDecision::Skip(why);
+    }
+    let Some(why) = unmet_condition(requirements, conditions) else { return StartDecision::Start };
+    if conditions.now > requirements.latest_start {
+        return StartDecision::Skip(format!("the latest start time has passed: {why}"));
+    }
+    match conditions.gate_refusal {
+        // Waiting does not help: no person will be at the machine later either.
+        Some(Refusal::AsksPerson) => StartDecision::Skip(why),
+        Some(Refusal::Busy) if requirements.overlap == OverlapPolicy::Skip => {
+            StartDecision::Skip(why)
+        }
+        _ => StartDecision::Wait(why),
+    }
+}
+
+/// Checks that the arming is valid at `now`.
+///
+/// # Errors
+/// Why the arming is not valid.
+pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), String> {
+    let Some(arming) = arming else {
+        return Err("the cycle is not armed for unattended motion".to_owned());
+    };
+    let who = &arming.who;
+    if let Some((when, why)) = &arming.ended {
+        return Err(format!("the arming by {who} ended at {when}: {why}"));
+    }
+    if let Some(run) = arming.broken {
+        return Err(format!("run {run} was not completed after {who} armed this cycle"));
+    }
+    if now >= arming.until {
+        return Err(format!("the arming by {who} expired at {}", arming.until));
+    }
+    match arming.armed.duration_since(now) > MAX_CLOCK_SETBACK {
+        true => Err(format!("the clock was set back to before the arming by {who}")),
+        false => Ok(()),
+    }
+}
+
+fn unmet_condition(
+    requirements: &StartRequirements<'_>,
+    conditions: &StartConditions<'_>,
+) -> Option<String> {
+    let Some(readiness) = conditions.readiness else {
+        return Some(match conditions.gate_refusal {
+            None | Some(Refusal::Stale) => {
+                format!("not ready: no current report of {}", input_names(requirements))
+            }
+            Some(why) => format!("not ready: {why}"),
+        });
+    };
+    if let Some(why) = conditions.gate_refusal {
+        return Some(format!("not ready: {why}"));
+    }
+    let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
+        ReadinessCondition::Probe => (!readiness.probe).then_some("the probe is ready (`probe`)"),
+        ReadinessCondition::Artefact => {
+            (!readiness.artefact).then_some("the artefact is in place (`artefact`)")
+        }
+        ReadinessCondition::Temperature => {
+            (!readiness.temperature).then_some("the temperature is as agreed (`temperature`)")
+        }
+    });
+    if let Some(input) = unmet_input {
+        return Some(format!("not ready: the control does not report that {input}"));
+    }
+    unmet_idle_time(requirements.min_idle, conditions.idle_time)
+}
+
+fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<String> {
+    let minutes = |span: Duration| span.as_secs() / 60;
+    match idle_time {
+        _ if min_idle.is_zero() => None,
+        None => Some("not ready: the control does not report `idle`".to_owned()),
+        Some(idle) if idle < min_idle => Some(format!(
+            "not ready: the control has been idle for {} of {} minutes",
+            minutes(idle),
+            minutes(min_idle)
+        )),
+        Some(_) => None,
+    }
+}
+
+/// Names of all inputs that the machine would have to report.
+fn input_names(requirements: &StartRequirements<'_>) -> String {
+    let demands = requirements.required_interlocks.iter().map(|demand| match demand {
+        StartInterlock::Enable => "enable",
+        StartInterlock::Auto => "auto",
+        StartInterlock::Door => "door",
+    });
+    let inputs = requirements.required_conditions.iter().map(|input| match input {
+        ReadinessCondition::Probe => "probe",
+        ReadinessCondition::Artefact => "artefact",
+        ReadinessCondition::Temperature => "temperature",
+    });
+    let idle = (!requirements.min_idle.is_zero()).then_some("idle");
+    demands.chain(inputs).chain(idle).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::machine_state::Interlocks;
+    use crate::store::RunId;
+
+    const ALL_INTERLOCKS: [StartInterlock; 3] =
+        [StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door];
+    const ALL_CONDITIONS: [ReadinessCondition; 3] =
+        [ReadinessCondition::Probe, ReadinessCondition::Artefact, ReadinessCondition::Temperature];
+    const MIN_IDLE: Duration = Duration::from_secs(20 * 60);
+
+    fn timestamp(text: &str) -> Timestamp {
+        text.parse().unwrap()
+    }
+
+    fn arming() -> Arming {
+        Arming {
+            machine: "m".to_owned(),
+            cycle: 1,
+            who: "Ada".to_owned(),
+            why: String::new(),
+            armed: timestamp("2026-11-20T16:00:00Z"),
+            until: timestamp("2026-11-27T16:00:00Z"),
+            ended: None,
+            broken: None,
+        }
+    }
+
+    fn readiness() -> Readiness {
+        let interlocks = Interlocks {
+            fresh: true,
+            enable: true,
+            auto: true,
+            door: true,
+            stop: false,
+            person: false,
+        };
+        Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true }
+    }
+
+    /// Decision with all conditions met at 05:30 in Berlin, after `change`.
+    fn decide_with(
+        change: impl FnOnce(&mut StartRequirements<'_>, &mut StartConditions<'_>, &mut Arming),
+    ) -> StartDecision {
+        let (mut arming, mut requirements, mut conditions) = (
+            arming(),
+            StartRequirements {
+                required_interlocks: &ALL_INTERLOCKS,
+                required_conditions: &ALL_CONDITIONS,
+                min_idle: MIN_IDLE,
+                overlap: OverlapPolicy::Wait,
+                latest_start: timestamp("2026-11-23T05:00:00Z"),
+            },
+            StartConditions {
+                now: timestamp("2026-11-23T04:30:00Z"),
+                gate_refusal: None,
+                arming: None,
+                readiness: Some(readiness()),
+                idle_time: Some(MIN_IDLE),
+            },
+        );
+        change(&mut requirements, &mut conditions, &mut arming);
+        decide_start(&requirements, &StartConditions { arming: Some(&arming), ..conditions })
+    }
+
+    fn decision_text(decision: StartDecision) -> (char, String) {
+        match decision {
+            StartDecision::Start => ('!', String::new()),
+            StartDecision::Wait(why) => ('w', why),
+            StartDecision::Skip(why) => ('s', why),
+        }
+    }
+
+    #[test]
+    fn it_starts_when_all_is_told_and_armed() {
+        assert_eq!(decide_with(|_, _, _| {}), StartDecision::Start);
+        let latest_start =
+            decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
+        assert_eq!(latest_start, StartDecision::Start);
+    }
+
+    #[test]
+    fn each_condition_that_does_not_hold_is_waited_for_and_named() {
+        type Change = fn(&mut Readiness);
+        let cases: [(Change, &str); 3] = [
+            (|readiness| readiness.probe = false, "`probe`"),
+            (|readiness| readiness.artefact = false, "`artefact`"),
+            (|readiness| readiness.temperature = false, "`temperature`"),
+        ];
+        for (change, name) in cases {
+            let (kind, why) = decision_text(decide_with(|_, conditions, _| {
+                let mut readiness = readiness();
+                change(&mut readiness);
+                conditions.readiness = Some(readiness);
+            }));
+            assert!(kind == 'w' && why.contains(name), "{kind} {why}");
+        }
+        for (refused, name) in
+            [(Refusal::NotEnabled, "external start"), (Refusal::DoorOpen, "guard")]
+        {
+            let (kind, why) = decision_text(decide_with(|_, conditions, _| {
+                conditions.gate_refusal = Some(refused)
+            }));
+            assert!(kind == 'w' && why.contains(name), "{kind} {why}");
+        }
+        for (idle, name) in [(None, "`idle`"), (Some(MIN_IDLE / 4), "5 of 20 minutes")] {
+            let (kind, why) =
+                decision_text(decide_with(|_, conditions, _| conditions.idle_time = idle));
+            assert!(kind == 'w' && why.contains(name), "{kind} {why}");
+        }
+    }
+
+    #[test]
+    fn what_nobody_tells_is_not_assumed() {
+        let nobody = |conditions: &mut StartConditions<'_>| {
+            (conditions.readiness, conditions.idle_time) = (None, None);
+            conditions.gate_refusal = Some(Refusal::Stale);
+        };
+        let (kind, why) = decision_text(decide_with(|_, conditions, _| nobody(conditions)));
+        let all = "not ready: no current report of enable, auto, door, probe, artefact, temperature, idle";
+        assert_eq!((kind, why.as_str()), ('w', all));
+    }
+
+    #[test]
+    fn after_the_latest_start_nothing_starts_and_why_not_is_told() {
+        let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
+            conditions.now = timestamp("2026-11-23T05:00:01Z");
+            conditions.gate_refusal = Some(Refusal::DoorOpen);
+            requirements.overlap = OverlapPolicy::Wait;
+        }));
+        assert_eq!(
+            (kind, why.as_str()),
+            ('s', "the latest start time has passed: not ready: a guard is open")
+        );
+    }
+
+    #[test]
+    fn a_run_that_is_on_is_waited_for_or_not() {
+        let busy = |overlap| {
+            let (kind, why) = decision_text(decide_with(|requirements, conditions, _| {
+                (requirements.overlap, conditions.gate_refusal) = (overlap, Some(Refusal::Busy));
+            }));
+            assert!(why.contains("a run is in progress"), "{why}");
+            kind
+        };
+        assert_eq!([busy(OverlapPolicy::Wait), busy(OverlapPolicy::Skip)], ['w', 's']);
+        // The minimum interval after the end of the run is not over yet: a later start is possible.
+        let soon = decide_with(|requirements, conditions, _| {
+            (requirements.overlap, conditions.gate_refusal) =
+                (OverlapPolicy::Skip, Some(Refusal::TooSoon));
+        });
+        assert_eq!(decision_text(soon).0, 'w');
+    }
+
+    #[test]
+    fn a_cycle_that_asks_a_person_is_not_waited_for() {
+        let (kind, why) = decision_text(decide_with(|_, conditions, _| {
+            conditions.gate_refusal = Some(Refusal::AsksPerson)
+        }));
+        assert!(kind == 's' && why.contains("has prompts"), "{kind} {why}");
+    }
+
+    #[test]
+    fn nothing_starts_that_is_not_armed_now() {
+        type Change = fn(&mut Arming);
+        let cases: [(Change, &str); 4] = [
+            (|arming| arming.until = timestamp("2026-11-23T04:30:00Z"), "expired at"),
+            (|arming| arming.broken = Some(RunId(7)), "run 7"),
+            (|arming| arming.ended = Some((arming.armed, "it is Sunday".to_owned())), "Sunday"),
+            (|arming| arming.armed = timestamp("2026-11-23T05:30:01Z"), "set back"),
+        ];
+        for (change, name) in cases {
+            let (kind, why) = decision_text(decide_with(|_, _, arming| change(arming)));
+            assert!(kind == 's' && why.contains(name), "{kind} {why}");
+        }
+        assert!(check_arming(None, timestamp("2026-11-23T04:30:00Z")).is_err());
+    }
+}

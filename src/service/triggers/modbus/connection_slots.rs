@@ -1,0 +1,167 @@
+//! Watched connections: an idle connection is closed, and the number of connections is limited.
+
+use std::future::Future as _;
+use std::io;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::TcpStream;
+use tokio::sync::oneshot;
+use tokio::time::{Instant, Sleep, sleep};
+
+/// Maximum time without a received byte; after that, the connection is closed, also if it is half open.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Time without a received byte after which a connection may be replaced by a new one: a control that was switched
+/// off leaves a connection that is never closed.
+const MIN_QUIET_TIME: Duration = Duration::from_secs(2);
+
+/// The limited set of connections.
+pub struct ConnectionSlots {
+    capacity: usize,
+    occupied: Mutex<Vec<ConnectionSlot>>,
+}
+
+struct ConnectionSlot {
+    last_received: Arc<Mutex<Instant>>,
+    /// Dropping it requests that the connection closes; the receiver is closed once the connection is.
+    close_request: oneshot::Sender<()>,
+}
+
+impl ConnectionSlots {
+    pub fn new(capacity: usize) -> Self {
+        Self { capacity, occupied: Mutex::default() }
+    }
+
+    /// Returns a slot for `stream`. If all are occupied, the connection that has been quiet longest is replaced.
+    /// `None`: no connection was quiet.
+    pub fn admit(&self, stream: TcpStream) -> Option<GuardedStream> {
+        let mut occupied = self.occupied.lock().unwrap_or_else(PoisonError::into_inner);
+        occupied.retain(|slot| !slot.close_request.is_closed());
+        if occupied.len() >= self.capacity {
+            let last_received = |slot: &ConnectionSlot| read_instant(&slot.last_received);
+            let quietest =
+                occupied.iter().enumerate().min_by_key(|(_, slot)| last_received(slot))?.0;
+            if last_received(occupied.get(quietest)?).elapsed() < MIN_QUIET_TIME {
+                return None;
+            }
+            occupied.swap_remove(quietest);
+        }
+        let last_received = Arc::new(Mutex::new(Instant::now()));
+        let (close_request, close_receiver) = oneshot::channel();
+        occupied.push(ConnectionSlot { last_received: last_received.clone(), close_request });
+        Some(GuardedStream {
+            stream,
+            idle_timer: Box::pin(sleep(IDLE_TIMEOUT)),
+            last_received,
+            close_receiver: Some(close_receiver),
+            frame: RequestFrame::default(),
+        })
+    }
+}
+
+fn read_instant(last_received: &Mutex<Instant>) -> Instant {
+    *last_received.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub struct GuardedStream {
+    stream: TcpStream,
+    idle_timer: Pin<Box<Sleep>>,
+    last_received: Arc<Mutex<Instant>>,
+    close_receiver: Option<oneshot::Receiver<()>>,
+    frame: RequestFrame,
+}
+
+/// Head of the incoming request, as far as it is received.
+#[derive(Default)]
+struct RequestFrame {
+    header: Vec<u8>,
+    received_bytes: usize,
+}
+
+impl RequestFrame {
+    const BYTE_COUNT_INDEX: usize = 12;
+    const WRITE_COILS_FUNCTION: u8 = 15;
+
+    /// Whether `byte` completes a request at which tokio-modbus 0.17 panics: more coils than its bytes can contain.
+    fn completes_invalid_request(&mut self, byte: u8) -> bool {
+        if self.received_bytes <= Self::BYTE_COUNT_INDEX {
+            self.header.push(byte);
+        }
+        self.received_bytes += 1;
+        let &[_, _, _, _, n1, n0, ..] = self.header.as_slice() else { return false };
+        let coils = match *self.header.as_slice() {
+            [.., function, _, _, c1, c0, _]
+                if self.received_bytes == Self::BYTE_COUNT_INDEX + 1
+                    && function == Self::WRITE_COILS_FUNCTION =>
+            {
+                u16::from_be_bytes([c1, c0])
+            }
+            _ => 0,
+        };
+        if self.received_bytes >= 6 + usize::from(u16::from_be_bytes([n1, n0])) {
+            *self = Self::default();
+        }
+        usize::from(coils) > 8 * usize::from(byte)
+    }
+}
+
+impl GuardedStream {
+    fn poll_timeout(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
+        let receiver = self.close_receiver.as_mut();
+        if receiver.is_none_or(|receiver| Pin::new(receiver).poll(context).is_ready()) {
+            // A completed receiver must not be polled again.
+            self.close_receiver = None;
+            return Poll::Ready(io::ErrorKind::ConnectionAborted.into());
+        }
+        self.idle_timer.as_mut().poll(context).map(|()| io::ErrorKind::TimedOut.into())
+    }
+}
+
+impl AsyncRead for GuardedStream {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
+        match Pin::new(&mut self.stream).poll_read(context, buffer) {
+            Poll::Pending => self.poll_timeout(context).map(Err),
+            ready => {
+                let new_bytes = buffer.filled().get(before..).unwrap_or_default();
+                if new_bytes.iter().any(|byte| self.frame.completes_invalid_request(*byte)) {
+                    return Poll::Ready(Err(io::ErrorKind::InvalidData.into()));
+                }
+                let now = Instant::now();
+                self.idle_timer.as_mut().reset(now + IDLE_TIMEOUT);
+                *self.last_received.lock().unwrap_or_else(PoisonError::into_inner) = now;
+                ready
+            }
+        }
+    }
+}
+
+impl AsyncWrite for GuardedStream {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        match Pin::new(&mut self.stream).poll_write(context, bytes) {
+            // A client that does not read its responses is closed too.
+            Poll::Pending => self.poll_timeout(context).map(Err),
+            ready => ready,
+        }
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}

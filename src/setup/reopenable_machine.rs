@@ -1,0 +1,82 @@
+//! The machine of one file, which can be opened repeatedly. Its simulated parts share one world that persists
+//! between the openings.
+
+use std::sync::Arc;
+
+use super::machine_file::{Control, MachineFile};
+use super::{
+    Devices, Pace, RunHistory, SetupError, SimulatedMachine, machine_dialect, render_modes,
+};
+use devices::controllers::ControllerConfig;
+use link::Clock;
+use link::clock::HostClock;
+use simulator::SimulatedOperator;
+
+pub struct ReopenableMachine<'a> {
+    file: &'a MachineFile,
+    machine: MachineKind<'a>,
+}
+
+enum MachineKind<'a> {
+    Real(Arc<dyn ControllerConfig>),
+    Simulated(SimulatedMachine<'a>),
+}
+
+impl<'a> ReopenableMachine<'a> {
+    /// A site with nothing open.
+    ///
+    /// # Errors
+    /// The simulated world cannot be built.
+    pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
+        let machine = match &file.controller.control {
+            Control::Simulated(_) => MachineKind::Simulated(SimulatedMachine::new(file)?),
+            Control::Real(control) => MachineKind::Real(control.clone()),
+        };
+        Ok(Self { file, machine })
+    }
+
+    /// Advances a simulated machine to the time after `history`.
+    pub(super) fn advance_to(self, history: RunHistory<'_>) -> Self {
+        if let MachineKind::Simulated(rehearsal) = &self.machine {
+            rehearsal.advance_to(history);
+        }
+        self
+    }
+
+    /// Opens the machine's control. Call inside a tokio runtime. A simulated control is switched off and on
+    /// between two openings; its axes keep their positions.
+    ///
+    /// # Errors
+    /// The dialect is invalid, or the control cannot be opened.
+    pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
+        let dialect = machine_dialect(self.file)?;
+        match &self.machine {
+            MachineKind::Simulated(rehearsal) => rehearsal.open(dialect, pace).await,
+            MachineKind::Real(control) => {
+                let clock: Arc<dyn Clock> = Arc::new(HostClock::start());
+                let machine = &self.file.machine;
+                let modes = render_modes(&dialect, machine, control.result_log())?;
+                let opening = control.open(machine, modes, clock.clone());
+                let devices = Devices::with_clock(opening.await?, dialect, clock);
+                Ok(devices.with_sensors(self.file, None))
+            }
+        }
+    }
+
+    /// The simulated operator of a simulated machine; `None` for a real one.
+    pub fn simulated_operator(&self) -> Option<SimulatedOperator> {
+        match &self.machine {
+            MachineKind::Simulated(rehearsal) => Some(rehearsal.simulated_operator()),
+            MachineKind::Real(_) => None,
+        }
+    }
+}
+
+/// Opens the devices of `file`. Call inside a tokio runtime.
+pub async fn open_devices(
+    file: &MachineFile,
+    pace: Pace,
+    history: RunHistory<'_>,
+) -> Result<Devices, SetupError> {
+    ReopenableMachine::new(file)?.advance_to(history).open(pace).await
+}

@@ -1,0 +1,88 @@
+//! The simulated machine of a file, and its simulated operator.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use super::machine_file::{Control, MachineFile};
+use super::simulated::{ServedControl, SimulatedControl, SimulationSetup};
+use super::{Devices, Pace, RunHistory, SetupError, build_world, render_modes};
+
+use planning::gcode::Dialect;
+use simulator::faulty_wire::{FaultyWire, PlannedFault};
+use simulator::{SimulatedOperator, SimulatedWorld};
+
+pub struct SimulatedMachine<'a> {
+    file: &'a MachineFile,
+    control: SimulatedControl,
+    world: Arc<Mutex<SimulatedWorld>>,
+}
+
+impl<'a> SimulatedMachine<'a> {
+    /// The simulated machine of `file`; a real control is replaced by a simulated one.
+    ///
+    /// # Errors
+    /// The simulated world cannot be built.
+    pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
+        let control = match &file.controller.control {
+            Control::Simulated(simulated) => simulated.clone(),
+            Control::Real(_) => SimulatedControl::default(),
+        };
+        Ok(Self { file, control, world: Arc::new(Mutex::new(build_world(file)?)) })
+    }
+
+    /// Advances the world to the time after `history`, with its mountings.
+    pub(super) fn advance_to(&self, history: RunHistory<'_>) {
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        history.mountings.iter().for_each(|mount| world.mount_artefact(mount.turn_deg));
+        if let Some(last) = history.readings.last() {
+            let probed = history.readings.iter().map(|reading| reading.step);
+            world.advance(last.t_s + history.elapsed_s, probed);
+        }
+    }
+
+    pub(super) async fn open(&self, dialect: Dialect, pace: Pace) -> Result<Devices, SetupError> {
+        let modes = render_modes(&dialect, &self.file.machine, None)?;
+        let (controller, served) = self.control.open(self.simulation_setup(pace)?, modes).await?;
+        let world = Some(self.world.clone());
+        Ok(Devices::new(controller, dialect)
+            .with_sensors(self.file, world)
+            .with_served_control(served))
+    }
+
+    /// Serves the simulated control on its wire until dropped. Call inside a tokio runtime.
+    ///
+    /// # Errors
+    /// The wire cannot be opened.
+    pub fn serve(&self, pace: Pace) -> Result<ServedControl, SetupError> {
+        Ok(self.control.serve(self.simulation_setup(pace)?)?)
+    }
+
+    /// As [`Self::serve`], with a faulty wire; `on_fault` is called with each fault and its time.
+    ///
+    /// # Errors
+    /// The wire cannot be opened.
+    pub fn serve_with_faults(
+        &self,
+        pace: Pace,
+        wire: FaultyWire,
+        on_fault: fn(Duration, PlannedFault),
+    ) -> Result<ServedControl, SetupError> {
+        Ok(self.control.serve_with_faults(self.simulation_setup(pace)?, wire, on_fault)?)
+    }
+
+    /// Replaces the probe in the spindle by a sensor.
+    pub fn remove_probe(&self) {
+        let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+        world.set_probe_removed(true);
+    }
+
+    /// The simulated operator, who observes the true motion.
+    pub fn simulated_operator(&self) -> SimulatedOperator {
+        SimulatedOperator::new(self.world.clone())
+    }
+
+    fn simulation_setup(&self, pace: Pace) -> Result<SimulationSetup<'a>, SetupError> {
+        let faults = self.file.simulated_faults(&self.control)?;
+        Ok(SimulationSetup { machine: &self.file.machine, world: self.world.clone(), pace, faults })
+    }
+}

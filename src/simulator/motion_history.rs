@@ -1,0 +1,38 @@
+//! Past positions of the axes: the output of a sensor with latency belongs to an earlier position.
+
+use std::collections::VecDeque;
+
+use super::path::MovePath;
+
+/// Number of moves that are kept.
+const MAX_STORED_MOVES: usize = 64;
+
+/// The last moves, in the order of time.
+#[derive(Debug, Clone, Default)]
+pub(super) struct MotionHistory {
+    moves: VecDeque<RecordedMove>,
+}
+
+#[derive(Debug, Clone)]
+struct RecordedMove {
+    start_s: f64,
+    path: MovePath,
+    /// Path fraction at which the axes came to rest.
+    end_fraction: f64,
+}
+
+impl MotionHistory {
+    pub fn record_move(&mut self, start_s: f64, path: &MovePath, end_fraction: f64) {
+        if self.moves.len() == MAX_STORED_MOVES {
+            self.moves.pop_front();
+        }
+        self.moves.push_back(RecordedMove { start_s, path: path.clone(), end_fraction });
+    }
+
+    /// The path that was last begun before `t_s`, and the path fraction at `t_s`; before the first move, its start.
+    pub fn path_at(&self, t_s: f64) -> Option<(&MovePath, f64)> {
+        let last_begun = self.moves.iter().rev().find(|recorded| recorded.start_s <= t_s);
+        let RecordedMove { start_s, path, end_fraction } = last_begun.or(self.moves.front())?;
+        Some((path, path.ramp().fraction_after(0.0, t_s - start_s).min(*end_fraction)))
+    }
+}

@@ -1,0 +1,185 @@
+//! Pages of long lists: a journal contains years of runs, and a run thousands of readings.
+
+use jiff::Timestamp;
+use rusqlite::{Connection, OptionalExtension, params};
+use serde::Deserialize;
+
+use super::{
+    Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read,
+};
+use machine::record::estimate::{Parameter, Verdict};
+use machine::record::reading::Reading;
+
+/// Filter of a list of runs. Without a bound the list begins with the newest run.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RunFilter<'a> {
+    /// Only runs older than this one.
+    pub older_than: Option<RunId>,
+    /// Only runs newer than this one; without `older_than` the runs that follow it directly.
+    pub newer_than: Option<RunId>,
+    pub machine: Option<&'a str>,
+    pub method: Option<&'a str>,
+    pub state: Option<RunState>,
+}
+
+/// Result of the newest finished run of a machine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatestResult {
+    pub run: RunId,
+    /// Time at which that run ended.
+    pub ended: Timestamp,
+    pub verdict: Verdict,
+    pub parameters: Vec<Parameter>,
+}
+
+/// The newest runs of a machine that were measured to their end.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct NewestRuns {
+    /// Result of the newest run with an estimate.
+    pub result: Option<LatestResult>,
+    /// The newest run without an estimate, if it is newer than `result`.
+    pub not_identified: Option<RunId>,
+}
+
+impl Journal {
+    /// At most `limit` runs, newest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn list_runs(
+        &self,
+        filter: RunFilter<'_>,
+        limit: usize,
+    ) -> Result<Vec<RunSummary>, StoreError> {
+        self.query(|connection| select_runs(connection, filter, limit))
+    }
+
+    /// Number of readings of a run, and at most `limit` of them after the first `after`.
+    ///
+    /// # Errors
+    /// The run does not exist, or the journal cannot be read.
+    pub fn list_readings(
+        &self,
+        run: RunId,
+        after: usize,
+        limit: usize,
+    ) -> Result<(usize, Vec<Reading>), StoreError> {
+        self.query(|connection| select_readings(connection, run, after, limit))
+    }
+
+    /// The newest runs of `machine` that were measured to their end, as of one instant.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn newest_results(&self, machine: &str) -> Result<NewestRuns, StoreError> {
+        self.query(|connection| {
+            let snapshot = connection.transaction()?;
+            let result = newest_result(&snapshot, machine)?;
+            let newer =
+                select_not_identified(&snapshot, machine, result.as_ref().map(|it| it.run))?;
+            Ok(NewestRuns { result, not_identified: newer.last().copied() })
+        })
+    }
+
+    /// All runs of `machine` that were measured to their end and have no estimate, oldest first.
+    ///
+    /// # Errors
+    /// The journal cannot be read.
+    pub fn runs_without_estimate(&self, machine: &str) -> Result<Vec<RunId>, StoreError> {
+        self.query(|connection| select_not_identified(connection, machine, None))
+    }
+}
+
+fn select_runs(
+    connection: &Connection,
+    filter: RunFilter<'_>,
+    limit: usize,
+) -> Result<Vec<RunSummary>, StoreFault> {
+    let RunFilter { older_than: before, newer_than: after, machine, method, state } = filter;
+    let is_ascending = after.is_some() && before.is_none();
+    let order = if is_ascending { "ASC" } else { "DESC" };
+    let mut statement = connection.prepare(&format!(
+        "{} WHERE (?1 IS NULL OR id < ?1) AND (?2 IS NULL OR id > ?2)
+            AND (?3 IS NULL OR machine = ?3) AND (?4 IS NULL OR method = ?4)
+            AND (?5 IS NULL OR run_state = ?5) ORDER BY id {order} LIMIT ?6",
+        read::SELECT_RUN_SUMMARY
+    ))?;
+    let [before, after] = [before, after].map(|run| run.map(|run| run.0));
+    let limit = i64::try_from(limit).unwrap_or(i64::MAX);
+    let filter = params![before, after, machine, method, state.map(RunState::as_str), limit];
+    let rows = statement.query_map(filter, read::summary_from_row)?;
+    let mut runs = rows.collect::<Result<Vec<_>, _>>()?;
+    if is_ascending {
+        runs.reverse();
+    }
+    Ok(runs)
+}
+
+/// A scan is one row with many readings: the rows are counted first, and only the requested ones are read.
+fn select_readings(
+    connection: &mut Connection,
+    run: RunId,
+    after: usize,
+    limit: usize,
+) -> Result<(usize, Vec<Reading>), StoreFault> {
+    let snapshot = connection.transaction()?;
+    let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
+    there.optional()?.ok_or(StoreFault::RunNotFound(run))?;
+    let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
+    let counts: Vec<(i64, u32)> =
+        columns::run_rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let mut one =
+        snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
+    let end = after.saturating_add(limit);
+    let (mut all, mut some) = (0, Vec::new());
+    for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
+        if all < end && all + count > after {
+            let row = one.query_row(params![run.0, seq], read::readings_from_row)?;
+            some.extend(row.into_iter().skip(after.saturating_sub(all)).take(end - all.max(after)));
+        }
+        all += count;
+    }
+    Ok((all, some))
+}
+
+fn newest_result(
+    connection: &Connection,
+    machine: &str,
+) -> Result<Option<LatestResult>, StoreFault> {
+    /// The needed fields of the estimate's JSON.
+    #[derive(Deserialize)]
+    struct EstimateSummary {
+        verdict: Verdict,
+        parameters: Vec<Parameter>,
+    }
+    let found = connection.query_row(
+        "SELECT runs.id, coalesce(ended, started), estimate FROM runs JOIN estimates
+         ON estimates.seq = (SELECT max(seq) FROM estimates WHERE run = runs.id)
+         WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
+        params![machine, RunState::Finished.as_str()],
+        |row| {
+            let EstimateSummary { verdict, parameters } = columns::from_json(row, 2)?;
+            let (run, ended) = (RunId(row.get(0)?), columns::parse_column(row, 1)?);
+            Ok(LatestResult { run, ended, verdict, parameters })
+        },
+    );
+    let found = found.optional()?;
+    let runs: Vec<i64> = found.iter().map(|newest| newest.run.0).collect();
+    checksum::verify_estimates(connection, &runs)?;
+    Ok(found)
+}
+
+fn select_not_identified(
+    connection: &Connection,
+    machine: &str,
+    after: Option<RunId>,
+) -> Result<Vec<RunId>, StoreFault> {
+    let mut statement = connection.prepare(
+        "SELECT id FROM runs WHERE id > ?1 AND machine = ?2 AND state = ?3
+         AND NOT EXISTS (SELECT 1 FROM estimates WHERE run = runs.id) ORDER BY id",
+    )?;
+    let after = after.map_or(0, |run| run.0);
+    let finished = RunState::Finished.as_str();
+    let runs = statement.query_map(params![after, machine, finished], |row| row.get(0))?;
+    Ok(runs.map(|id| id.map(RunId)).collect::<Result<_, _>>()?)
+}
