@@ -10,8 +10,9 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::{ExitStatus, show};
 use crate::service::DaemonFile;
+use crate::service::machine_state::PlannedSchedule;
 use crate::service::schedule::planned;
-use crate::service::schedule_state::{Planned, arming};
+use crate::service::schedule_state::arming;
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, ScheduleSlot};
 
@@ -22,7 +23,7 @@ const MAX_PAST_SLOTS: usize = 20;
 struct ScheduleReport {
     machine: String,
     /// Next slots; only if the machine file is given.
-    planned: Vec<Planned>,
+    planned: Vec<PlannedSchedule>,
     armed: Vec<Arming>,
     last: Vec<ScheduleSlot>,
 }
@@ -54,7 +55,7 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
     Ok(ExitStatus::Pass)
 }
 
-fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
+fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
     let now = Timestamp::now();
     let machines = file.machines.into_iter();
     machines
@@ -65,7 +66,7 @@ fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
 fn print_schedule(reports: &ScheduleReport) {
     let ScheduleReport { machine, planned, armed, last } = reports;
     outln!("{machine}");
-    for Planned { name, cycle, at, zone, next, .. } in planned {
+    for PlannedSchedule { name, cycle, at, zone, next, .. } in planned {
         let next: Vec<_> =
             next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
         outln!("  {name}: cycle {cycle}, {at} in {zone}; next {}", next.join(", "));

@@ -10,7 +10,7 @@ use machine::record::machine::AxisSense;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question};
 
 /// Length of a jog, mm or degrees.
-const JOG_LENGTH: f64 = 1.0;
+const JOG_LENGTH_MM_OR_DEG: f64 = 1.0;
 /// Tolerance of an observed distance, mm or degrees.
 const OBSERVATION_TOLERANCE: f64 = 0.2;
 
@@ -120,7 +120,7 @@ fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     let (since, machine) = (Instant::now(), &check.file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.position.as_ref()?;
-    let jog = jog::jog_inwards(axis, JOG_LENGTH, spec, stands);
+    let jog = jog::jog_inwards(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
     if jog.is_none() {
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
         let what =

@@ -17,9 +17,9 @@ const FEED_PER_MIN: f64 = 60.0;
 /// Length of one retract step, mm.
 pub(super) const RETRACT_MM: f64 = 1.0;
 /// Maximum distance of a homed axis beyond its limit, mm or degrees.
-const LIMIT_TOLERANCE: f64 = 0.01;
+const LIMIT_TOLERANCE_MM_OR_DEG: f64 = 0.01;
 /// Maximum difference between two reported positions at rest, mm or degrees.
-const REST_TOLERANCE: f64 = 0.02;
+const REST_TOLERANCE_MM_OR_DEG: f64 = 0.02;
 /// Step number in the N words.
 const STEP_NUMBER: u32 = 1;
 
@@ -69,7 +69,7 @@ pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Positio
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
     let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
-    (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE).then_some(Jog {
+    (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog {
         axis,
         by,
         feed_per_min,
@@ -188,7 +188,7 @@ async fn check_unmoved(check: &Check<'_>) -> Result<(), JogError> {
         check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S)
     {
         let (was, now) = (axis.to_mm_or_deg(at), axis.to_mm_or_deg(now.get_or_zero(axis)));
-        if (now - was).abs() > REST_TOLERANCE {
+        if (now - was).abs() > REST_TOLERANCE_MM_OR_DEG {
             return Err(JogError::PositionChanged { axis, was, now });
         }
     }

@@ -38,7 +38,7 @@ impl UrgentSender {
 
     /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
-    pub fn send_and_close(&self, bytes: &[u8]) {
+    pub fn send_and_drop_ordinary(&self, bytes: &[u8]) {
         let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), is_final: true });
     }
 }

@@ -56,7 +56,7 @@ async fn after_a_hold_only_urgent_bytes_follow() {
     let mut start = [0; 1];
     theirs.read_exact(&mut start).await.unwrap();
     link.send(b"queued\n").unwrap();
-    link.urgent().send_and_close(b"!");
+    link.urgent().send_and_drop_ordinary(b"!");
     link.send(b"too late\n").unwrap();
     link.urgent().send(b"?");
     drop(link);

@@ -6,7 +6,7 @@ use machine::record::machine::{AxisSpec, Machine};
 use machine::record::motion::Block;
 
 /// Tolerance for limits in degrees, so that rounding does not refuse a move exactly to the limit.
-const LIMIT_TOLERANCE: f64 = 1e-9;
+const LIMIT_TOLERANCE_MM_OR_RAD: f64 = 1e-9;
 
 /// Whether the machine has all axes of a position, and the position is within their limits.
 pub(super) fn is_within_limits(position: &Position, machine: &Machine) -> bool {
@@ -17,7 +17,7 @@ pub(super) fn is_within_limits(position: &Position, machine: &Machine) -> bool {
 }
 
 fn is_inside_limits(value: f64, spec: &AxisSpec) -> bool {
-    (spec.min - LIMIT_TOLERANCE..=spec.max + LIMIT_TOLERANCE).contains(&value)
+    (spec.min - LIMIT_TOLERANCE_MM_OR_RAD..=spec.max + LIMIT_TOLERANCE_MM_OR_RAD).contains(&value)
 }
 
 /// # Errors

@@ -4,7 +4,7 @@ use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
 /// Maximum difference of equal positions, mm or rad.
-pub(super) const POSITION_TOLERANCE: f64 = 1e-9;
+pub(super) const EQUAL_POSITION_TOLERANCE: f64 = 1e-9;
 
 pub(super) fn z_position(z: f64) -> Position {
     Position::new().with(Axis::Z, z)
@@ -55,6 +55,6 @@ impl MotionSequence {
     }
 
     pub fn is_at(&self, axis: Axis, value: f64) -> bool {
-        self.position.get(axis).is_some_and(|at| (at - value).abs() <= POSITION_TOLERANCE)
+        self.position.get(axis).is_some_and(|at| (at - value).abs() <= EQUAL_POSITION_TOLERANCE)
     }
 }

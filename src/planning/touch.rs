@@ -1,7 +1,7 @@
 //! One touch as a safe sequence of motions.
 
 use super::confirmed_directions::BlockStart;
-use super::motion_sequence::{MotionSequence, POSITION_TOLERANCE, z_position};
+use super::motion_sequence::{EQUAL_POSITION_TOLERANCE, MotionSequence, z_position};
 use super::unconfirmed_approach::{UnconfirmedApproach, near_part_feed_mm_min};
 use super::{PlanningError, SafeHeights, limits, over_balls};
 use machine::record::motion::{Block, Motion};
@@ -102,16 +102,19 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
     }
     let turned = step.to.iter().find(|(axis, value)| {
         !axis.is_linear()
-            && step.from.get(*axis).is_none_or(|from| (from - value).abs() > POSITION_TOLERANCE)
+            && step
+                .from
+                .get(*axis)
+                .is_none_or(|from| (from - value).abs() > EQUAL_POSITION_TOLERANCE)
     });
     if let Some((axis, _)) = turned {
         return Err(PlanningError::RotaryMotionInTouch { step: id, axis });
     }
     let (length, overtravel) = (square.sqrt(), plan.probe.overtravel_mm);
-    if length > overtravel + POSITION_TOLERANCE {
+    if length > overtravel + EQUAL_POSITION_TOLERANCE {
         return Err(PlanningError::TouchTooLong { step: id, length, overtravel });
     }
-    if length > POSITION_TOLERANCE {
+    if length > EQUAL_POSITION_TOLERANCE {
         Ok(())
     } else {
         Err(PlanningError::ZeroLengthTouch { step: id })

@@ -155,7 +155,10 @@ fn what_failed_is_named() {
     estimate.parameters[1].judged =
         Some(LimitVerdict { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
     let failed = page(&estimate);
-    assert!(failed.contains(&format!("uncertainty included: {symbol}</p>")), "{symbol}");
+    assert!(
+        failed.contains(&format!("out of tolerance by more than the uncertainty: {symbol}</p>")),
+        "{symbol}"
+    );
     for words in
         ["<td>12.5</td><td>fail</td><td>2.1 %</td>", "no limit", "Decision rule: guard bands."]
     {

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::position_assignment::{PositionedSamples, REST_TOLERANCE, limit_rate};
+use super::position_assignment::{PositionedSamples, REST_TOLERANCE_MM_OR_RAD, limit_rate};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
@@ -104,7 +104,7 @@ impl CountedTurn<'_> {
         let [start, end] = self.rest_positions;
         let angles = self.angles(samples)?;
         let is_off = |(_, angle): &(Sample, f64), rest: &Position| {
-            (angle - rest.get_or_zero(axis)).abs() > REST_TOLERANCE
+            (angle - rest.get_or_zero(axis)).abs() > REST_TOLERANCE_MM_OR_RAD
         };
         let start_index =
             angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();

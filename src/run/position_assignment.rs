@@ -6,7 +6,7 @@ use machine::Position;
 use machine::record::track::AxisTrack;
 
 /// Maximum deviation of a controlled axis at rest, mm or rad.
-pub(super) const REST_TOLERANCE: f64 = 0.002;
+pub(super) const REST_TOLERANCE_MM_OR_RAD: f64 = 0.002;
 /// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
 const MAX_RATE_RATIO: f64 = 1.02;
 const RATE_WINDOW_SAMPLES: usize = 50;
@@ -42,7 +42,7 @@ pub(super) fn assign_positions(
     track: &AxisTrack,
     rate_hz: f64,
 ) -> PositionedSamples {
-    let Some((from_s, to_s)) = track.motion_interval_s(REST_TOLERANCE) else {
+    let Some((from_s, to_s)) = track.motion_interval_s(REST_TOLERANCE_MM_OR_RAD) else {
         return PositionedSamples::default();
     };
     let moving = samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s));

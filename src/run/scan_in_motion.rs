@@ -9,7 +9,7 @@ use tokio::time::sleep;
 use super::counted_turn::{CountedTurn, rotation_rad};
 use super::display_rounding::undo_display_rounding;
 use super::equal_angles;
-use super::position_assignment::{self, PositionedSamples, REST_TOLERANCE};
+use super::position_assignment::{self, PositionedSamples, REST_TOLERANCE_MM_OR_RAD};
 use super::scan::{PositionedSample, to_reading};
 use super::watched_sensors::{AcceptSample, is_distance};
 use super::{Run, RunError};
@@ -70,7 +70,7 @@ impl Run<'_> {
         let scale = self.devices.sensors.encoder_scale(sensor)?;
         let axis = scan.single_rotary_axis().filter(|axis| *axis == scale.encoder.axis)?;
         let turned = scan.path.last()?.get_or_zero(axis) - scan.path.first()?.get_or_zero(axis);
-        (turned.abs() > REST_TOLERANCE).then_some(scale)
+        (turned.abs() > REST_TOLERANCE_MM_OR_RAD).then_some(scale)
     }
 
     /// Samples from the first point to the last, each with the position at which it was taken.
@@ -253,9 +253,8 @@ impl Channel {
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
         let Some((scale, _)) = self.encoder else { return true };
         match samples {
-            [from, .., to] => {
-                rotation_rad(scale, from, to).is_some_and(|turned| turned.abs() <= REST_TOLERANCE)
-            }
+            [from, .., to] => rotation_rad(scale, from, to)
+                .is_some_and(|turned| turned.abs() <= REST_TOLERANCE_MM_OR_RAD),
             _ => false,
         }
     }

@@ -11,17 +11,17 @@ use link::{Capture, LinkMode};
 /// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
 /// name is `talk-begun-2.capture`.
 #[derive(Clone)]
-pub(super) struct CaptureFiles(PathBuf);
+pub(super) struct CaptureNaming(PathBuf);
 
 /// The capture of one cycle.
 pub(super) struct RunCapture<'a> {
-    captures: &'a CaptureFiles,
+    captures: &'a CaptureNaming,
     file: PathBuf,
     capture: Capture,
     log: &'a Log,
 }
 
-impl CaptureFiles {
+impl CaptureNaming {
     pub(super) fn new(file: PathBuf) -> Self {
         Self(file)
     }
@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn what_a_cycle_left_is_kept_and_the_next_takes_another_name() {
         let folder = tempfile::tempdir().unwrap();
-        let captures = CaptureFiles::new(folder.path().join("talk.capture"));
+        let captures = CaptureNaming::new(folder.path().join("talk.capture"));
         let left = ["talk-begun.capture", "talk-begun-2.capture"];
         for name in left {
             std::fs::write(folder.path().join(name), name).unwrap();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
-use super::captures::CaptureFiles;
+use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
 use super::config::{HttpConfig, ServeConfig};
 use super::metrics::Metrics;
@@ -24,7 +24,7 @@ pub struct Service {
     folder: PathBuf,
     log: Log,
     metrics: Metrics,
-    captures: Option<CaptureFiles>,
+    captures: Option<CaptureNaming>,
     retention: Option<Retention>,
 }
 
@@ -62,7 +62,7 @@ impl Service {
     /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
     /// extension.
     pub fn with_captures(mut self, file: PathBuf) -> Self {
-        let captures = CaptureFiles::new(file);
+        let captures = CaptureNaming::new(file);
         let workers = self.workers.into_iter();
         self.workers = workers.map(|worker| worker.capturing(captures.clone())).collect();
         self.captures = Some(captures);

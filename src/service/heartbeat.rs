@@ -3,8 +3,6 @@
 
 use std::time::{Duration, Instant};
 
-use super::command_gate::CommandGate;
-
 /// The newest beat.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Heartbeat {
@@ -18,21 +16,13 @@ impl Heartbeat {
     pub(super) fn now(timeout: Duration) -> Self {
         Self { time: Instant::now(), timeout }
     }
-}
 
-impl CommandGate {
-    /// Reports progress; the next report is due within `timeout`.
-    pub fn report_progress(&self, timeout: Duration) {
-        self.inner().heartbeat = Heartbeat::now(timeout);
+    /// Time since the beat.
+    pub(super) fn age(self) -> Duration {
+        self.time.elapsed()
     }
 
-    /// Time since the last report of progress.
-    pub fn progress_age(&self) -> Duration {
-        self.inner().heartbeat.time.elapsed()
-    }
-
-    pub fn is_progress_late(&self) -> bool {
-        let Heartbeat { time, timeout } = self.inner().heartbeat;
-        time.elapsed() > timeout
+    pub(super) fn is_late(self) -> bool {
+        self.age() > self.timeout
     }
 }

@@ -6,7 +6,7 @@ use tokio::sync::oneshot::error::TryRecvError;
 
 use super::Log;
 use super::command_gate::CommandGate;
-use super::metrics::Outcome;
+use super::machine_state::Outcome;
 use crate::archive::run_story::identification_fault;
 use crate::run::{IdentificationError, start_identification, store_identification};
 use crate::store::{Journal, RunId, RunState, StoreError, StoredRun};

@@ -4,29 +4,29 @@ use std::sync::Arc;
 
 /// Severity of a log line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Severity {
+pub enum LogLevel {
     Info,
     /// An error that needs attention.
     Error,
 }
 
-type LogSink = dyn Fn(Severity, &str) + Send + Sync;
+type LogSink = dyn Fn(LogLevel, &str) + Send + Sync;
 
 /// Sink of the daemon's log lines; cloneable and usable from any thread.
 #[derive(Clone)]
 pub struct Log(Arc<LogSink>);
 
 impl Log {
-    pub fn new(sink: impl Fn(Severity, &str) + Send + Sync + 'static) -> Self {
+    pub fn new(sink: impl Fn(LogLevel, &str) + Send + Sync + 'static) -> Self {
         Self(Arc::new(sink))
     }
 
     pub fn info(&self, line: &str) {
-        (self.0)(Severity::Info, line);
+        (self.0)(LogLevel::Info, line);
     }
 
     pub fn error(&self, line: &str) {
-        (self.0)(Severity::Error, line);
+        (self.0)(LogLevel::Error, line);
     }
 
     /// A log that puts the machine's name before each line.

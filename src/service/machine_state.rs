@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use jiff::Zoned;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::config::StartInterlock;
-use super::metrics::Outcome;
-use super::schedule_state::Planned;
 use crate::run::OpenPrompt;
 use crate::store::NewestRuns;
 use machine::record::estimate::{Estimate, Parameter, Verdict};
@@ -134,6 +133,21 @@ impl Interlocks {
     }
 }
 
+/// Current state of one schedule.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlannedSchedule {
+    pub name: String,
+    pub cycle: u16,
+    /// Time pattern and time zone, as in the machine file.
+    pub at: String,
+    pub zone: String,
+    pub latest_min: u64,
+    /// Next times, in the schedule's time zone.
+    pub next: Vec<Zoned>,
+    /// Since when a due slot has been waiting, and for which condition.
+    pub waiting: Option<String>,
+}
+
 /// State of a machine: everything that the triggers, the page, the API and the metrics report. Only the gate changes
 /// it ([`CommandGate`](super::command_gate::CommandGate)).
 #[derive(Debug, Clone, Default)]
@@ -169,16 +183,49 @@ pub struct MachineState {
     /// Live values of the sensors that the open prompt names; `None` before the first values.
     pub live: Option<LiveValues>,
     /// Schedules with their next times and the reasons why due slots wait.
-    pub planned: Vec<Planned>,
+    pub planned: Vec<PlannedSchedule>,
     /// Newest runs in the journal, whichever process measured them, as of the last query.
     pub newest: Arc<NewestRuns>,
     pub counters: Counters,
 }
 
+/// How a cycle ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    Judged(Verdict),
+    /// The machine is held.
+    Held,
+    Failed,
+}
+
+impl Outcome {
+    pub(super) const ALL: [Self; 7] = [
+        Self::Judged(Verdict::Pass),
+        Self::Judged(Verdict::Fail),
+        Self::Judged(Verdict::Undecided),
+        Self::Judged(Verdict::UndecidedModel),
+        Self::Judged(Verdict::None),
+        Self::Held,
+        Self::Failed,
+    ];
+
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Judged(Verdict::Pass) => "pass",
+            Self::Judged(Verdict::Fail) => "fail",
+            Self::Judged(Verdict::Undecided) => "undecided",
+            Self::Judged(Verdict::UndecidedModel) => "undecided_model",
+            Self::Judged(Verdict::None) => "none",
+            Self::Held => "held",
+            Self::Failed => "failed",
+        }
+    }
+}
+
 /// Counts since the start of the service, for the metrics.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Ended cycles and identifications by [`Outcome::label`](super::metrics::Outcome::label).
+    /// Ended cycles and identifications by [`Outcome::label`].
     pub outcomes: BTreeMap<&'static str, u64>,
     pub readings: u64,
     pub refusals: BTreeMap<Refusal, u64>,

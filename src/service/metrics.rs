@@ -14,8 +14,7 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 
-use super::machine_state::{MachineState, State};
-use machine::record::estimate::Verdict;
+use super::machine_state::{MachineState, Outcome, State};
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type Seconds = Gauge<f64, AtomicU64>;
@@ -31,39 +30,6 @@ pub struct Metrics {
     state: Family<Labels<2>, Gauge>,
     progress_age: Family<Labels<1>, Seconds>,
     wrote: Histogram,
-}
-
-/// How a cycle ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    Judged(Verdict),
-    /// The machine is held.
-    Held,
-    Failed,
-}
-
-impl Outcome {
-    const ALL: [Self; 7] = [
-        Self::Judged(Verdict::Pass),
-        Self::Judged(Verdict::Fail),
-        Self::Judged(Verdict::Undecided),
-        Self::Judged(Verdict::UndecidedModel),
-        Self::Judged(Verdict::None),
-        Self::Held,
-        Self::Failed,
-    ];
-
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Judged(Verdict::Pass) => "pass",
-            Self::Judged(Verdict::Fail) => "fail",
-            Self::Judged(Verdict::Undecided) => "undecided",
-            Self::Judged(Verdict::UndecidedModel) => "undecided_model",
-            Self::Judged(Verdict::None) => "none",
-            Self::Held => "held",
-            Self::Failed => "failed",
-        }
-    }
 }
 
 impl Default for Metrics {

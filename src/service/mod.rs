@@ -14,6 +14,7 @@ pub mod config;
 mod cycle_failure;
 mod daemon;
 mod daemon_file;
+mod gate_inputs;
 mod heartbeat;
 mod http;
 mod identify;

@@ -8,7 +8,7 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde::Deserialize;
 
-use super::captures::CaptureFiles;
+use super::captures::CaptureNaming;
 use super::command_gate::CommandGate;
 use super::machine_state::State;
 use super::{Log, ServeError};
@@ -50,7 +50,7 @@ impl TryFrom<RetentionKeys> for Retention {
 pub(super) fn start_retention(
     retention: Retention,
     journal: Arc<Journal>,
-    captures: Option<CaptureFiles>,
+    captures: Option<CaptureNaming>,
     gates: Vec<CommandGate>,
     log: &Log,
 ) -> Result<(), ServeError> {
@@ -77,7 +77,7 @@ pub(super) fn start_retention(
 fn remove_expired_data(
     Retention { keep_days }: Retention,
     journal: &Journal,
-    captures: Option<&CaptureFiles>,
+    captures: Option<&CaptureNaming>,
     is_any_running: &impl Fn() -> bool,
     log: &Log,
 ) -> Result<(), StoreError> {

@@ -2,15 +2,13 @@
 //! cycle is due.
 
 use std::sync::Arc;
-use std::sync::mpsc::Sender;
 
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Span, Timestamp, Zoned};
 use serde::Serialize;
 use tokio::sync::oneshot;
 
-use super::command_gate::CommandGate;
-use super::machine_state::Interlocks;
+use super::machine_state::{Interlocks, PlannedSchedule};
 use crate::store::{Arming, Journal, ScheduleSlot, StoreError};
 
 /// Interlocks that the machine reports, and the further conditions of an unattended cycle.
@@ -26,7 +24,7 @@ pub struct Readiness {
 
 impl Readiness {
     /// Combines the reports of several sources: every condition must hold in all of them.
-    fn and(self, other: Self) -> Self {
+    pub(super) fn and(self, other: Self) -> Self {
         let (one, two) = (self.interlocks, other.interlocks);
         Self {
             interlocks: Interlocks {
@@ -45,25 +43,10 @@ impl Readiness {
     }
 }
 
-/// Current state of one schedule.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Planned {
-    pub name: String,
-    pub cycle: u16,
-    /// Time pattern and time zone, as in the machine file.
-    pub at: String,
-    pub zone: String,
-    pub latest_min: u64,
-    /// Next times, in the schedule's time zone.
-    pub next: Vec<Zoned>,
-    /// Since when a due slot has been waiting, and for which condition.
-    pub waiting: Option<String>,
-}
-
 /// Schedule of a machine: next times, armings, and the outcome of the last slots, newest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Agenda {
-    pub planned: Vec<Planned>,
+    pub planned: Vec<PlannedSchedule>,
     pub armed: Vec<Arming>,
     pub last: Vec<ScheduleSlot>,
 }
@@ -74,7 +57,7 @@ pub struct Agenda {
 /// The journal cannot be read.
 pub fn agenda(
     journal: &Journal,
-    planned: Vec<Planned>,
+    planned: Vec<PlannedSchedule>,
     machine: &str,
 ) -> Result<Agenda, StoreError> {
     const LAST: usize = 50;
@@ -128,52 +111,6 @@ pub struct DueRequest {
 
 pub(super) type ReadinessSource = Arc<dyn Fn() -> Readiness + Send + Sync>;
 
-/// What the schedule and the triggers share of a machine.
-impl CommandGate {
-    /// Adds a source that reports the readiness of the machine.
-    pub fn add_readiness_source(&self, source: impl Fn() -> Readiness + Send + Sync + 'static) {
-        self.inner().readiness_sources.push(Arc::new(source));
-    }
-
-    /// Combined readiness of all sources. `None` without a source, or while one of them is stale: an unattended start
-    /// needs the report of every source.
-    pub fn combined_readiness(&self) -> Option<Readiness> {
-        let reports = self.readiness_reports();
-        let is_fresh = reports.iter().all(|report| report.interlocks.fresh);
-        is_fresh.then(|| reports.into_iter().reduce(Readiness::and)).flatten()
-    }
-
-    /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
-    /// fresh one.
-    pub fn fresh_interlocks(&self) -> Option<Interlocks> {
-        let fresh = self.readiness_reports().into_iter().filter(|report| report.interlocks.fresh);
-        fresh.reduce(Readiness::and).map(|report| report.interlocks)
-    }
-
-    fn readiness_reports(&self) -> Vec<Readiness> {
-        // A source may use the gate: the lock is released before the sources are called.
-        let sources = self.inner().readiness_sources.clone();
-        sources.iter().map(|source| source()).collect()
-    }
-
-    /// Sets the channel on which the scheduler receives the requests that a cycle is due.
-    pub fn set_due_requests(&self, due_requests: Sender<DueRequest>) {
-        self.inner().due_requests = Some(due_requests);
-    }
-
-    /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
-    pub fn request_due(
-        &self,
-        cycle: u16,
-        who: String,
-    ) -> Option<oneshot::Receiver<Result<(), String>>> {
-        let (answer, answered) = oneshot::channel();
-        let due_requests = self.inner().due_requests.clone()?;
-        due_requests.send(DueRequest { cycle, who, answer }).ok()?;
-        Some(answered)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -198,40 +135,5 @@ mod tests {
             let told = until(words).unwrap_err();
             assert!(told.contains(why), "{words}: {told}");
         }
-    }
-
-    #[test]
-    fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
-        let interlocks = Interlocks {
-            fresh: true,
-            enable: true,
-            auto: true,
-            door: true,
-            stop: false,
-            person: false,
-        };
-        let all =
-            Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
-        let gate = CommandGate::for_tests().0;
-        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (None, None));
-        gate.add_readiness_source(move || all);
-        assert_eq!(
-            (gate.combined_readiness(), gate.fresh_interlocks()),
-            (Some(all), Some(interlocks))
-        );
-        let silent = CommandGate::for_tests().0;
-        silent.add_readiness_source(Readiness::default);
-        silent.add_readiness_source(move || all);
-        assert_eq!(
-            (silent.combined_readiness(), silent.fresh_interlocks()),
-            (None, Some(interlocks))
-        );
-        let other = Readiness {
-            interlocks: Interlocks { door: false, stop: true, ..interlocks },
-            idle: false,
-            ..all
-        };
-        gate.add_readiness_source(move || other);
-        assert_eq!(gate.combined_readiness(), Some(other));
     }
 }

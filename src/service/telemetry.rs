@@ -14,7 +14,7 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 
-use super::log::{Log, Severity};
+use super::log::{Log, LogLevel};
 
 /// Prefix of the journal fields of this program.
 const JOURNAL_FIELD_PREFIX: &str = "TRUED";
@@ -31,8 +31,8 @@ pub fn start_log() -> Log {
     // If a subscriber is already set, it stays in use.
     let _ = tracing_subscriber::registry().with(journal).with(plain_lines).try_init();
     Log::new(|severity, message| match severity {
-        Severity::Info => tracing::info!("{message}"),
-        Severity::Error => tracing::error!("{message}"),
+        LogLevel::Info => tracing::info!("{message}"),
+        LogLevel::Error => tracing::error!("{message}"),
     })
 }
 

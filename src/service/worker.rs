@@ -10,15 +10,14 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, info_span};
 
-use super::captures::{CaptureFiles, RunCapture};
+use super::captures::{CaptureNaming, RunCapture};
 use super::command_gate::CommandGate;
 use super::config::{CycleConfig, ServeConfig};
 use super::cycle_failure::{CycleFailure, describe_failure};
 use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished;
-use super::machine_state::{CycleEnd, Failure, State};
-use super::metrics::Outcome;
+use super::machine_state::{CycleEnd, Failure, Outcome, State};
 use super::run_events::RunEvents;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
@@ -43,7 +42,7 @@ pub(super) struct MachineWorker {
     pub(super) gate: CommandGate,
     commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
-    captures: Option<CaptureFiles>,
+    captures: Option<CaptureNaming>,
     /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) lock: Option<MachineLock>,
     /// Identifications of runs that were measured before.
@@ -80,7 +79,7 @@ impl MachineWorker {
         })
     }
 
-    pub fn capturing(self, captures: CaptureFiles) -> Self {
+    pub fn capturing(self, captures: CaptureNaming) -> Self {
         Self { captures: Some(captures), ..self }
     }
 

@@ -22,14 +22,14 @@ struct TrueBall {
     radius: f64,
     /// The form adds uᵀ·form·u to the radius along the unit vector u: an oval.
     form: Matrix3<f64>,
-    stem: Option<Stem>,
+    stem: Option<BallStem>,
     /// Displacements of the centre, each with the time from which it holds, s.
     moves: Vec<(f64, Vector3<f64>)>,
 }
 
 /// A cylinder with flat ends that begins at the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Stem {
+struct BallStem {
     along: Vector3<f64>,
     length: f64,
     radius: f64,
@@ -89,7 +89,7 @@ impl TrueBall {
                 + drawn.centre * truth.ball_offset_mm,
             radius: stated.radius_mm + truth.radius_offset_mm + diameter_um * 0.5e-3,
             form: drawn.oval * (form_um * 1e-3),
-            stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(Stem {
+            stem: (length > 0.0 && radius > 0.0 && along != Vector3::zeros()).then_some(BallStem {
                 along,
                 length,
                 radius,
@@ -160,7 +160,7 @@ const MAX_FOOT_ITERATIONS: usize = 30;
 /// Squared change of angle, rad², below which the foot of a perpendicular has converged.
 const FOOT_TOLERANCE_RAD2: f64 = 1e-28;
 
-impl Stem {
+impl BallStem {
     fn nearest(&self, from_centre: Vector3<f64>) -> NearestSurface {
         let along = from_centre.dot(&self.along);
         let across = from_centre - self.along * along;

@@ -387,7 +387,7 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
             }
         }
         let estimate = played.estimate().unwrap();
-        let named = format!("x1: 1 of {revolutions} revolutions lack samples");
+        let named = format!("x1: 1 of {revolutions} revolutions have missing samples");
         let said = estimate.warnings.iter().any(|line| line.contains(&named));
         assert!(said, "{:#?}", estimate.warnings);
         (played, estimate)

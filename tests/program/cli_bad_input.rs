@@ -135,7 +135,7 @@ fn regress_settings_that_cannot_work_are_refused_before_motion() {
         ("drift_order = 100000", "drift_order 0 to 3"),
         ("positions = 5\nreferences = false\ndrift_order = 3", "does not separate the unknowns"),
         ("probe_angles_deg = [0, 45, 45]", "contains an angle twice"),
-        ("monte_carlo_trials = 1", "too few to compute a scatter"),
+        ("monte_carlo_trials = 1", "too few for an uncertainty"),
         ("positions = 4", "choose positions = 8"),
         ("probe_angles_deg = [0, 50]", "not a multiple"),
     ] {

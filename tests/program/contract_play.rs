@@ -167,7 +167,7 @@ fn regress_odd_but_honest_readings() {
     let flagged = good.replace("temp_room_c", "flag").replace(",20.5", ",excluded");
     let (output, _) = identified(folder.path(), &plan_file, &flagged);
     assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("all are flagged"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("all readings are flagged"));
 
     let (output, _) = identified(folder.path(), &plan_file, &good.replacen("\n25,", "\n,", 1));
     assert_eq!(output.status.code(), Some(1));
@@ -247,7 +247,7 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
 
         let program = trued(&["plan", method, "--machine", &asking, "--gcode", "linuxcnc"]);
         let told = String::from_utf8_lossy(&program.stderr);
-        assert!(program.status.success() && told.contains("proven:"), "{told}");
+        assert!(program.status.success() && told.contains("collision check passed:"), "{told}");
         let program = String::from_utf8(program.stdout).unwrap();
         assert!(program.contains("(MSG,part and stylus are clean  100   )\nN0 M0\n"), "{program}");
         assert_eq!(program.matches(" M0\n").count(), count);

@@ -61,10 +61,10 @@ fn a_grbl_writes_most_of_its_machine_file() {
 
     let wrong = trued(&at);
     assert_eq!(wrong.status.code(), Some(1), "{}", said(&wrong));
-    assert!(said(&wrong).contains("wrong speed (115200 baud)"), "{}", said(&wrong));
+    assert!(said(&wrong).contains("wrong baud rate (115200)"), "{}", said(&wrong));
     assert!(!file.exists());
     let search = trued(&[&at[..], &["--search"]].concat());
-    assert!(said(&search).contains("speaks at 57600 baud"), "{}", said(&search));
+    assert!(said(&search).contains("communicates at 57600 baud"), "{}", said(&search));
 
     let init = trued(&[&at[..], &["--baud", "57600"]].concat());
     assert_eq!(init.status.code(), Some(0), "{}", said(&init));
@@ -83,7 +83,7 @@ fn a_grbl_writes_most_of_its_machine_file() {
     let text = std::fs::read_to_string(&file).unwrap();
     let again = trued(&[&at[..], &["--baud", "57600"]].concat());
     assert_eq!(again.status.code(), Some(1));
-    assert!(said(&again).contains("is there already"), "{}", said(&again));
+    assert!(said(&again).contains("exists already"), "{}", said(&again));
     assert_eq!(std::fs::read_to_string(&file).unwrap(), text);
 }
 

@@ -138,7 +138,7 @@ fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
         ("EXX1", -16.0),
         ("EYY1", 11.0 - 21.0),
     ]);
-    let upright = "balls can be touched only with the spindle axis along Z";
+    let upright = "balls are touched from above only";
     left_out(
         &estimate,
         &[

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use simulator::SimulatedWorld;
-use simulator::controls::grbl::{Firmware, Options};
+use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
@@ -68,7 +68,7 @@ impl GrblControl {
         let session = Arc::new(Mutex::new(Session::default()));
         let (wishes, wished) = unbounded_channel();
         let (listening, address) = std::sync::mpsc::channel();
-        let machine = Firmware::new(world.clone(), Options::of(&file.machine, pace));
+        let machine = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
         let shared = session.clone();
         std::thread::spawn(move || {
             let runtime =
@@ -110,7 +110,8 @@ impl GrblControl {
     pub fn become_another(&self, file: &str) {
         let file = parsed(file);
         *self.world.lock().unwrap() = world(&file);
-        let firmware = Firmware::new(self.world.clone(), Options::of(&file.machine, self.pace));
+        let firmware =
+            Firmware::new(self.world.clone(), SimulatedGrblOptions::of(&file.machine, self.pace));
         self.wish(Wish::Become(Box::new(firmware)));
     }
 

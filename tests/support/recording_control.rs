@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use simulator::SimulatedWorld;
-use simulator::controls::grbl::{Firmware, Options};
+use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use trued::setup::Pace;
@@ -149,7 +149,7 @@ impl RecordingControl {
 
 async fn serve(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &Shared) {
     let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
-    let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
+    let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
     client.set_nodelay(true).unwrap();
     let (near, far) = tokio::io::duplex(4096);
     let (from_client, to_client) = client.into_split();

@@ -49,7 +49,7 @@ fn confirmed_diagnosis(cause: String, evidence: String, remedy: &str) -> Diagnos
 fn connection_refused_diagnosis(address: &str) -> Diagnosis {
     confirmed_diagnosis(
         format!(
-            "wrong port, or the control's server is not running: no server listens at {address}"
+            "wrong port, or the control's server is not running: no server answers at {address}"
         ),
         "the computer refuses the connection".to_owned(),
         "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
@@ -90,7 +90,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
             "set [controller] serial, or better serial_id with a name from {PORTS_BY_ID_DIR}: these names do not change"
         ),
     };
-    confirmed_diagnosis(format!("wrong port: {address} does not exist"), others, &remedy)
+    confirmed_diagnosis(format!("wrong port: this computer has no {address}"), others, &remedy)
 }
 
 fn list_serial_ports(devices: &Path) -> Vec<String> {
@@ -207,7 +207,7 @@ mod tests {
         assert!(told(std::io::ErrorKind::TimedOut).contains("is not reachable"));
         assert!(told(std::io::ErrorKind::Other).contains("host name in"));
         let refused = LinkError::NotListening { address: "192.0.2.1:23".to_owned() }.into();
-        assert!(diagnose_open_failure(&at, &refused)[0].cause.contains("no server listens"));
+        assert!(diagnose_open_failure(&at, &refused)[0].cause.contains("no server answers"));
         assert!(diagnose_open_failure(&at, &ControllerError::Frozen).is_empty());
     }
 }

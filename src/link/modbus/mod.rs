@@ -124,7 +124,7 @@ impl UrgentWriteSender {
 
     /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::HoldActive`]). Reads
     /// continue.
-    pub fn send_and_close(&self) {
+    pub fn send_and_drop_ordinary(&self) {
         self.queue(true);
     }
 

@@ -122,7 +122,7 @@ async fn what_is_not_on_the_list_is_not_sent() {
 async fn after_a_hold_no_other_write_goes_out() {
     let (device, link) = served().await;
     let hold = link.urgent(30, &[1]).unwrap();
-    hold.send_and_close();
+    hold.send_and_drop_ordinary();
     let refused = link.write(31, &[1]).await.unwrap_err();
     assert!(matches!(refused, ModbusError::HoldActive { .. }), "{refused}");
     assert_eq!(link.read(RegisterSpace::Holding, 30, 2).await.unwrap(), [1, 0]);
@@ -134,7 +134,7 @@ async fn after_a_hold_no_other_write_goes_out() {
 #[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
     let (device, link) = served().await;
-    link.urgent(30, &[1]).unwrap().send_and_close();
+    link.urgent(30, &[1]).unwrap().send_and_drop_ordinary();
     drop(link);
     for _ in 0..500 {
         if device.0.lock().unwrap().get(30) == Some(&1) {

@@ -11,7 +11,7 @@ enum SensorNames {
 }
 
 #[derive(Serialize, Deserialize)]
-struct SensorKeys {
+struct SensorNamesKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensor: Option<SensorNames>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -19,11 +19,12 @@ struct SensorKeys {
 }
 
 pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok, S::Error> {
-    let single = |name: String| SensorKeys { sensor: Some(SensorNames::One(name)), sensors: None };
+    let single =
+        |name: String| SensorNamesKeys { sensor: Some(SensorNames::One(name)), sensors: None };
     let keys = match names {
         [] => single(String::new()),
         [name] => single(name.clone()),
-        names => SensorKeys { sensor: None, sensors: Some(names.to_vec()) },
+        names => SensorNamesKeys { sensor: None, sensors: Some(names.to_vec()) },
     };
     keys.serialize(serializer)
 }
@@ -31,14 +32,14 @@ pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok
 /// # Errors
 /// Both keys are missing.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
-    match SensorKeys::deserialize(deserializer)? {
-        SensorKeys { sensors: Some(names), .. } => Ok(names),
-        SensorKeys { sensor: Some(SensorNames::One(name)), .. } if name.is_empty() => {
+    match SensorNamesKeys::deserialize(deserializer)? {
+        SensorNamesKeys { sensors: Some(names), .. } => Ok(names),
+        SensorNamesKeys { sensor: Some(SensorNames::One(name)), .. } if name.is_empty() => {
             Ok(Vec::new())
         }
-        SensorKeys { sensor: Some(SensorNames::One(name)), .. } => Ok(vec![name]),
-        SensorKeys { sensor: Some(SensorNames::Many(names)), .. } => Ok(names),
-        SensorKeys { .. } => Err(serde::de::Error::missing_field("sensor")),
+        SensorNamesKeys { sensor: Some(SensorNames::One(name)), .. } => Ok(vec![name]),
+        SensorNamesKeys { sensor: Some(SensorNames::Many(names)), .. } => Ok(names),
+        SensorNamesKeys { .. } => Err(serde::de::Error::missing_field("sensor")),
     }
 }
 

@@ -158,7 +158,7 @@ impl ObservationModel for DomeModel<'_> {
         Response { unknowns, residuals }
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| self.values(change))
     }
 }

@@ -7,7 +7,7 @@ use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 
 /// Distance below which positions are the same reference point, mm or rad.
-const POSITION_TOLERANCE: f64 = 1e-9;
+const EQUAL_POSITION_TOLERANCE: f64 = 1e-9;
 /// Cosine of 1°, the angle within which two directions are the same.
 const MIN_DIRECTION_COSINE: f64 = 0.999_85;
 
@@ -286,7 +286,7 @@ fn outward_position_mm(step: &Step, reading: &Reading) -> f64 {
 fn have_same_path(one: &Step, other: &Step) -> bool {
     let same = |a: &Position, b: &Position| {
         Axis::ALL.into_iter().all(|axis| match (a.get(axis), b.get(axis)) {
-            (Some(a), Some(b)) => (a - b).abs() <= POSITION_TOLERANCE,
+            (Some(a), Some(b)) => (a - b).abs() <= EQUAL_POSITION_TOLERANCE,
             (a, b) => a.is_none() && b.is_none(),
         })
     };

@@ -257,7 +257,7 @@ impl ObservationModel for BlockwiseFit {
         Response { unknowns, residuals }
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = Mat::from_fn(changes.nrows(), self.x.len(), |_, j| self.x[j]);
         let mut first = 0;
         for (i, fit) in self.blocks.iter().enumerate() {

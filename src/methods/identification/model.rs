@@ -97,16 +97,16 @@ pub trait ObservationModel: Sync {
 
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
     /// observations, mm). The solution is nonlinear if the model is.
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// Linear functions of the unknowns of [`solve_with_changes`](Self::solve_near): trials × functions. `slopes`:
+    /// Linear functions of the unknowns of [`solve_each_perturbation`](Self::solve_near): trials × functions. `slopes`:
     /// functions × unknowns.
     fn functions_with_changes(
         &self,
         changes: MatRef<'_, f64>,
         slopes: MatRef<'_, f64>,
     ) -> Mat<f64> {
-        self.solve_with_changes(changes) * slopes.transpose()
+        self.solve_each_perturbation(changes) * slopes.transpose()
     }
 }
 
@@ -166,7 +166,7 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
         self.minimum.factored.leverage()
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| self.solve_for_change(change))
     }
 }
@@ -227,7 +227,7 @@ impl ObservationModel for LinearFit<'_> {
         (0..self.observations()).map(own).collect()
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let mut x = changes * self.gain.transpose();
         for (j, solved) in self.x.iter().enumerate() {
             x.col_as_slice_mut(j).iter_mut().for_each(|x| *x += solved);

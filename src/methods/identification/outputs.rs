@@ -87,7 +87,7 @@ impl Outputs {
 
     /// Functions that each trial computes, as functions × unknowns: the parameters, or all unknowns if some
     /// parameters are nonlinear.
-    pub fn trial_slopes(&self, unknowns: usize) -> Mat<f64> {
+    pub fn functions_per_trial(&self, unknowns: usize) -> Mat<f64> {
         match &self.nonlinear {
             None => self.slopes(unknowns),
             Some(_) => Mat::identity(unknowns, unknowns),
@@ -95,7 +95,7 @@ impl Outputs {
     }
 
     /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
-    /// [`trial_slopes`](Self::trial_slopes). A linear parameter is computed as slope·x; if its value differs
+    /// [`functions_per_trial`](Self::trial_slopes). A linear parameter is computed as slope·x; if its value differs
     /// from that, its trials are shifted by a constant.
     pub fn evaluate_trials(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };

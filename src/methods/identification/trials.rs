@@ -122,7 +122,7 @@ pub fn propagate_by_trials(
 ) -> Result<TrialStatistics, IdentifyError> {
     let shapes: Vec<DrawDistribution> =
         sources.iter().flat_map(|s| vec![s.shape; s.draw_count()]).collect();
-    let slopes = outputs.trial_slopes(model.unknowns());
+    let slopes = outputs.functions_per_trial(model.unknowns());
     let mut drawn: Vec<SampledSource<'_>> = Vec::new();
     for source in sources {
         let first = drawn.last().map_or(0, |before| before.first_draw + before.source.draw_count());

@@ -61,7 +61,7 @@ pub fn identify_scans<'a>(
     let machine = LeastSquares { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
-    let measurements = pose_measurements(&problem, groups, &residuals);
+    let measurements = pose_outlier_measurements(&problem, groups, &residuals);
     let solution = Solution {
         model: &CentresThenMachine {
             centres,
@@ -196,7 +196,7 @@ fn centre_observations(
 }
 
 /// One measurement for the sphere at each pose.
-fn pose_measurements(
+fn pose_outlier_measurements(
     problem: &MachineProblem,
     groups: &[PoseGroup],
     residuals: &[Vector3<f64>],

@@ -309,7 +309,7 @@ fn not_separable_error(rank: &str, names: Vec<String>) -> IdentifyError {
     })
 }
 
-/// The names in a combination, without those of cells.
+/// Names of the latency and of the reversal errors in a combination of unknowns.
 fn names_without_cells(combination: &str) -> String {
     let parts = combination.split(|c: char| c.is_whitespace() || "+-:=()".contains(c));
     let names = parts.filter(|word| word.starts_with("latency") || word.starts_with("reversal"));

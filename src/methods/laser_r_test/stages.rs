@@ -44,7 +44,8 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let zero = setup.rotary_at_zero();
     check_rank(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
     // The touch probe has no beam.
-    let heights = beam_heights_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
+    let heights =
+        pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
     let heights =
         heights.map(|(height, n)| pose(ScanPurpose::Height, &format!("{n}"), zero.clone(), height));
     let at_zero = |purpose: ScanPurpose, detail: &str, motion: ScanMotion| ScanRequest {
@@ -131,7 +132,7 @@ fn mid_range_mm(setup: &LaserSetup<'_>) -> f64 {
     (least + most) / 2.0
 }
 
-fn beam_heights_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
+fn pole_readings_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
     if !setup.settings.heights_mm.is_empty() {
         return setup.settings.heights_mm.clone();
     }

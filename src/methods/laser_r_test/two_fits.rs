@@ -13,7 +13,7 @@ use crate::identification::{
 };
 
 /// Smallest standard uncertainty of a centre, mm.
-const MIN_CENTRE_U_MM: f64 = 1e-6;
+const MIN_CENTRE_STD_U_MM: f64 = 1e-6;
 
 /// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
 /// beam; the latency, which only the sources change.
@@ -68,7 +68,7 @@ impl ObservationModel for CentresThenMachine<'_> {
         self.machine.leverage()
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| {
             let x = self.centres.solve_for_change(change);
             let solved = self.centres.minimum.x.iter();
@@ -108,7 +108,7 @@ pub fn centre_covariances(
     let source =
         UncertaintySource::new("centres", Effect::Joint(changes.map(centre_changes).collect()));
     let mut covariances = block_covariances(&[source], centres.group_count);
-    let least = Matrix3::from_diagonal_element(MIN_CENTRE_U_MM.powi(2));
+    let least = Matrix3::from_diagonal_element(MIN_CENTRE_STD_U_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);
     covariances
 }

@@ -63,14 +63,14 @@ impl Fit {
             second_order: bend,
             x: Vec::new(),
         };
-        let x = fit.solve_with_changes(Mat::zeros(1, radii.len()).as_ref());
+        let x = fit.solve_each_perturbation(Mat::zeros(1, radii.len()).as_ref());
         fit.x = x.row(0).iter().copied().collect();
         Ok(fit)
     }
 
     /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies only
     /// the changes. With whole radii the numerical derivative would amplify their rounding.
-    pub fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    pub fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let LinearSolution { x: linear, gain, .. } = &self.solution;
         let mut x = add_to_columns(changes * gain.transpose(), linear);
         let Some(bend) = &self.second_order else { return x };
@@ -121,7 +121,7 @@ impl Fit {
         }
         let rows = self.observations.len();
         let moved = |by: f64| {
-            self.solve_with_changes((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref())
+            self.solve_each_perturbation((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref())
         };
         let (up, down) = (moved(DERIVATIVE_STEP_MM), moved(-DERIVATIVE_STEP_MM));
         (up - down).transpose() * Scale(0.5 / DERIVATIVE_STEP_MM)
@@ -162,7 +162,7 @@ impl ObservationModel for LinearisedFit<'_> {
         LinearFit { x, design_matrix: a, sigma, gain: &solution.gain }.leverage()
     }
 
-    fn solve_with_changes(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+    fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let unknowns = self.unknowns();
         self.functions_with_changes(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }

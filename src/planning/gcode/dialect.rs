@@ -3,7 +3,7 @@
 use include_dir::{Dir, include_dir};
 use minijinja::Environment;
 
-use super::environment::environment;
+use super::environment::template_environment;
 use super::error::DialectError;
 use super::options::{DialectOptions, ProbeFault};
 use super::spec::DialectSpec;
@@ -59,7 +59,7 @@ impl Dialect {
         if !READABLE_LANGUAGES.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
         }
-        let mut templates = environment();
+        let mut templates = template_environment();
         for file in folder.files() {
             if file.path().extension().is_some_and(|extension| extension == "j2") {
                 let name = file.path().file_stem().unwrap_or_default().to_string_lossy();

@@ -6,7 +6,7 @@ use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior}
 use super::error::RenderError;
 
 /// Environment with strict undefined names; `num` is the only way to print a number in a program.
-pub(super) fn environment() -> Environment<'static> {
+pub(super) fn template_environment() -> Environment<'static> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_formatter(refuse_unformatted_number);

@@ -115,7 +115,7 @@ fn what_cannot_be_written_is_refused_by_type() {
 
 #[test]
 fn a_template_cannot_print_a_bare_number_or_an_undefined_value() {
-    let mut environment = super::environment::environment();
+    let mut environment = super::environment::template_environment();
     environment.add_template("bare", "X{{ x }}").unwrap();
     environment.add_template("typo", "X{{ xx }}").unwrap();
     let context = minijinja::value::Value::from_pairs([("x", 0.1)]);

@@ -129,7 +129,7 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
     // Limit: the radii (10 + 3 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
     assert!(proven(&at(14.01)).is_ok());
     let said = assert_near(&at(13.99), TOUCH, ["stylus ball", "ball 3"]);
-    assert!(said.contains("0.50 mm are kept"), "{said}");
+    assert!(said.contains("does not detect this contact: 0.50 mm"), "{said}");
     // The approach at X = 15, which the probe detects, keeps the uncertainty only: √(2² + 13.3²) < 10 + 3 + 0.5.
     assert_near(&at(13.3), DOWN, ["stylus ball", "ball 3"]);
     // A horizontal stem that ends 3 + 0.5 + 0.5 mm before the line of the touch.

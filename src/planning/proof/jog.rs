@@ -20,7 +20,7 @@ use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
 /// Maximum length of a jog, mm or degrees.
-const MAX_JOG_LENGTH: f64 = 10.0;
+const MAX_JOG_LENGTH_MM_OR_DEG: f64 = 10.0;
 /// Maximum length of a retract, mm.
 const MAX_RETRACT_MM: f64 = 2.0;
 
@@ -84,7 +84,7 @@ fn prove_move(
 pub(super) fn check_jog(request: &JogProofRequest<'_>, programs: &[String]) -> CheckResult {
     let motion = read_single_move(request, programs)?;
     let refusal = |reason| ProofRefusal { step: None, line: motion.line, reason };
-    check_axis(request, &motion, MAX_JOG_LENGTH)
+    check_axis(request, &motion, MAX_JOG_LENGTH_MM_OR_DEG)
         .and_then(|()| check_guard_or_feed(request, &motion))
         .map_err(refusal)?;
     check_clearance(request, &motion).map_err(refusal)

@@ -319,7 +319,7 @@ fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
     assert!(proven_from(&ledge(45.49), WHOLE, Some(&beside())).is_ok());
     let refusal = proven_from(&ledge(45.51), WHOLE, Some(&beside())).unwrap_err();
     assert_eq!(refusal.line, 6, "{refusal}");
-    assert!(refusal.to_string().contains("would not feel it, so 0.50 mm are kept"), "{refusal}");
+    assert!(refusal.to_string().contains("does not detect this contact: 0.50 mm"), "{refusal}");
 }
 
 /// Step 1 is a prompt; the touch comes after it.

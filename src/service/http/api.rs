@@ -75,7 +75,7 @@ async fn get_trends(
 /// Range of entries of the audit log.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct AuditRange {
+struct AuditListQuery {
     /// Only entries before the one with this `seq`.
     before: Option<i64>,
     limit: Option<usize>,
@@ -84,7 +84,7 @@ struct AuditRange {
 /// Range of readings.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct ReadingRange {
+struct ReadingListQuery {
     /// Number of readings to skip.
     after: Option<usize>,
     limit: Option<usize>,
@@ -98,7 +98,7 @@ fn item_limit(limit: Option<usize>) -> usize {
 /// Range of runs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RunRange {
+pub(super) struct RunListQuery {
     /// Only runs older than this one.
     before: Option<i64>,
     /// Only runs newer than this one; without `before`, those that follow it directly.
@@ -106,7 +106,7 @@ pub(super) struct RunRange {
     limit: Option<usize>,
 }
 
-impl RunRange {
+impl RunListQuery {
     pub(super) fn filter(&self) -> RunFilter<'static> {
         let [before, after] = [self.before, self.after].map(|run| run.map(RunId));
         RunFilter { older_than: before, newer_than: after, ..RunFilter::default() }
@@ -118,10 +118,10 @@ impl RunRange {
 }
 
 /// Runs, newest first.
-#[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunRange), responses((status = OK, body = Vec<RunView>)))]
+#[utoipa::path(get, path = "/api/v1/runs", operation_id = "runs", params(RunListQuery), responses((status = OK, body = Vec<RunView>)))]
 async fn list_runs(
     State(app): State<AppState>,
-    Query(range): Query<RunRange>,
+    Query(range): Query<RunListQuery>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
     Ok(Json(
         read_journal(&app, move |journal| journal.list_runs(range.filter(), range.item_limit()))
@@ -130,10 +130,10 @@ async fn list_runs(
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.
-#[utoipa::path(get, path = "/api/v1/audit", operation_id = "audit", params(AuditRange), responses((status = OK, body = Vec<AuditView>)))]
+#[utoipa::path(get, path = "/api/v1/audit", operation_id = "audit", params(AuditListQuery), responses((status = OK, body = Vec<AuditView>)))]
 async fn list_audit_log(
     State(app): State<AppState>,
-    Query(AuditRange { before, limit }): Query<AuditRange>,
+    Query(AuditListQuery { before, limit }): Query<AuditListQuery>,
 ) -> Result<Json<Vec<StoredAuditEntry>>, Problem> {
     Ok(Json(
         read_journal(&app, move |journal| journal.audit_entries(before, item_limit(limit)))
@@ -188,11 +188,11 @@ struct ReadingsPage {
 }
 
 /// Readings of a run, without the first `after`.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", operation_id = "readings", params(("run" = i64, Path), ReadingRange), responses((status = OK, body = ReadingsPage)))]
+#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", operation_id = "readings", params(("run" = i64, Path), ReadingListQuery), responses((status = OK, body = ReadingsPage)))]
 async fn list_readings(
     State(app): State<AppState>,
     Path(run): Path<i64>,
-    Query(range): Query<ReadingRange>,
+    Query(range): Query<ReadingListQuery>,
 ) -> Result<Json<ReadingsPage>, Problem> {
     let (after, most) = (range.after.unwrap_or(0), item_limit(range.limit));
     let query = read_journal(&app, move |journal| journal.list_readings(RunId(run), after, most));

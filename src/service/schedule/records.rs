@@ -12,13 +12,13 @@ const MAX_RECENT_SLOTS: usize = 1000;
 /// Name under which the program itself ends an arming.
 const AUTOMATIC_DISARM_NAME: &str = "trued";
 
-pub struct SlotRecords {
+pub struct SlotRecorder {
     pub machine: String,
     pub journal: Arc<Journal>,
     pub log: Log,
 }
 
-impl SlotRecords {
+impl SlotRecorder {
     pub fn new_slot(
         &self,
         schedule: &str,

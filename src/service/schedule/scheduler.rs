@@ -7,14 +7,14 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 
 use super::entry::{DUE_REQUEST_SCHEDULE, OverlapPolicy, ReadinessCondition, ScheduleEntry};
-use super::records::SlotRecords;
+use super::records::SlotRecorder;
 use super::slot_window::{SlotWindow, find_slots};
 use super::start_decision::{StartConditions, StartDecision, StartRequirements, decide_start};
 use crate::service::Log;
 use crate::service::command_gate::CommandGate;
 use crate::service::config::StartInterlock;
-use crate::service::machine_state::State;
-use crate::service::schedule_state::{DueRequest, Planned, Readiness};
+use crate::service::machine_state::{PlannedSchedule, State};
+use crate::service::schedule_state::{DueRequest, Readiness};
 use crate::store::{Journal, ScheduleSlot, SlotOutcome, StoreError};
 
 /// Time within which a second request for a cycle counts as a repetition of the first; the same holds if the clock
@@ -32,7 +32,7 @@ struct Track {
 }
 
 pub struct Scheduler {
-    records: SlotRecords,
+    records: SlotRecorder,
     gate: CommandGate,
     demand: Vec<StartInterlock>,
     tracks: Vec<Track>,
@@ -63,7 +63,7 @@ impl Scheduler {
         let last_recorded =
             journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
         let (machine, journal, log) = (machine.to_owned(), Arc::clone(journal), log.clone());
-        let records = SlotRecords { machine, journal, log };
+        let records = SlotRecorder { machine, journal, log };
         for slot in
             records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started)
         {
@@ -325,18 +325,18 @@ impl Scheduler {
             waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"))
         });
         let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
-        let all = all.map(|(planned, waiting)| Planned { waiting, ..planned });
+        let all = all.map(|(planned, waiting)| PlannedSchedule { waiting, ..planned });
         self.gate.update(|machine_state| machine_state.planned = all.collect());
     }
 }
 
 /// Schedules with their next times after `now`.
-pub fn planned(entries: &[ScheduleEntry], now: Timestamp) -> Vec<Planned> {
+pub fn planned(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
     entries.iter().map(|entry| of_entry(entry, now)).collect()
 }
 
-fn of_entry(entry: &ScheduleEntry, now: Timestamp) -> Planned {
-    Planned {
+fn of_entry(entry: &ScheduleEntry, now: Timestamp) -> PlannedSchedule {
+    PlannedSchedule {
         name: entry.name.clone(),
         cycle: entry.cycle,
         at: entry.pattern.clone(),

@@ -10,8 +10,8 @@ use super::scheduler::Scheduler;
 use super::*;
 use crate::run::RehearsalResult;
 use crate::service::config::ServeConfig;
-use crate::service::machine_state::{CycleEnd, Interlocks, Refusal, State};
-use crate::service::schedule_state::{Planned, Readiness};
+use crate::service::machine_state::{CycleEnd, Interlocks, PlannedSchedule, Refusal, State};
+use crate::service::schedule_state::Readiness;
 use crate::service::worker_command::WorkerCommand;
 use crate::store::{Arming, SlotOutcome};
 
@@ -133,7 +133,7 @@ impl SchedulerBench {
         open_bench(folder, None)
     }
 
-    fn planned(&self) -> Planned {
+    fn planned(&self) -> PlannedSchedule {
         self.gate.machine_state().planned.remove(0)
     }
 }

@@ -105,7 +105,7 @@ fn regress_the_sense_that_the_control_tells_is_taken_and_any_other_is_marked() {
 #[test]
 fn what_cannot_be_is_refused() {
     let missing = draft(GRBL, Some("V[w-C-A-b-Y-X-Z-(C)-t]")).render(&said("XYZBC")).unwrap_err();
-    assert!(missing.to_string().contains("names A"), "{missing}");
+    assert!(missing.to_string().contains("contains the axis A"), "{missing}");
     let keys = draft("kind = \"grbl\"\nbaud = 9600", None).control().unwrap_err();
     assert!(keys.to_string().contains("exactly one link"), "{keys}");
     let kind = draft("kind = \"grobl\"", None).control().unwrap_err();

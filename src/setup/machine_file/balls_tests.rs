@@ -70,7 +70,12 @@ fn the_built_in_truth_is_the_papers_table() {
 
 #[test]
 fn balls_that_cannot_be_are_refused_where_they_stand() {
-    refused("id = \"2\"", "id = \"1\"", 0, "`id` in [artefact.balls] is `1`, and so is another");
+    refused(
+        "id = \"2\"",
+        "id = \"1\"",
+        0,
+        "`id` in [artefact.balls] is `1`, as for another ball; give each ball its own id",
+    );
     for id in ["a/b", "a b", "a,b"] {
         let to = format!("id = \"{id}\"");
         refused("id = \"4\"", &to, 0, "`id` in [artefact.balls] is `a");
@@ -133,9 +138,14 @@ fn lengths_that_cannot_be_are_refused_where_they_stand() {
         ends,
         "from = \"7\"\nto = \"2\"",
         0,
-        &(lengths("from") + " is `7`, a ball that is not"),
+        &(lengths("from") + " is `7`; no ball in the list has this id"),
     );
-    refused(ends, "from = \"1\"\nto = \"7\"", 1, &(lengths("to") + " is `7`, a ball that is not"));
+    refused(
+        ends,
+        "from = \"1\"\nto = \"7\"",
+        1,
+        &(lengths("to") + " is `7`; no ball in the list has this id"),
+    );
     refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
     refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
     refused("u_mm = 0.0001", "u_mm = -0.1", 0, &(lengths("u_mm") + " is -0.1; the standard"));
@@ -230,7 +240,7 @@ fn a_table_is_refused_with_its_line_and_column() {
         (
             "3,160,160,177.835",
             "3,152.4,0,45",
-            "set.csv:6: column `x_mm` stands 4.565 mm from ball `2`",
+            "set.csv:6: column `x_mm` is 4.565 mm from ball `2`; the two balls would touch",
         ),
         (
             ",2,75\n6",
@@ -298,7 +308,7 @@ fn what_balls_have_in_common_is_refused_where_it_stands() {
     let bad = said("radius_mm = 6.35\n", &paper.replace("3,160.0000", "3,16O.0000"));
     assert!(bad.starts_with("set.csv:5: column `x_mm` is `16O.0000`"), "{bad}");
     let big = said("radius_mm = 160.0\n", paper);
-    assert!(big.starts_with("set.csv:4: column `x_mm` stands"), "{big}");
+    assert!(big.starts_with("set.csv:4: column `x_mm` is"), "{big}");
     let inline = "radius_mm = 6.35\n# id: any";
     refused("# id: any", inline, 0, "`radius_mm` in [artefact] is a common value for the balls");
 }

@@ -10,7 +10,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{FileLocation, MachineFileError, Problem};
-use super::value::{Fault, FaultKind, Value, read_value};
+use super::value::{Fault, FaultKind, Value, deserialize_with_location};
 
 #[derive(Debug, Clone)]
 pub struct Document {
@@ -82,9 +82,9 @@ impl Document {
     ) -> Result<Option<R>, MachineFileError> {
         match find_value(self.parse_root()?, path) {
             None => Ok(None),
-            Some((_, value)) => {
-                read_value(value, read).map(Some).map_err(|fault| self.to_file_error(path, fault))
-            }
+            Some((_, value)) => deserialize_with_location(value, read)
+                .map(Some)
+                .map_err(|fault| self.to_file_error(path, fault)),
         }
     }
 

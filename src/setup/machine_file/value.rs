@@ -186,7 +186,7 @@ impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
 
 /// Reads `value`, and adds the location to a fault without one. A tagged or flattened type is read from serde's
 /// own buffer without locations: its unknown key is searched for in the text.
-pub fn read_value<'i, T>(
+pub fn deserialize_with_location<'i, T>(
     value: Spanned<DeValue<'i>>,
     read: impl FnOnce(Value<'i>) -> Result<T, Fault>,
 ) -> Result<T, Fault> {
@@ -256,6 +256,7 @@ impl<'de> MapAccess<'de> for TableEntries<'de> {
         let Some((key, value)) = self.value.take() else {
             return Err(Fault::custom("a value was requested before its key"));
         };
-        read_value(value, |value| seed.deserialize(value)).map_err(|fault| fault.within_key(&key))
+        deserialize_with_location(value, |value| seed.deserialize(value))
+            .map_err(|fault| fault.within_key(&key))
     }
 }

@@ -346,8 +346,8 @@ impl SimulatedControl {
         setup: &SimulationSetup<'_>,
         faults: &[controls::grbl::Fault],
     ) -> controls::grbl::Firmware {
-        use controls::grbl::{Firmware, Options};
-        let mut options = Options::of(setup.machine, setup.pace);
+        use controls::grbl::{Firmware, SimulatedGrblOptions};
+        let mut options = SimulatedGrblOptions::of(setup.machine, setup.pace);
         options.faults = faults.to_vec();
         options.settings.extend(&self.settings);
         Firmware::new(setup.world.clone(), options)
@@ -379,11 +379,11 @@ fn modbus_firmware(
     faults: &[controls::modbus::Fault],
     resident: bool,
 ) -> controls::modbus::Firmware {
-    use controls::modbus::{Firmware, Options};
-    let options = Options {
+    use controls::modbus::{Firmware, SimulatedModbusOptions};
+    let options = SimulatedModbusOptions {
         faults: faults.to_vec(),
         has_resident_program: resident,
-        ..Options::of(setup.machine, setup.pace)
+        ..SimulatedModbusOptions::of(setup.machine, setup.pace)
     };
     Firmware::new(setup.world.clone(), options)
 }

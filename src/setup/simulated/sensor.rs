@@ -18,7 +18,7 @@ use super::sensor_wire::{self, Wire, parse_data_sheet};
 /// `[sensor.simulated]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct SensorKeys {
+struct SimulatedSensorKeys {
     #[serde(default, rename = "speaks")]
     protocol: Protocol,
     #[serde(default = "default_wire")]
@@ -32,7 +32,7 @@ struct SensorKeys {
 /// sensor that sends unsolicited samples over another wire measures in wall time: the world's time advances
 /// with it, and a run is not reproducible.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "SensorKeys")]
+#[serde(try_from = "SimulatedSensorKeys")]
 pub struct SimulatedSensor {
     interface: SensorInterface,
     rate_hz: f64,
@@ -46,14 +46,16 @@ enum SensorInterface {
     Modbus(Wire),
 }
 
-impl TryFrom<SensorKeys> for SimulatedSensor {
+impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
     type Error = String;
 
     /// Converts the keys.
     ///
     /// # Errors
     /// The sensor does not support the wire.
-    fn try_from(SensorKeys { protocol, wire, rate_hz }: SensorKeys) -> Result<Self, String> {
+    fn try_from(
+        SimulatedSensorKeys { protocol, wire, rate_hz }: SimulatedSensorKeys,
+    ) -> Result<Self, String> {
         let interface = match protocol {
             Protocol::Can => SensorInterface::Can(wire),
             Protocol::Serial => {

@@ -300,7 +300,9 @@ fn a_truth_of_another_artefact_is_refused_by_name() {
             .to_string()
     };
     let balls = || Bench::balls(TWO);
-    assert!(said("roughness_um = 1.0", balls()).contains("roughness_um is for an artefact"));
+    assert!(
+        said("roughness_um = 1.0", balls()).contains("roughness_um is valid only for an artefact")
+    );
     assert!(said("[[form]]\nn = 2", balls()).contains("\"cylinder\""));
     assert!(said("ball_form_um = 0.1", Bench::ideal()).contains("\"balls\""));
     assert!(said("[[ball]]\nid = 'hi'", balls()).contains("names the ball `hi`"));

@@ -121,7 +121,7 @@ pub fn a_hold_overtakes() -> Result<(), Failed> {
             },
             async {
                 sleep(Duration::from_millis(200)).await;
-                hold.send_and_close();
+                hold.send_and_drop_ordinary();
             }
         );
         assert!(matches!(slow, Err(ModbusError::Timeout { .. })), "{slow:?}");

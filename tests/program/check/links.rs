@@ -142,12 +142,12 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "a port that is not there",
         || reached(PTY, "", |_| "kind = \"grbl\"\nserial = \"/dev/trued-nowhere\"".to_owned()),
-        "wrong port: /dev/trued-nowhere does not exist",
+        "wrong port: this computer has no /dev/trued-nowhere",
     ),
     row(
         "a port where nobody listens",
         || reached(MODBUS, "", |_| "kind = \"modbus\"\ntcp = \"127.0.0.1:1\"".to_owned()),
-        "no server listens at 127.0.0.1:1",
+        "no server answers at 127.0.0.1:1",
     ),
     row("a port that says nothing", silence, "is off, not wired, or not a supported control"),
     row(

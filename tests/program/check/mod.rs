@@ -81,7 +81,7 @@ fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
     };
     assert!(!jogged("X") && jogged("Y"), "{summary}");
     let text = summary.to_string();
-    assert!(text.contains("X: its limits differ from the control's"), "{text}");
+    assert!(text.contains("X: the limits differ from the limits of the control"), "{text}");
 }
 
 fn a_sound_machine_passes_whatever_it_speaks() {

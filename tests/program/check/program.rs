@@ -4,7 +4,7 @@ use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Output, Stdio};
 use std::sync::{Arc, Mutex};
 
-use simulator::controls::grbl::{Firmware, Options};
+use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tempfile::TempDir;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
@@ -120,7 +120,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains("1 failed"), "{said}");
         let failed = said.lines().find(|line| line.contains("FAILED")).unwrap();
-        assert!(failed.contains("answered `error:3` to `$$`"), "{said}");
+        assert!(failed.contains("replied `error:3` to `$$`"), "{said}");
     }
 }
 
@@ -128,7 +128,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
 async fn without_settings(listener: TcpListener, mut refusals: usize) {
     let file = MachineFile::parse("truth.toml", machine(&[])).unwrap();
     let world = Arc::new(Mutex::new(trued::setup::build_world(&file).unwrap()));
-    let mut firmware = Firmware::new(world, Options::of(&file.machine, Pace::Fast));
+    let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
     let (stream, _) = listener.accept().await.unwrap();
     let ((mut asked, mut told), (near, far)) = (stream.into_split(), tokio::io::duplex(4096));
     let (mut says, mut hears) = tokio::io::split(near);

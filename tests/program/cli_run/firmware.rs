@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use simulator::SimulatedWorld;
-use simulator::controls::grbl::{Firmware, Options};
+use simulator::controls::grbl::{Firmware, SimulatedGrblOptions};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 use tokio::net::{TcpListener, TcpStream};
 use trued::setup::Pace;
@@ -31,7 +31,7 @@ impl Control {
     pub fn at(file: &str, pace: Pace) -> Self {
         let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
-        let firmware = Firmware::new(world.clone(), Options::of(&file.machine, pace));
+        let firmware = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
         let (tell, heard) = channel();
         let (listening, address) = channel();
         let server = std::thread::spawn(move || {

@@ -49,7 +49,7 @@ fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
 pub fn a_run_that_is_killed_and_stopped_goes_on() {
     let shop = MachineShop::new(&machine());
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
-    drop(ended(shop.command(&run), &["mounting 2 of 4", "proven"], "KILL"));
+    drop(ended(shop.command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
     let resumed = ended(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
     assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
     let compared = ["the references agree", "remounted after the last reading"];

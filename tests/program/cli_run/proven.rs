@@ -18,7 +18,7 @@ pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     let proven = "motions; smallest clearance 1.35 mm between stylus stem and artefact, line 52, step 1 \
         (locate/P000)";
     assert!(stderr(&program).contains(proven), "{}", stderr(&program));
-    assert!(stderr(&program).contains("not looked at: the path of lines 7 to 10"));
+    assert!(stderr(&program).contains("not checked: the path of lines 7 to 10"));
     let text = String::from_utf8(program.stdout).unwrap();
     assert!(text.starts_with('(') && !text.contains("proven"));
     let touch = text.lines().nth(51).unwrap();

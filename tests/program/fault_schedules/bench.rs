@@ -10,7 +10,7 @@ use link::Link;
 use machine::record::event::Event;
 use planning::gcode::Dialect;
 use rand::RngExt;
-use simulator::controls::grbl::{Fault, FaultKind, Firmware, Options};
+use simulator::controls::grbl::{Fault, FaultKind, Firmware, SimulatedGrblOptions};
 use simulator::faulty_wire::{FaultyWire, PlannedFault};
 use trued::run::{Run, RunError};
 use trued::setup::Pace;
@@ -157,7 +157,10 @@ impl Bench {
         });
         let world = Arc::new(Mutex::new(setup::build_world(&self.file).unwrap()));
         let faults = schedule.fault.iter().cloned().collect();
-        let options = Options { faults, ..Options::of(&self.file.machine, Pace::Fast) };
+        let options = SimulatedGrblOptions {
+            faults,
+            ..SimulatedGrblOptions::of(&self.file.machine, Pace::Fast)
+        };
         let mut firmware = Firmware::new(world, options);
         let happened = firmware.occurred_faults();
         tokio::spawn(async move { firmware.serve(control).await });

@@ -88,7 +88,7 @@ pub fn a_stopped_identification_is_made_up_for() {
     assert_eq!(http.post("hold", &json!({})).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
     let told =
-        "run 1 is measured and stored, but not identified: stopped during the identification";
+        "run 1 is measured and stored, but not identified: stopped during the computation of the";
     assert!(daemon.log().contains(told), "the hold came too late: {}", daemon.log());
     assert_eq!(http.machine()["state"], "waiting");
     assert_eq!(daemon.terminate(), 0);
@@ -137,5 +137,5 @@ pub fn a_failed_identification_outdates_the_result_before() {
 /// Number of identification faults in the history of run 2.
 fn identification_faults(shop: &MachineShop) -> usize {
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
-    told.lines().filter(|line| line.contains("fault: not identified")).count()
+    told.lines().filter(|line| line.contains("fault: no estimate")).count()
 }

@@ -135,7 +135,8 @@ pub fn a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sen
     let told = stderr(&refused);
     assert_eq!(refused.status.code(), Some(1), "{told}");
     assert!(
-        told.contains("`laser` in the spindle, uncovered") && told.contains("nobody is there"),
+        told.contains("without covers: `laser` in the spindle")
+            && told.contains("no operator can answer"),
         "{told}"
     );
     assert!(!shop.bench.heard().contains("G53"), "{}", shop.bench.heard());

@@ -50,7 +50,7 @@ pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
         shop.bench.become_another(&SOUND.file().replacen("[0.3, -0.2]", moved, 1));
         let refused = shop.resume();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-        for words in ["have shifted since the stop", told, "start a new run"] {
+        for words in ["have shifted since the stop", told, "Start a new run"] {
             assert!(
                 stderr(&refused).contains(words),
                 "{moved}: no {words} in {}",

@@ -15,7 +15,7 @@ use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use rand::RngExt;
 use simulator::controls::modbus::{
-    DiaryEntry, Fault, FaultKind, Firmware, Options, serve_rtu, serve_tcp,
+    DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_rtu, serve_tcp,
 };
 use tokio::net::TcpListener;
 use trued::setup::{self, Devices, MachineFile, Pace};
@@ -168,10 +168,10 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
     runtime.block_on(async {
         let file = MachineFile::parse("machine.toml", self::file()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
-        let options = Options {
+        let options = SimulatedModbusOptions {
             faults,
             has_resident_program: resident,
-            ..Options::of(&file.machine, Pace::Fast)
+            ..SimulatedModbusOptions::of(&file.machine, Pace::Fast)
         };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();

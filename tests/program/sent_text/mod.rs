@@ -9,7 +9,7 @@ use machine::record::event::Event;
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
-use simulator::controls::modbus::{DiaryEntry, Firmware, Options, serve_tcp};
+use simulator::controls::modbus::{DiaryEntry, Firmware, SimulatedModbusOptions, serve_tcp};
 use tokio::net::TcpListener;
 use trued::run::Run;
 use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
@@ -145,9 +145,9 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
         let text = include_str!("../../../config/simulated.toml");
         let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
-        let options = Options {
+        let options = SimulatedModbusOptions {
             has_resident_program: resident,
-            ..Options::of(&world_of.machine, Pace::Fast)
+            ..SimulatedModbusOptions::of(&world_of.machine, Pace::Fast)
         };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();

@@ -96,7 +96,7 @@ pub fn at_a_terminal() {
     let machine = shop.machine();
     let refused = shop.trued(&["run", "self-calibration", "--machine", &machine]);
     let told = String::from_utf8_lossy(&refused.stderr);
-    assert!(refused.status.code() == Some(1) && told.contains("nobody is there"), "{told}");
+    assert!(refused.status.code() == Some(1) && told.contains("no operator can answer"), "{told}");
     assert!(told.contains("nothing has moved"), "{told}");
     assert_eq!(shop.states(), ["failed"]);
     let run = ["run", "self-calibration", "--machine", &machine, "--acknowledge", "Ada"];

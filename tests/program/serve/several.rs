@@ -86,7 +86,7 @@ pub fn machines() {
 pub fn bad_files() {
     let page = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
     let cases = [
-        (two(["one", "one"], ""), "two machines are named `one`"),
+        (two(["one", "one"], ""), "two machines have the name `one`"),
         (two(["one", "two"], "[[machine]]\nfile = \"three.toml\"\n"), "three.toml cannot be read"),
         (two(["one", "two"], "[htp]\n"), "unknown section [htp]"),
         (two(["one", "two"], "[[machine]]\nfil = \"three.toml\"\n"), "did you mean `file`"),

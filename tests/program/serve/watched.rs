@@ -108,5 +108,5 @@ fn interrupted(shop: &MachineShop) {
         assert!(started.elapsed() < Duration::from_secs(120), "{seen}");
     }
     assert_eq!(child.wait().unwrap().code(), Some(5), "{seen}");
-    assert!(seen.contains("press Enter") && seen.contains("target +0.00000"), "{seen}");
+    assert!(seen.contains("Press Enter") && seen.contains("target +0.00000"), "{seen}");
 }

@@ -39,7 +39,7 @@ impl GrblConnection {
     pub(super) fn new(link: Link) -> (Self, Halt) {
         let urgent = link.urgent();
         let hold = urgent.clone();
-        let halt = Halt::new(move || hold.send_and_close(b"!"));
+        let halt = Halt::new(move || hold.send_and_drop_ordinary(b"!"));
         let timeouts = GrblTimeouts::default();
         (
             Self {
@@ -63,7 +63,7 @@ impl GrblConnection {
 
     /// Holds the machine after a fault, whatever it is executing and whatever is still in transit.
     pub(super) fn hold(&self) {
-        self.urgent.send_and_close(b"!");
+        self.urgent.send_and_drop_ordinary(b"!");
     }
 
     /// Sends `line` and waits for its `ok`; returns the messages received before the `ok`.
@@ -375,7 +375,7 @@ impl GrblConnection {
                 Err(error) => return error,
             };
             let was_idle = std::mem::replace(&mut idle, status.state == "Idle");
-            if is_at_rest(&status) && (was_idle || !idle) {
+            if status.is_at_rest() && (was_idle || !idle) {
                 return ControllerError::Halted;
             }
             if !matches!(status.state.as_str(), "Hold" | "Door") {
@@ -392,14 +392,5 @@ fn parse_received(received: LineEvent) -> GrblMessage {
         LineEvent::Line(line) => GrblMessage::parse(&line),
         // If noise has replaced an answer, the silence that follows is reported.
         LineEvent::Noise { bytes } => GrblMessage::Unknown(format!("{bytes} bytes")),
-    }
-}
-
-fn is_at_rest(status: &GrblStatus) -> bool {
-    match status.state.as_str() {
-        "Hold" => status.substate.as_deref() == Some("0"),
-        "Door" => matches!(status.substate.as_deref(), Some("0" | "1")),
-        "Run" | "Jog" | "Home" => false,
-        _ => true,
     }
 }

@@ -56,6 +56,18 @@ pub(super) struct GrblStatus {
     pub t_s: Option<f64>,
 }
 
+impl GrblStatus {
+    /// Whether no axis moves.
+    pub(super) fn is_at_rest(&self) -> bool {
+        match self.state.as_str() {
+            "Hold" => self.substate.as_deref() == Some("0"),
+            "Door" => matches!(self.substate.as_deref(), Some("0" | "1")),
+            "Run" | "Jog" | "Home" => false,
+            _ => true,
+        }
+    }
+}
+
 /// Feed and rapid overrides, percent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overrides {

@@ -22,7 +22,7 @@ pub struct GrblTimeouts {
 }
 
 /// Longest pause between two status requests during a move that should touch nothing. One request may be
-/// lost: a contact must lead to a hold within `LATENCY_S` (planning, `turning.rs`), to which turns limit
+/// lost: a contact must lead to a hold within `LATENCY_S` (planning, `turn_feeds.rs`), to which turns limit
 /// their speed.
 pub(super) const MAX_FREE_MOVE_POLL: Duration = Duration::from_millis(100);
 

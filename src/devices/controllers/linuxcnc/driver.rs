@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use tokio::time::{Instant, sleep};
+use tokio::time::sleep;
 
 use super::fault;
 use super::files::SharedFiles;
@@ -11,7 +11,7 @@ use super::ini::IniFile;
 use super::not_ready::not_ready;
 use super::prepare;
 use super::program_runner::ProgramLimits;
-use super::result::{ProgramResult, ResultLog};
+use super::result::ResultLog;
 use super::rsh::RshClient;
 use super::{Sampler, kinematics, path_check, program_runner, state};
 use crate::controllers::{
@@ -26,9 +26,7 @@ use planning::gcode::{Transmission, TransmissionUnit};
 use planning::proof::{ProvenBlock, ProvenModes};
 
 /// Maximum time until the link's task has written a line.
-const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
-/// Maximum time for an axis to settle at its target.
-const MAX_SETTLING_TIME: Duration = Duration::from_millis(500);
+pub(super) const LINK_WRITE_TIME: Duration = Duration::from_millis(20);
 const NO_BLOCK_STEP: u32 = 0;
 /// Limits for a program that moves nothing.
 const NO_MOTION_LIMITS: ProgramLimits<'_> =
@@ -60,7 +58,7 @@ pub struct LinuxCnc {
     initial_mode: Option<String>,
     is_prepared: bool,
     /// Orientation of the spindle, rad, once it was commanded.
-    spindle_rad: Option<f64>,
+    pub(super) spindle_rad: Option<f64>,
     sampler: Option<Sampler>,
 }
 
@@ -263,61 +261,6 @@ impl LinuxCnc {
         self.touch_position(step, part, log.result)
     }
 
-    /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's
-    /// task is late, its interpreter reads on before a probing move has begun (2.9, issue 3650), and a
-    /// contact in that move shows nowhere else.
-    async fn check_final_position(
-        &mut self,
-        step: u32,
-        part: &TransmissionUnit,
-    ) -> Result<(), ControllerError> {
-        let deadline = Instant::now() + MAX_SETTLING_TIME;
-        loop {
-            let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
-            match path_check::end_deviation_error(&part.motions, &position) {
-                None => return Ok(()),
-                // The position is that of the feedback: an axis may still be settling.
-                Some(_) if Instant::now() < deadline => sleep(LINK_WRITE_TIME).await,
-                Some(error) => {
-                    self.require_open_probe(step).await?;
-                    return Err(error);
-                }
-            }
-        }
-    }
-
-    async fn require_open_probe(&mut self, step: u32) -> Result<(), ControllerError> {
-        match self.rsh.get("probe_value").await?.as_str() {
-            "0" => Ok(()),
-            _ => Err(ControllerError::ProbeStillClosed { step }),
-        }
-    }
-
-    /// Returns the position at the trigger, if `part` has a touch.
-    fn touch_position(
-        &mut self,
-        step: u32,
-        part: &TransmissionUnit,
-        result: Option<ProgramResult>,
-    ) -> Result<Option<Position>, ControllerError> {
-        let orientation = part.motions.iter().rev().find_map(|motion| match motion {
-            Motion::Orient { s } => Some(*s),
-            _ => None,
-        });
-        self.spindle_rad = orientation.or(self.spindle_rad);
-        match (part.motions.iter().any(is_touch), result) {
-            (true, Some(ProgramResult::Touch(at))) => {
-                if let Some(error) = path_check::contact_path_error(&part.motions, &at) {
-                    return Err(error);
-                }
-                let at = at.filter_axes(|axis| self.settings.axes.contains(&axis));
-                Ok(Some(self.spindle_rad.map_or(at.clone(), |s| at.with(Axis::S, s))))
-            }
-            (false, None) => Ok(None),
-            _ => Err(ControllerError::UnreadableReply { text: format!("log of step {step}") }),
-        }
-    }
-
     /// Runs a program that moves nothing.
     async fn run_switch_program(&mut self, program: &str) -> Result<(), ControllerError> {
         self.files.write_program(program)?;
@@ -426,7 +369,7 @@ fn is_feed_motion(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
 }
 
-fn is_touch(motion: &Motion) -> bool {
+pub(super) fn is_touch(motion: &Motion) -> bool {
     matches!(motion, Motion::Probe { .. })
 }
 

@@ -44,6 +44,7 @@ mod fuzz;
 mod ini;
 mod kinematics;
 mod not_ready;
+mod part_result;
 mod path_check;
 mod prepare;
 mod program_runner;

@@ -17,7 +17,7 @@ use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block};
 use planning::proof::{ProvenBlock, prove_modes};
 use simulator::controls::modbus::{
-    Diary, DiaryEntry, Fault, FaultKind, Firmware, Options, serve_tcp,
+    Diary, DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp,
 };
 use simulator::interpreter::Pace;
 use simulator::{MachineTruth, SimulatedWorld};
@@ -46,8 +46,11 @@ pub(super) async fn driver(
     let world =
         SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
     let resident = keys.contains("[program");
-    let options =
-        Options { faults, has_resident_program: resident, ..Options::of(&machine(), pace) };
+    let options = SimulatedModbusOptions {
+        faults,
+        has_resident_program: resident,
+        ..SimulatedModbusOptions::of(&machine(), pace)
+    };
     let firmware = Firmware::new(Arc::new(Mutex::new(world)), options);
     let diary = firmware.diary();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -200,7 +203,7 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
     assert!(error.remedy().contains("latch_time_s"), "{}", error.remedy());
 }
 
-/// Until a touch has confirmed the position, a turn is a feed motion (planning `turning.rs`).
+/// Until a touch has confirmed the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];

@@ -8,7 +8,7 @@ pub struct ModbusTimeouts {
     /// Maximum time for the control to accept a chunk, and to report its state.
     pub reply: Duration,
     /// Longest pause between two requests. A contact in a move that should touch nothing must lead to a
-    /// hold within `LATENCY_S` (planning, `turning.rs`).
+    /// hold within `LATENCY_S` (planning, `turn_feeds.rs`).
     pub poll_interval: Duration,
     /// Maximum time for which a control may report a motion without a change of position.
     pub stall: Duration,

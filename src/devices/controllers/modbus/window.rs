@@ -108,7 +108,7 @@ impl RegisterWindow {
         let link = Arc::new(ModbusClient::open(line, settings).await?);
         let hold = link.urgent(at, &words)?;
         let urgent = hold.clone();
-        let halt = Halt::new(move || urgent.send_and_close());
+        let halt = Halt::new(move || urgent.send_and_drop_ordinary());
         let beat = Arc::new(AtomicU16::new(0));
         let timeouts = ModbusTimeouts::default();
         let window = Self {
@@ -134,7 +134,7 @@ impl RegisterWindow {
 
     /// Holds the machine after a fault, whatever it is executing.
     pub(super) fn hold(&self) {
-        self.hold.send_and_close();
+        self.hold.send_and_drop_ordinary();
     }
 
     /// Reads the control's present status: consistent, though perhaps older than the last chunk.

@@ -2,7 +2,7 @@
 //! of text, or frames of bytes, as the machine file describes them. A sensor sends by itself, or answers
 //! requests.
 //!
-//! The byte stream is cut into whole pieces (`cut.rs`), and these are decoded by one of two formats
+//! The byte stream is cut into whole pieces (`splitter.rs`), and these are decoded by one of two formats
 //! (`line.rs`, `frame.rs`):
 //! - A piece that cannot be decoded is no sample. If the sensor has a counter, it shows how many samples
 //!   are missing; if not, the next valid sample is flagged `Gap`, and the number of missing samples is

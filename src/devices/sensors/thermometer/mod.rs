@@ -31,7 +31,7 @@ pub struct ThermometerConfig {
 #[derive(Debug, Clone)]
 enum ThermometerSource {
     /// The thermometer measures the simulated machine, which `[simulated]` describes.
-    Simulated,
+    SimulatedThermometerKeys,
     Modbus(modbus::Config),
 }
 
@@ -46,13 +46,13 @@ struct Keys {
     #[serde(default = "default_stale_s")]
     stale_s: f64,
     modbus: Option<modbus::Config>,
-    simulated: Option<Simulated>,
+    simulated: Option<SimulatedThermometerKeys>,
 }
 
 /// Keys of `[thermometer.simulated]`: `[[simulated.thermometer]]` describes what it measures.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Simulated {}
+struct SimulatedThermometerKeys {}
 
 fn default_stale_s() -> f64 {
     30.0
@@ -69,7 +69,7 @@ impl Keys {
     /// None of the tables is given, or several are.
     fn source(&mut self) -> Result<ThermometerSource, String> {
         let modbus = self.modbus.take().map(ThermometerSource::Modbus);
-        let simulated = self.simulated.take().map(|_| ThermometerSource::Simulated);
+        let simulated = self.simulated.take().map(|_| ThermometerSource::SimulatedThermometerKeys);
         match (modbus, simulated) {
             (Some(one), None) | (None, Some(one)) => Ok(one),
             _ => Err(format!(
@@ -104,7 +104,7 @@ impl ThermometerConfig {
     /// Address of the thermometer, in words.
     pub fn describe_address(&self) -> String {
         match &self.source {
-            ThermometerSource::Simulated => "simulated".to_owned(),
+            ThermometerSource::SimulatedThermometerKeys => "simulated".to_owned(),
             ThermometerSource::Modbus(config) => config.describe_address(),
         }
     }
@@ -116,8 +116,9 @@ pub async fn read_once(
     entries: &[ThermometerConfig],
     feel: impl Fn(&str) -> Option<SimulatedTemperature>,
 ) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
-    let simulated =
-        entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated));
+    let simulated = entries
+        .iter()
+        .filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys));
     let mut results: Vec<_> =
         simulated.map(|entry| (entry, read_simulated(feel(&entry.name).as_ref()))).collect();
     for channels in group_by_device(entries).into_values() {

@@ -34,7 +34,7 @@ struct PolledThermometer {
 enum ValueSource {
     Polled(Arc<Mutex<LastValue>>, Duration),
     /// Simulated time does not advance during the read.
-    Simulated(Option<SimulatedTemperature>),
+    SimulatedThermometerKeys(Option<SimulatedTemperature>),
 }
 
 /// Values of one thermometer.
@@ -54,12 +54,13 @@ impl ThermometerPoller {
         simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
     ) -> Self {
         let (mut all, mut stop) = (Vec::new(), Vec::new());
-        for entry in
-            entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated))
+        for entry in entries
+            .iter()
+            .filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys))
         {
             all.push(PolledThermometer {
                 name: entry.name.clone(),
-                source: ValueSource::Simulated(simulated(&entry.name)),
+                source: ValueSource::SimulatedThermometerKeys(simulated(&entry.name)),
             });
         }
         for device in group_by_device(entries).into_values() {
@@ -89,7 +90,7 @@ impl ThermometerPoller {
     pub async fn wait_for_first_values(&self) {
         let start = Instant::now();
         let was_polled = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::Simulated(_) => true,
+            ValueSource::SimulatedThermometerKeys(_) => true,
             ValueSource::Polled(last_value, _) => lock(last_value).was_polled,
         };
         while !self.all.iter().all(was_polled) && start.elapsed() < MAX_FIRST_VALUES_WAIT {
@@ -100,7 +101,7 @@ impl ThermometerPoller {
     /// Returns each name with the valid temperature, °C, or the reason why there is none.
     pub fn current_values(&self) -> Vec<(&str, Result<f64, String>)> {
         let value = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::Simulated(simulated) => {
+            ValueSource::SimulatedThermometerKeys(simulated) => {
                 read_simulated(simulated.as_ref()).map_err(|error| error.to_string())
             }
             ValueSource::Polled(last_value, max_age) => lock(last_value).value_within(*max_age),

@@ -30,7 +30,7 @@ fn regress_the_response_has_the_sign_of_the_near_solution() {
     let response = model.linear_response(&change);
     assert_eq!(response.residuals.len(), result.machine_fit.residuals.len());
     let changes = Mat::from_fn(2, count, |trial, i| trial as f64 * change[i]);
-    let x = model.solve_with_changes(changes.as_ref());
+    let x = model.solve_each_perturbation(changes.as_ref());
     let mut largest = 0.0_f64;
     for (j, first_order) in response.unknowns.iter().enumerate() {
         let moved = x[(1, j)] - x[(0, j)];

@@ -13,7 +13,7 @@ pub const MIN_VISITS: usize = 3;
 
 /// Additional time for a new indexation, in units of the time of a ball measurement: the rotation and the
 /// path to it.
-const NEW_INDEXATION_TIME: f64 = 0.25;
+const NEW_INDEXATION_COST: f64 = 0.25;
 
 /// Maximum size of the design.
 #[derive(Debug, Clone, Copy)]
@@ -110,7 +110,7 @@ impl GreedyChoice<'_> {
         for (index, candidate) in self.candidates.iter().enumerate() {
             if is_eligible(candidate) && self.is_allowed(index) {
                 let score = self.information.information_gain(candidate, self.criterion)
-                    / self.measurement_time(candidate);
+                    / self.relative_cost(candidate);
                 if best.is_none_or(|(highest, _)| score > highest) {
                     best = Some((score, index));
                 }
@@ -131,11 +131,11 @@ impl GreedyChoice<'_> {
     }
 
     /// Time in units of a ball measurement.
-    fn measurement_time(&self, candidate: &CandidateMeasurement) -> f64 {
+    fn relative_cost(&self, candidate: &CandidateMeasurement) -> f64 {
         if self.open_indexations.contains(&candidate.indexation) {
             1.0
         } else {
-            1.0 + NEW_INDEXATION_TIME
+            1.0 + NEW_INDEXATION_COST
         }
     }
 

@@ -125,9 +125,9 @@ fn regress_a_block_gives_the_unknowns_of_each_trial() {
         let deviation: f64 = StandardNormal.sample(&mut random);
         1e-3 * trial as f64 * deviation
     });
-    let block = fit.solve_with_changes(changes.as_ref());
+    let block = fit.solve_each_perturbation(changes.as_ref());
     for trial in 0..changes.nrows() {
-        let alone = fit.solve_with_changes(changes.subrows(trial, 1));
+        let alone = fit.solve_each_perturbation(changes.subrows(trial, 1));
         assert_eq!(alone.row(0), block.row(trial), "trial {trial}");
     }
     let trials = Some(TrialPlan { seed: 1, trials: TrialCount::Fixed(2_500) });

@@ -116,16 +116,18 @@ fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
 
 fn check_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
     let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
-        StartInterlock::Enable if !request.enable => Some("the machine may move (`enable`)"),
-        StartInterlock::Auto if !request.auto => Some("the control is in automatic mode (`auto`)"),
-        StartInterlock::Door if !request.door => Some("the guards are closed (`door`)"),
+        StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
+        StartInterlock::Auto if !request.auto => {
+            Some("that the control is in automatic mode (`auto`)")
+        }
+        StartInterlock::Door if !request.door => Some("that the guards are closed (`door`)"),
         _ => None,
     });
     missing.map_or(Ok(()), |what| Err(not_confirmed(what)))
 }
 
 fn not_confirmed(what: &str) -> Problem {
-    let message = format!("not confirmed: {what}");
+    let message = format!("the request does not confirm {what}");
     Problem::new(
         StatusCode::CONFLICT,
         "not-vouched",

@@ -6,13 +6,13 @@ use minijinja::context;
 
 use super::{render_page, run_row};
 use crate::service::http::AppState;
-use crate::service::http::api::RunRange;
+use crate::service::http::api::RunListQuery;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 
 pub async fn runs_page(
     State(app): State<AppState>,
-    Query(range): Query<RunRange>,
+    Query(range): Query<RunListQuery>,
 ) -> Result<Html<String>, Problem> {
     let tokens = app.access.requires_tokens();
     read_journal(&app, move |journal| {

@@ -4,7 +4,8 @@ use jiff::Timestamp;
 use minijinja::{Value, context};
 
 use super::local_time;
-use crate::service::schedule_state::{Agenda, Planned};
+use crate::service::machine_state::PlannedSchedule;
+use crate::service::schedule_state::Agenda;
 use crate::store::{Arming, ScheduleSlot};
 
 /// Number of outcomes that are shown.
@@ -25,7 +26,7 @@ pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     })
 }
 
-fn planned_values(planned: &Planned, armed: Option<&Arming>) -> Value {
+fn planned_values(planned: &PlannedSchedule, armed: Option<&Arming>) -> Value {
     context! {
         name => planned.name.as_str(),
         cycle => planned.cycle,

@@ -1,7 +1,7 @@
 //! The simulated control: implements grblHAL's protocol and executes the received text against a [`SimulatedWorld`]. It
 //! is the peer of the driver and shares no code with it.
 //!
-//! One extension, switched by [`Options::stamps`]: the status report carries `|Time:<seconds>`, the
+//! One extension, switched by [`SimulatedGrblOptions::has_time_stamps`]: the status report carries `|Time:<seconds>`, the
 //! simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
 
 mod fault;
@@ -45,7 +45,7 @@ const ERROR_LOCKED: GrblErrorCode = 9;
 
 /// Configuration of the simulated control.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct SimulatedGrblOptions {
     /// Interpreter with the axes and their travel.
     pub interpreter: Interpreter,
     pub pace: Pace,
@@ -66,7 +66,7 @@ pub struct Options {
     pub faults: Vec<Fault>,
 }
 
-impl Options {
+impl SimulatedGrblOptions {
     /// Options for the control of `machine`: native level, time stamps enabled.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
         let (interpreter, settings) =
@@ -98,7 +98,7 @@ enum AlarmLock {
 
 /// The simulated control: bytes in ([`Firmware::serve`]), bytes out.
 pub struct Firmware {
-    options: Options,
+    options: SimulatedGrblOptions,
     world: Arc<Mutex<SimulatedWorld>>,
     /// Position of the machine after all queued motion.
     planned_position: Position,
@@ -130,7 +130,7 @@ pub struct Firmware {
 }
 
 impl Firmware {
-    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: Options) -> Self {
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: SimulatedGrblOptions) -> Self {
         let mut firmware = Self {
             is_homed: options.is_homed,
             options,

@@ -3,8 +3,8 @@
 
 use super::*;
 
-fn real(change: impl FnOnce(&mut Options)) -> Firmware {
-    let mut options = Options::of(&testing::machine(), Pace::Fast);
+fn real(change: impl FnOnce(&mut SimulatedGrblOptions)) -> Firmware {
+    let mut options = SimulatedGrblOptions::of(&testing::machine(), Pace::Fast);
     options.has_time_stamps = false;
     change(&mut options);
     Firmware::new(testing::world(), options)

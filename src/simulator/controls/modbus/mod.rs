@@ -40,7 +40,7 @@ const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Configuration of the simulated control.
 #[derive(Debug, Clone)]
-pub struct Options {
+pub struct SimulatedModbusOptions {
     /// Interpreter with the axes and their travel.
     pub interpreter: Interpreter,
     pub pace: Pace,
@@ -50,7 +50,7 @@ pub struct Options {
     pub has_resident_program: bool,
 }
 
-impl Options {
+impl SimulatedModbusOptions {
     pub fn of(machine: &Machine, pace: Pace) -> Self {
         Self {
             interpreter: Interpreter::for_machine(machine),
@@ -97,7 +97,7 @@ enum Mode {
 
 /// The simulated control.
 pub struct Firmware {
-    options: Options,
+    options: SimulatedModbusOptions,
     world: Arc<Mutex<SimulatedWorld>>,
     mode: Mode,
     /// The holding registers.
@@ -138,7 +138,7 @@ pub struct Firmware {
 }
 
 impl Firmware {
-    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: Options) -> Self {
+    pub fn new(world: Arc<Mutex<SimulatedWorld>>, options: SimulatedModbusOptions) -> Self {
         let (resident, size) = match options.has_resident_program {
             true => (Some(ResidentProgram::default()), layout::PROGRAM_BLOCK_REGISTERS),
             false => (None, layout::LINE_BLOCK_REGISTERS),

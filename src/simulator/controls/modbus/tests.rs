@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde_json::json;
 use tokio_modbus::{ExceptionCode, Request, Response};
 
-use super::{DiaryEntry, Firmware, Mode, Options};
+use super::{DiaryEntry, Firmware, Mode, SimulatedModbusOptions};
 use crate::interpreter::Pace;
 use crate::{MachineTruth, SimulatedWorld};
 use machine::record::artefact::Artefact;
@@ -26,7 +26,10 @@ fn built(pace: Pace, resident: bool) -> Firmware {
     }))
     .unwrap();
     let world = SimulatedWorld::new(&machine, &probe, &artefact, &MachineTruth::default()).unwrap();
-    let options = Options { has_resident_program: resident, ..Options::of(&machine, pace) };
+    let options = SimulatedModbusOptions {
+        has_resident_program: resident,
+        ..SimulatedModbusOptions::of(&machine, pace)
+    };
     Firmware::new(Arc::new(Mutex::new(world)), options)
 }
 

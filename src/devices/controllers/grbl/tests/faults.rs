@@ -171,7 +171,10 @@ async fn touch_with_fault(
     // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
     let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
-    let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Fast) };
+    let options = SimulatedGrblOptions {
+        faults: vec![fault],
+        ..SimulatedGrblOptions::of(&testing::machine(), Pace::Fast)
+    };
     let mut control = Firmware::new(testing::world(), options);
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, _) = grbl(Link::from_stream("in process", ours));
@@ -231,7 +234,7 @@ async fn regress_a_contact_during_a_positioning_move_holds_the_machine() {
     assert!(sent.ends_with('!') && sent.lines().count() == 2, "{sent}");
 }
 
-/// Until a touch has confirmed the position, a turn is a feed motion (planning `turning.rs`).
+/// Until a touch has confirmed the position, a turn is a feed motion (planning `turn_feeds.rs`).
 #[tokio::test]
 async fn regress_a_contact_during_a_turn_at_feed_holds_the_machine() {
     let to = position(&[(Axis::C, 90.0)]);
@@ -263,7 +266,10 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
     let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
-    let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Real) };
+    let options = SimulatedGrblOptions {
+        faults: vec![fault],
+        ..SimulatedGrblOptions::of(&testing::machine(), Pace::Real)
+    };
     let mut control = Firmware::new(world.clone(), options);
     let happened = control.occurred_faults();
     tokio::spawn(async move { control.serve(theirs).await });

@@ -17,7 +17,7 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
-use simulator::controls::grbl::{Firmware, Options, testing};
+use simulator::controls::grbl::{Firmware, SimulatedGrblOptions, testing};
 use simulator::interpreter::Pace;
 use simulator::{SimulatedWorld, Speed};
 
@@ -76,7 +76,8 @@ async fn run(driver: &mut Grbl, steps: u32) -> Vec<BlockOutcome> {
 async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<SimulatedWorld>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
-    let mut control = Firmware::new(world.clone(), Options::of(&testing::machine(), pace));
+    let mut control =
+        Firmware::new(world.clone(), SimulatedGrblOptions::of(&testing::machine(), pace));
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, halt) = grbl(Link::from_stream("in process", ours));
     driver.prepare().await.unwrap();
@@ -84,7 +85,7 @@ async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<SimulatedWorld>
 }
 
 fn firmware() -> Firmware {
-    Firmware::new(testing::world(), Options::of(&testing::machine(), Pace::Fast))
+    Firmware::new(testing::world(), SimulatedGrblOptions::of(&testing::machine(), Pace::Fast))
 }
 
 #[tokio::test]

@@ -8,7 +8,7 @@ use super::*;
 use crate::controllers::grbl::message::GrblMessage;
 
 /// Driver of a simulated control with the options `made`, and the text that the driver has sent.
-fn taped_driver(made: Options) -> (Grbl, SentText) {
+fn taped_driver(made: SimulatedGrblOptions) -> (Grbl, SentText) {
     let mut control = Firmware::new(testing::world(), made);
     let (ours, middle) = tokio::io::duplex(4096);
     let (onward, theirs) = tokio::io::duplex(4096);
@@ -51,8 +51,8 @@ const UNREADY_SETTINGS: [(u16, f64, &str, &str); 7] = [
     (10, 495.0, "do not contain the probe", "$10=511"),
 ];
 
-fn options() -> Options {
-    Options::of(&testing::machine(), Pace::Fast)
+fn options() -> SimulatedGrblOptions {
+    SimulatedGrblOptions::of(&testing::machine(), Pace::Fast)
 }
 
 #[tokio::test]
@@ -62,14 +62,28 @@ async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
         made.settings.insert(number, value);
         assert_refused(made, state, remedy).await;
     }
-    assert_refused(Options { is_homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H")
-        .await;
+    assert_refused(
+        SimulatedGrblOptions { is_homed: false, ..options() },
+        "X, Y, Z, B, C are not homed",
+        "$H",
+    )
+    .await;
     for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
-        assert_refused(Options { overrides, ..options() }, state, "100 %").await;
+        assert_refused(SimulatedGrblOptions { overrides, ..options() }, state, "100 %").await;
     }
-    assert_refused(Options { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
-    assert_refused(Options { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
-    let silent = Options { settings: [].into(), ..options() };
+    assert_refused(
+        SimulatedGrblOptions { has_pendant: true, ..options() },
+        "a pendant",
+        "pendant off",
+    )
+    .await;
+    assert_refused(
+        SimulatedGrblOptions { tool_length_mm: 50.0, ..options() },
+        "tool length",
+        "G49",
+    )
+    .await;
+    let silent = SimulatedGrblOptions { settings: [].into(), ..options() };
     assert_refused(silent, "does not report its settings", "grblHAL").await;
 
     let (mut driver, tape) = taped_driver(options());
@@ -78,7 +92,7 @@ async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
     assert!(!motions(&tape.lock().unwrap()).is_empty());
 }
 
-async fn assert_refused(made: Options, state: &str, remedy: &str) {
+async fn assert_refused(made: SimulatedGrblOptions, state: &str, remedy: &str) {
     let (mut driver, tape) = taped_driver(made);
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains(state), "{error}");
@@ -103,7 +117,7 @@ async fn an_axis_without_a_switch_must_be_declared() {
 /// `check` lists all that `prepare` refuses.
 #[tokio::test]
 async fn an_introduction_has_the_whole_list() {
-    let mut made = Options { is_homed: false, overrides: [110, 50], ..options() };
+    let mut made = SimulatedGrblOptions { is_homed: false, overrides: [110, 50], ..options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
     let said = taped_driver(made).0.identify_device().await.unwrap();
     let blocking: Vec<String> =
@@ -154,7 +168,7 @@ async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
         let head = driver.modes.head().iter().filter(|line| !line.starts_with('('));
         head.filter(|line| tape.lines().any(|sent| sent.ends_with(line.as_str()))).count()
     };
-    let (mut driver, tape) = taped_driver(Options { is_homed: false, ..options() });
+    let (mut driver, tape) = taped_driver(SimulatedGrblOptions { is_homed: false, ..options() });
     let error = driver.prepare().await.unwrap_err();
     assert!(error.to_string().contains("not homed"), "{error}");
     assert_eq!(head_sent(&driver, &tape), 0);
@@ -178,7 +192,7 @@ async fn device_info(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo 
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
     let settings = all.iter().chain(&travels).chain(settings).copied().collect();
-    taped_driver(Options { settings, ..options() }).0.identify_device().await.unwrap()
+    taped_driver(SimulatedGrblOptions { settings, ..options() }).0.identify_device().await.unwrap()
 }
 
 #[tokio::test]

@@ -28,7 +28,7 @@ pub(super) struct RowResult {
 }
 
 /// Kind of a valid result in a status.
-enum ResultKind {
+enum ResultFreshness {
     /// A result of another call, or an older status.
     Stale,
     /// A result that was read already: the control has not received the acknowledgement yet.
@@ -133,9 +133,9 @@ impl ModbusControl {
                 continue;
             }
             match result_kind(&self.window, &status, &slot, pending.sequence)? {
-                ResultKind::Stale => {}
-                ResultKind::AlreadyRead => self.window.acknowledge(status.latch_count).await?,
-                ResultKind::New => {
+                ResultFreshness::Stale => {}
+                ResultFreshness::AlreadyRead => self.window.acknowledge(status.latch_count).await?,
+                ResultFreshness::New => {
                     results.push(row_result(&status, &slot));
                     self.window.last_result_number = Some(status.latch_count);
                     self.window.acknowledge(status.latch_count).await?;
@@ -207,20 +207,20 @@ fn result_kind(
     status: &WindowStatus,
     slot: &ResultSlot,
     sequence: u16,
-) -> Result<ResultKind, ControllerError> {
+) -> Result<ResultFreshness, ControllerError> {
     let last_number = window.last_result_number.unwrap_or_default();
     if status.latch_count == last_number {
-        return Ok(ResultKind::AlreadyRead);
+        return Ok(ResultFreshness::AlreadyRead);
     }
     if status.accepted_sequence != sequence || slot.call_sequence != sequence {
-        return Ok(ResultKind::Stale);
+        return Ok(ResultFreshness::Stale);
     }
     if status.latch_count == sequence_after(last_number) {
-        return Ok(ResultKind::New);
+        return Ok(ResultFreshness::New);
     }
     // Numbers wrap around: a number in the farther half is an older one.
     if status.latch_count.wrapping_sub(last_number) > u16::MAX / 2 {
-        return Ok(ResultKind::Stale);
+        return Ok(ResultFreshness::Stale);
     }
     let reply = format!(
         "result {} received, result {} expected",

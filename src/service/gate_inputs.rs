@@ -1,0 +1,112 @@
+//! Inputs of the gate beside the commands: progress of the worker, reports that the machine is ready, and requests that
+//! a cycle is due.
+
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+
+use super::command_gate::CommandGate;
+use super::heartbeat::Heartbeat;
+use super::machine_state::Interlocks;
+use super::schedule_state::{DueRequest, Readiness};
+
+impl CommandGate {
+    /// Reports progress of the worker; the next report is due within `timeout`.
+    pub fn report_progress(&self, timeout: Duration) {
+        self.inner().heartbeat = Heartbeat::now(timeout);
+    }
+
+    /// Time since the last report of progress.
+    pub fn progress_age(&self) -> Duration {
+        self.inner().heartbeat.age()
+    }
+
+    pub fn is_progress_late(&self) -> bool {
+        self.inner().heartbeat.is_late()
+    }
+
+    /// Adds a source that reports the readiness of the machine.
+    pub fn add_readiness_source(&self, source: impl Fn() -> Readiness + Send + Sync + 'static) {
+        self.inner().readiness_sources.push(Arc::new(source));
+    }
+
+    /// Combined readiness of all sources. `None` without a source, or while one of them is stale: an unattended start
+    /// needs the report of every source.
+    pub fn combined_readiness(&self) -> Option<Readiness> {
+        let reports = self.readiness_reports();
+        let is_fresh = reports.iter().all(|report| report.interlocks.fresh);
+        is_fresh.then(|| reports.into_iter().reduce(Readiness::and)).flatten()
+    }
+
+    /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
+    /// fresh one.
+    pub fn fresh_interlocks(&self) -> Option<Interlocks> {
+        let fresh = self.readiness_reports().into_iter().filter(|report| report.interlocks.fresh);
+        fresh.reduce(Readiness::and).map(|report| report.interlocks)
+    }
+
+    fn readiness_reports(&self) -> Vec<Readiness> {
+        // A source may use the gate: the lock is released before the sources are called.
+        let sources = self.inner().readiness_sources.clone();
+        sources.iter().map(|source| source()).collect()
+    }
+
+    /// Sets the channel on which the scheduler receives the requests that a cycle is due.
+    pub fn set_due_requests(&self, due_requests: Sender<DueRequest>) {
+        self.inner().due_requests = Some(due_requests);
+    }
+
+    /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
+    pub fn request_due(
+        &self,
+        cycle: u16,
+        who: String,
+    ) -> Option<oneshot::Receiver<Result<(), String>>> {
+        let (answer, answered) = oneshot::channel();
+        let due_requests = self.inner().due_requests.clone()?;
+        due_requests.send(DueRequest { cycle, who, answer }).ok()?;
+        Some(answered)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
+        let interlocks = Interlocks {
+            fresh: true,
+            enable: true,
+            auto: true,
+            door: true,
+            stop: false,
+            person: false,
+        };
+        let all =
+            Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
+        let gate = CommandGate::for_tests().0;
+        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (None, None));
+        gate.add_readiness_source(move || all);
+        assert_eq!(
+            (gate.combined_readiness(), gate.fresh_interlocks()),
+            (Some(all), Some(interlocks))
+        );
+        let silent = CommandGate::for_tests().0;
+        silent.add_readiness_source(Readiness::default);
+        silent.add_readiness_source(move || all);
+        assert_eq!(
+            (silent.combined_readiness(), silent.fresh_interlocks()),
+            (None, Some(interlocks))
+        );
+        let other = Readiness {
+            interlocks: Interlocks { door: false, stop: true, ..interlocks },
+            idle: false,
+            ..all
+        };
+        gate.add_readiness_source(move || other);
+        assert_eq!(gate.combined_readiness(), Some(other));
+    }
+}
