@@ -11,9 +11,6 @@ fn main() {
     let commit = Command::new("git").args(["rev-parse", "--short=12", "HEAD"]).output();
     // A source archive has no commit.
     if let Some(commit) = commit.ok().filter(|output| output.status.success()) {
-        println!(
-            "cargo::rustc-env=TRUED_COMMIT={}",
-            String::from_utf8_lossy(&commit.stdout).trim()
-        );
+        println!("cargo::rustc-env=TRUED_COMMIT={}", String::from_utf8_lossy(&commit.stdout).trim());
     }
 }

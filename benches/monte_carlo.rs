@@ -13,9 +13,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::identification::{DrawDistribution, Effect, UncertaintySource};
-use methods::self_calibration::{
-    FittedCycle, LinearisedFit, SecondOrderCorrection, SelfCalibration,
-};
+use methods::self_calibration::{FittedCycle, LinearisedFit, SecondOrderCorrection, SelfCalibration};
 use methods::{Method, RegisteredMethod};
 use serde_json::{Value, json};
 use trued::setup::{self, MachineFile};
@@ -31,10 +29,7 @@ const SCRIPT: &str = include_str!("monte_carlo_numpy.py");
 fn main() -> Result<(), Box<dyn Error>> {
     let (method, plan, readings) = measured()?;
     let (ours_s, estimate) = ours(&method, &plan, &readings)?;
-    println!(
-        "trued: {ours_s:.3} s for {TRIALS} trials on {} threads",
-        rayon::current_num_threads()
-    );
+    println!("trued: {ours_s:.3} s for {TRIALS} trials on {} threads", rayon::current_num_threads());
     let problem = problem(&method.fit_cycle(&plan, &readings)?);
     let (numpy_s, theirs) = match numpy_python().and_then(|python| numpy(&python, &problem)) {
         Ok(found) => found,
@@ -69,17 +64,12 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
     let file = MachineFile::parse("simulated.toml", text)?;
     let (method, plan) = setup::plan_header(&file, "self-calibration", None)?;
     let own = SelfCalibration::new(serde_json::from_value(method.settings())?);
-    let (plan, readings) =
-        plan_player::measure(&mut setup::build_world(&file)?, method.as_ref(), plan);
+    let (plan, readings) = plan_player::measure(&mut setup::build_world(&file)?, method.as_ref(), plan);
     Ok((own, plan, readings))
 }
 
 /// Best of nine runs: seconds, and the estimate.
-fn ours(
-    method: &SelfCalibration,
-    plan: &Plan,
-    readings: &[Reading],
-) -> Result<(f64, Estimate), Box<dyn Error>> {
+fn ours(method: &SelfCalibration, plan: &Plan, readings: &[Reading]) -> Result<(f64, Estimate), Box<dyn Error>> {
     let (mut best, mut estimate) = (f64::INFINITY, method.identify(plan, readings)?);
     for _ in 0..9 {
         let start = Instant::now();
@@ -128,8 +118,7 @@ fn bend(bend: &SecondOrderCorrection) -> Value {
         ])
     });
     let heights = bend.heights.iter();
-    let heights =
-        heights.map(|height| json!({"radius": height.radius, "forms": rows(&height.forms)}));
+    let heights = heights.map(|height| json!({"radius": height.radius, "forms": rows(&height.forms)}));
     json!({"contacts": contacts.collect::<Vec<_>>(), "heights": heights.collect::<Vec<_>>()})
 }
 

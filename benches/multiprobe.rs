@@ -10,9 +10,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use estimation::random;
-use estimation::revolutions::{
-    AngleSample, ResampleFilter, Resampled, Resampler, common_revolutions,
-};
+use estimation::revolutions::{AngleSample, ResampleFilter, Resampled, Resampler, common_revolutions};
 use machine::Axis;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
@@ -89,11 +87,7 @@ fn resampled(filter: &ResampleFilter, turn: &Turn) -> Resampled {
 }
 
 /// Best of three runs: seconds, and the estimate.
-fn identified(
-    method: &dyn Method,
-    plan: &Plan,
-    readings: &[Reading],
-) -> Result<(f64, Estimate), Box<dyn Error>> {
+fn identified(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<(f64, Estimate), Box<dyn Error>> {
     let (mut best, mut last) = (f64::INFINITY, None);
     for _ in 0..3 {
         let start = Instant::now();

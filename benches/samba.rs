@@ -16,8 +16,7 @@ use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 use methods::samba::{
-    BallMeasurement, GeometryEquations, GeometryModel, GeometryProblem, LeastSquares,
-    LengthConstraint, ObservedValues,
+    BallMeasurement, GeometryEquations, GeometryModel, GeometryProblem, LeastSquares, LengthConstraint, ObservedValues,
 };
 use nalgebra::{Matrix3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -67,16 +66,9 @@ struct Data {
 fn main() -> Result<(), Box<dyn Error>> {
     let data = data()?;
     let (ours_s, NonlinearSolution { x: ours, jacobian_count: factors, .. }) = ours(&data)?;
-    println!(
-        "trued: {:.3} ms for one solve of {} unknowns with {factors} Jacobians",
-        ours_s * 1e3,
-        ours.len()
-    );
+    println!("trued: {:.3} ms for one solve of {} unknowns with {factors} Jacobians", ours_s * 1e3, ours.len());
     let trials_s = trials(&data)?;
-    println!(
-        "trued: {trials_s:.2} s for {TRIALS} re-solves on {} threads",
-        rayon::current_num_threads()
-    );
+    println!("trued: {trials_s:.2} s for {TRIALS} re-solves on {} threads", rayon::current_num_threads());
     if trials_s > MOST_S {
         return Err(format!("the re-solves take more than {MOST_S} s").into());
     }
@@ -120,8 +112,7 @@ fn ours(data: &Data) -> Result<(f64, NonlinearSolution), Box<dyn Error>> {
 fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
     let Data { problem, measured, .. } = data;
     let minimum = problem.solve(measured, problem.initial_values(measured))?;
-    let model =
-        LeastSquares { equation: &GeometryEquations { problem, measured }, minimum: &minimum };
+    let model = LeastSquares { equation: &GeometryEquations { problem, measured }, minimum: &minimum };
     let start = Instant::now();
     let squares: f64 = (0..TRIALS)
         .into_par_iter()
@@ -161,8 +152,7 @@ fn data() -> Result<Data, Box<dyn Error>> {
     let mut next = || -> f64 { normal.next().unwrap_or_default() };
     let (mut places, mut seen, mut table) = (Vec::new(), Vec::new(), Vec::new());
     for k in 0..24_usize {
-        let angles = [TILTS_DEG[k / 4], (k % 4) as f64 * 90.0, ((k + k / 4) % 4) as f64 * 90.0]
-            .map(f64::to_radians);
+        let angles = [TILTS_DEG[k / 4], (k % 4) as f64 * 90.0, ((k + k / 4) % 4) as f64 * 90.0].map(f64::to_radians);
         let place: Position = [Axis::B, Axis::C, Axis::S].into_iter().zip(angles).collect();
         let mut stands = Vec::new();
         for (ball, centre) in balls.iter().enumerate() {
@@ -174,11 +164,7 @@ fn data() -> Result<Data, Box<dyn Error>> {
         stands.truncate(MEASUREMENTS / 24 + usize::from(k < MEASUREMENTS % 24));
         for (ball, xyz) in stands {
             let xyz = xyz.map(|value| value + next() * NOISE_MM);
-            seen.push(BallMeasurement {
-                position_index: k,
-                ball,
-                whitening: Matrix3::identity() / NOISE_MM,
-            });
+            seen.push(BallMeasurement { position_index: k, ball, whitening: Matrix3::identity() / NOISE_MM });
             table.push(([angles[0], angles[1], angles[2], xyz[0], xyz[1], xyz[2]], ball));
         }
         places.push(place);

@@ -13,10 +13,7 @@ use super::tape::{ASK_FULL, Exchange, STATUS, frame, word};
 const HEARTBEAT: usize = 11;
 
 /// Serves a grbl control on `stream`, on its own thread; the stream is created there.
-pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(
-    tape: Vec<Exchange>,
-    stream: impl FnOnce() -> S + Send + 'static,
-) {
+pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(tape: Vec<Exchange>, stream: impl FnOnce() -> S + Send + 'static) {
     thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {

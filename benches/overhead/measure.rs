@@ -128,8 +128,7 @@ impl Prepared {
             }
             Wire::ModbusTcp => {
                 let port = controls::modbus(tape::modbus(&self.capture));
-                let config: ModbusConfig =
-                    toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
+                let config: ModbusConfig = toml::from_str(&format!("tcp = \"127.0.0.1:{port}\"")).unwrap();
                 let opened = ModbusControl::open(&config, machine, modes).await;
                 let (driver, halt) = opened.unwrap();
                 return Devices::new(Controller::spawn(driver, halt), dialect);

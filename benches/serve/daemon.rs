@@ -55,9 +55,7 @@ fn at_wire(port: u16) -> String {
     let begin = file.find("\n[controller]").unwrap();
     let end = begin + 1 + file[begin + 1..].find("\n[").unwrap();
     let simulated = file.find("\n[simulated]").unwrap();
-    let control = format!(
-        "\n[controller]\nkind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"\ndialect = \"grbl-m19\"\n"
-    );
+    let control = format!("\n[controller]\nkind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"\ndialect = \"grbl-m19\"\n");
     assert!(file[begin..end].contains(SIMULATED) && end < simulated);
     format!("{}{control}{}{SERVE}", &file[..begin], &file[end..simulated])
 }
@@ -102,10 +100,7 @@ impl Daemon {
     }
 
     pub fn start(&self) {
-        self.wants(
-            "/start",
-            &json!({"cycle": 1, "who": "a", "enable": true, "auto": true, "door": true}),
-        );
+        self.wants("/start", &json!({"cycle": 1, "who": "a", "enable": true, "auto": true, "door": true}));
     }
 
     /// Repeats a request as long as the answer is 429 (too many requests).
@@ -141,8 +136,7 @@ impl Daemon {
 
     /// Processor time of the daemon, s.
     pub fn processor_s(&self) -> f64 {
-        let stat =
-            std::fs::read_to_string(format!("/proc/{}/stat", self.served.child.id())).unwrap();
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.served.child.id())).unwrap();
         let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
         // utime and stime, in hundredths of a second.
         (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0

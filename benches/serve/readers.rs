@@ -72,9 +72,7 @@ async fn tablet(address: String, listening: Arc<AtomicU64>) {
             continue;
         }
         // The server closes an idle connection; a browser opens a new one.
-        if page.write_all(head(LIVE).as_bytes()).await.is_err()
-            || !taken(&mut page, &mut buffer).await
-        {
+        if page.write_all(head(LIVE).as_bytes()).await.is_err() || !taken(&mut page, &mut buffer).await {
             page = TcpStream::connect(&address).await.unwrap();
         }
     }
@@ -91,10 +89,7 @@ async fn taken(page: &mut TcpStream, buffer: &mut [u8]) -> bool {
         let text = String::from_utf8_lossy(&answer);
         let Some((head, body)) = text.split_once("\r\n\r\n") else { continue };
         let length = head.lines().find_map(|line| line.strip_prefix("content-length: "));
-        if length
-            .and_then(|length| length.parse::<usize>().ok())
-            .is_some_and(|all| body.len() >= all)
-        {
+        if length.and_then(|length| length.parse::<usize>().ok()).is_some_and(|all| body.len() >= all) {
             return true;
         }
     }

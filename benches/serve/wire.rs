@@ -79,9 +79,10 @@ impl Control {
                 }
                 talk.answered = [talk.answered[1], Instant::now()];
             }
-            let left = talk.moving.as_ref().map(|(end, _)| {
-                end.saturating_duration_since(Instant::now()).max(Duration::from_micros(100))
-            });
+            let left = talk
+                .moving
+                .as_ref()
+                .map(|(end, _)| end.saturating_duration_since(Instant::now()).max(Duration::from_micros(100)));
             stream.set_read_timeout(left).unwrap();
             said = match stream.read(&mut buffer) {
                 Ok(0) => return,

@@ -27,9 +27,7 @@ impl CompareError {
         match self {
             Self::Store(error) => error.remedy(),
             Self::NoEstimate(_) => "choose a finished run",
-            Self::NothingInCommon(..) => {
-                "choose two runs with common parameters, such as two runs of the same method"
-            }
+            Self::NothingInCommon(..) => "choose two runs with common parameters, such as two runs of the same method",
             Self::DifferentUnits { .. } => {
                 "compute new estimates of both runs with this version (`trued identify METHOD --run RUN`), \
                 then compare them again"
@@ -56,19 +54,14 @@ pub struct Comparison {
 /// # Errors
 /// A run or an estimate does not exist, or the estimates have no quantity in common or only quantities in
 /// different units.
-pub fn compare_runs(
-    journal: &Journal,
-    first: RunId,
-    second: RunId,
-) -> Result<Comparison, CompareError> {
+pub fn compare_runs(journal: &Journal, first: RunId, second: RunId) -> Result<Comparison, CompareError> {
     let [one, other] = [journal.load_run(first)?, journal.load_run(second)?];
     let last = |run: &StoredRun| {
         let last = run.estimates.last().map(|stored| stored.estimate.clone());
         last.ok_or(CompareError::NoEstimate(run.summary.id))
     };
     let (of_one, of_other) = (last(&one)?, last(&other)?);
-    let common_sources =
-        if is_same_setup(&one, &other) { common_sources(&of_one, &of_other) } else { Vec::new() };
+    let common_sources = if is_same_setup(&one, &other) { common_sources(&of_one, &of_other) } else { Vec::new() };
     let differences = parameter_differences(&of_one, &of_other, &common_sources);
     let functions = function_differences(&of_one, &of_other, largest_k([&of_one, &of_other]));
     let unit_differences = unit_differences(&of_one, &of_other);
@@ -79,15 +72,12 @@ pub fn compare_runs(
     }
     if !functions.is_empty() && of_one.gauge != of_other.gauge {
         let gauges = [(first, &of_one), (second, &of_other)];
-        let line = |(run, of): (RunId, &Estimate)| {
-            format!("convention of run {run}: {}", of.gauge.join("; "))
-        };
+        let line = |(run, of): (RunId, &Estimate)| format!("convention of run {run}: {}", of.gauge.join("; "));
         besides.extend(gauges.map(line));
     }
     besides.extend(height_differences(&of_one, &of_other));
     if !unit_differences.is_empty() {
-        besides
-            .push(format!("the two runs have different units for {}", unit_differences.join(", ")));
+        besides.push(format!("the two runs have different units for {}", unit_differences.join(", ")));
     }
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
@@ -117,17 +107,13 @@ fn largest_k(estimates: [&Estimate; 2]) -> f64 {
 
 /// Symbols of parameters and functions of both estimates whose units differ.
 fn unit_differences(one: &Estimate, other: &Estimate) -> Vec<String> {
-    let parameters = |of: &Estimate| -> Vec<_> {
-        of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect()
-    };
-    let functions = |of: &Estimate| -> Vec<_> {
-        of.functions.iter().map(|f| (f.symbol.clone(), f.unit)).collect()
-    };
+    let parameters = |of: &Estimate| -> Vec<_> { of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect() };
+    let functions = |of: &Estimate| -> Vec<_> { of.functions.iter().map(|f| (f.symbol.clone(), f.unit)).collect() };
     let pairs = [(parameters(one), parameters(other)), (functions(one), functions(other))];
     let differing = pairs.into_iter().flat_map(|(first, second)| {
-        first.into_iter().filter(move |(symbol, unit)| {
-            second.iter().any(|(other, of_other)| other == symbol && of_other != unit)
-        })
+        first
+            .into_iter()
+            .filter(move |(symbol, unit)| second.iter().any(|(other, of_other)| other == symbol && of_other != unit))
     });
     differing.map(|(symbol, _)| symbol).collect()
 }
@@ -166,10 +152,7 @@ fn setup_differences(one: &StoredRun, other: &StoredRun) -> Vec<String> {
         (one.summary.machine != other.summary.machine, "the runs are from different machines"),
         (one.summary.method != other.summary.method, "the runs have different methods"),
         (one.config != other.config, "the machine file was changed between the runs"),
-        (
-            one.plan.settings != other.plan.settings,
-            "the runs have different settings of the method",
-        ),
+        (one.plan.settings != other.plan.settings, "the runs have different settings of the method"),
         (one.plan.artefact != other.plan.artefact, "the runs have different data of the artefact"),
     ];
     said.into_iter().filter(|(differs, _)| *differs).map(|(_, words)| words.to_owned()).collect()
@@ -201,9 +184,7 @@ mod tests {
         assert!(height_differences(&estimate(None), &estimate(None)).is_empty());
         let said = height_differences(&here, &high);
         assert!(
-            said[0].starts_with(
-                "EXC refers to Z = 60.0 mm in one run and to Z = 120.0 mm in the other"
-            ),
+            said[0].starts_with("EXC refers to Z = 60.0 mm in one run and to Z = 120.0 mm in the other"),
             "{said:?}"
         );
         assert!(height_differences(&here, &estimate(None))[0].contains("point_mm"));

@@ -45,11 +45,7 @@ const MAX_RUNS: u32 = 200;
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn history(
-    journal: &Journal,
-    machine: &str,
-    tolerance: &[ParameterLimit],
-) -> Result<Vec<Series>, StoreError> {
+pub fn history(journal: &Journal, machine: &str, tolerance: &[ParameterLimit]) -> Result<Vec<Series>, StoreError> {
     let mut all: Vec<ParameterValues> = Vec::new();
     journal.visit_measured_runs(machine, MAX_RUNS, |measured| add_values(&mut all, measured))?;
     all.sort_by(|(one, ..), (other, ..)| one.cmp(other));
@@ -66,9 +62,8 @@ fn add_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
         let Parameter { symbol, unit, value, expanded, .. } = parameter;
         let temperatures_c = temperatures_c.clone();
         let value = Value { run, started, value, expanded, temperatures_c };
-        let known = all.iter_mut().find(|(of, name, its, _)| {
-            (of.as_str(), name.as_str(), *its) == (&method, &symbol, unit)
-        });
+        let known =
+            all.iter_mut().find(|(of, name, its, _)| (of.as_str(), name.as_str(), *its) == (&method, &symbol, unit));
         match known {
             Some((.., values)) => values.push(value),
             None => all.push((method.clone(), symbol, unit, vec![value])),
@@ -76,14 +71,8 @@ fn add_values(all: &mut Vec<ParameterValues>, measured: MeasuredRun) {
     }
 }
 
-fn to_series(
-    (method, symbol, unit, values): ParameterValues,
-    tolerance: &[ParameterLimit],
-) -> Series {
-    let point = |value: &Value| TrendPoint {
-        t_s: value.started.as_duration().as_secs_f64(),
-        value: value.value,
-    };
+fn to_series((method, symbol, unit, values): ParameterValues, tolerance: &[ParameterLimit]) -> Series {
+    let point = |value: &Value| TrendPoint { t_s: value.started.as_duration().as_secs_f64(), value: value.value };
     let trend = Trend::from_points(values.iter().map(point).collect());
     let limit = tolerance.iter().find(|limit| limit.symbol == symbol && limit.unit == unit);
     let tolerance = limit.map(|limit| limit.limit);
@@ -132,10 +121,7 @@ pub fn draw_chart(series: &Series, now: Timestamp) -> Option<String> {
 }
 
 /// Temperatures of each thermometer with a value in `values`.
-fn thermometer_series(
-    values: &[Value],
-    before_s: impl Fn(Timestamp) -> f64,
-) -> report::Temperatures {
+fn thermometer_series(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
     let of = |name: &str| {
@@ -147,9 +133,8 @@ fn thermometer_series(
 
 /// Values at the times at which they can have been measured, see [`Trend::of`].
 fn values_in_time(series: &Series) -> Vec<Value> {
-    let at = |point: &TrendPoint| {
-        Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default()
-    };
+    let at =
+        |point: &TrendPoint| Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default();
     let both = series.values.iter().zip(&series.trend.points);
     both.map(|(value, point)| Value { started: at(point), ..value.clone() }).collect()
 }

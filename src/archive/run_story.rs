@@ -12,12 +12,10 @@ pub fn run_story(stored: &StoredRun) -> Vec<(String, String)> {
         Event::Acknowledged { who, what, .. } => Some(format!("confirmed by {who}: {what}")),
         Event::Asked { text, .. } => Some(format!("prompt for the operator: {text}")),
         Event::Answered { who, .. } => Some(format!("prompt confirmed by {who}")),
-        Event::Resumed { gap_s } => {
-            Some(format!("resumed after an interruption at t = {gap_s:.1} s"))
+        Event::Resumed { gap_s } => Some(format!("resumed after an interruption at t = {gap_s:.1} s")),
+        Event::SamplesRemoved { scans } => {
+            Some(format!("the samples of {scans} scans were deleted at the end of their retention period"))
         }
-        Event::SamplesRemoved { scans } => Some(format!(
-            "the samples of {scans} scans were deleted at the end of their retention period"
-        )),
         _ => None,
     };
     let events = stored.events.iter();
@@ -31,8 +29,7 @@ pub fn run_story(stored: &StoredRun) -> Vec<(String, String)> {
 
 /// Signatures of the last estimate, in words; signatures of earlier estimates are left out.
 pub fn describe_signatures(stored: &StoredRun) -> Vec<String> {
-    let of_last =
-        stored.signatures.iter().filter(|(_, signature)| signs_last_estimate(stored, signature));
+    let of_last = stored.signatures.iter().filter(|(_, signature)| signs_last_estimate(stored, signature));
     of_last.map(|(at, signature)| format!("{} on {at:.0}", describe_signer(signature))).collect()
 }
 
@@ -70,8 +67,7 @@ pub fn describe_end(stored: &StoredRun) -> String {
 /// identification has failed: the process ended first, or the computation is in progress.
 pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     let events = stored.events.iter().rev().map(|(_, event)| event);
-    let mut since =
-        events.take_while(|event| !matches!(event, Event::Finished | Event::Resumed { .. }));
+    let mut since = events.take_while(|event| !matches!(event, Event::Finished | Event::Resumed { .. }));
     since.find_map(|event| match event {
         Event::Faulted { what, remedy, .. } => Some(format!("{what} ({remedy})")),
         _ => None,
@@ -123,9 +119,7 @@ pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String 
 pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
-        RunState::Held | RunState::Interrupted => {
-            Some(resume_hint(*id, can_resume, position_lost(stored)))
-        }
+        RunState::Held | RunState::Interrupted => Some(resume_hint(*id, can_resume, position_lost(stored))),
         RunState::Closed => Some(format!(
             "`trued identify {method} --run {id}` computes an estimate from the stored \
                 readings"

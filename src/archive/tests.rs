@@ -71,8 +71,7 @@ fn a_history_is_what_finished_runs_last_said() {
     let told: Vec<String> = all
         .iter()
         .map(|series| {
-            let values =
-                series.values.iter().map(|value| format!(" {}:{}", value.run, value.value));
+            let values = series.values.iter().map(|value| format!(" {}:{}", value.run, value.value));
             format!("{} {}{}", series.method, series.symbol, values.collect::<String>())
         })
         .collect();
@@ -80,9 +79,7 @@ fn a_history_is_what_finished_runs_last_said() {
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
     // The newest runs of each method, limited in number.
     let mut newest = Vec::new();
-    journal
-        .visit_measured_runs("mill", 1, |measured| newest.push((measured.method, measured.run)))
-        .unwrap();
+    journal.visit_measured_runs("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }
@@ -118,11 +115,8 @@ fn a_signature_speaks_for_the_estimate_that_was_signed() {
     let new = NewRun { config: String::new(), plan: plan("samba", "mill") };
     let run = journal.begin_run(&new).wait().unwrap();
     let sign = |who: &str, hash: &str| {
-        let signature = Signature {
-            who: who.to_owned(),
-            remark: "as ever".to_owned(),
-            estimate_sha256: hash.to_owned(),
-        };
+        let signature =
+            Signature { who: who.to_owned(), remark: "as ever".to_owned(), estimate_sha256: hash.to_owned() };
         journal.add_signature(run, &signature).wait().unwrap();
     };
     let by = || journal.runs().unwrap()[0].signed.clone();

@@ -7,10 +7,7 @@ use machine::{Axis, Position};
 use methods::prediction::{ErrorSlice, Predictor, WorkZero};
 
 /// Sentences, and maps before and after a correction; `None` for an estimate without axis errors.
-pub fn error_volume(
-    machine: &Machine,
-    estimate: &Estimate,
-) -> Option<(Vec<String>, Vec<ErrorMap>)> {
+pub fn error_volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = Predictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
     let poses = predictor.grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));
@@ -28,8 +25,7 @@ pub fn error_volume(
 
 fn error_map(slice: ErrorSlice) -> ErrorMap {
     let unit = |axis: Axis| if axis.is_linear() { "mm" } else { "°" };
-    let named =
-        |(axis, positions): (Axis, Vec<f64>)| (format!("{axis}, {}", unit(axis)), positions);
+    let named = |(axis, positions): (Axis, Vec<f64>)| (format!("{axis}, {}", unit(axis)), positions);
     let in_um = |rows: Vec<Vec<f64>>, factor: f64| -> Vec<Vec<f64>> {
         rows.into_iter().map(|row| row.into_iter().map(|mm| factor * mm).collect()).collect()
     };
@@ -44,18 +40,14 @@ fn error_map(slice: ErrorSlice) -> ErrorMap {
         vertical: named(slice.vertical),
         panels: [
             ("error of the tip, µm".to_owned(), in_um(slice.error_mm, 1e3)),
-            (
-                "remaining error after a correction, U (k = 2), µm".to_owned(),
-                in_um(slice.u_mm, 2e3),
-            ),
+            ("remaining error after a correction, U (k = 2), µm".to_owned(), in_um(slice.u_mm, 2e3)),
         ],
     }
 }
 
 fn describe_position(at: &Position) -> String {
     let unit = |axis: Axis| if axis.is_linear() { " mm" } else { "°" };
-    let words = at.iter().map(|(axis, value)| {
-        format!("{axis} {:.0}{}", axis.to_mm_or_deg(value).round() + 0.0, unit(axis))
-    });
+    let words =
+        at.iter().map(|(axis, value)| format!("{axis} {:.0}{}", axis.to_mm_or_deg(value).round() + 0.0, unit(axis)));
     words.collect::<Vec<_>>().join(", ")
 }

@@ -17,10 +17,7 @@ impl From<CompareError> for Failure {
     }
 }
 
-pub fn compare_stored_runs(
-    args: &CompareArgs,
-    state: Option<&Path>,
-) -> Result<ExitStatus, Failure> {
+pub fn compare_stored_runs(args: &CompareArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let comparison = compare_runs(&journal, RunId(args.first), RunId(args.second))?;
     match args.json {
@@ -59,31 +56,11 @@ fn print_parameters(differences: &[ParameterDifference]) {
     if differences.is_empty() {
         return;
     }
-    outln!(
-        "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
-        "parameter",
-        "first",
-        "second",
-        "difference",
-        "U",
-        "E_n"
-    );
-    for ParameterDifference {
-        symbol,
-        unit,
-        first,
-        second,
-        by,
-        expanded,
-        normalized,
-        significant,
-    } in differences
-    {
+    outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "parameter", "first", "second", "difference", "U", "E_n");
+    for ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } in differences {
         let mark = if *significant { "  differs" } else { "" };
         let unit = unit.symbol();
-        outln!(
-            "{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}"
-        );
+        outln!("{symbol:<16} {first:>12.3} {second:>12.3} {by:>11.3} {expanded:>9.3} {normalized:>6.2}  {unit}{mark}");
     }
 }
 
@@ -92,15 +69,7 @@ fn print_functions(functions: &[FunctionDifference]) {
     if functions.is_empty() {
         return;
     }
-    outln!(
-        "{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit",
-        "function",
-        "points",
-        "worst at",
-        "difference",
-        "U",
-        "E_n"
-    );
+    outln!("{:<16} {:>12} {:>12} {:>11} {:>9} {:>6}  unit", "function", "points", "worst at", "difference", "U", "E_n");
     for function in functions {
         let Some(worst) = function.worst_index() else { continue };
         let (agreeing, count) = (function.agreeing_count(), function.x.len());

@@ -58,12 +58,7 @@ impl DaemonClient {
     }
 
     /// Starts the cycle that `args` name and waits for its end. A signal holds the machine.
-    pub fn run(
-        &self,
-        args: &RunArgs,
-        machine: &MachineFile,
-        journal: &Journal,
-    ) -> Result<(RunId, Estimate), Failure> {
+    pub fn run(&self, args: &RunArgs, machine: &MachineFile, journal: &Journal) -> Result<(RunId, Estimate), Failure> {
         check_options(args)?;
         self.check_machine_file(args, machine)?;
         let state = self.machine_state()?;
@@ -101,21 +96,13 @@ impl DaemonClient {
         let last = journal.load_run(run)?.estimates.pop();
         let last = last.ok_or_else(|| {
             let what = format!("run {run} is measured, but has no estimate yet");
-            Failure::new(
-                what,
-                format!("the daemon computes the estimate; `trued show {run}` shows it"),
-            )
+            Failure::new(what, format!("the daemon computes the estimate; `trued show {run}` shows it"))
         })?;
         Ok((run, last.estimate))
     }
 
     /// Waits until no run is in progress; reports each stage and passes prompts to `who`.
-    fn wait_for_end(
-        &self,
-        who: &str,
-        answers: &PromptAnswers,
-        progress: &mut Progress,
-    ) -> Result<Value, Failure> {
+    fn wait_for_end(&self, who: &str, answers: &PromptAnswers, progress: &mut Progress) -> Result<Value, Failure> {
         let (mut stage, mut open) = (Value::Null, None);
         let print = progress.line_printer();
         loop {
@@ -125,16 +112,12 @@ impl DaemonClient {
             }
             let asked = open_prompt(&state["asked"]);
             if asked.is_some() && asked != open {
-                print(
-                    "the run waits for the operator; confirm the prompt on a terminal or on the page:",
-                );
+                print("the run waits for the operator; confirm the prompt on a terminal or on the page:");
             }
             let values = serde_json::from_value(state["asked"]["live"].clone());
             progress.show_event(&Event::Watched { values: values.unwrap_or_default() });
-            if let Some(OpenPrompt { step, repeat, .. }) =
-                asked.as_ref().filter(|asked| answers.poll(asked).is_some())
-                && let Err(refused) =
-                    self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
+            if let Some(OpenPrompt { step, repeat, .. }) = asked.as_ref().filter(|asked| answers.poll(asked).is_some())
+                && let Err(refused) = self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
             {
                 // Another person has confirmed the prompt on the page first.
                 print(&refused.message);
@@ -191,9 +174,7 @@ fn open_prompt(asked: &Value) -> Option<OpenPrompt> {
     Some(OpenPrompt { step, repeat, text: asked["text"].as_str()?.to_owned() })
 }
 
-fn parse_response(
-    answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
-) -> Result<Value, Failure> {
+fn parse_response(answered: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> Result<Value, Failure> {
     let lost = |error: ureq::Error| {
         Failure::new(
             format!("no reply from the daemon that controls the machine: {error}"),
@@ -213,10 +194,7 @@ fn parse_response(
                 token"
             ),
         )),
-        (true, _) => Err(Failure::new(
-            format!("the daemon refuses the request: {}", word("message")),
-            word("remedy"),
-        )),
+        (true, _) => Err(Failure::new(format!("the daemon refuses the request: {}", word("message")), word("remedy"))),
     }
 }
 
@@ -231,9 +209,7 @@ fn check_options(args: &RunArgs) -> Result<(), Failure> {
     match only.into_iter().find(|(_, is_asked)| *is_asked) {
         None => Ok(()),
         Some((option, _)) => Err(Failure::new(
-            format!(
-                "a daemon controls the machine, and the option {option} is not available for its cycles"
-            ),
+            format!("a daemon controls the machine, and the option {option} is not available for its cycles"),
             "omit the option, or stop the daemon first",
         )),
     }
@@ -243,17 +219,13 @@ fn unknown_cycle(method: &str, cycles: &[Value]) -> Failure {
     let known: Vec<&str> = cycles.iter().filter_map(|cycle| cycle["method"].as_str()).collect();
     Failure::new(
         format!("a daemon controls the machine, and none of its cycles has the method {method}"),
-        format!(
-            "choose one of {}, or add the method to [serve] of the machine file",
-            known.join(", ")
-        ),
+        format!("choose one of {}, or add the method to [serve] of the machine file", known.join(", ")),
     )
 }
 
 /// Name of the person who confirms the conditions that the page would ask for.
 fn operator_name(args: &RunArgs) -> Result<String, Failure> {
-    const START_CONDITIONS: &str =
-        "the machine may move, the control is in automatic mode, the guards are closed";
+    const START_CONDITIONS: &str = "the machine may move, the control is in automatic mode, the guards are closed";
     let who = match &args.acknowledge {
         Some(name) => name.trim().to_owned(),
         None => prompt_line(&format!(
@@ -268,9 +240,7 @@ fn operator_name(args: &RunArgs) -> Result<String, Failure> {
             exit: ExitStatus::Usage,
             ..Failure::new(
                 "no operator has confirmed that the machine may move; nothing has moved",
-                format!(
-                    "check the machine ({START_CONDITIONS}), then add `--acknowledge YOUR_NAME`"
-                ),
+                format!("check the machine ({START_CONDITIONS}), then add `--acknowledge YOUR_NAME`"),
             )
         }),
     }

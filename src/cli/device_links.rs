@@ -15,16 +15,12 @@ pub struct DeviceLinks<'a> {
 }
 
 impl<'a> DeviceLinks<'a> {
-    pub fn from_options(
-        capture_file: Option<&'a Path>,
-        replayed: Option<&Path>,
-    ) -> Result<Self, Failure> {
+    pub fn from_options(capture_file: Option<&'a Path>, replayed: Option<&Path>) -> Result<Self, Failure> {
         let (wiring, replay_folder) = match (capture_file, replayed) {
             (Some(file), _) => (LinkMode::Captured(create_capture(file)?), None),
             (None, Some(file)) => {
-                let replay = Replay::read(file).map_err(|error| {
-                    Failure::new(error, "use a file that `trued run --capture FILE` has written")
-                })?;
+                let replay = Replay::read(file)
+                    .map_err(|error| Failure::new(error, "use a file that `trued run --capture FILE` has written"))?;
                 (LinkMode::Replayed(replay), Some(TemporaryFolder::new()?))
             }
             (None, None) => (LinkMode::Direct, None),
@@ -47,10 +43,7 @@ impl<'a> DeviceLinks<'a> {
     }
 
     /// Opens the devices over these links.
-    pub async fn connect(
-        &self,
-        opening: impl Future<Output = Result<Devices, Failure>>,
-    ) -> Result<Devices, Failure> {
+    pub async fn connect(&self, opening: impl Future<Output = Result<Devices, Failure>>) -> Result<Devices, Failure> {
         let mut devices = self.wiring.clone().apply_to(opening).await?;
         if let LinkMode::Replayed(replay) = &self.wiring {
             devices.clock = replay.clock();
@@ -69,9 +62,7 @@ impl<'a> DeviceLinks<'a> {
                 Err(error) => errln!("{}: the capture is incomplete: {error}", file.display()),
             }
         }
-        ended.map_err(
-            |failure| if self.is_journal_kept() { failure } else { replay_failure(failure) },
-        )
+        ended.map_err(|failure| if self.is_journal_kept() { failure } else { replay_failure(failure) })
     }
 }
 

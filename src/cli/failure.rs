@@ -114,8 +114,7 @@ impl Failure {
                 failure.with_resume_hint(*run, *can_resume, error.position_lost())
             }
             CycleError::Identification { run, why } => {
-                Self { message: why.to_string(), remedy: why.remedy(), exit }
-                    .with_stored_run_hint(*run, method)
+                Self { message: why.to_string(), remedy: why.remedy(), exit }.with_stored_run_hint(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
             CycleError::Qualification(error) => Self::new(error, error.remedy()),
@@ -136,8 +135,7 @@ impl Failure {
             "run {run} and its readings are stored: `trued resume {run}` or `trued identify {method} --run \
             {run}` computes the estimate, `trued export {run}` writes the readings to files"
         );
-        let remedy =
-            self.remedy.map_or(next_action.clone(), |remedy| format!("{remedy}; {next_action}"));
+        let remedy = self.remedy.map_or(next_action.clone(), |remedy| format!("{remedy}; {next_action}"));
         Self { remedy: Some(remedy), ..self }
     }
 }

@@ -8,9 +8,8 @@ use machine::record::estimate::Estimate;
 
 /// Directory of the journal and the locks.
 pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {
-    state_dir(given).ok_or_else(|| {
-        Failure::new("the directory of the journal is not known", "add the option --state DIR")
-    })
+    state_dir(given)
+        .ok_or_else(|| Failure::new("the directory of the journal is not known", "add the option --state DIR"))
 }
 
 pub fn read_estimates(files: &[PathBuf]) -> Result<Vec<Estimate>, Failure> {
@@ -20,9 +19,6 @@ pub fn read_estimates(files: &[PathBuf]) -> Result<Vec<Estimate>, Failure> {
 pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
     serde_json::from_str(&text).map_err(|error| {
-        Failure::new(
-            format!("{}: {error}", file.display()),
-            "use an estimate in the format of `trued run --json`",
-        )
+        Failure::new(format!("{}: {error}", file.display()), "use an estimate in the format of `trued run --json`")
     })
 }

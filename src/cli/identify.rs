@@ -19,9 +19,7 @@ pub fn identify_command(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exi
         (Some(run), _) => identify_stored_run(args, RunId(run), state)?,
         (None, Some(file)) => identify_files(args, file)?,
         (None, None) => {
-            return Err(Failure::without_remedy(
-                "one of the options --readings and --run is required",
-            ));
+            return Err(Failure::without_remedy("one of the options --readings and --run is required"));
         }
     };
     if args.json {
@@ -50,11 +48,7 @@ fn identify_files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> 
 }
 
 /// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
-fn identify_stored_run(
-    args: &IdentifyArgs,
-    run: RunId,
-    state: Option<&Path>,
-) -> Result<Estimate, Failure> {
+fn identify_stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let stored = journal.load_run(run)?;
     if stored.plan.method != args.method {
@@ -67,14 +61,12 @@ fn identify_stored_run(
         Some(file) => setup::load_machine_file(Some(file), &args.method)?,
         None => {
             let file = format!("machine file of run {run}");
-            MachineFile::from_stored(&file, stored.config, &stored.plan.artefact)
-                .map_err(SetupError::from)?
+            MachineFile::from_stored(&file, stored.config, &stored.plan.artefact).map_err(SetupError::from)?
         }
     };
-    let method = methods::configure_method(&args.method, stored.plan.settings.clone())
-        .map_err(Failure::without_remedy)?;
-    let (mut plan, skipped_steps) =
-        keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
+    let method =
+        methods::configure_method(&args.method, stored.plan.settings.clone()).map_err(Failure::without_remedy)?;
+    let (mut plan, skipped_steps) = keep_measured_steps(stored.plan, stored.summary.state, &stored.readings);
     replace_priors(args, &mut plan)?;
     let estimate = identify_readings(method.as_ref(), &plan, &stored.readings)?;
     let mut estimate = judge_estimate(estimate, &machine.tolerance);
@@ -93,34 +85,23 @@ fn replace_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
 
 /// Reduces the plan of an incomplete run to the measured steps; also returns a message about the steps left
 /// out.
-fn keep_measured_steps(
-    mut plan: Plan,
-    state: RunState,
-    readings: &[Reading],
-) -> (Plan, Option<String>) {
+fn keep_measured_steps(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
     if matches!(state, RunState::Finished | RunState::NotIdentified | RunState::Running) {
         return (plan, None);
     }
     let planned = plan.steps.len();
     // A prompt has no reading.
-    plan.steps.retain(|step| {
-        step.kind == StepKind::Prompt || readings.iter().any(|reading| reading.step == step.id)
-    });
+    plan.steps.retain(|step| step.kind == StepKind::Prompt || readings.iter().any(|reading| reading.step == step.id));
     let missing = planned - plan.steps.len();
-    let message = format!(
-        "the run is {}: {missing} of {planned} steps were not measured and are not used",
-        state.as_str()
-    );
+    let message =
+        format!("the run is {}: {missing} of {planned} steps were not measured and are not used", state.as_str());
     (plan, (missing > 0).then_some(message))
 }
 
 fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Plan), Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
     let wrong = |why: String| {
-        Failure::new(
-            format!("{}: {why}", file.display()),
-            "use a plan in the format of `trued plan --json`",
-        )
+        Failure::new(format!("{}: {why}", file.display()), "use a plan in the format of `trued plan --json`")
     };
     let plan: Plan = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     if plan.trued_plan != PLAN_VERSION {
@@ -130,10 +111,7 @@ fn read_plan(file: &Path, method: &str) -> Result<(Box<dyn methods::Method>, Pla
         )));
     }
     if plan.method != method {
-        return Err(wrong(format!(
-            "the plan is for the method `{}`, not for `{method}`",
-            plan.method
-        )));
+        return Err(wrong(format!("the plan is for the method `{}`, not for `{method}`", plan.method)));
     }
     let settings = methods::configure_method(method, plan.settings.clone())
         .map_err(|error| wrong(format!("settings: {error}")))?;

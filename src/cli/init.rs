@@ -21,8 +21,7 @@ pub fn init_command(args: &InitArgs) -> Result<ExitStatus, Failure> {
         topology: args.topology.clone(),
     };
     let control = draft.control()?;
-    let info =
-        build_runtime()?.block_on(query_device_info(&draft, control.as_ref(), args.search))?;
+    let info = build_runtime()?.block_on(query_device_info(&draft, control.as_ref(), args.search))?;
     let text = draft.render(&info)?;
     match &args.to {
         None => outln!("{}", text.trim_end()),
@@ -114,11 +113,7 @@ mod tests {
         let here = ini_file(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
         assert!(Path::new(&here).is_absolute() && here.ends_with("/rig.ini"), "{here}");
         let failure = ini_file(Some(Path::new("tests/peers"))).unwrap_err();
-        assert!(
-            failure.message.starts_with("--ini: the file tests/peers does not exist"),
-            "{}",
-            failure.message
-        );
+        assert!(failure.message.starts_with("--ini: the file tests/peers does not exist"), "{}", failure.message);
         assert_eq!(ini_file(None).unwrap(), None);
     }
 }

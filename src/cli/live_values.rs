@@ -18,8 +18,7 @@ fn sensor_line(live: &LiveSensor) -> String {
         (None, failure) => failure.clone().unwrap_or_default(),
     };
     let target = live.target_mm.map_or(String::new(), |mm| format!("target {mm:+.5}"));
-    let to_go =
-        live.distance_to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
+    let to_go = live.distance_to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
     format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, range_bar(live))
 }
 
@@ -55,18 +54,9 @@ mod tests {
     #[test]
     fn a_sensor_is_a_line_of_one_width() {
         let lines = [
-            (
-                live(Some(0.3), Some(0.0)),
-                "  x1     +0.30000 mm  target +0.00000  to go -300.0 µm  [--------|-------o]",
-            ),
-            (
-                live(None, Some(-0.3)),
-                "  x1    out of range  target -0.30000                   [|----------------]",
-            ),
-            (
-                live(Some(-0.15), None),
-                "  x1     -0.15000 mm                                    [----o------------]",
-            ),
+            (live(Some(0.3), Some(0.0)), "  x1     +0.30000 mm  target +0.00000  to go -300.0 µm  [--------|-------o]"),
+            (live(None, Some(-0.3)), "  x1    out of range  target -0.30000                   [|----------------]"),
+            (live(Some(-0.15), None), "  x1     -0.15000 mm                                    [----o------------]"),
         ];
         for (live, line) in lines {
             assert_eq!(sensor_line(&live), line);

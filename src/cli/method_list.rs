@@ -3,10 +3,7 @@
 /// One paragraph per method, for `trued run --help`.
 pub(super) fn methods_help() -> String {
     let paragraphs = methods::METHOD_DESCRIPTIONS.iter().map(|method| {
-        format!(
-            "  {}\n      needs: {}\n      measures: {}\n",
-            method.name, method.required_setup, method.results
-        )
+        format!("  {}\n      needs: {}\n      measures: {}\n", method.name, method.required_setup, method.results)
     });
     format!("Methods:\n{}", paragraphs.collect::<String>())
 }
@@ -17,8 +14,7 @@ mod tests {
     fn the_readme_lists_the_methods() {
         let readme = include_str!("../../README.md");
         for method in methods::METHOD_DESCRIPTIONS {
-            let row =
-                format!("| `{}` | {} | {} |", method.name, method.required_setup, method.results);
+            let row = format!("| `{}` | {} | {} |", method.name, method.required_setup, method.results);
             assert!(readme.lines().any(|line| line == row), "README.md lacks the row\n{row}");
         }
     }

@@ -41,8 +41,7 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
         for line in method.forecast(&plan, machine_s)? {
             outln!("{line}");
         }
-        let (_, proof) =
-            render_checked_program(&plan, &once, machine.controller.control.dialect())?;
+        let (_, proof) = render_checked_program(&plan, &once, machine.controller.control.dialect())?;
         for line in check_summary(&proof, &plan) {
             outln!("{line}");
         }
@@ -58,13 +57,8 @@ pub fn plan_command(args: &PlanArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// The whole program, each step once, and its proof. The start position of the machine is unknown.
-fn render_checked_program(
-    plan: &Plan,
-    stages: &[Stage],
-    name: &str,
-) -> Result<(String, Proof), Failure> {
-    let dialect =
-        Dialect::from_name(name).and_then(|named| named.with_options(&plan.machine, &plan.probe));
+fn render_checked_program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
+    let dialect = Dialect::from_name(name).and_then(|named| named.with_options(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
     let (blocks, _) = planning::plan_blocks_by_stage(plan, stages)?;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
@@ -74,19 +68,13 @@ fn render_checked_program(
     };
     let program = ProgramHeader { title: &title, axes: &axes, log: None };
     let text = render_program_text(&dialect, &program, plan, stages, &blocks)?;
-    let staged: Vec<StageSteps> = stages
-        .iter()
-        .map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() })
-        .collect();
+    let staged: Vec<StageSteps> =
+        stages.iter().map(|stage| StageSteps { steps: &stage.steps, found_artefact: stage.found.as_ref() }).collect();
     let (stages, stands, confirmed) = (&staged, None, ConfirmedDirections::default());
     let programs = std::slice::from_ref(&text);
-    let request =
-        ProofRequest { plan, stages, position: stands, confirmed, dialect: &dialect, programs };
+    let request = ProofRequest { plan, stages, position: stands, confirmed, dialect: &dialect, programs };
     let proof = prove_programs(&request).map_err(|refusal| {
-        Failure::new(
-            format!("the collision check refuses the program: {refusal}"),
-            refusal.remedy(),
-        )
+        Failure::new(format!("the collision check refuses the program: {refusal}"), refusal.remedy())
     })?;
     Ok((text, proof))
 }

@@ -32,9 +32,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
     };
     let predictor = Predictor::new(&machine, &estimate, zero)?;
     if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
-        let refused = |why: methods::MethodRefusal| {
-            Failure::new(format!("--zero: {}", why.reason), why.remedy)
-        };
+        let refused = |why: methods::MethodRefusal| Failure::new(format!("--zero: {}", why.reason), why.remedy);
         predictor.check_measured_range(zero).map_err(refused)?;
     }
     let (axes, poses) = match &args.at {
@@ -66,11 +64,7 @@ pub fn predict_command(args: &PredictArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Checks that no pose is outside the measured ranges.
-fn check_measured_ranges(
-    predictor: &Predictor<'_>,
-    file: &Path,
-    poses: &[(Position, u64)],
-) -> Result<(), Failure> {
+fn check_measured_ranges(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> Result<(), Failure> {
     for (at, line) in poses {
         let refused = |why: methods::MethodRefusal| {
             Failure::new(format!("{}, line {line}: {}", file.display(), why.reason), why.remedy)
@@ -109,34 +103,24 @@ fn read_poses(file: &Path, machine: &Machine) -> Result<PoseTable, Failure> {
         )
     };
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
-    let mut rows = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
+    let mut rows = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let head = rows.headers().map_err(|error| wrong(1, error.to_string()))?;
     let known = |name: &str| POSE_COLUMNS.into_iter().find(|(column, _)| *column == name);
     let axes = head
         .iter()
-        .map(|name| {
-            known(name).ok_or_else(|| wrong(1, format!("the column `{name}` is not known")))
-        })
+        .map(|name| known(name).ok_or_else(|| wrong(1, format!("the column `{name}` is not known"))))
         .collect::<Result<Vec<_>, _>>()?;
     for (number, (name, axis)) in axes.iter().enumerate() {
         if axes[..number].iter().any(|(_, other)| other == axis) {
             return Err(wrong(1, format!("the column `{name}` occurs twice")));
         }
         if !machine.axes.contains_key(axis) {
-            return Err(wrong(
-                1,
-                format!("the column `{name}` is not allowed: {} has no axis {axis}", machine.name),
-            ));
+            return Err(wrong(1, format!("the column `{name}` is not allowed: {} has no axis {axis}", machine.name)));
         }
     }
     let mut poses = Vec::new();
     for row in rows.records() {
-        let row = row.map_err(|error| {
-            wrong(error.position().map_or(1, csv::Position::line), error.to_string())
-        })?;
+        let row = row.map_err(|error| wrong(error.position().map_or(1, csv::Position::line), error.to_string()))?;
         let line = row.position().map_or(0, csv::Position::line);
         let mut at = Position::new();
         for ((_, axis), text) in axes.iter().zip(&row) {
@@ -162,11 +146,9 @@ fn print_pose_errors(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseEr
         names.join(",")
     );
     for (at, error) in poses.iter().zip(errors) {
-        let place =
-            axes.iter().map(|(_, axis)| format!("{}", axis.to_mm_or_deg(at.get_or_zero(*axis))));
+        let place = axes.iter().map(|(_, axis)| format!("{}", axis.to_mm_or_deg(at.get_or_zero(*axis))));
         let tip = [error.tip_error_mm, error.u_tip_error_mm].map(|mm| mm * 1e3);
-        let direction =
-            [error.direction_error_rad, error.u_direction_error_rad].map(|rad| rad * 1e6);
+        let direction = [error.direction_error_rad, error.u_direction_error_rad].map(|rad| rad * 1e6);
         let numbers = tip.iter().chain(&direction).flat_map(|v| [v.x, v.y, v.z]);
         let cells: Vec<String> = place.chain(numbers.map(|value| format!("{value:.3}"))).collect();
         outln!("{}", cells.join(","));

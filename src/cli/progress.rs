@@ -50,16 +50,11 @@ impl Progress {
                     ));
                 }
             }
-            Event::Acknowledged { who, what, .. } => {
-                self.print_line(&format!("confirmed by {who}: {what}"))
-            }
-            Event::Resumed { .. } => {
-                self.print_line("the run is resumed; the references are measured first")
-            }
+            Event::Acknowledged { who, what, .. } => self.print_line(&format!("confirmed by {who}: {what}")),
+            Event::Resumed { .. } => self.print_line("the run is resumed; the references are measured first"),
             Event::StepStarted { label, remaining_s, .. } => {
                 let left = format_minutes(*remaining_s);
-                self.bar
-                    .set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading));
+                self.bar.set_message(format!("{label:<12} remaining {left:>5}  {}", self.last_reading));
             }
             Event::ReadingStored { reading } => {
                 // The current touch is named by its rotary positions; they are left out here.

@@ -11,9 +11,7 @@ use super::progress::Progress;
 use super::run::{build_runtime, check_report_folder, open_devices, print_result};
 use super::signals::stop_on_signals;
 use super::terminal::{confirm_with_enter, prompt_line};
-use crate::run::{
-    CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored, store_identification,
-};
+use crate::run::{CycleError, ResumableRun, ResumeQuestion, ResumeRefusal, identify_stored, store_identification};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::Event;
 
@@ -57,14 +55,10 @@ fn identify_run(
 ) -> Result<ExitStatus, Failure> {
     check_machine_file(args, &stored)?;
     let (run, method) = (stored.summary.id, stored.plan.method.clone());
-    errln!(
-        "all steps of run {run} are measured: computing the estimate from {} readings",
-        stored.readings.len()
-    );
+    errln!("all steps of run {run} are measured: computing the estimate from {} readings", stored.readings.len());
     let result = identify_stored(stored);
     let result = build_runtime()?.block_on(store_identification(journal, run, result));
-    let of_cycle =
-        |why| Failure::from_cycle_error(&CycleError::Identification { run, why }, &method);
+    let of_cycle = |why| Failure::from_cycle_error(&CycleError::Identification { run, why }, &method);
     print_result(journal, state, (run, result.map_err(of_cycle)?), &args.output, true)
 }
 
@@ -74,10 +68,7 @@ impl From<ResumeRefusal> for Failure {
         let (question, homed) = match error {
             ResumeRefusal::Setup(error) => return error.into(),
             ResumeRefusal::NotResumable { next_action, .. } => {
-                return Self::new(
-                    what,
-                    next_action.unwrap_or_else(|| "start a new run".to_owned()),
-                );
+                return Self::new(what, next_action.unwrap_or_else(|| "start a new run".to_owned()));
             }
             ResumeRefusal::NameMissing(question) => {
                 let homed = if question.position_lost { " --homed" } else { "" };
@@ -86,9 +77,8 @@ impl From<ResumeRefusal> for Failure {
             ResumeRefusal::NotHomed(question) => (question, " --homed"),
         };
         let ResumeQuestion { run, confirmation, .. } = question;
-        let remedy = format!(
-            "check the machine ({confirmation}), then `trued resume {run} --acknowledge YOUR_NAME{homed}`"
-        );
+        let remedy =
+            format!("check the machine ({confirmation}), then `trued resume {run} --acknowledge YOUR_NAME{homed}`");
         Self { exit: ExitStatus::Usage, ..Self::new(what, remedy) }
     }
 }
@@ -106,11 +96,7 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
         format!("line {} is `{now}` instead of `{then}`", i + 1)
     });
     Err(Failure::new(
-        format!(
-            "{} differs from the machine file of run {}: {what}",
-            file.display(),
-            stored.summary.id
-        ),
+        format!("{} differs from the machine file of run {}: {what}", file.display(), stored.summary.id),
         "resume without --machine to use the stored machine file, or start a new run",
     ))
 }
@@ -128,9 +114,7 @@ fn confirm_machine(args: &ResumeArgs, again: &ResumableRun) -> Result<(String, E
 }
 
 /// Asks for the acknowledgement on the terminal.
-fn prompt_for_name(
-    ResumeQuestion { end_reason, confirmation, .. }: &ResumeQuestion,
-) -> Result<String, Failure> {
+fn prompt_for_name(ResumeQuestion { end_reason, confirmation, .. }: &ResumeQuestion) -> Result<String, Failure> {
     prompt_line(&format!(
         "{end_reason}\nCheck the machine: {confirmation} The machine will move: first Z straight up, then to the \
         references.\nType your name to continue, or press Enter to cancel:"

@@ -100,10 +100,7 @@ pub fn print_result(
 
 /// Checks before the measurement that the report can be written.
 pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
-    output
-        .report
-        .as_ref()
-        .map_or(Ok(()), |file| check_parent_folder(file, "the report", "--report"))
+    output.report.as_ref().map_or(Ok(()), |file| check_parent_folder(file, "the report", "--report"))
 }
 
 /// Checks that the folder of `file` exists.

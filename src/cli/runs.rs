@@ -39,8 +39,7 @@ pub fn list_runs(args: &RunsArgs, state: Option<&Path>) -> Result<ExitStatus, Fa
         if let Some(who) = &run.signed {
             outln!("       signed by {who}");
         }
-        let stopped =
-            !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
+        let stopped = !matches!(run.state, RunState::Finished | RunState::Failed | RunState::Running);
         let mut stored = stopped.then(|| journal.load_run(run.id)).transpose()?;
         stored.iter_mut().for_each(|stored| stored.summary.state = run.state);
         if let Some(next_action) = stored.as_ref().and_then(next_action) {
@@ -131,8 +130,7 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
     write(format!("run-{run}-plan.json"), to_pretty_json(&stored.plan)?.as_bytes())?;
     let mut csv = Vec::new();
     let comments = [format!("run {run}: {} on {}", stored.plan.method, stored.plan.machine.name)];
-    readings_csv::write_readings(&stored.readings, &comments, &mut csv)
-        .map_err(Failure::without_remedy)?;
+    readings_csv::write_readings(&stored.readings, &comments, &mut csv).map_err(Failure::without_remedy)?;
     write(format!("run-{run}-readings.csv"), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.config.as_bytes())?;
     if args.frame == Some(Frame::Workpiece) {
@@ -148,11 +146,7 @@ pub fn export_run(args: &ExportArgs, state: Option<&Path>) -> Result<ExitStatus,
 }
 
 /// Readings as points of the workpiece, mm, with their standard uncertainties.
-fn points_csv(
-    plan: &Plan,
-    readings: &[Reading],
-    estimate: Option<&Estimate>,
-) -> Result<String, Failure> {
+fn points_csv(plan: &Plan, readings: &[Reading], estimate: Option<&Estimate>) -> Result<String, Failure> {
     let frame = WorkpieceFrame::new(plan, estimate)?;
     errln!("points: {}", frame.describe_stylus());
     let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];

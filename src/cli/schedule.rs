@@ -38,13 +38,10 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
     let all = match (file.transpose().map_err(SetupError::from)?, &args.name) {
         (Some(file), _) => schedules_of_file(file),
         (None, Some(name)) => vec![(name.clone(), Vec::new())],
-        (None, None) => {
-            journal.machine_names()?.into_iter().map(|name| (name, Vec::new())).collect()
-        }
+        (None, None) => journal.machine_names()?.into_iter().map(|name| (name, Vec::new())).collect(),
     };
     let reports = all.into_iter().map(|(machine, planned)| {
-        let (armed, last) =
-            (journal.armings(&machine)?, journal.newest_slots(&machine, MAX_PAST_SLOTS)?);
+        let (armed, last) = (journal.armings(&machine)?, journal.newest_slots(&machine, MAX_PAST_SLOTS)?);
         Ok(ScheduleReport { machine, planned, armed, last })
     });
     let reports = reports.collect::<Result<Vec<_>, Failure>>()?;
@@ -58,17 +55,14 @@ pub fn schedule_command(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exi
 fn schedules_of_file(file: DaemonFile) -> Vec<(String, Vec<PlannedSchedule>)> {
     let now = Timestamp::now();
     let machines = file.machines.into_iter();
-    machines
-        .map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedules, now)))
-        .collect()
+    machines.map(|(machine, config)| (machine.machine.name.clone(), planned(&config.schedules, now))).collect()
 }
 
 fn print_schedule(reports: &ScheduleReport) {
     let ScheduleReport { machine, planned, armed, last } = reports;
     outln!("{machine}");
     for PlannedSchedule { name, cycle, at, zone, next, .. } in planned {
-        let next: Vec<_> =
-            next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
+        let next: Vec<_> = next.iter().map(|next| next.strftime("%a %F %H:%M %Z").to_string()).collect();
         outln!("  {name}: cycle {cycle}, {at} in {zone}; next {}", next.join(", "));
     }
     for Arming { cycle, who, until, ended, broken, .. } in armed {
@@ -92,10 +86,7 @@ pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, F
     check_machine_known(&journal, machine)?;
     let arming = arming((machine, *cycle), (require_name(who)?, why), until, Timestamp::now());
     let arming = arming.map_err(|why| {
-        Failure::new(
-            why,
-            "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00",
-        )
+        Failure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
     })?;
     journal.arm(&arming).wait()?;
     outln!("the schedule may start cycle {cycle} of {machine} until {}", arming.until);
@@ -113,10 +104,7 @@ pub fn disarm_command(args: &DisarmArgs, state: Option<&Path>) -> Result<ExitSta
 
 fn require_name(who: &str) -> Result<&str, Failure> {
     match who.trim() {
-        "" => Err(Failure::new(
-            "the name of the operator is missing",
-            "add your name with --who NAME",
-        )),
+        "" => Err(Failure::new("the name of the operator is missing", "add your name with --who NAME")),
         who => Ok(who),
     }
 }

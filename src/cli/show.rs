@@ -31,9 +31,8 @@ pub fn print_estimate(estimate: &Estimate) {
             p.k,
             p.unit.symbol(),
             p.judged.as_ref().map_or(String::new(), |judged| verdict_columns(judged, p.unit)),
-            p.interval_monte_carlo.map_or(String::new(), |[least, most]| {
-                format!("  [{least:.digits$}, {most:.digits$}]")
-            })
+            p.interval_monte_carlo
+                .map_or(String::new(), |[least, most]| { format!("  [{least:.digits$}, {most:.digits$}]") })
         );
     }
     if let Some(trials) = estimate.trials {
@@ -66,8 +65,7 @@ pub fn print_estimate(estimate: &Estimate) {
     }
     let names = |verdict: Verdict| estimate.symbols_with_verdict(verdict).join(", ");
     outln!("verdict: {}", describe_verdict(estimate.verdict));
-    for (verdict, what) in [(Verdict::Fail, "out of tolerance"), (Verdict::Undecided, "undecided")]
-    {
+    for (verdict, what) in [(Verdict::Fail, "out of tolerance"), (Verdict::Undecided, "undecided")] {
         if !names(verdict).is_empty() {
             outln!("{what}: {}", names(verdict));
         }
@@ -75,12 +73,8 @@ pub fn print_estimate(estimate: &Estimate) {
 }
 
 /// Limit, verdict and probability of conformance.
-fn verdict_columns(
-    LimitVerdict { limit, verdict, conformance }: &LimitVerdict,
-    unit: Unit,
-) -> String {
-    let conformance =
-        conformance.map(|p| format!(" (probability of conformity {:.1} %)", 100.0 * p));
+fn verdict_columns(LimitVerdict { limit, verdict, conformance }: &LimitVerdict, unit: Unit) -> String {
+    let conformance = conformance.map(|p| format!(" (probability of conformity {:.1} %)", 100.0 * p));
     let width = 16 - unit.symbol().chars().count();
     format!("{limit:>width$.3}  {verdict}{}", conformance.unwrap_or_default())
 }
@@ -99,7 +93,6 @@ pub fn describe_verdict(verdict: Verdict) -> &'static str {
 
 /// Writes the report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
-    let html = render_report(journal, run)
-        .map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
+    let html = render_report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;
     std::fs::write(file, html).map_err(|error| Failure::file(file, &error))
 }

@@ -17,9 +17,7 @@ pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
         .spawn(move || run_signal_thread(&halt, &ready))
         .map_err(Failure::without_remedy)?;
     let listening = is_ready.recv().unwrap_or_else(|_| Err(io::ErrorKind::BrokenPipe.into()));
-    listening.map_err(|error| {
-        Failure::without_remedy(format!("the signal handler could not be started: {error}"))
-    })
+    listening.map_err(|error| Failure::without_remedy(format!("the signal handler could not be started: {error}")))
 }
 
 fn run_signal_thread(halt: &Halt, ready: &Sender<io::Result<()>>) {

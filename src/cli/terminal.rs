@@ -38,10 +38,7 @@ fn spawn_line_reader() -> Receiver<String> {
 
 /// Answers of the operator `who`, who confirms prompts with Enter; without a terminal no prompt can be answered.
 /// `show` is called with the text of the prompt.
-pub fn confirm_with_enter(
-    who: String,
-    show: impl Fn(&str) + Send + Sync + 'static,
-) -> PromptAnswers {
+pub fn confirm_with_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswers {
     match std::io::stdin().is_terminal() {
         true => enter_confirmations(who, show, spawn_line_reader),
         false => PromptAnswers::none(),
@@ -72,10 +69,7 @@ fn enter_confirmations(
         };
         if shown.as_ref() != Some(asked) {
             while typed.try_recv().is_ok() {}
-            show(&format!(
-                "{}\nPress Enter when this is done. Ctrl-C holds the machine.",
-                asked.text
-            ));
+            show(&format!("{}\nPress Enter when this is done. Ctrl-C holds the machine.", asked.text));
             *shown = Some(asked.clone());
         }
         typed.try_recv().is_ok().then(|| who.clone())
@@ -181,11 +175,7 @@ mod tests {
         let may = Question::AllowAction { action: "May it?".to_owned() };
         assert_eq!(runtime.block_on(person.read_answer(&may)), Answer::No);
         later.join().unwrap();
-        assert_eq!(
-            runtime.block_on(person.read_answer(&may)),
-            Answer::NoOperator,
-            "the terminal is gone"
-        );
+        assert_eq!(runtime.block_on(person.read_answer(&may)), Answer::NoOperator, "the terminal is gone");
     }
 
     #[test]
@@ -196,9 +186,7 @@ mod tests {
             let shown = shown.clone();
             move |words: &str| shown.lock().unwrap().push(words.to_owned())
         };
-        let answers = enter_confirmations("Ada".to_owned(), show, move || {
-            typed.lock().unwrap().take().unwrap()
-        });
+        let answers = enter_confirmations("Ada".to_owned(), show, move || typed.lock().unwrap().take().unwrap());
         let asked = |step| OpenPrompt { step, repeat: 0, text: format!("do {step}") };
         let enter = || line.send(String::new()).unwrap();
         enter();
@@ -210,15 +198,12 @@ mod tests {
         enter();
         assert_eq!(answers.poll(&asked(2)).as_deref(), Some("Ada"));
         let shown = shown.lock().unwrap();
-        assert!(
-            shown.len() == 2 && shown[0].starts_with("do 1\n") && shown[1].starts_with("do 2\n")
-        );
+        assert!(shown.len() == 2 && shown[0].starts_with("do 1\n") && shown[1].starts_with("do 2\n"));
     }
 
     #[test]
     fn a_retract_is_typed_as_axis_and_sign() {
-        let retract =
-            |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
+        let retract = |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
         assert_eq!(parse_retract_direction("Z+"), retract(Axis::Z, true));
         assert_eq!(parse_retract_direction("x-"), retract(Axis::X, false));
         assert_eq!(parse_retract_direction("n"), Some(Answer::No));

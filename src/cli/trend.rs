@@ -59,9 +59,7 @@ fn print_trend(machine: &str, all: &[Series], days: u32) {
     for series in all {
         let Some(newest) = series.values.last() else { continue };
         let limits = series.trend.individuals.map(|chart| chart.limits());
-        let limits = limits.map_or("too few runs".to_owned(), |[lower, upper]| {
-            format!("{lower:.3} to {upper:.3}")
-        });
+        let limits = limits.map_or("too few runs".to_owned(), |[lower, upper]| format!("{lower:.3} to {upper:.3}"));
         let tolerance = series.tolerance.map_or("none".to_owned(), |limit| format!("±{limit}"));
         let warmth = newest.temperatures_c.iter().map(|(name, mean)| format!("{name} {mean:.1}"));
         let warmth = warmth.collect::<Vec<_>>().join(", ");

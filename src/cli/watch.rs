@@ -11,19 +11,13 @@ use machine::record::reading::ReadingFlag;
 
 pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
     let file = MachineFile::read(&args.machine).map_err(setup::SetupError::from)?;
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::without_remedy)?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::without_remedy)?;
     runtime.block_on(async {
         let sensor = setup::open_sensor(&file, &args.sensor).await?;
         let connection = file.sensors.iter().find(|entry| entry.sensor.name == args.sensor);
         let at = connection.map(|entry| entry.connection.location()).unwrap_or_default();
-        let mut printer = SamplePrinter {
-            json: args.json,
-            remaining_samples: args.samples,
-            is_signal_missing: false,
-        };
+        let mut printer = SamplePrinter { json: args.json, remaining_samples: args.samples, is_signal_missing: false };
         tokio::select! {
             ended = print_samples(&sensor, &at, &mut printer) => ended,
             ended = tokio::signal::ctrl_c() => ended.map_err(Failure::without_remedy),
@@ -33,11 +27,7 @@ pub fn watch_command(args: &WatchArgs) -> Result<ExitStatus, Failure> {
 }
 
 /// Shows every sample.
-async fn print_samples(
-    sensor: &Sensor,
-    at: &str,
-    printer: &mut SamplePrinter,
-) -> Result<(), Failure> {
+async fn print_samples(sensor: &Sensor, at: &str, printer: &mut SamplePrinter) -> Result<(), Failure> {
     let (tell, mut samples) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
     sensor.watch(good, || {}).await?;
@@ -82,17 +72,14 @@ impl SamplePrinter {
                 outln!("{line}");
             } else {
                 let value = value_mm.map_or("-".to_owned(), |mm| format!("{mm:.5}"));
-                let missing =
-                    if missing > 0 { format!(" ({missing} missing)") } else { String::new() };
+                let missing = if missing > 0 { format!(" ({missing} missing)") } else { String::new() };
                 let count = encoder_count.map(|n| format!("encoder {n} ")).unwrap_or_default();
                 outln!("{t_s:12.6} s {value:>12} mm {count}{flag}{missing}");
             }
         }
         self.is_signal_missing = is_signal_missing;
         self.remaining_samples = match self.remaining_samples {
-            Some(remaining_samples) if !is_signal_missing => {
-                Some(remaining_samples.saturating_sub(1))
-            }
+            Some(remaining_samples) if !is_signal_missing => Some(remaining_samples.saturating_sub(1)),
             remaining_samples => remaining_samples,
         };
         self.remaining_samples == Some(0)

@@ -33,16 +33,12 @@ pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
     for axis in axes.iter().copied().filter(|axis| *axis != Axis::S) {
         if let AxisOutcome::Nobody = check_axis(check, axis).await? {
-            check.report_unchecked(
-                Part::Axes,
-                "no operator is present to permit and to observe the jogs",
-            );
+            check.report_unchecked(Part::Axes, "no operator is present to permit and to observe the jogs");
             return Ok(());
         }
     }
     if axes.contains(&Axis::S) {
-        let why =
-            "S: the spindle is not jogged; check by eye that its orientation agrees with [axes.S]";
+        let why = "S: the spindle is not jogged; check by eye that its orientation agrees with [axes.S]";
         check.report_unchecked(Part::Axes, why);
     }
     Ok(())
@@ -50,8 +46,7 @@ pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 
 async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
     if check.beyond_limits.contains(&axis) {
-        let why =
-            format!("{axis}: the limits differ from the limits of the control; correct them first");
+        let why = format!("{axis}: the limits differ from the limits of the control; correct them first");
         check.report_unchecked(Part::Axes, why);
         return Ok(AxisOutcome::Reported);
     }
@@ -70,10 +65,7 @@ async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, Ch
             Answer::Yes => {}
             Answer::NoOperator => return Ok(AxisOutcome::Nobody),
             _ => {
-                check.report_unchecked(
-                    Part::Axes,
-                    format!("{axis}: the operator did not permit the jog"),
-                );
+                check.report_unchecked(Part::Axes, format!("{axis}: the operator did not permit the jog"));
                 return Ok(AxisOutcome::Reported);
             }
         }
@@ -81,9 +73,8 @@ async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, Ch
             report_failed_jog(check, &jog, since, &error).await?;
             return Ok(AxisOutcome::Reported);
         }
-        let Answer::Motion(seen) = check
-            .prompt_operator(Question::ObservedJog { jog, visible_motion: expected.clone() })
-            .await?
+        let Answer::Motion(seen) =
+            check.prompt_operator(Question::ObservedJog { jog, visible_motion: expected.clone() }).await?
         else {
             report_axis_not_returned(check, &jog, since);
             return Err(CheckEnd::Unsafe);
@@ -123,8 +114,7 @@ fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     let jog = jog::jog_inwards(axis, JOG_LENGTH_MM_OR_DEG, spec, stands);
     if jog.is_none() {
         let here = axis.to_mm_or_deg(stands.get_or_zero(axis));
-        let what =
-            format!("{axis} is at {here:.3}, outside its travel from {} to {}", spec.min, spec.max);
+        let what = format!("{axis} is at {here:.3}, outside its travel from {} to {}", spec.min, spec.max);
         let remedy = format!(
             "home the machine; if it is homed already, correct min and max of [axes.{axis}] (machine \
             coordinates)"
@@ -139,16 +129,10 @@ fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
 ///
 /// # Errors
 /// The control cannot continue.
-async fn report_failed_jog(
-    check: &mut Check<'_>,
-    jog: &Jog,
-    since: Instant,
-    error: &JogError,
-) -> Result<(), CheckEnd> {
+async fn report_failed_jog(check: &mut Check<'_>, jog: &Jog, since: Instant, error: &JogError) -> Result<(), CheckEnd> {
     check.check_stop()?;
     check.has_axis_fault = true;
-    let reported =
-        if error.is_harmless() { None } else { describe_reported_motion(check, jog).await };
+    let reported = if error.is_harmless() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
     check.report_failed(Part::Axes, since, what, error.remedy());
     if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) }
@@ -156,11 +140,8 @@ async fn report_failed_jog(
 
 /// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
 async fn describe_reported_motion(check: &Check<'_>, jog: &Jog) -> Option<String> {
-    let (before, now) =
-        (check.position.as_ref()?, check.controller().ok()?.read_snapshot().await.ok()?);
-    let gone = |axis: Axis| -> Option<f64> {
-        Some(axis.to_mm_or_deg(now.position.get(axis)? - before.get(axis)?))
-    };
+    let (before, now) = (check.position.as_ref()?, check.controller().ok()?.read_snapshot().await.ok()?);
+    let gone = |axis: Axis| -> Option<f64> { Some(axis.to_mm_or_deg(now.position.get(axis)? - before.get(axis)?)) };
     let moved = check.file.machine.axes.keys().copied();
     let moved = moved.filter_map(|axis| Some((axis, gone(axis)?)));
     let (axis, by) = moved.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))?;
@@ -168,43 +149,24 @@ async fn describe_reported_motion(check: &Check<'_>, jog: &Jog) -> Option<String
         return Some("; the control reports no motion".to_owned());
     }
     let of = if axis == jog.axis { "" } else { " instead" };
-    Some(format!(
-        "; the control reports a motion of {axis} by {}{of}",
-        format_amount(axis, format_args!("{by:+.3}"))
-    ))
+    Some(format!("; the control reports a motion of {axis} by {}{of}", format_amount(axis, format_args!("{by:+.3}"))))
 }
 
-fn judge_axis(
-    check: &mut Check<'_>,
-    jog: &Jog,
-    seen: ObservedMotion,
-    since: Instant,
-    expected: &str,
-) {
+fn judge_axis(check: &mut Check<'_>, jog: &Jog, seen: ObservedMotion, since: Instant, expected: &str) {
     let (axis, by) = (jog.axis, format_jog(jog));
     let seen = match seen {
-        ObservedMotion::Distance(seen) if (seen - jog.by).abs() <= OBSERVATION_TOLERANCE => {
-            ObservedMotion::AsAnnounced
-        }
-        ObservedMotion::Distance(seen) if (seen + jog.by).abs() <= OBSERVATION_TOLERANCE => {
-            ObservedMotion::Opposite
-        }
+        ObservedMotion::Distance(seen) if (seen - jog.by).abs() <= OBSERVATION_TOLERANCE => ObservedMotion::AsAnnounced,
+        ObservedMotion::Distance(seen) if (seen + jog.by).abs() <= OBSERVATION_TOLERANCE => ObservedMotion::Opposite,
         ObservedMotion::Distance(0.0) => ObservedMotion::NoMotion,
         ObservedMotion::OtherAxis(other) if other == axis => ObservedMotion::AsAnnounced,
         seen => seen,
     };
     let (what, remedy) = match seen {
         ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
-            return check.report_ok(
-                Part::Axes,
-                since,
-                format!("{axis} {by}: {expected}, as expected"),
-            );
+            return check.report_ok(Part::Axes, since, format!("{axis} {by}: {expected}, as expected"));
         }
         ObservedMotion::Opposite => (
-            format!(
-                "{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"
-            ),
+            format!("{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"),
             sense_remedy(axis, check.file.machine.axes.get(&axis).map(|spec| spec.positive)),
         ),
         ObservedMotion::OtherAxis(other) => (
@@ -245,11 +207,7 @@ fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {
 
 fn gain_fault(jog: &Jog, seen: f64) -> (String, String) {
     let (axis, unit, gain) = (jog.axis, axis_unit(jog.axis), (seen / jog.by).abs());
-    let inches = if axis.is_linear() && (gain - 25.4).abs() < 1.5 {
-        ": is the control set to inches?"
-    } else {
-        ""
-    };
+    let inches = if axis.is_linear() && (gain - 25.4).abs() < 1.5 { ": is the control set to inches?" } else { "" };
     // Rounded to a hundredth, the resolution of the eye.
     let seen = (seen * 100.0).round() / 100.0;
     let turned = if seen * jog.by < 0.0 { ", in the opposite direction" } else { "" };

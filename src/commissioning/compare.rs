@@ -35,9 +35,7 @@ fn missing_axis(axis: Axis, info: &DeviceInfo) -> Difference {
     let has = has.join(", ");
     Difference {
         beyond_limits: None,
-        what: format!(
-            "the machine file has an axis {axis}, but the control has only the axes {has}"
-        ),
+        what: format!("the machine file has an axis {axis}, but the control has only the axes {has}"),
         remedy: format!(
             "configure {axis} at the control; or, if the machine has no {axis}, remove it from [machine] \
             topology and remove [axes.{axis}]"
@@ -59,20 +57,14 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
                 "the travel of {axis} exceeds the limits of the control: {key} = {stated} in the machine \
                 file, {ends} at the control"
             ),
-            remedy: format!(
-                "write {key} = {ends} in [axes.{axis}], or correct the limit at the control"
-            ),
+            remedy: format!("write {key} = {ends} in [axes.{axis}], or correct the limit at the control"),
         });
     }
     if let Some(travel) = info.travel.filter(|travel| span > travel + slack) {
         found.push(Difference {
             beyond_limits: Some(axis),
-            what: format!(
-                "{axis} has a travel of {span} in the machine file, but only {travel} at the control"
-            ),
-            remedy: format!(
-                "reduce the range from min to max in [axes.{axis}], or correct the travel at the control"
-            ),
+            what: format!("{axis} has a travel of {span} in the machine file, but only {travel} at the control"),
+            remedy: format!("reduce the range from min to max in [axes.{axis}], or correct the travel at the control"),
         });
     }
     let dynamics = [
@@ -89,8 +81,10 @@ fn axis_differences(axis: Axis, spec: &AxisSpec, info: &ReportedAxis) -> Vec<Dif
                 "the {name} of {axis} exceeds the value of the control: {key} = {stated} in the machine \
                 file, {has} at the control"
             ),
-            remedy: format!("write {key} = {has} in [axes.{axis}]: the braking distances are computed from \
-                this value"),
+            remedy: format!(
+                "write {key} = {has} in [axes.{axis}]: the braking distances are computed from \
+                this value"
+            ),
         });
     }
     found
@@ -120,11 +114,7 @@ mod tests {
     fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
         let (machine, info) = introduction();
         assert_eq!(machine_file_differences(&machine, &info), []);
-        assert_eq!(
-            machine_file_differences(&machine, &DeviceInfo::default()),
-            [],
-            "it tells nothing"
-        );
+        assert_eq!(machine_file_differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
 
         let told = |change: fn(&mut ReportedAxis)| {
             let mut info = info.clone();
@@ -147,9 +137,6 @@ mod tests {
         less.axes.remove(&Axis::B);
         let found = machine_file_differences(&machine, &less);
         let what = "the machine file has an axis B, but the control has only the axes X, Y, Z, C";
-        assert_eq!(
-            found.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(),
-            [what]
-        );
+        assert_eq!(found.iter().map(|difference| difference.what.as_str()).collect::<Vec<_>>(), [what]);
     }
 }

@@ -4,9 +4,7 @@ use std::time::Instant;
 
 use super::question_text::format_position;
 use super::{Check, CheckEnd, Part, compare::Difference, compare::machine_file_differences, links};
-use devices::controllers::{
-    ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items,
-};
+use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items};
 use machine::Position;
 use machine::record::question::{Answer, Question};
 
@@ -56,11 +54,7 @@ fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) 
         if remark.is_blocking {
             check.report_failed(Part::Control, since, remark.description, remark.remedy);
         } else {
-            check.report_ok(
-                Part::Control,
-                since,
-                format!("{} ({})", remark.description, remark.remedy),
-            );
+            check.report_ok(Part::Control, since, format!("{} ({})", remark.description, remark.remedy));
         }
     }
     may_move
@@ -74,10 +68,7 @@ pub(super) async fn prepare_control(check: &mut Check<'_>) -> Result<(), CheckEn
 }
 
 /// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
-pub(super) async fn read_status(
-    check: &mut Check<'_>,
-    since: Instant,
-) -> Result<MachineSnapshot, CheckEnd> {
+pub(super) async fn read_status(check: &mut Check<'_>, since: Instant) -> Result<MachineSnapshot, CheckEnd> {
     match check.controller()?.read_snapshot().await {
         Ok(look) => Ok(look),
         Err(error) => {
@@ -115,8 +106,7 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
             check.transmission = Some(prepared.transmission);
             check.report_ok(Part::Control, since, what);
             let is_first = check.position.replace(prepared.position).is_none();
-            let not_readable =
-                describe_unreadable_items(&prepared.unreadable_items).filter(|_| is_first);
+            let not_readable = describe_unreadable_items(&prepared.unreadable_items).filter(|_| is_first);
             if let Some(what) = not_readable {
                 check.report_ok(Part::Control, since, what);
             }
@@ -142,14 +132,9 @@ async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let stands = check.position.clone().unwrap_or_default();
     let told = format_position(&stands);
     match check.prompt_operator(Question::DisplayedPosition(stands)).await? {
-        Answer::Yes => check.report_ok(
-            Part::Control,
-            since,
-            "the display of the control shows the same position",
-        ),
+        Answer::Yes => check.report_ok(Part::Control, since, "the display of the control shows the same position"),
         Answer::No => {
-            let what =
-                format!("the display of the control does not show the reported position {told}");
+            let what = format!("the display of the control does not show the reported position {told}");
             let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
                 `order` and `scale` of the position registers with the program of the control. Other \
                 controls: check that the units are millimetres and that the display shows machine \
@@ -158,8 +143,7 @@ async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
             return Err(CheckEnd::Unsafe);
         }
         _ => {
-            let what =
-                "no operator is present to compare the position with the display of the control";
+            let what = "no operator is present to compare the position with the display of the control";
             check.report_unchecked(Part::Control, what);
         }
     }

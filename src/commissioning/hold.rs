@@ -40,8 +40,7 @@ struct HeldJog {
 
 pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault {
-        check
-            .report_unchecked(Part::Hold, "an axis did not follow its command; correct this first");
+        check.report_unchecked(Part::Hold, "an axis did not follow its command; correct this first");
         return Ok(());
     }
     if !check.is_probe_working {
@@ -66,12 +65,7 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if check.site.simulated_operator().is_some() {
         // At real pace, otherwise the motion ends before the halt.
         if let Err(error) = reopen_control(check, Pace::Real).await {
-            check.report_failed(
-                Part::Hold,
-                since,
-                error.to_string(),
-                error.remedy().unwrap_or_default(),
-            );
+            check.report_failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     }
@@ -123,12 +117,7 @@ async fn run_held_jog(check: &Check<'_>, proven: ProvenJog) -> Result<HeldJog, C
 }
 
 /// Judges the jog; returns whether the control is held.
-async fn judge_hold(
-    check: &mut Check<'_>,
-    jog: &Jog,
-    held: HeldJog,
-    since: Instant,
-) -> Result<bool, CheckEnd> {
+async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Instant) -> Result<bool, CheckEnd> {
     let axis = jog.axis;
     let time_to_halt_s = match (&held.ended, held.time_to_halt_s) {
         (Err(ControllerError::Halted), Some(time_to_halt_s)) => time_to_halt_s,
@@ -186,9 +175,7 @@ async fn wait_for_release(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     for _ in 0..MAX_RELEASE_QUESTIONS {
         check.devices = None;
         check.position = None;
-        if check.prompt_operator(Question::HoldReleased { last_failure: not_yet }).await?
-            != Answer::Yes
-        {
+        if check.prompt_operator(Question::HoldReleased { last_failure: not_yet }).await? != Answer::Yes {
             return Ok(());
         }
         match reopen_control(check, check.pace).await {

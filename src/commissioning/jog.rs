@@ -8,9 +8,7 @@ use machine::record::motion::{Block, Motion};
 use machine::record::question::{AxisDirection, Jog};
 use machine::{Axis, Position};
 use planning::gcode::{RenderError, Transmission};
-use planning::proof::{
-    JogProofRequest, ProofRefusal, ProvenBlock, StageProofError, prove_jog, prove_retract,
-};
+use planning::proof::{JogProofRequest, ProofRefusal, ProvenBlock, StageProofError, prove_jog, prove_retract};
 
 /// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const FEED_PER_MIN: f64 = 60.0;
@@ -69,11 +67,7 @@ pub(super) fn jog_inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Positio
     let (up, down) = (spec.max - here, here - spec.min);
     let by = if up >= down { by } else { -by };
     let feed_per_min = FEED_PER_MIN.min(spec.rapid_per_min);
-    (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog {
-        axis,
-        by,
-        feed_per_min,
-    })
+    (up.max(down) >= by.abs() && up.min(down) >= -LIMIT_TOLERANCE_MM_OR_DEG).then_some(Jog { axis, by, feed_per_min })
 }
 
 /// The jog back.
@@ -106,12 +100,7 @@ struct MoveKind {
 const JOG_MOVE: MoveKind = MoveKind { motion: jog_motion, proof: prove_jog };
 const RETRACT_MOVE: MoveKind = MoveKind { motion: retract_motion, proof: prove_retract };
 
-fn prove_move(
-    check: &Check<'_>,
-    stands: &Position,
-    jog: &Jog,
-    kind: &MoveKind,
-) -> Result<ProvenJog, JogError> {
+fn prove_move(check: &Check<'_>, stands: &Position, jog: &Jog, kind: &MoveKind) -> Result<ProvenJog, JogError> {
     let dialect = check.devices.as_ref().map(|devices| &devices.dialect);
     let dialect = dialect.ok_or(ControllerError::DriverTaskEnded)?;
     let axis = jog.axis;
@@ -120,14 +109,7 @@ fn prove_move(
     let transmission = check.transmission.as_ref().ok_or(ControllerError::DriverTaskEnded)?;
     let plan = setup::plan_without_steps(check.file, "check", serde_json::Value::Null);
     let feed_at_most = FEED_PER_MIN;
-    let request = JogProofRequest {
-        plan: &plan,
-        position: stands,
-        axis,
-        to,
-        max_feed: feed_at_most,
-        dialect,
-    };
+    let request = JogProofRequest { plan: &plan, position: stands, axis, to, max_feed: feed_at_most, dialect };
     Ok(ProvenJog { block: (kind.proof)(&request, transmission, &block)?, to })
 }
 
@@ -168,8 +150,7 @@ pub(super) async fn run_retract_step(
     let by = if is_positive { RETRACT_MM } else { -RETRACT_MM };
     let rapid = check.file.machine.axes.get(&axis).map_or(FEED_PER_MIN, |spec| spec.rapid_per_min);
     let feed_per_min = FEED_PER_MIN.min(rapid).min(check.file.probe.search_feed_mm_min);
-    let ProvenJog { block, .. } =
-        prove_move(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT_MOVE)?;
+    let ProvenJog { block, .. } = prove_move(check, stands, &Jog { axis, by, feed_per_min }, &RETRACT_MOVE)?;
     execute_block(check, block).await
 }
 
@@ -184,9 +165,7 @@ async fn execute_block(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogE
 async fn check_unmoved(check: &Check<'_>) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverTaskEnded)?;
     let now = controller.read_snapshot().await?.position;
-    for (axis, at) in
-        check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S)
-    {
+    for (axis, at) in check.position.iter().flat_map(Position::iter).filter(|(axis, _)| *axis != Axis::S) {
         let (was, now) = (axis.to_mm_or_deg(at), axis.to_mm_or_deg(now.get_or_zero(axis)));
         if (now - was).abs() > REST_TOLERANCE_MM_OR_DEG {
             return Err(JogError::PositionChanged { axis, was, now });

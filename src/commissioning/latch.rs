@@ -22,10 +22,7 @@ const MAX_SCAN_ERROR_SHARE: f64 = 0.1;
 
 pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault || check.position.is_none() {
-        check.report_unchecked(
-            Part::Latch,
-            "the machine is not ready for touches; see the findings above",
-        );
+        check.report_unchecked(Part::Latch, "the machine is not ready for touches; see the findings above");
         return Ok(());
     }
     if !check.is_probe_working {
@@ -38,12 +35,7 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let (method, plan) = match setup::plan_header(&file, latch_delay::METHOD_NAME, None) {
         Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
         Err(error) => {
-            check.report_failed(
-                Part::Latch,
-                since,
-                error.to_string(),
-                error.remedy().unwrap_or_default(),
-            );
+            check.report_failed(Part::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
@@ -57,10 +49,7 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     match check.prompt_operator(Question::AllowAction { action: what }).await? {
         Answer::Yes => touch_part(check, method, plan).await,
         Answer::NoOperator => {
-            check.report_unchecked(
-                Part::Latch,
-                "no operator is present to permit touches of the part",
-            );
+            check.report_unchecked(Part::Latch, "no operator is present to permit touches of the part");
             Ok(())
         }
         _ => {
@@ -74,8 +63,7 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal> {
     let (plan, stages) = methods::plan_nominal_stages(method, plan)?;
     let planned = planning::plan_blocks_by_stage(&plan, &stages);
-    let (_, seconds) = planned
-        .map_err(|error| MethodRefusal { reason: error.to_string(), remedy: error.remedy() })?;
+    let (_, seconds) = planned.map_err(|error| MethodRefusal { reason: error.to_string(), remedy: error.remedy() })?;
     let start = plan.steps.first().map_or(String::new(), |step| {
         let axes = step.from.iter();
         axes.map(|(axis, at)| format!(" {axis}{:.3}", axis.to_mm_or_deg(at))).collect()
@@ -89,11 +77,7 @@ fn describe_run(method: &dyn Method, plan: Plan) -> Result<String, MethodRefusal
     ))
 }
 
-async fn touch_part(
-    check: &mut Check<'_>,
-    method: Arc<dyn Method>,
-    plan: Plan,
-) -> Result<(), CheckEnd> {
+async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let probe = plan.probe.clone();
     let measured = run_latch_delay(check, method, plan).await?;
@@ -147,12 +131,7 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
     match found.latch {
         LatchDiagnosis::NoScan { .. } => check.report_ok(Part::Latch, since, &found.latch_text),
         LatchDiagnosis::Scan(time) => {
-            check.report_failed(
-                Part::Latch,
-                since,
-                &found.latch_text,
-                latch_remedy(probe, time.duration_s),
-            );
+            check.report_failed(Part::Latch, since, &found.latch_text, latch_remedy(probe, time.duration_s));
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
             Part::Latch,
@@ -188,12 +167,16 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
         ),
         (None, Some(um)) if !matches!(found.latch, LatchDiagnosis::Scan(_)) => {
             let seen = found.scatter_mm * 1e3;
-            let mut what = format!("the touches have a standard deviation of {seen:.2} µm; declared are \
-                {um} µm");
+            let mut what = format!(
+                "the touches have a standard deviation of {seen:.2} µm; declared are \
+                {um} µm"
+            );
             if let Some(bound_mm) = found.scatter_bound_mm {
                 let bound = bound_mm * 1e3;
-                what += &format!(" (with so few touches, a contradiction is detectable only above \
-                    {bound:.2} µm, χ² test)");
+                what += &format!(
+                    " (with so few touches, a contradiction is detectable only above \
+                    {bound:.2} µm, χ² test)"
+                );
             }
             check.report_ok(Part::Latch, since, what);
         }
@@ -230,9 +213,7 @@ fn cycle_remedy(error: &CycleError) -> String {
         CycleError::Run { error, .. } => error.remedy(),
         CycleError::Identification { why: IdentificationError::Refused(error), .. } => {
             match error {
-                IdentifyError::Refused(_) | IdentifyError::IdentificationFailed(_) => {
-                    error.remedy()
-                }
+                IdentifyError::Refused(_) | IdentifyError::IdentificationFailed(_) => error.remedy(),
                 // The other errors refer to a plan of the user or to a run that can be resumed.
                 _ => "repeat the check".to_owned(),
             }

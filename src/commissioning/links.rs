@@ -22,12 +22,7 @@ pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
         Err(error) => {
-            check.report_failed(
-                Part::Links,
-                since,
-                error.to_string(),
-                error.remedy().unwrap_or_default(),
-            );
+            check.report_failed(Part::Links, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     };

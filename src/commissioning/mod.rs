@@ -123,10 +123,9 @@ impl<'a> Check<'a> {
         for (part, look) in CHECK_PARTS {
             match ended {
                 None => ended = look(&mut self).await.err(),
-                Some(CheckEnd::Unsafe) => self.report_unchecked(
-                    part,
-                    "a previous part failed; correct that fault first".to_owned(),
-                ),
+                Some(CheckEnd::Unsafe) => {
+                    self.report_unchecked(part, "a previous part failed; correct that fault first".to_owned())
+                }
                 Some(CheckEnd::Stopped) => break,
             }
         }
@@ -179,13 +178,7 @@ impl<'a> Check<'a> {
         self.add_finding(part, Verdict::Ok, since, what.into(), None);
     }
 
-    fn report_failed(
-        &mut self,
-        part: Part,
-        since: Instant,
-        what: impl Into<String>,
-        remedy: impl Into<String>,
-    ) {
+    fn report_failed(&mut self, part: Part, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
         self.add_finding(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
     }
 
@@ -199,14 +192,7 @@ impl<'a> Check<'a> {
         self.add_finding(part, Verdict::NotLookedAt, Instant::now(), why.into(), None);
     }
 
-    fn add_finding(
-        &mut self,
-        part: Part,
-        verdict: Verdict,
-        since: Instant,
-        what: String,
-        remedy: Option<String>,
-    ) {
+    fn add_finding(&mut self, part: Part, verdict: Verdict, since: Instant, what: String, remedy: Option<String>) {
         let took_s = since.elapsed().as_secs_f64();
         let finding = Finding { part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);

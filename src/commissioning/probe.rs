@@ -25,11 +25,7 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     retract::retract_from_contact(check).await?;
     let since = Instant::now();
     let Some(test) = test_probe_input(check, since).await? else {
-        return if check.position.is_some() {
-            update_position(check, since).await
-        } else {
-            Err(CheckEnd::Unsafe)
-        };
+        return if check.position.is_some() { update_position(check, since).await } else { Err(CheckEnd::Unsafe) };
     };
     if let Some((what, remedy)) = test.fault(check.polarity_setting.as_deref()) {
         check.report_failed(Part::Probe, since, what, remedy);
@@ -46,18 +42,10 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 }
 
 /// Watches the probe input; `None`, with a finding, if it cannot be checked.
-async fn test_probe_input(
-    check: &mut Check<'_>,
-    since: Instant,
-) -> Result<Option<ProbeInputTest>, CheckEnd> {
+async fn test_probe_input(check: &mut Check<'_>, since: Instant) -> Result<Option<ProbeInputTest>, CheckEnd> {
     if !is_probe_mounted(check).await? {
         let is_closed_at_rest = control::read_status(check, since).await?.is_probe_closed;
-        report_untested_probe(
-            check,
-            since,
-            is_closed_at_rest,
-            "the touch probe is not in the spindle",
-        );
+        report_untested_probe(check, since, is_closed_at_rest, "the touch probe is not in the spindle");
         return Ok(None);
     }
     let asked = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
@@ -73,24 +61,17 @@ async fn test_probe_input(
     }
     let follows_stylus = wait_for_input(check, since, !is_closed_at_rest).await?;
     let let_go = check.prompt_operator(Question::StylusState(StylusState::Free)).await?;
-    let returns_to_rest =
-        let_go == Answer::Yes && wait_for_input(check, since, is_closed_at_rest).await?;
+    let returns_to_rest = let_go == Answer::Yes && wait_for_input(check, since, is_closed_at_rest).await?;
     Ok(Some(ProbeInputTest { is_closed_at_rest, follows_stylus, returns_to_rest }))
 }
 
 /// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
 async fn is_probe_mounted(check: &mut Check<'_>) -> Result<bool, CheckEnd> {
     let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
-    Ok(!swapped
-        || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
+    Ok(!swapped || check.prompt_operator(Question::StylusState(StylusState::Mounted)).await? != Answer::No)
 }
 
-fn report_untested_probe(
-    check: &mut Check<'_>,
-    since: Instant,
-    is_closed_at_rest: bool,
-    why: &str,
-) {
+fn report_untested_probe(check: &mut Check<'_>, since: Instant, is_closed_at_rest: bool, why: &str) {
     if is_closed_at_rest {
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
             finds out whether the input is inverted or stuck; or release the stylus by hand (the input must \
@@ -109,11 +90,7 @@ async fn update_position(check: &mut Check<'_>, since: Instant) -> Result<(), Ch
 }
 
 /// Waits for the state `closed` of the probe input; returns whether it came in time.
-async fn wait_for_input(
-    check: &mut Check<'_>,
-    since: Instant,
-    closed: bool,
-) -> Result<bool, CheckEnd> {
+async fn wait_for_input(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<bool, CheckEnd> {
     let deadline = Instant::now() + check.operator.max_action_time();
     loop {
         check.check_stop()?;

@@ -40,8 +40,7 @@ pub fn describe_question(question: &Question) -> String {
             "Leave the stylus free. Is the stylus free of any contact? yes / no".to_owned()
         }
         Question::StylusState(StylusState::Deflected) => {
-            "Deflect the stylus with a finger and hold it deflected. Is the stylus deflected now? yes / no"
-                .to_owned()
+            "Deflect the stylus with a finger and hold it deflected. Is the stylus deflected now? yes / no".to_owned()
         }
         Question::AllowHold(jog) => format!(
             "{} will move by {} at {}/min, and the check sends a hold during the motion: the axis should \
@@ -52,8 +51,7 @@ pub fn describe_question(question: &Question) -> String {
             format_amount(jog.axis, jog.feed_per_min)
         ),
         Question::HoldReleased { last_failure: not_yet } => {
-            let not_yet =
-                not_yet.as_ref().map_or(String::new(), |why| format!("The control is not ready: {why}.\n"));
+            let not_yet = not_yet.as_ref().map_or(String::new(), |why| format!("The control is not ready: {why}.\n"));
             format!(
                 "{not_yet}The control was stopped during a motion. Make the control ready for commands: if \
                 it is in Hold, reset it (a resume would complete the held move), and home the machine if \

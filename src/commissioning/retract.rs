@@ -30,11 +30,7 @@ pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), Ch
             break;
         }
         let look_for = visible_motions(check, &look.position);
-        let question = Question::RetractDirection {
-            position: look.position,
-            visible_motions: look_for,
-            last_result,
-        };
+        let question = Question::RetractDirection { position: look.position, visible_motions: look_for, last_result };
         let Answer::Retract(direction) = check.prompt_operator(question).await? else {
             return Ok(());
         };
@@ -77,17 +73,10 @@ async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result
         Err(JogError::Control(ControllerError::ProbeStillClosed { .. })) => {
             Ok(format!("{direction}: moved by {RETRACT_MM} mm; the probe still reads closed"))
         }
-        Err(error) if error.is_harmless() => {
-            Ok(format!("{direction}: no motion: {error}; {}", error.remedy()))
-        }
+        Err(error) if error.is_harmless() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => {
             check.check_stop()?;
-            check.report_failed(
-                Part::Probe,
-                since,
-                format!("{direction}: {error}"),
-                error.remedy(),
-            );
+            check.report_failed(Part::Probe, since, format!("{direction}: {error}"), error.remedy());
             Err(CheckEnd::Unsafe)
         }
     }

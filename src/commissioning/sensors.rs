@@ -30,11 +30,7 @@ pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd>
                 Some((what, remedy)) => {
                     check.report_failed(Part::Sensors, since, format!("{name} {what}"), remedy);
                 }
-                None => check.report_ok(
-                    Part::Sensors,
-                    since,
-                    describe_samples(&name, &prepared, &samples),
-                ),
+                None => check.report_ok(Part::Sensors, since, describe_samples(&name, &prepared, &samples)),
             },
             Err(error) => {
                 let what = format!("{name}: {error}");
@@ -45,23 +41,16 @@ pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd>
     thermometers::check_thermometers(check).await
 }
 
-async fn record_samples(
-    check: &Check<'_>,
-    name: &str,
-) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
+async fn record_samples(check: &Check<'_>, name: &str) -> Result<(SensorInfo, Vec<Sample>), SensorError> {
     let devices = check.devices.as_ref().ok_or(SensorError::TaskEnded)?;
     let sensor = devices.sensors.open(name).await?;
     let prepared = sensor.prepare().await?;
-    let count = (prepared.rate_hz * TEST_DURATION_S)
-        .clamp(MIN_TEST_SAMPLES.into(), MAX_TEST_SAMPLES.into());
+    let count = (prepared.rate_hz * TEST_DURATION_S).clamp(MIN_TEST_SAMPLES.into(), MAX_TEST_SAMPLES.into());
     let samples = sensor.read_samples(count as u32).await?;
     Ok((prepared, samples))
 }
 
-fn sensor_fault(
-    SensorEntry { sensor, rate_hz, .. }: &SensorEntry,
-    samples: &[Sample],
-) -> Option<SensorFault> {
+fn sensor_fault(SensorEntry { sensor, rate_hz, .. }: &SensorEntry, samples: &[Sample]) -> Option<SensorFault> {
     let values = sample_values(samples);
     missing_samples_fault(samples)
         .or_else(|| noise_fault(sensor.noise_um?, &values))
@@ -92,10 +81,7 @@ fn missing_samples_fault(samples: &[Sample]) -> Option<SensorFault> {
         ));
     }
     let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count();
-    let what = format!(
-        "sends no data at times: {stale} of {} samples were not received in time",
-        samples.len()
-    );
+    let what = format!("sends no data at times: {stale} of {} samples were not received in time", samples.len());
     let remedy = "check the cable, the power supply and the rate of the sensor, and whether its time-out is \
         too short";
     (stale > 0).then_some((what, remedy))
@@ -111,8 +97,7 @@ fn noise_fault(noise_um: f64, values: &[f64]) -> Option<SensorFault> {
             layout",
         ));
     }
-    let what =
-        format!("has a noise of {:.2} µm; the machine file states noise_um = {noise_um}", 1e3 * sd);
+    let what = format!("has a noise of {:.2} µm; the machine file states noise_um = {noise_um}", 1e3 * sd);
     let remedy = "point the sensor at a clean surface at rest; if the noise stays the same, correct \
         noise_um or the layout of the sensor";
     (1e3 * sd > MAX_NOISE_RATIO * noise_um).then_some((what, remedy))
@@ -122,11 +107,8 @@ fn rate_fault(declared_hz: f64, samples: &[Sample]) -> Option<SensorFault> {
     let (first, rest) = samples.split_first()?;
     let span_s = rest.last()?.t_s - first.t_s;
     let measured_hz = (rest.len() as u64 + missing_count(rest)) as f64 / span_s;
-    let what = format!(
-        "sends {measured_hz:.0} samples/s; the machine file states rate_hz = {declared_hz}"
-    );
-    let remedy =
-        "set the sensor to the required rate (averaging reduces the rate), or correct rate_hz";
+    let what = format!("sends {measured_hz:.0} samples/s; the machine file states rate_hz = {declared_hz}");
+    let remedy = "set the sensor to the required rate (averaging reduces the rate), or correct rate_hz";
     let off = (measured_hz / declared_hz - 1.0).abs() > MAX_RATE_DEVIATION;
     (span_s > 0.0 && off).then_some((what, remedy))
 }

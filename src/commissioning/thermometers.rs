@@ -10,29 +10,17 @@ pub(super) async fn check_thermometers(check: &mut Check<'_>) -> Result<(), Chec
     let since = Instant::now();
     let each = devices.thermometers.read_once().await.into_iter();
     let results: Vec<_> = each
-        .map(|(entry, result)| {
-            (format!("thermometer {} ({})", entry.name, entry.describe_address()), result)
-        })
+        .map(|(entry, result)| (format!("thermometer {} ({})", entry.name, entry.describe_address()), result))
         .collect();
     for (name, result) in results {
         match result {
-            Ok(celsius) => {
-                check.report_ok(Part::Sensors, since, format!("{name}: {celsius:.2} °C"))
-            }
+            Ok(celsius) => check.report_ok(Part::Sensors, since, format!("{name}: {celsius:.2} °C")),
             // The machine file was written for a simulated machine.
             Err(error @ ThermometerError::NoSimulatedMachine) => {
-                check.report_unchecked(
-                    Part::Sensors,
-                    format!("{name}: {error}; {}", error.remedy()),
-                );
+                check.report_unchecked(Part::Sensors, format!("{name}: {error}; {}", error.remedy()));
             }
             Err(error) => {
-                check.report_failed(
-                    Part::Sensors,
-                    since,
-                    format!("{name}: {error}"),
-                    error.remedy(),
-                );
+                check.report_failed(Part::Sensors, since, format!("{name}: {error}"), error.remedy());
             }
         }
     }

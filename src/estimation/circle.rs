@@ -27,13 +27,12 @@ pub enum CircleError {
 /// # Errors
 /// Fewer points, points on one line, or points that resemble no circle.
 pub fn fit_circle(points: &[[f64; 2]]) -> Result<Circle, CircleError> {
-    let RadialFit { centre, radius, .. } =
-        radial::fit_radial(points).map_err(|error| match error {
-            RadialError::TooFew(count) => CircleError::TooFew(count),
-            RadialError::Flat => CircleError::Collinear,
-            RadialError::NotFinite => CircleError::NotFinite,
-            RadialError::NotConverged => CircleError::NotConverged,
-        })?;
+    let RadialFit { centre, radius, .. } = radial::fit_radial(points).map_err(|error| match error {
+        RadialError::TooFew(count) => CircleError::TooFew(count),
+        RadialError::Flat => CircleError::Collinear,
+        RadialError::NotFinite => CircleError::NotFinite,
+        RadialError::NotConverged => CircleError::NotConverged,
+    })?;
     Ok(Circle { centre, radius })
 }
 
@@ -42,10 +41,7 @@ mod tests {
     use super::*;
 
     fn on_circle(centre: [f64; 2], radius: f64, angles: &[f64]) -> Vec<[f64; 2]> {
-        angles
-            .iter()
-            .map(|a| [centre[0] + radius * a.cos(), centre[1] + radius * a.sin()])
-            .collect()
+        angles.iter().map(|a| [centre[0] + radius * a.cos(), centre[1] + radius * a.sin()]).collect()
     }
 
     #[test]
@@ -74,9 +70,8 @@ mod tests {
         let (mut best, mut span) = ([0.0, 0.0], 1.0);
         while span > 1e-9 {
             let grid = (-10..=10).flat_map(|i| (-10..=10).map(move |j| (i, j)));
-            let around = grid.map(|(i, j)| {
-                [best[0] + span * f64::from(i) / 10.0, best[1] + span * f64::from(j) / 10.0]
-            });
+            let around =
+                grid.map(|(i, j)| [best[0] + span * f64::from(i) / 10.0, best[1] + span * f64::from(j) / 10.0]);
             let least = around.min_by(|a, b| squares(a[0], a[1]).total_cmp(&squares(b[0], b[1])));
             best = least.unwrap();
             span *= 0.3;
@@ -90,8 +85,7 @@ mod tests {
     #[test]
     fn regress_no_circle_is_refused() {
         assert_eq!(fit_circle(&[[0.0, 0.0], [1.0, 0.0]]), Err(CircleError::TooFew(2)));
-        let line: Vec<[f64; 2]> =
-            (0..7).map(|i| [1e3 + 0.1 * f64::from(i), 0.3 * f64::from(i)]).collect();
+        let line: Vec<[f64; 2]> = (0..7).map(|i| [1e3 + 0.1 * f64::from(i), 0.3 * f64::from(i)]).collect();
         assert_eq!(fit_circle(&line), Err(CircleError::Collinear));
         assert_eq!(fit_circle(&[[2.0, 2.0]; 5]), Err(CircleError::Collinear));
         assert_eq!(fit_circle(&[[f64::NAN, 0.0]; 3]), Err(CircleError::NotFinite));

@@ -73,25 +73,13 @@ mod tests {
     /// GUM table G.2, column 95.45 %.
     #[test]
     fn paper_gum_table_g2() {
-        for (dof, k) in [
-            (1.0, 13.97),
-            (2.0, 4.53),
-            (3.0, 3.31),
-            (5.0, 2.65),
-            (8.0, 2.37),
-            (10.0, 2.28),
-            (20.0, 2.13),
-            (50.0, 2.05),
-        ] {
+        for (dof, k) in
+            [(1.0, 13.97), (2.0, 4.53), (3.0, 3.31), (5.0, 2.65), (8.0, 2.37), (10.0, 2.28), (20.0, 2.13), (50.0, 2.05)]
+        {
             assert!((coverage_factor(dof) - k).abs() <= 0.0051, "{dof} {}", coverage_factor(dof));
         }
         assert_eq!(coverage_factor(f64::INFINITY), 2.0);
-        assert!(
-            (coverage_factor(0.999 * MIN_DOF_FOR_EXPANSION)
-                - coverage_factor(MIN_DOF_FOR_EXPANSION))
-            .abs()
-                < 1e-6
-        );
+        assert!((coverage_factor(0.999 * MIN_DOF_FOR_EXPANSION) - coverage_factor(MIN_DOF_FOR_EXPANSION)).abs() < 1e-6);
         assert_eq!(coverage_factor(0.0), f64::INFINITY);
         assert_eq!(coverage_factor(f64::NAN), f64::INFINITY);
     }
@@ -104,9 +92,8 @@ mod tests {
         assert!((two_sided_factor(0.997_300_204, f64::INFINITY) - 3.0).abs() < 1e-6);
         assert!((two_sided_factor(0.95, 10.0) - 2.228_139).abs() < 1e-5);
         assert!(
-            (two_sided_factor(0.99, 0.999 * MIN_DOF_FOR_EXPANSION)
-                - two_sided_factor(0.99, MIN_DOF_FOR_EXPANSION))
-            .abs()
+            (two_sided_factor(0.99, 0.999 * MIN_DOF_FOR_EXPANSION) - two_sided_factor(0.99, MIN_DOF_FOR_EXPANSION))
+                .abs()
                 < 1e-6
         );
         assert_eq!(two_sided_factor(0.95, f64::NAN), f64::INFINITY);

@@ -91,9 +91,8 @@ impl WithSimd for OrthonormaliseColumns<'_> {
         let (rows, count) = (*rows, *count);
         let mut r = Mat::zeros(pivots, count);
         let mut is_rank_deficient = false;
-        let whole: Vec<f64> = (0..pivots)
-            .map(|j| dot_product(&values[j * rows..][..rows], &values[j * rows..][..rows]))
-            .collect();
+        let whole: Vec<f64> =
+            (0..pivots).map(|j| dot_product(&values[j * rows..][..rows], &values[j * rows..][..rows])).collect();
         for pivot in 0..pivots {
             let (done, others) = values.split_at_mut((pivot + 1) * rows);
             let column = &mut done[pivot * rows..];

@@ -20,18 +20,12 @@ pub fn independent_columns(
         extend_basis(&mut basis, column, MIN_KNOWN_SHARE);
     }
     let all = candidates.iter().enumerate();
-    all.filter(|(i, column)| extend_basis(&mut basis, column, min_share(*i)))
-        .map(|(i, _)| i)
-        .collect()
+    all.filter(|(i, column)| extend_basis(&mut basis, column, min_share(*i))).map(|(i, _)| i).collect()
 }
 
 /// Coefficients, one for each `known` column, of the linear combination that equals `column` except for at most the
 /// fraction `min_share` of its length. `None`: `column` is independent, or there are more known columns than rows.
-pub fn find_linear_combination(
-    known: &[Vec<f64>],
-    column: &[f64],
-    min_share: f64,
-) -> Option<Vec<f64>> {
+pub fn find_linear_combination(known: &[Vec<f64>], column: &[f64], min_share: f64) -> Option<Vec<f64>> {
     let (rows, count) = (column.len(), known.len());
     if count == 0 {
         return (column_norm(column) == 0.0).then(Vec::new);

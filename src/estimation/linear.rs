@@ -97,11 +97,8 @@ pub fn solve_least_squares(problem: &LinearProblem<'_>) -> Result<LinearSolution
     let weighted_u = Mat::from_fn(a.nrows(), root.ncols(), |i, j| u[(i, j)] / sigma[i]);
     let gain = &root * weighted_u.transpose();
     let x = matrix_vector_product(gain.as_ref(), y);
-    let residuals: Vec<f64> = matrix_vector_product(a, &x)
-        .iter()
-        .zip(y)
-        .map(|(fitted, measured)| measured - fitted)
-        .collect();
+    let residuals: Vec<f64> =
+        matrix_vector_product(a, &x).iter().zip(y).map(|(fitted, measured)| measured - fitted).collect();
     Ok(LinearSolution {
         covariance: &root * root.transpose(),
         gain,
@@ -202,10 +199,7 @@ fn column_scale(a: MatRef<'_, f64>) -> Vec<f64> {
     let norms: Vec<f64> = (0..a.ncols()).map(|j| a.col(j).norm_l2()).collect();
     let largest = norms.iter().copied().fold(0.0, f64::max);
     // A column of rounding errors, such as sin π, holds no information and must not be scaled to norm 1.
-    norms
-        .into_iter()
-        .map(|n| unit_scale(if n > ZERO_COLUMN_RATIO * largest { n } else { 0.0 }))
-        .collect()
+    norms.into_iter().map(|n| unit_scale(if n > ZERO_COLUMN_RATIO * largest { n } else { 0.0 })).collect()
 }
 
 /// Unknowns × free directions: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).

@@ -30,22 +30,14 @@ impl Misfit {
     /// Declared sizes are kept unless the residuals contradict them. If the sources are not `declared`, the factor
     /// follows from the residuals. `dof`: rows less rank. With 0 the expectation is only rounding error: the factor
     /// is 1 and no bound is exceeded.
-    pub fn from_residuals(
-        residuals: &[f64],
-        left: &[Vec<f64>],
-        dof: usize,
-        declared: bool,
-    ) -> Self {
+    pub fn from_residuals(residuals: &[f64], left: &[Vec<f64>], dof: usize, declared: bool) -> Self {
         let rows = residuals.len();
         let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
         let expected: f64 = left.col_iter().map(|column| column.squared_norm_l2()).sum();
-        let joint =
-            if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
+        let joint = if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
         let effective = expected * expected / joint.squared_norm_l2();
         let chi2: f64 = residuals.iter().map(|r| r * r).sum();
-        let bounds = (dof > 0)
-            .then(|| coverage::chi_square_bounds(effective, CHI2_BOUND_PROBABILITY))
-            .flatten();
+        let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective, CHI2_BOUND_PROBABILITY)).flatten();
         let ratio = chi2 / expected;
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
         let is_above_bound = declared && beyond(&|(_, upper)| ratio * effective > upper);
@@ -79,9 +71,7 @@ mod tests {
                 && !misfit.is_below_bound
         );
         let declared = Misfit::from_residuals(&residuals, &left_beside_the_mean(), 5, true);
-        assert!(
-            declared.is_above_bound && (declared.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12
-        );
+        assert!(declared.is_above_bound && (declared.uncertainty_factor - 14f64.sqrt()).abs() < 1e-12);
         let plausible = residuals.map(|residual| 0.3 * residual);
         let declared = Misfit::from_residuals(&plausible, &left_beside_the_mean(), 5, true);
         assert!(!declared.is_above_bound && declared.uncertainty_factor == 1.0);
@@ -93,10 +83,7 @@ mod tests {
         let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];
         for declared in [false, true] {
             let misfit = Misfit::from_residuals(&[3e-13, -1e-13], &left, 0, declared);
-            assert_eq!(
-                (misfit.uncertainty_factor, misfit.is_above_bound, misfit.is_below_bound),
-                (1.0, false, false)
-            );
+            assert_eq!((misfit.uncertainty_factor, misfit.is_above_bound, misfit.is_below_bound), (1.0, false, false));
         }
     }
 }

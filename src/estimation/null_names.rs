@@ -27,12 +27,10 @@ pub fn name_null_space(null_space: MatRef<'_, f64>, names: &[String]) -> Vec<Str
 
 /// Reduced row-echelon form of the directions (one row each), with pivots searched in the given order.
 fn echelon_form(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
-    let mut rows: Vec<Vec<f64>> =
-        null_space.col_iter().map(|direction| direction.iter().copied().collect()).collect();
+    let mut rows: Vec<Vec<f64>> = null_space.col_iter().map(|direction| direction.iter().copied().collect()).collect();
     let mut done = 0;
     for &unknown in order {
-        let Some(pivot) = (done..rows.len())
-            .max_by(|a, b| rows[*a][unknown].abs().total_cmp(&rows[*b][unknown].abs()))
+        let Some(pivot) = (done..rows.len()).max_by(|a, b| rows[*a][unknown].abs().total_cmp(&rows[*b][unknown].abs()))
         else {
             break;
         };
@@ -69,8 +67,7 @@ fn largest_entry(row: &[f64]) -> f64 {
 
 fn describe_direction(direction: &[f64], names: &[String]) -> String {
     let name = |j: usize| names.get(j).cloned().unwrap_or_else(|| format!("unknown {j}"));
-    let members: Vec<(usize, f64)> =
-        direction.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect();
+    let members: Vec<(usize, f64)> = direction.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect();
     match members.as_slice() {
         [(only, _)] => format!("{} (not seen)", name(*only)),
         // The combination orthogonal to the undetermined direction is determined.
@@ -105,11 +102,7 @@ fn signed_term(factor: f64, name: &str) -> String {
 fn four_digits(value: f64) -> String {
     let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
     let text = format!("{value:.digits$}");
-    if text.contains('.') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 #[cfg(test)]

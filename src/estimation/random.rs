@@ -7,9 +7,8 @@ use rand_chacha::ChaCha8Rng;
 /// The stream of `seed` for `key`, e.g. `[step, repeat]`. The same arguments give the same stream;
 /// different keys give independent ones.
 pub fn seeded_stream(seed: u64, key: &[u64]) -> ChaCha8Rng {
-    let mixed = key.iter().fold(split_mix_64(seed), |state, part| {
-        split_mix_64(state ^ split_mix_64(*part ^ 0x5851_F42D))
-    });
+    let mixed =
+        key.iter().fold(split_mix_64(seed), |state, part| split_mix_64(state ^ split_mix_64(*part ^ 0x5851_F42D)));
     ChaCha8Rng::seed_from_u64(mixed)
 }
 

@@ -90,8 +90,7 @@ pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
         let (r, is_rank_deficient) = columns.orthonormalise(own_count);
         is_deficient |= is_rank_deficient;
         for j in 0..=common {
-            rest.column_mut(j)[first..][..columns.rows()]
-                .copy_from_slice(columns.column(own_count + j));
+            rest.column_mut(j)[first..][..columns.rows()].copy_from_slice(columns.column(own_count + j));
         }
         first += columns.rows();
         coordinates.extend((0..own_count).map(|i| r[(i, own_count + common)]));
@@ -113,8 +112,7 @@ pub fn factorise(blocks: Vec<BlockRows>) -> (BlockFactorisation, Vec<f64>) {
 
 impl BlockFactorisation {
     pub fn unknowns(&self) -> usize {
-        self.common.count()
-            + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
+        self.common.count() + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
     }
 
     /// Computes the least-squares solution for the values `y` of all rows.

@@ -53,8 +53,7 @@ impl Sphere {
 impl Sphere {
     /// Largest less smallest residual, unit of the points.
     pub fn form_deviation(&self) -> f64 {
-        let of =
-            |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);
+        let of = |pick: fn(f64, f64) -> f64, from: f64| self.residuals.iter().copied().fold(from, pick);
         of(f64::max, f64::NEG_INFINITY) - of(f64::min, f64::INFINITY)
     }
 }
@@ -76,16 +75,12 @@ mod tests {
 
     #[test]
     fn regress_five_exact_touches_give_the_ball_back() {
-        for (centre, radius, elevation) in [
-            ([1e4, -3e3, 250.0], 15.0, 0.0),
-            ([0.0, 0.0, 0.0], 1e-2, 0.5),
-            ([1.0, 2.0, 3.0], 1e3, -0.2),
-        ] {
+        for (centre, radius, elevation) in
+            [([1e4, -3e3, 250.0], 15.0, 0.0), ([0.0, 0.0, 0.0], 1e-2, 0.5), ([1.0, 2.0, 3.0], 1e3, -0.2)]
+        {
             let points = five_touches(centre, radius, elevation);
             let free = fit_sphere(&points).unwrap();
-            let distance = |found: [f64; 3]| {
-                (0..3).map(|k| (found[k] - centre[k]).powi(2)).sum::<f64>().sqrt()
-            };
+            let distance = |found: [f64; 3]| (0..3).map(|k| (found[k] - centre[k]).powi(2)).sum::<f64>().sqrt();
             let rounding = 4e-16 * (radius + centre[0].abs());
             assert!(distance(free.centre) < 20.0 * rounding, "{}", distance(free.centre));
             assert!((free.radius - radius).abs() < 20.0 * rounding);
@@ -98,12 +93,7 @@ mod tests {
     fn regress_covariance_of_the_five_touches_by_hand() {
         let points = five_touches([10.0, 20.0, 30.0], 12.5, 0.0);
         let free = fit_sphere(&points).unwrap();
-        let expected = [
-            [0.5, 0.0, 0.0, 0.0],
-            [0.0, 0.5, 0.0, 0.0],
-            [0.0, 0.0, 1.25, -0.25],
-            [0.0, 0.0, -0.25, 0.25],
-        ];
+        let expected = [[0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.25, -0.25], [0.0, 0.0, -0.25, 0.25]];
         for (found, expected) in free.covariance.iter().flatten().zip(expected.iter().flatten()) {
             assert!((found - expected).abs() < 1e-12, "{:?}", free.covariance);
         }

@@ -78,8 +78,7 @@ fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
 #[test]
 fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
     for (k_b, lost) in [(1, 0), (2, 1), (3, 0), (4, 3), (5, 0), (6, 1), (7, 0)] {
-        let found =
-            analyse_rank(paper_design(k_b).as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
+        let found = analyse_rank(paper_design(k_b).as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
         assert_eq!(found.nullity, lost, "k_b = {k_b}");
         let residue = &paper_gauge() * &found.null_space;
         assert!(residue.ncols() == 0 || residue.norm_max() < 1e-12);
@@ -95,16 +94,10 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
         truth[fixed] = 0.0;
     }
     truth[2 * N + 6] = truth[2 * N + 2];
-    let y: Vec<f64> =
-        (0..a.nrows()).map(|i| (0..UNKNOWNS).map(|j| a[(i, j)] * truth[j]).sum()).collect();
+    let y: Vec<f64> = (0..a.nrows()).map(|i| (0..UNKNOWNS).map(|j| a[(i, j)] * truth[j]).sum()).collect();
     let sigma: Vec<f64> = (0..a.nrows()).map(|i| 1e-3 * (1.0 + (i % 3) as f64)).collect();
-    let mut problem = LinearProblem {
-        a: a.as_ref(),
-        y: &y,
-        sigma: &sigma,
-        constraints: Some(gauge.as_ref()),
-        rank_threshold: 1e-9,
-    };
+    let mut problem =
+        LinearProblem { a: a.as_ref(), y: &y, sigma: &sigma, constraints: Some(gauge.as_ref()), rank_threshold: 1e-9 };
     let solution = solve_least_squares(&problem).unwrap();
     for (x, truth) in solution.x.iter().zip(&truth) {
         assert!((x - truth).abs() < 1e-15, "{x} {truth}");
@@ -116,9 +109,7 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
     assert!((propagated - &solution.covariance).norm_max() < 1e-16);
 
     problem.constraints = None;
-    let Err(LinearError::RankDeficient(found)) = solve_least_squares(&problem) else {
-        panic!("must refuse")
-    };
+    let Err(LinearError::RankDeficient(found)) = solve_least_squares(&problem) else { panic!("must refuse") };
     assert_eq!((found.rank, found.nullity), (26, 6));
 }
 

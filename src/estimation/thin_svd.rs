@@ -21,8 +21,7 @@ impl ThinSvd {
     /// Decomposes `a`, which must be finite.
     pub fn decompose(a: &Mat<f64>) -> Self {
         let rows = a.nrows().max(a.ncols());
-        let padded =
-            Mat::from_fn(rows, a.ncols(), |i, j| if i < a.nrows() { a[(i, j)] } else { 0.0 });
+        let padded = Mat::from_fn(rows, a.ncols(), |i, j| if i < a.nrows() { a[(i, j)] } else { 0.0 });
         match padded.thin_svd() {
             Ok(svd) => Self {
                 u: svd.U().to_owned(),
@@ -125,9 +124,8 @@ mod tests {
     fn rotations_agree_with_the_other_decomposition() {
         let mut random = seeded_stream(7, &[]);
         for rank in 1..=6 {
-            let mut draw = |rows, columns| {
-                Mat::from_fn(rows, columns, |_, _| -> f64 { StandardNormal.sample(&mut random) })
-            };
+            let mut draw =
+                |rows, columns| Mat::from_fn(rows, columns, |_, _| -> f64 { StandardNormal.sample(&mut random) });
             let low = &draw(9, rank) * &draw(rank, 6);
             let a = Mat::from_fn(9, 6, |i, j| low[(i, j)] * 10f64.powi(j as i32));
             let size = a.norm_max();

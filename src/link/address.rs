@@ -47,12 +47,8 @@ impl fmt::Display for Address {
 pub async fn open_line_link(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
     match address.clone() {
-        Address::Serial { path, baud } => {
-            Link::open(name, open_serial(path, baud, Parity::None)).await
-        }
-        Address::Tcp { host, port } => {
-            Link::open(name.clone(), connect_tcp(name, host, port)).await
-        }
+        Address::Serial { path, baud } => Link::open(name, open_serial(path, baud, Parity::None)).await,
+        Address::Tcp { host, port } => Link::open(name.clone(), connect_tcp(name, host, port)).await,
     }
 }
 
@@ -60,12 +56,8 @@ pub async fn open_line_link(address: &Address) -> Result<Link, LinkError> {
 pub async fn open_byte_stream(address: &Address) -> Result<ByteStreamHandle, LinkError> {
     let name = address.to_string();
     match address.clone() {
-        Address::Serial { path, baud } => {
-            ByteStreamHandle::open(name, open_serial(path, baud, Parity::None)).await
-        }
-        Address::Tcp { host, port } => {
-            ByteStreamHandle::open(name.clone(), connect_tcp(name, host, port)).await
-        }
+        Address::Serial { path, baud } => ByteStreamHandle::open(name, open_serial(path, baud, Parity::None)).await,
+        Address::Tcp { host, port } => ByteStreamHandle::open(name.clone(), connect_tcp(name, host, port)).await,
     }
 }
 
@@ -80,8 +72,7 @@ pub const PORTS_BY_ID_DIR: &str = "/dev/serial/by-id";
 pub fn find_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
     // A missing folder counts as a folder without ports.
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
-    let mut names: Vec<String> =
-        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     if names.iter().any(|name| name == id) {
         return Ok(directory.join(id));
@@ -98,28 +89,18 @@ pub fn find_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError>
     }
 }
 
-pub(super) async fn open_serial(
-    path: String,
-    baud: u32,
-    parity: Parity,
-) -> Result<SerialStream, LinkError> {
+pub(super) async fn open_serial(path: String, baud: u32, parity: Parity) -> Result<SerialStream, LinkError> {
     let port = tokio_serial::new(&path, baud).parity(parity);
     let deadline = Instant::now() + MAX_BUSY_PORT_WAIT;
     loop {
         match port.clone().open_native_async().map_err(|error| map_serial_error(&path, error)) {
-            Err(LinkError::Busy { .. }) if Instant::now() < deadline => {
-                sleep(BUSY_PORT_RETRY_INTERVAL).await
-            }
+            Err(LinkError::Busy { .. }) if Instant::now() < deadline => sleep(BUSY_PORT_RETRY_INTERVAL).await,
             opened => return opened,
         }
     }
 }
 
-pub(super) async fn connect_tcp(
-    name: String,
-    host: String,
-    port: u16,
-) -> Result<TcpStream, LinkError> {
+pub(super) async fn connect_tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
     // Dropping a connection attempt is harmless: nothing was sent yet.
     timeout(CONNECT_TIMEOUT, TcpStream::connect((host.as_str(), port)))
         .await
@@ -158,11 +139,9 @@ pub struct Pty {
 
 /// Makes a pty in raw mode.
 pub fn create_pty() -> Result<Pty, LinkError> {
-    let fault =
-        |source: io::Error| LinkError::OpenFailed { address: "a new pty".to_owned(), source };
-    let (device, client_side) =
-        SerialStream::pair().map_err(|error| fault(io::Error::other(error)))?;
-    let path = tokio_serial::SerialPort::name(&client_side)
-        .ok_or_else(|| fault(io::Error::other("the pty has no name")))?;
+    let fault = |source: io::Error| LinkError::OpenFailed { address: "a new pty".to_owned(), source };
+    let (device, client_side) = SerialStream::pair().map_err(|error| fault(io::Error::other(error)))?;
+    let path =
+        tokio_serial::SerialPort::name(&client_side).ok_or_else(|| fault(io::Error::other("the pty has no name")))?;
     Ok(Pty { device, path, client_side: Some(client_side) })
 }

@@ -27,9 +27,7 @@ pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, decode_at_baud: u32) -> Ve
     let end = BITS_PER_CHARACTER * bytes.len() as u64;
     let mut received = Vec::new();
     let mut bit_index = 0;
-    while let Some(start_bit_index) =
-        (bit_index..end).find(|bit_index| !self::line_level(bytes, *bit_index))
-    {
+    while let Some(start_bit_index) = (bit_index..end).find(|bit_index| !self::line_level(bytes, *bit_index)) {
         let start = start_bit_index * bit;
         let sample = |k: u64| line_level(start + (2 * k + 1) * half);
         let byte = (0..DATA_BITS).fold(0, |byte, k| byte | u8::from(sample(k + 1)) << k);
@@ -43,8 +41,7 @@ pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, decode_at_baud: u32) -> Ve
         received.push(if has_stop_bit { byte } else { FRAMING_ERROR_BYTE });
         let rest = stop_bit_end / bit;
         // The next character begins with a falling edge, so the line must be high before.
-        bit_index =
-            (rest..end).find(|bit_index| self::line_level(bytes, *bit_index)).unwrap_or(end);
+        bit_index = (rest..end).find(|bit_index| self::line_level(bytes, *bit_index)).unwrap_or(end);
     }
     received
 }
@@ -128,8 +125,7 @@ mod tests {
         let mut buffer = [0; 64];
         for (baud, clear) in [(38_400, true), (115_200, false), (38_400, true)] {
             // The previous link closes its port on a thread of its own.
-            let mut link =
-                open_line_link(&Address::Serial { path: pty.path.clone(), baud }).await.unwrap();
+            let mut link = open_line_link(&Address::Serial { path: pty.path.clone(), baud }).await.unwrap();
             link.send(b"?\n").unwrap();
             let count = pty.device.read(&mut buffer).await.unwrap();
             assert_eq!(&buffer[..count] == b"?\n", clear, "{baud}");

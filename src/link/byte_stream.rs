@@ -67,10 +67,7 @@ impl WeakByteStream {
 
 impl ByteStreamHandle {
     /// Wraps a stream inside this process; a task of the caller's runtime owns the stream.
-    pub fn from_stream(
-        name: impl Into<String>,
-        stream: impl AsyncRead + AsyncWrite + Send + 'static,
-    ) -> Self {
+    pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
         let (flow, ends) = Self::create_channels(name.into());
         tokio::spawn(StreamOwner::new(stream, ends).run());
         flow
@@ -83,14 +80,10 @@ impl ByteStreamHandle {
     ) -> Result<Self, LinkError> {
         let (flow, ends) = Self::create_channels(name);
         let (opened, result) = oneshot::channel();
-        let open_error =
-            |source| LinkError::OpenFailed { address: flow.stream.name.clone(), source };
+        let open_error = |source| LinkError::OpenFailed { address: flow.stream.name.clone(), source };
         let backend = LinkMode::current().for_link(&flow.stream.name, LinkProtocol::Lines);
-        start_owner_thread(ends, async move { backend.open(open).await }, opened)
-            .map_err(open_error)?;
-        result
-            .await
-            .map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
+        start_owner_thread(ends, async move { backend.open(open).await }, opened).map_err(open_error)?;
+        result.await.map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
         Ok(flow)
     }
 
@@ -101,23 +94,9 @@ impl ByteStreamHandle {
         let (_, urgent_queue) = mpsc::unbounded_channel();
         let (empty_requests, empty_queue) = mpsc::unbounded_channel();
         let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
-        let stream = Arc::new(SharedStream {
-            name,
-            reads: reads_weak,
-            outgoing,
-            empty_requests,
-            request_turn,
-        });
+        let stream = Arc::new(SharedStream { name, reads: reads_weak, outgoing, empty_requests, request_turn });
         let flow = Self { stream, incoming, loss_reason: None };
-        (
-            flow,
-            ChannelEnds {
-                sink: ReadSink(reads),
-                queued,
-                urgent_queue,
-                empty_requests: empty_queue,
-            },
-        )
+        (flow, ChannelEnds { sink: ReadSink(reads), queued, urgent_queue, empty_requests: empty_queue })
     }
 
     pub(super) fn downgrade(&self) -> WeakByteStream {
@@ -162,10 +141,7 @@ impl ByteStreamHandle {
     ///
     /// # Errors
     /// The link is lost.
-    pub async fn recv_deadline(
-        &mut self,
-        deadline: Instant,
-    ) -> Result<Option<StreamRead>, LinkError> {
+    pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<StreamRead>, LinkError> {
         // The dropped future waits on a channel, not on the device.
         match timeout_at(deadline, self.incoming.recv()).await {
             Err(_) => Ok(None),

@@ -39,8 +39,7 @@ pub(super) enum LinkProtocol {
 }
 
 impl LinkProtocol {
-    pub(super) const ALL: [Self; 5] =
-        [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files, Self::Samples];
+    pub(super) const ALL: [Self; 5] = [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files, Self::Samples];
 
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -156,11 +155,7 @@ impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
 }
 
 impl<S: AsyncWrite> AsyncWrite for RecordedStream<S> {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let count = ready!(self.stream.as_mut().poll_write(context, bytes))?;
         self.recorder.record('>', bytes.get(..count).unwrap_or_default());
         Poll::Ready(Ok(count))

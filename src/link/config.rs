@@ -120,8 +120,7 @@ impl LinkConfig {
             (Some(path), None, None) => Ok(Self::Serial { path, baud: rate }),
             (None, Some(id), None) => Ok(Self::SerialId { id, baud: rate }),
             (None, None, Some(_)) if baud.is_some() => {
-                Err("`baud` is only for `serial` and `serial_id`; remove it from a TCP link"
-                    .to_owned())
+                Err("`baud` is only for `serial` and `serial_id`; remove it from a TCP link".to_owned())
             }
             (None, None, Some(tcp)) => Ok(Self::Tcp(tcp)),
             _ => Err("needs exactly one link: `serial = \"/dev/...\"`, `serial_id = \"usb-...\"` \
@@ -135,17 +134,12 @@ impl LinkConfig {
     /// # Errors
     /// No port, or more than one port, matches the name.
     pub fn address(&self) -> Result<Address, LinkError> {
-        let serial =
-            |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
+        let serial = |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
         Ok(match self {
             Self::Serial { path, baud } => serial(path, *baud),
             // A replayed capture answers, so the port need not exist.
-            Self::SerialId { id, baud } if LinkMode::current().is_replayed() => {
-                serial(Path::new(id), *baud)
-            }
-            Self::SerialId { id, baud } => {
-                serial(&find_port_by_id(Path::new(PORTS_BY_ID_DIR), id)?, *baud)
-            }
+            Self::SerialId { id, baud } if LinkMode::current().is_replayed() => serial(Path::new(id), *baud),
+            Self::SerialId { id, baud } => serial(&find_port_by_id(Path::new(PORTS_BY_ID_DIR), id)?, *baud),
             Self::Tcp(tcp) => tcp.into(),
         })
     }

@@ -24,8 +24,7 @@ impl SharedFolder {
     /// # Errors
     /// The folder cannot be created.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let backend =
-            LinkMode::current().for_link(&path.display().to_string(), LinkProtocol::Files);
+        let backend = LinkMode::current().for_link(&path.display().to_string(), LinkProtocol::Files);
         match &backend {
             LinkBackend::Replayed(_) => {}
             LinkBackend::Direct => fs::create_dir_all(path)?,
@@ -78,8 +77,7 @@ impl SharedFolder {
     /// The file cannot be read, or is not text.
     pub fn read(&self, name: &str) -> io::Result<Option<String>> {
         if let LinkBackend::Replayed(replay) = &self.backend {
-            let reply =
-                String::from_utf8(replay.exchange(name.as_bytes())?).map_err(io::Error::other)?;
+            let reply = String::from_utf8(replay.exchange(name.as_bytes())?).map_err(io::Error::other)?;
             return Ok(reply.split_once('\n').map(|(_, text)| text.to_owned()));
         }
         let text = match fs::read_to_string(self.path_of(name)) {

@@ -26,9 +26,7 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
-pub use address::{
-    Address, PORTS_BY_ID_DIR, Pty, create_pty, find_port_by_id, open_byte_stream, open_line_link,
-};
+pub use address::{Address, PORTS_BY_ID_DIR, Pty, create_pty, find_port_by_id, open_byte_stream, open_line_link};
 pub use baud::{create_pty_at_baud, decode_at_baud};
 pub use byte_stream::{ByteStreamHandle, RequestTurn, StreamRead};
 pub use capture::Capture;
@@ -70,22 +68,16 @@ impl LinkError {
     /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            Self::Missing { .. } => {
-                "check the cable and the address in the machine file".to_owned()
-            }
+            Self::Missing { .. } => "check the cable and the address in the machine file".to_owned(),
             Self::NotListening { .. } => {
                 "start the control's server and check the address in the machine file".to_owned()
             }
-            Self::Busy { .. } => {
-                "close the other program (a G-code sender, a terminal), then start again".to_owned()
-            }
+            Self::Busy { .. } => "close the other program (a G-code sender, a terminal), then start again".to_owned(),
             Self::Denied { .. } => "add this user to the device's group (often dialout)".to_owned(),
             Self::OpenFailed { .. } => "check the address in the machine file".to_owned(),
-            Self::NoUniquePort { .. } => {
-                "plug the device in and switch it on; set serial_id to a name from `ls \
+            Self::NoUniquePort { .. } => "plug the device in and switch it on; set serial_id to a name from `ls \
                  /dev/serial/by-id`, or to a part of one name that is unique"
-                    .to_owned()
-            }
+                .to_owned(),
             Self::Lost { .. } => {
                 "the state of the machine is unknown: check the machine, then restore the link (restart a \
                  server that has ended; use serial_id for a serial port whose device name changes)"

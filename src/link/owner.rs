@@ -63,9 +63,7 @@ pub(super) fn start_owner_thread<S: AsyncRead + AsyncWrite + Send + 'static>(
         let _ = opened.send(Ok(()));
         StreamOwner::new(stream, ends).run().await;
     };
-    std::thread::Builder::new()
-        .name("link".to_owned())
-        .spawn(move || runtime.block_on(owner_task))?;
+    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(owner_task))?;
     Ok(())
 }
 

@@ -52,9 +52,9 @@ impl RequestCapture {
     /// The line does not match the capture.
     pub fn replay_request(&self, line: &str) -> Result<Vec<String>, LinkError> {
         let LinkBackend::Replayed(replay) = &self.backend else { return Ok(Vec::new()) };
-        let reply = replay.exchange(format!("{line}\n").as_bytes()).map_err(|error| {
-            LinkError::Lost { address: self.name.clone(), why: error.to_string() }
-        })?;
+        let reply = replay
+            .exchange(format!("{line}\n").as_bytes())
+            .map_err(|error| LinkError::Lost { address: self.name.clone(), why: error.to_string() })?;
         Ok(String::from_utf8_lossy(&reply).lines().map(str::to_owned).collect())
     }
 }

@@ -8,9 +8,7 @@ use std::sync::Arc;
 use tokio::sync::Mutex;
 
 use super::byte_stream::WeakByteStream;
-use super::modbus::{
-    DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, WeakModbusClient,
-};
+use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, WeakModbusClient};
 use super::{Address, ByteStreamHandle, LinkError, open_byte_stream};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
@@ -45,11 +43,7 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The line cannot be opened.
-    pub async fn modbus(
-        &self,
-        line: ModbusLine,
-        settings: DeviceSettings,
-    ) -> Result<ModbusClient, ModbusError> {
+    pub async fn modbus(&self, line: ModbusLine, settings: DeviceSettings) -> Result<ModbusClient, ModbusError> {
         if line.framing == Framing::Tcp {
             return ModbusClient::open(line, settings).await;
         }

@@ -46,19 +46,12 @@ impl UrgentSender {
 impl Link {
     /// Starts the owning thread for `stream`; `name` is the name in error messages. A stream that belongs to a
     /// runtime's reactor must be opened by [`Link::open`].
-    pub fn from_stream(
-        name: impl Into<String>,
-        stream: impl AsyncRead + AsyncWrite + Send + 'static,
-    ) -> Self {
+    pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
         let (link, ends) = Self::create_channels(name.into());
         let (opened, _) = oneshot::channel();
         let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
         // Without a thread, the ends are dropped, and the link is lost from the start.
-        let _ = start_owner_thread(
-            ends,
-            async move { backend.open(async { Ok(stream) }).await },
-            opened,
-        );
+        let _ = start_owner_thread(ends, async move { backend.open(async { Ok(stream) }).await }, opened);
         link
     }
 
@@ -71,11 +64,8 @@ impl Link {
         let (opened, result) = oneshot::channel();
         let open_error = |source| LinkError::OpenFailed { address: link.name.clone(), source };
         let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
-        start_owner_thread(ends, async move { backend.open(open).await }, opened)
-            .map_err(open_error)?;
-        result
-            .await
-            .map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
+        start_owner_thread(ends, async move { backend.open(open).await }, opened).map_err(open_error)?;
+        result.await.map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
         Ok(link)
     }
 
@@ -83,8 +73,7 @@ impl Link {
         let (lines, incoming) = mpsc::channel(MAX_QUEUED_LINES);
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        let link =
-            Self { name, incoming, outgoing, urgent: UrgentSender(urgent), loss_reason: None };
+        let link = Self { name, incoming, outgoing, urgent: UrgentSender(urgent), loss_reason: None };
         let sink = LineSink { assembler: LineAssembler::default(), lines };
         // A link of lines is never emptied on request.
         let (_, empty_requests) = mpsc::unbounded_channel();
@@ -132,10 +121,7 @@ impl Link {
     }
 
     /// Next line, or `None` after `deadline` without a line.
-    pub async fn recv_deadline(
-        &mut self,
-        deadline: Instant,
-    ) -> Result<Option<LineEvent>, LinkError> {
+    pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<LineEvent>, LinkError> {
         // The dropped future waits on a channel, not on the device.
         timeout_at(deadline, self.recv()).await.ok().transpose()
     }
@@ -157,9 +143,7 @@ impl Sink for LineSink {
         for item in self.assembler.push(bytes) {
             match self.lines.try_send(Ok(item)) {
                 Err(TrySendError::Full(_)) => {
-                    return Err(io::Error::other(
-                        "the device sends lines faster than they are read",
-                    ));
+                    return Err(io::Error::other("the device sends lines faster than they are read"));
                 }
                 Ok(()) | Err(TrySendError::Closed(_)) => {}
             }

@@ -117,8 +117,7 @@ async fn a_port_is_found_by_its_name_whatever_its_number() {
     let name = "usb-Maker_board-1_A-if00";
     let link = folder.path().join(name);
     std::os::unix::fs::symlink(&before.path, &link).unwrap();
-    std::os::unix::fs::symlink("/dev/null", folder.path().join("usb-Maker_board-2_B-if00"))
-        .unwrap();
+    std::os::unix::fs::symlink("/dev/null", folder.path().join("usb-Maker_board-2_B-if00")).unwrap();
     for id in [name, "board-1", "_A-"] {
         assert_eq!(found(id).unwrap(), link);
     }

@@ -159,9 +159,7 @@ impl Position {
 
     /// The position after writing to a file and reading back: rotary positions in whole steps of 1e-9 degrees.
     pub fn rounded_to_file_resolution(&self) -> Position {
-        self.iter()
-            .map(|(axis, value)| (axis, axis.to_mm_or_rad(axis.to_mm_or_deg(value))))
-            .collect()
+        self.iter().map(|(axis, value)| (axis, axis.to_mm_or_rad(axis.to_mm_or_deg(value)))).collect()
     }
 
     /// The axes for which `keep` returns true.

@@ -53,12 +53,7 @@ pub enum NextStage {
 
 impl NextStage {
     /// The stage that follows the `done` stages. `steps` are not numbered yet.
-    pub fn from_new_steps(
-        plan: &Plan,
-        done: &[Stage],
-        name: impl Into<String>,
-        steps: Vec<Step>,
-    ) -> Self {
+    pub fn from_new_steps(plan: &Plan, done: &[Stage], name: impl Into<String>, steps: Vec<Step>) -> Self {
         let id = done.last().map_or(0, |stage| stage.id + 1);
         let new_steps = plan.number_steps(id, steps);
         let steps = new_steps.iter().map(|step| step.id).collect();
@@ -104,10 +99,7 @@ impl MethodRefusal {
     /// # Errors
     /// One of the `positive` settings is not greater than 0, or one of the `not_negative` settings is
     /// negative; the error names the first one.
-    pub fn check_number_ranges(
-        positive: &[(&str, f64)],
-        not_negative: &[(&str, f64)],
-    ) -> Result<(), Self> {
+    pub fn check_number_ranges(positive: &[(&str, f64)], not_negative: &[(&str, f64)]) -> Result<(), Self> {
         for (name, value) in positive {
             let is_met = *value > 0.0 && value.is_finite();
             Self::require(
@@ -129,11 +121,7 @@ impl MethodRefusal {
 
     /// # Errors
     /// `is_met` is false.
-    pub fn require(
-        is_met: bool,
-        reason: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Result<(), Self> {
+    pub fn require(is_met: bool, reason: impl Into<String>, remedy: impl Into<String>) -> Result<(), Self> {
         if is_met { Ok(()) } else { Err(Self::new(reason, remedy)) }
     }
 }
@@ -161,10 +149,7 @@ impl From<KinematicsError> for MethodRefusal {
 ///
 /// # Errors
 /// The step has no reading.
-pub fn latest_readings<'r>(
-    step: &Step,
-    readings: &'r [Reading],
-) -> Result<Vec<&'r Reading>, IdentifyError> {
+pub fn latest_readings<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
     let of_step = || readings.iter().filter(|reading| reading.step == step.id);
     let last = of_step().map(|reading| reading.repeat).max();
     let last = last.ok_or_else(|| IdentifyError::missing_reading(step))?;
@@ -174,9 +159,7 @@ pub fn latest_readings<'r>(
 /// Error for readings that cannot be turned into an estimate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
-    #[error(
-        "step {step} ({label}) has no reading; measure the step again or give a plan without it"
-    )]
+    #[error("step {step} ({label}) has no reading; measure the step again or give a plan without it")]
     MissingReading { step: u32, label: String },
     #[error(
         "a reading is of step {step}, but the plan has no such step; check that plan and readings are of \
@@ -230,9 +213,7 @@ impl IdentifyError {
     pub fn remedy(&self) -> String {
         match self {
             Self::Refused(refused) => refused.remedy.clone(),
-            Self::MissingReading { .. }
-            | Self::UnknownStep { .. }
-            | Self::DuplicateReading { .. } => {
+            Self::MissingReading { .. } | Self::UnknownStep { .. } | Self::DuplicateReading { .. } => {
                 "give the plan that was measured (--plan) and all of its readings".to_owned()
             }
             Self::RankDeficient { .. } => {
@@ -240,9 +221,7 @@ impl IdentifyError {
                 inseparable unknowns from the settings of the plan (drift_order, parameters)"
                     .to_owned()
             }
-            Self::IdentificationFailed(_) => {
-                "correct the plan or the readings named above".to_owned()
-            }
+            Self::IdentificationFailed(_) => "correct the plan or the readings named above".to_owned(),
         }
     }
 }
@@ -261,21 +240,14 @@ pub trait Method: Send + Sync {
 
     /// The next stage after the `done` stages and their readings. With [`PositionSource::Nominal`] no readings are
     /// needed: positions come from the nominal artefact of the plan.
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        readings: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal>;
+    fn next_stage(&self, plan: &Plan, done: &[Stage], readings: PositionSource<'_>)
+    -> Result<NextStage, MethodRefusal>;
 
     /// The sensors of the machine that the method needs besides the probe.
     ///
     /// # Errors
     /// A sensor that the method needs is missing.
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         let _ = sensors;
         Ok(Vec::new())
     }
@@ -286,10 +258,7 @@ pub trait Method: Send + Sync {
         match probe_map::priors_without_probe_maps(&plan.priors).next() {
             None => Ok(()),
             Some(prior) => Err(MethodRefusal {
-                reason: format!(
-                    "this method accepts no prior estimate (given: an estimate of {})",
-                    prior.method
-                ),
+                reason: format!("this method accepts no prior estimate (given: an estimate of {})", prior.method),
                 remedy: "remove --with".to_owned(),
             }),
         }
@@ -341,11 +310,7 @@ pub trait RegisteredMethod: Method + Sized + 'static {
 ///
 /// # Errors
 /// The settings name a sensor that does not exist.
-fn named_sensors<'a>(
-    method: &str,
-    named: &[String],
-    sensors: &'a [Sensor],
-) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+fn named_sensors<'a>(method: &str, named: &[String], sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
     let missing = named.iter().find(|name| sensors.iter().all(|sensor| sensor.name != **name));
     if let Some(name) = missing {
         return Err(MethodRefusal {
@@ -370,14 +335,9 @@ pub enum PositionSource<'a> {
 ///
 /// # Errors
 /// The method refuses a stage.
-pub fn plan_nominal_stages(
-    method: &dyn Method,
-    mut plan: Plan,
-) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
+pub fn plan_nominal_stages(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
     let mut done = Vec::new();
-    while let NextStage::Stage { stage, new_steps } =
-        method.next_stage(&plan, &done, PositionSource::Nominal)?
-    {
+    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal)? {
         plan.steps.extend(new_steps);
         done.push(stage);
     }

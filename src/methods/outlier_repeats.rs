@@ -5,9 +5,7 @@ use std::borrow::Cow;
 
 use super::{IdentifyError, Method, MethodRefusal, NextStage, PositionSource};
 use machine::record::estimate::{Estimate, Outlier};
-use machine::record::plan::{
-    FIRST_OUTLIER_REPEAT, FIRST_REPEAT_AFTER_STOP, Plan, Stage, Step, StepKind,
-};
+use machine::record::plan::{FIRST_OUTLIER_REPEAT, FIRST_REPEAT_AFTER_STOP, Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
@@ -32,8 +30,7 @@ fn latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
     }
     let counts = |reading: &&Reading| !is_outlier_repeat(reading.repeat) || reading.repeat < before;
     let last = |step: u32| {
-        let repeat_stage =
-            readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
+        let repeat_stage = readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
         repeat_stage.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
     };
     let is_kept = |reading: &&Reading| match last(reading.step) {
@@ -50,15 +47,12 @@ fn latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
 /// Whether the step is part of the measurement `label`, or is that measurement.
 fn is_part_of_measurement(step: &Step, label: &str) -> bool {
     let rest = step.label.strip_prefix(label);
-    step.kind != StepKind::Prompt
-        && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+    step.kind != StepKind::Prompt && rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }
 
 fn outlier_steps<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p Step> {
     let labels: Vec<String> = outlier.candidates.iter().map(|one| one.label.clone()).collect();
-    plan.steps
-        .iter()
-        .filter(move |step| labels.iter().any(|label| is_part_of_measurement(step, label)))
+    plan.steps.iter().filter(move |step| labels.iter().any(|label| is_part_of_measurement(step, label)))
 }
 
 impl OutlierRepeater {
@@ -94,16 +88,14 @@ impl OutlierRepeater {
         rounds.dedup();
         let is_measured = |outlier: &Outlier| {
             let steps = outlier_steps(plan, outlier).map(|step| step.id);
-            let mut repeat_stage =
-                readings.iter().filter(|reading| is_outlier_repeat(reading.repeat));
+            let mut repeat_stage = readings.iter().filter(|reading| is_outlier_repeat(reading.repeat));
             steps.into_iter().any(|id| repeat_stage.any(|reading| reading.step == id))
         };
         for outlier in estimate.outliers.iter_mut().filter(|outlier| is_measured(outlier)) {
             outlier.resolution = Some("measured again: still an outlier".to_owned());
         }
         for before in rounds {
-            let Ok(earlier) = self.fast_method.identify(plan, &latest_repeats(readings, before))
-            else {
+            let Ok(earlier) = self.fast_method.identify(plan, &latest_repeats(readings, before)) else {
                 continue;
             };
             for outlier in earlier.outliers {
@@ -133,17 +125,11 @@ impl Method for OutlierRepeater {
         self.method.settings()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let PositionSource::Measured(readings) = source else {
             return self.method.next_stage(plan, done, source);
         };
-        let ordinary: Vec<Stage> =
-            done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
+        let ordinary: Vec<Stage> = done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
         let last = latest_repeats(readings, u32::MAX);
         match self.method.next_stage(plan, &ordinary, PositionSource::Measured(&last))? {
             NextStage::Done => Ok(match self.repeat_stage(plan, done, readings) {
@@ -154,10 +140,7 @@ impl Method for OutlierRepeater {
         }
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         self.method.required_sensors(sensors)
     }
 

@@ -31,18 +31,12 @@ impl Method for ProbeMapMethod {
         {
             let degrees = spec.position_nearest_zero();
             let left = |step: &&mut Step| is_probe_touch(step) && step.from.get(Axis::S).is_none();
-            new_steps
-                .iter_mut()
-                .filter(left)
-                .for_each(|step| step.from.set(Axis::S, Axis::S.to_mm_or_rad(degrees)));
+            new_steps.iter_mut().filter(left).for_each(|step| step.from.set(Axis::S, Axis::S.to_mm_or_rad(degrees)));
         }
         Ok(next)
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         self.0.required_sensors(sensors)
     }
 

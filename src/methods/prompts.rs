@@ -51,8 +51,7 @@ impl PromptedMethod {
 
 /// Number of steps at the head of `plan` that are prompts of the machine file.
 fn machine_prompt_count(plan: &Plan) -> usize {
-    let is_machine_prompt =
-        |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL_PREFIX);
+    let is_machine_prompt = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL_PREFIX);
     plan.steps.iter().take_while(is_machine_prompt).count()
 }
 
@@ -89,14 +88,12 @@ impl Method for PromptedMethod {
             (0, _) => return self.method.next_stage(plan, done, readings),
             (count, _) => count,
         };
-        let stages: Vec<Stage> =
-            done.iter().map(|stage| stage_without_prompts(stage, count)).collect();
+        let stages: Vec<Stage> = done.iter().map(|stage| stage_without_prompts(stage, count)).collect();
         let measured: Vec<Reading>;
         let readings = match readings {
             PositionSource::Nominal => PositionSource::Nominal,
             PositionSource::Measured(all) => {
-                measured =
-                    all.iter().map(|reading| reading_without_prompts(reading, count)).collect();
+                measured = all.iter().map(|reading| reading_without_prompts(reading, count)).collect();
                 PositionSource::Measured(&measured)
             }
         };
@@ -107,10 +104,7 @@ impl Method for PromptedMethod {
         Ok(NextStage::Stage { stage, new_steps })
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         self.method.required_sensors(sensors)
     }
 
@@ -218,9 +212,7 @@ mod tests {
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {
             let source = PositionSource::Measured(&readings);
-            let NextStage::Stage { stage, new_steps } =
-                method.next_stage(&plan, &done, source).unwrap()
-            else {
+            let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, source).unwrap() else {
                 break;
             };
             let touches = new_steps.iter().filter(|step| step.kind == StepKind::Touch);

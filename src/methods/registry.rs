@@ -52,10 +52,7 @@ pub fn method_description(name: &str) -> Option<&'static MethodDescription> {
 ///
 /// # Errors
 /// The method is unknown, or its settings are invalid (unknown keys, wrong types).
-pub fn configure_method<'de, D: Deserializer<'de>>(
-    name: &str,
-    settings: D,
-) -> Result<Box<dyn Method>, D::Error> {
+pub fn configure_method<'de, D: Deserializer<'de>>(name: &str, settings: D) -> Result<Box<dyn Method>, D::Error> {
     let method = method_by_name(name, settings)?;
     let mut settings = method.settings();
     if let Some(trials) = settings.get_mut("monte_carlo_trials") {
@@ -63,9 +60,6 @@ pub fn configure_method<'de, D: Deserializer<'de>>(
         *trials = crate::MethodRefusal::MIN_TRIALS.into();
     }
     let fast_method = ProbeMapMethod(method_by_name(name, settings).map_err(D::Error::custom)?);
-    let suspecting = OutlierRepeater {
-        method: Box::new(ProbeMapMethod(method)),
-        fast_method: Box::new(fast_method),
-    };
+    let suspecting = OutlierRepeater { method: Box::new(ProbeMapMethod(method)), fast_method: Box::new(fast_method) };
     Ok(Box::new(PromptedMethod::without_texts(Box::new(suspecting))))
 }

@@ -23,11 +23,7 @@ impl RevolutionSteps {
     ///
     /// # Errors
     /// The limits of the axis do not allow so many revolutions.
-    pub fn range_within_limits(
-        self,
-        plan: &Plan,
-        axis: Axis,
-    ) -> Result<RangeInclusive<i64>, MethodRefusal> {
+    pub fn range_within_limits(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, MethodRefusal> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let step_deg = 360.0 / self.positions as f64;
         let [low, high] = spec.multiples_within(step_deg);

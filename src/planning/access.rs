@@ -31,8 +31,7 @@ const ALTERNATIVE_OFFSETS_DEG: [(f64, f64); 12] = [
     (0.0, 45.0),
 ];
 /// Names and azimuths, degrees, of the four touches round the ball; paper 4, section 3.
-const SIDE_TOUCHES_DEG: [(&str, f64); 4] =
-    [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
+const SIDE_TOUCHES_DEG: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
 pub const POLE_TOUCH_NAME: &str = "pole";
 /// Number of candidate points, spread over the upper half, for touches beyond the five.
 const SPREAD_POINT_COUNT: u32 = 90;
@@ -53,11 +52,7 @@ pub struct TouchDirection {
 impl TouchDirection {
     /// Sort key: azimuth from X towards Y, rad; the pole comes last.
     fn order_key(&self) -> f64 {
-        if self.name == POLE_TOUCH_NAME {
-            TAU
-        } else {
-            self.normal.y.atan2(self.normal.x).rem_euclid(TAU)
-        }
+        if self.name == POLE_TOUCH_NAME { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
     }
 }
 
@@ -76,18 +71,14 @@ pub enum BallAccessError {
     SpindleTilted,
     #[error("touch {touch}: the {tool} would come too near to the {obstacle}")]
     ObstacleTooNear { touch: String, tool: String, obstacle: String },
-    #[error(
-        "the {free} accessible touches are too few or too near to each other; first blocked touch: {reason}"
-    )]
+    #[error("the {free} accessible touches are too few or too near to each other; first blocked touch: {reason}")]
     TooFewTouches { free: usize, reason: Box<BallAccessError> },
     #[error(
         "a touch ends {beyond_mm} mm beyond the expected contact, but the position uncertainty of the ball is \
          {uncertainty_mm} mm: the touch could miss the ball"
     )]
     SearchTooShort { beyond_mm: f64, uncertainty_mm: f64 },
-    #[error(
-        "the search is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm"
-    )]
+    #[error("the search is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm")]
     SearchTooLong { length: f64, overtravel: f64 },
 }
 
@@ -116,11 +107,7 @@ impl TouchAccess {
     /// The machine has no kinematics.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let surroundings = Surroundings::new(plan, artefact)?;
-        Ok(Self {
-            surroundings,
-            machine: plan.machine.clone(),
-            ball_radius: plan.probe.ball_radius_mm,
-        })
+        Ok(Self { surroundings, machine: plan.machine.clone(), ball_radius: plan.probe.ball_radius_mm })
     }
 
     /// Distance between the centres of ball and stylus ball in contact, mm.
@@ -144,15 +131,12 @@ impl TouchAccess {
             return Err(BallAccessError::SearchTooShort { beyond_mm, uncertainty_mm });
         }
         let spindle = self.spindle_pose(rotary)?;
-        let normal = |azimuth: f64, elevation: f64| {
-            spindle.transform_vector(&unit_direction(azimuth, elevation))
-        };
+        let normal = |azimuth: f64, elevation: f64| spindle.transform_vector(&unit_direction(azimuth, elevation));
         let free = |contact: &TouchDirection| self.check_free(ball, rotary, contact, extent);
         let mut blocked = None;
         let mut contacts = Vec::new();
         for (name, azimuth) in SIDE_TOUCHES_DEG {
-            let at =
-                |(turn, up): &(f64, f64)| new_touch_direction(name, normal(azimuth + turn, *up));
+            let at = |(turn, up): &(f64, f64)| new_touch_direction(name, normal(azimuth + turn, *up));
             match ALTERNATIVE_OFFSETS_DEG.iter().map(at).find(|contact| free(contact).is_ok()) {
                 Some(contact) => contacts.push(contact),
                 None => blocked = blocked.or(free(&at(&ALTERNATIVE_OFFSETS_DEG[0])).err()),
@@ -163,19 +147,15 @@ impl TouchAccess {
         contacts.push(pole);
         let enough = contacts.len() >= 4 && worst_centre_sd_ratio(&contacts) <= MAX_CENTRE_SD_RATIO;
         if let (false, Some(reason)) = (enough, blocked) {
-            return Err(BallAccessError::TooFewTouches {
-                free: contacts.len(),
-                reason: Box::new(reason),
-            });
+            return Err(BallAccessError::TooFewTouches { free: contacts.len(), reason: Box::new(reason) });
         }
-        let more = spread_touch_directions()
-            .map(|(name, azimuth, up)| TouchDirection { name, normal: normal(azimuth, up) });
-        let more: Vec<TouchDirection> =
-            if touches > contacts.len() && touches > SIDE_TOUCHES_DEG.len() + 1 {
-                more.filter(|contact| free(contact).is_ok()).collect()
-            } else {
-                Vec::new()
-            };
+        let more =
+            spread_touch_directions().map(|(name, azimuth, up)| TouchDirection { name, normal: normal(azimuth, up) });
+        let more: Vec<TouchDirection> = if touches > contacts.len() && touches > SIDE_TOUCHES_DEG.len() + 1 {
+            more.filter(|contact| free(contact).is_ok()).collect()
+        } else {
+            Vec::new()
+        };
         add_farthest_touches(&mut contacts, more, touches);
         // Neighbours are adjacent; the pole comes last.
         contacts.sort_by(|one, other| one.order_key().total_cmp(&other.order_key()));
@@ -244,12 +224,7 @@ impl TouchAccess {
         let table = chain.machine_from_table(rotary, &[]).rotation;
         let target = Vector3::from(ball.centre_mm) + table.inverse() * normal * distance_mm;
         let rotary = rotary.filter_axes(|axis| !axis.is_linear());
-        let linear = chain.solve_linear_axes(
-            Point::from_vec(target),
-            self.surroundings.tip,
-            &rotary,
-            &[],
-        )?;
+        let linear = chain.solve_linear_axes(Point::from_vec(target), self.surroundings.tip, &rotary, &[])?;
         Ok(rotary.updated_by(&linear))
     }
 
@@ -261,14 +236,8 @@ impl TouchAccess {
         extent: TouchExtent,
     ) -> Result<(), BallAccessError> {
         let contact_distance_mm = self.contact_distance_mm(ball);
-        let place = |distance_mm| {
-            self.position_beside_ball(
-                ball,
-                rotary,
-                contact.normal,
-                contact_distance_mm + distance_mm,
-            )
-        };
+        let place =
+            |distance_mm| self.position_beside_ball(ball, rotary, contact.normal, contact_distance_mm + distance_mm);
         let (from, touched) = (place(extent.before_mm)?, place(0.0)?);
         self.check_travel(&from)?;
         self.check_travel(&place(-extent.uncertainty_mm)?)?;
@@ -296,8 +265,7 @@ fn new_touch_direction(name: &str, normal: Vector3<f64>) -> TouchDirection {
 /// Unit vector from angles in degrees, spindle frame: azimuth from X towards Y, elevation from the equator to the
 /// pole.
 fn unit_direction(azimuth: f64, elevation: f64) -> Vector3<f64> {
-    let ((sin, cos), (up, out)) =
-        (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
+    let ((sin, cos), (up, out)) = (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
     Vector3::new(out * cos, out * sin, up)
 }
 
@@ -313,19 +281,14 @@ fn spread_touch_directions() -> impl Iterator<Item = (String, f64, f64)> {
 }
 
 /// Adds contacts one after the other, each time the one farthest from all present contacts.
-fn add_farthest_touches(
-    contacts: &mut Vec<TouchDirection>,
-    mut more: Vec<TouchDirection>,
-    touches: usize,
-) {
+fn add_farthest_touches(contacts: &mut Vec<TouchDirection>, mut more: Vec<TouchDirection>, touches: usize) {
     while contacts.len() < touches {
         let nearest = |one: &TouchDirection| {
             let angles = contacts.iter().map(|other| other.normal.dot(&one.normal));
             angles.fold(f64::NEG_INFINITY, f64::max)
         };
-        let apart = |(_, a): &(usize, &TouchDirection), (_, b): &(usize, &TouchDirection)| {
-            nearest(a).total_cmp(&nearest(b))
-        };
+        let apart =
+            |(_, a): &(usize, &TouchDirection), (_, b): &(usize, &TouchDirection)| nearest(a).total_cmp(&nearest(b));
         let Some((index, _)) = more.iter().enumerate().min_by(apart) else { return };
         contacts.push(more.remove(index));
     }

@@ -65,10 +65,7 @@ impl TouchAccess {
     ///
     /// # Errors
     /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
-    pub fn accessible_touches(
-        &self,
-        task: &BallTask<'_>,
-    ) -> Result<Vec<TouchDirection>, BallAccessError> {
+    pub fn accessible_touches(&self, task: &BallTask<'_>) -> Result<Vec<TouchDirection>, BallAccessError> {
         self.select_touches(task.ball, task.rotary, task.approach.touch_extent(), task.touches)
     }
 

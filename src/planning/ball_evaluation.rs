@@ -88,12 +88,7 @@ impl MeasuredBall {
     ///
     /// # Errors
     /// The limit that is exceeded.
-    pub fn check(
-        &self,
-        ball: &str,
-        stated_mm: f64,
-        limits: &BallLimits,
-    ) -> Result<(), BallCheckError> {
+    pub fn check(&self, ball: &str, stated_mm: f64, limits: &BallLimits) -> Result<(), BallCheckError> {
         let (form, limit) = (self.form_mm, limits.form_mm);
         let ball_and_position = || (ball.to_owned(), format_rotary_position(&self.position));
         if form.is_nan() || form > limit {
@@ -111,8 +106,7 @@ impl MeasuredBall {
 
 /// `B −30°, C 90°`
 fn format_rotary_position(position: &Position) -> String {
-    let rotary: BTreeMap<Axis, f64> =
-        position.iter().filter(|(axis, _)| !axis.is_linear()).collect();
+    let rotary: BTreeMap<Axis, f64> = position.iter().filter(|(axis, _)| !axis.is_linear()).collect();
     let word = |(axis, value): (&Axis, &f64)| {
         let degrees = format!("{axis} {}°", axis.to_mm_or_deg(*value));
         degrees.replace('-', "−")

@@ -46,11 +46,9 @@ pub(super) fn plan_round_ball(
     start: &Position,
 ) -> Option<Vec<Position>> {
     let ball = surroundings.nearest_ball(start)?;
-    let (here, there) =
-        (surroundings.tip_offset(&ball, position), surroundings.tip_offset(&ball, start));
+    let (here, there) = (surroundings.tip_offset(&ball, position), surroundings.tip_offset(&ball, start));
     let near = ball.contact_distance_mm + ball.uncertainty_mm;
-    let about_it =
-        |off: Vector3<f64>| (near..near + 2.0 * GUARDED_CLEARANCE_MM).contains(&off.norm());
+    let about_it = |off: Vector3<f64>| (near..near + 2.0 * GUARDED_CLEARANCE_MM).contains(&off.norm());
     // Below the ball's centre, the stem of the stylus would come nearer than its ball.
     let upper = here.z.min(there.z) >= -POSITION_TOLERANCE_MM;
     if !(about_it(here) && about_it(there) && upper) {
@@ -71,22 +69,13 @@ pub(super) fn plan_round_ball(
 
 /// Position straight away from the ball that was touched from `start`, at a distance from which the next path may
 /// begin with a rapid. `None`: out of travel, or an obstacle is near.
-pub(super) fn end_beside_ball(
-    surroundings: &Surroundings,
-    machine: &Machine,
-    start: &Position,
-) -> Option<Position> {
+pub(super) fn end_beside_ball(surroundings: &Surroundings, machine: &Machine, start: &Position) -> Option<Position> {
     let ball = surroundings.nearest_ball(start)?;
     let there = surroundings.tip_offset(&ball, start);
-    let far = (ball.contact_distance_mm
-        + ball.uncertainty_mm
-        + GUARDED_CLEARANCE_MM
-        + POSITION_TOLERANCE_MM)
+    let far = (ball.contact_distance_mm + ball.uncertainty_mm + GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
         .max(there.norm());
-    let end =
-        position_beside_ball(surroundings, machine, &ball, (start, unit_vector(there)? * far))?;
-    let free = surroundings.is_path_free(start, &end, &ball.name)
-        && surroundings.is_clear(&end, GUARDED_CLEARANCE_MM);
+    let end = position_beside_ball(surroundings, machine, &ball, (start, unit_vector(there)? * far))?;
+    let free = surroundings.is_path_free(start, &end, &ball.name) && surroundings.is_clear(&end, GUARDED_CLEARANCE_MM);
     free.then_some(end)
 }
 
@@ -111,10 +100,7 @@ fn tangent_corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3
     if left <= 0.0 {
         return Some(Vec::new());
     }
-    let turn = Rotation3::from_axis_angle(
-        &Unit::try_new(u.cross(&v), 0.0)?,
-        to_tangent(here) + left / 2.0,
-    );
+    let turn = Rotation3::from_axis_angle(&Unit::try_new(u.cross(&v), 0.0)?, to_tangent(here) + left / 2.0);
     (left <= MAX_ROUND_ANGLE_RAD).then(|| vec![turn * u * (radius / (left / 2.0).cos())])
 }
 
@@ -122,14 +108,12 @@ impl Surroundings {
     /// The ball nearest to the stylus ball.
     fn nearest_ball(&self, at: &Position) -> Option<ArtefactBall> {
         let ball = |obstacle: &Obstacle| match obstacle.body {
-            ObstacleBody::Round(BodyShape::Ball { centre, radius }) if obstacle.is_artefact => {
-                Some(ArtefactBall {
-                    name: obstacle.name.clone(),
-                    centre,
-                    contact_distance_mm: radius + self.ball_radius,
-                    uncertainty_mm: obstacle.uncertainty_mm,
-                })
-            }
+            ObstacleBody::Round(BodyShape::Ball { centre, radius }) if obstacle.is_artefact => Some(ArtefactBall {
+                name: obstacle.name.clone(),
+                centre,
+                contact_distance_mm: radius + self.ball_radius,
+                uncertainty_mm: obstacle.uncertainty_mm,
+            }),
             _ => None,
         };
         let gap = |ball: &ArtefactBall| self.tip_offset(ball, at).norm() - ball.contact_distance_mm;

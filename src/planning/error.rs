@@ -8,9 +8,7 @@ use machine::kinematics::KinematicsError;
 pub enum PlanningError {
     #[error(transparent)]
     Kinematics(#[from] KinematicsError),
-    #[error(
-        "Z travel is too short to pass over the part: Z {needed:.3} mm is required, the upper limit is {max} mm"
-    )]
+    #[error("Z travel is too short to pass over the part: Z {needed:.3} mm is required, the upper limit is {max} mm")]
     InsufficientZTravel { needed: f64, max: f64 },
     #[error("a positive Z command does not move the tool away from the part")]
     InvertedZ,
@@ -18,9 +16,7 @@ pub enum PlanningError {
     OutOfTravel { step: u32, axis: Axis, value: f64, min: f64, max: f64 },
     #[error("step {step} moves {axis}, but the machine has no axis {axis}")]
     UnknownAxis { step: u32, axis: Axis },
-    #[error(
-        "step {step}: the spindle is tilted; balls can be touched only with the spindle axis along Z"
-    )]
+    #[error("step {step}: the spindle is tilted; balls can be touched only with the spindle axis along Z")]
     SpindleTilted { step: u32 },
     #[error("step {step} is not a touch")]
     NotATouch { step: u32 },
@@ -59,38 +55,24 @@ impl PlanningError {
             Self::InsufficientZTravel { .. } => {
                 "use a shorter stylus or a lower part, or correct [axes.Z] max, [artefact] height_mm, tool_mm"
             }
-            Self::InvertedZ => {
-                "correct [axes.Z] positive: by ISO 841, positive Z is away from the part"
-            }
+            Self::InvertedZ => "correct [axes.Z] positive: by ISO 841, positive Z is away from the part",
             Self::OutOfTravel { .. } => {
                 "move the part nearer to the middle of the travel, or correct the limits in [axes]"
             }
-            Self::UnknownAxis { .. } => {
-                "add the axis to [axes] and to the topology in the machine file"
-            }
+            Self::UnknownAxis { .. } => "add the axis to [axes] and to the topology in the machine file",
             Self::BodyInRangeAtTop { .. } => {
                 "lower the artefact, remove the body, or correct [axes.Z] max, and zero_mm and range_mm of \
                  the [[sensor]]"
             }
-            Self::SpindleTilted { .. } => {
-                "move the axis of the head to the angle at which the spindle axis is along Z"
-            }
-            Self::NotATouch { .. } => {
-                "correct the step in the plan: only touches and scans can be planned"
-            }
-            Self::PromptAfterMotion { .. } => {
-                "put the prompts of the stage before its motions in the plan"
-            }
-            Self::InvalidPrompt { .. } => {
-                "correct the step in the plan: add a `text`, and make `from` and `to` equal"
-            }
+            Self::SpindleTilted { .. } => "move the axis of the head to the angle at which the spindle axis is along Z",
+            Self::NotATouch { .. } => "correct the step in the plan: only touches and scans can be planned",
+            Self::PromptAfterMotion { .. } => "put the prompts of the stage before its motions in the plan",
+            Self::InvalidPrompt { .. } => "correct the step in the plan: add a `text`, and make `from` and `to` equal",
             Self::InvalidScan { .. } => {
                 "correct the step in the plan: a scan requires a `path` from `from` to `to`, either `dwell_s` \
                  and `samples` or `rate_hz`, and the name of a [[sensor]]"
             }
-            Self::MissingAxisPosition { .. }
-            | Self::RotaryMotionInTouch { .. }
-            | Self::ZeroLengthTouch { .. } => {
+            Self::MissingAxisPosition { .. } | Self::RotaryMotionInTouch { .. } | Self::ZeroLengthTouch { .. } => {
                 "correct the step in the plan: `from` must contain all axes, `to` must move linear axes only"
             }
             Self::TouchTooLong { .. } => {

@@ -23,11 +23,7 @@ impl<T: SupportMapping> SupportMap for ParryShape<'_, T> {
 
 /// Lower bound of the distance between `one` and `other`, mm: the gap between the two supporting planes across
 /// `direction`, a unit vector from `one` to `other`.
-pub(super) fn gap_across_mm(
-    one: &impl SupportMapping,
-    other: &impl SupportMapping,
-    direction: Vector3<f64>,
-) -> f64 {
+pub(super) fn gap_across_mm(one: &impl SupportMapping, other: &impl SupportMapping, direction: Vector3<f64>) -> f64 {
     direction.dot(&(other.support(-direction) - one.support(direction)))
 }
 
@@ -42,15 +38,14 @@ pub(super) fn separating_directions(
     let (one, other) = (ParryShape(one), ParryShape(other));
     let mut simplex = VoronoiSimplex::new();
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, &one, &other, start.into()));
-    let found =
-        match closest_points(&Pose::IDENTITY, &one, &other, sufficient_mm, true, &mut simplex) {
-            GJKResult::Intersection => vec![],
-            // Away from an edge, the line between the two points is the better direction.
-            GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
-            GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
-                vec![direction]
-            }
-        };
+    let found = match closest_points(&Pose::IDENTITY, &one, &other, sufficient_mm, true, &mut simplex) {
+        GJKResult::Intersection => vec![],
+        // Away from an edge, the line between the two points is the better direction.
+        GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
+        GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => {
+            vec![direction]
+        }
+    };
     // The gap is a bound only across a vector of length 1.
     found.into_iter().filter_map(|direction| unit_vector(direction.into())).collect()
 }

@@ -44,10 +44,7 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
 /// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
-pub fn plan_blocks(
-    plan: &Plan,
-    clearance: &SafeHeights,
-) -> Result<(Vec<Block>, f64), PlanningError> {
+pub fn plan_blocks(plan: &Plan, clearance: &SafeHeights) -> Result<(Vec<Block>, f64), PlanningError> {
     let mut program = BlockSequence::default();
     for step in &plan.steps {
         program.push(plan, step, 0, clearance)?;
@@ -57,10 +54,7 @@ pub fn plan_blocks(
 
 /// Like [`plan_blocks`], stage by stage as a run plans them: each with the artefact at its position found so far.
 /// Prompts have no block.
-pub fn plan_blocks_by_stage(
-    plan: &Plan,
-    stages: &[Stage],
-) -> Result<(Vec<Block>, f64), PlanningError> {
+pub fn plan_blocks_by_stage(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
     let (mut program, mut found) = (BlockSequence::default(), None);
     for stage in stages {
         found = stage.found.as_ref().or(found);
@@ -89,13 +83,7 @@ struct BlockSequence {
 }
 
 impl BlockSequence {
-    fn push(
-        &mut self,
-        plan: &Plan,
-        step: &Step,
-        repeat: u32,
-        clearance: &SafeHeights,
-    ) -> Result<(), PlanningError> {
+    fn push(&mut self, plan: &Plan, step: &Step, repeat: u32, clearance: &SafeHeights) -> Result<(), PlanningError> {
         let start = BlockStart { position: self.position.as_ref(), confirmed: self.confirmed };
         let blocks = step_blocks(plan, step, repeat, start, clearance)?;
         for block in blocks {
@@ -110,10 +98,7 @@ impl BlockSequence {
 }
 
 /// Positions of the axes after `motions`: the last target of each axis.
-pub fn end_position<'a>(
-    motions: impl IntoIterator<Item = &'a Motion>,
-    begins: &Position,
-) -> Position {
+pub fn end_position<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
     motions.into_iter().fold(begins.clone(), |position, motion| match motion_target(motion) {
         Some(to) => position.updated_by(&to),
         None => position,

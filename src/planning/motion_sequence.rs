@@ -30,17 +30,12 @@ impl MotionSequence {
 
     /// Empty path from `position`.
     pub fn starting_at(position: Option<&Position>, near_part_feed_mm_min: f64) -> Self {
-        Self {
-            position: position.cloned().unwrap_or_default(),
-            motions: Vec::new(),
-            near_part_feed_mm_min,
-        }
+        Self { position: position.cloned().unwrap_or_default(), motions: Vec::new(), near_part_feed_mm_min }
     }
 
     /// Adds a motion of the axes that are not at their target yet; none if all are.
     pub fn add_feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
-        let moved: Position =
-            to.iter().filter(|(axis, value)| !self.is_at(*axis, *value)).collect();
+        let moved: Position = to.iter().filter(|(axis, value)| !self.is_at(*axis, *value)).collect();
         if !moved.is_empty() {
             self.position = self.position.updated_by(&moved);
             self.motions.push(motion(moved));

@@ -19,11 +19,7 @@ pub struct TravelTimes {
 
 impl TravelTimes {
     /// Times between axis positions, for X and Y alone.
-    pub fn from_xy_positions(
-        places: &[Position],
-        position: Option<&Position>,
-        machine: &Machine,
-    ) -> Self {
+    pub fn from_xy_positions(places: &[Position], position: Option<&Position>, machine: &Machine) -> Self {
         let way = |from: &Position, to: &Position| {
             let over = |axis| matches!(axis, Axis::X | Axis::Y);
             motion_time_s(from, &to.filter_axes(over), None, machine)
@@ -38,9 +34,7 @@ impl TravelTimes {
         let pairwise_s = &self.pairwise_s;
         let Some(from_start_s) = &self.from_start_s else {
             let all = 0..pairwise_s.len();
-            let tours = all.map(|first| {
-                improve_tour(nearest_neighbour_tour(pairwise_s, vec![first]), 0, pairwise_s)
-            });
+            let tours = all.map(|first| improve_tour(nearest_neighbour_tour(pairwise_s, vec![first]), 0, pairwise_s));
             return shortest_tour(tours, pairwise_s);
         };
         // Node 0 is the position of the machine.
@@ -48,19 +42,14 @@ impl TravelTimes {
         nodes.extend(pairwise_s.iter().map(|row| [&[0.0], &row[..]].concat()));
         let mut order: Vec<usize> = (1..nodes.len()).collect();
         order.sort_by(|a, b| nodes[0][*a].total_cmp(&nodes[0][*b]));
-        let begun = order
-            .into_iter()
-            .take(firsts)
-            .map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
+        let begun = order.into_iter().take(firsts).map(|first| nearest_neighbour_tour(&nodes, vec![0, first]));
         let tour = shortest_tour(begun.map(|tour| improve_tour(tour, 1, &nodes)), &nodes);
         tour.into_iter().skip(1).map(|node| node - 1).collect()
     }
 }
 
 fn shortest_tour(tours: impl Iterator<Item = Vec<usize>>, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
-    let better = |a: &Vec<usize>, b: &Vec<usize>| {
-        tour_time_s(a, pairwise_s).total_cmp(&tour_time_s(b, pairwise_s))
-    };
+    let better = |a: &Vec<usize>, b: &Vec<usize>| tour_time_s(a, pairwise_s).total_cmp(&tour_time_s(b, pairwise_s));
     tours.min_by(better).unwrap_or_default()
 }
 
@@ -69,10 +58,7 @@ fn travel_time_s(pairwise_s: &[Vec<f64>], from: usize, to: usize) -> f64 {
 }
 
 fn tour_time_s(tour: &[usize], pairwise_s: &[Vec<f64>]) -> f64 {
-    tour.iter()
-        .zip(tour.iter().skip(1))
-        .map(|(from, to)| travel_time_s(pairwise_s, *from, *to))
-        .sum()
+    tour.iter().zip(tour.iter().skip(1)).map(|(from, to)| travel_time_s(pairwise_s, *from, *to)).sum()
 }
 
 /// Extends the tour to the nearest remaining node, until none remains.
@@ -109,9 +95,8 @@ fn improve_tour(mut tour: Vec<usize>, fixed: usize, pairwise_s: &[Vec<f64>]) -> 
 fn neighbour_tours(tour: &[usize], fixed: usize) -> impl Iterator<Item = Vec<usize>> + '_ {
     let count = tour.len();
     let sections = move |longest: usize| {
-        (fixed..count).flat_map(move |from| {
-            (from + 1..=count.min(from.saturating_add(longest))).map(move |to| (from, to))
-        })
+        (fixed..count)
+            .flat_map(move |from| (from + 1..=count.min(from.saturating_add(longest))).map(move |to| (from, to)))
     };
     let turned = sections(count).map(|(from, to)| {
         let (before, rest) = tour.split_at(from);

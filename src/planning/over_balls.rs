@@ -41,14 +41,11 @@ pub(super) fn plan_ball_approach(
     let high = ball_path.clearance_z_above(&step.from, UNGUARDED_CLEARANCE_MM);
     let above = || z_position(ball_path.clearance_z_above(&step.from, GUARDED_CLEARANCE_MM));
     if !start.confirmed.is_all() {
-        UnconfirmedApproach::new(plan, clearance, high, start.confirmed)
-            .move_above(path, &step.from);
+        UnconfirmedApproach::new(plan, clearance, high, start.confirmed).move_above(path, &step.from);
         return Ok(above());
     }
     let known = |axis: Axis| axis == Axis::S || path.position.get(axis).is_some();
-    if !step.from.iter().all(|(axis, _)| known(axis))
-        || !clearance.surroundings.is_spindle_upright(&path.position)
-    {
+    if !step.from.iter().all(|(axis, _)| known(axis)) || !clearance.surroundings.is_spindle_upright(&path.position) {
         ball_path.move_from_unknown_position(path, high);
     } else if ball_path.needs_rotation(path) {
         ball_path.move_with_rotation(path, high)?;
@@ -87,11 +84,7 @@ impl BallPath<'_> {
     }
 
     /// Moves the rotary axes and X, Y together: all obstacles are lower during the whole motion.
-    fn move_with_rotation(
-        &self,
-        path: &mut MotionSequence,
-        high: f64,
-    ) -> Result<(), PlanningError> {
+    fn move_with_rotation(&self, path: &mut MotionSequence, high: f64) -> Result<(), PlanningError> {
         let needed = self.clearance.turning_clearance_z(&path.position, self.from)?.max(high);
         self.raise_z(path, needed);
         let turned = self.from.filter_axes(|axis| !matches!(axis, Axis::Z | Axis::S));
@@ -108,12 +101,8 @@ impl BallPath<'_> {
             let z = self.clearance.surroundings.path_clearance_z(&path.position, self.from, margin);
             z.max(self.min_z)
         };
-        let places = ball_round_path::plan_round_ball(
-            &self.clearance.surroundings,
-            self.machine,
-            &path.position,
-            self.from,
-        );
+        let places =
+            ball_round_path::plan_round_ball(&self.clearance.surroundings, self.machine, &path.position, self.from);
         if let Some(places) = places {
             for place in places {
                 path.add_guarded(&place);
@@ -139,9 +128,7 @@ impl BallPath<'_> {
         if z >= needed - POSITION_TOLERANCE_MM {
             return;
         }
-        let here = |margin| {
-            self.clearance.surroundings.path_clearance_z(&path.position, &path.position, margin)
-        };
+        let here = |margin| self.clearance.surroundings.path_clearance_z(&path.position, &path.position, margin);
         if z < here(GUARDED_CLEARANCE_MM) - POSITION_TOLERANCE_MM {
             let clear = here(UNGUARDED_CLEARANCE_MM).min(needed);
             path.add_guarded(&z_position(clear));

@@ -14,8 +14,7 @@ pub fn split_prompts<'p, 's>(
     plan: &'p Plan,
     steps: &'s [u32],
 ) -> Result<(Vec<PromptText<'p>>, &'s [u32]), PlanningError> {
-    let prompt =
-        |id: &u32| plan.steps.iter().find(|step| step.id == *id && step.kind == StepKind::Prompt);
+    let prompt = |id: &u32| plan.steps.iter().find(|step| step.id == *id && step.kind == StepKind::Prompt);
     let prompts: Vec<&Step> = steps.iter().map_while(prompt).collect();
     let (_, rest) = steps.split_at(prompts.len());
     if let Some(late) = rest.iter().find_map(prompt) {

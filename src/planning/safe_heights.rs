@@ -45,10 +45,7 @@ impl SafeHeights {
     ///
     /// # Errors
     /// As [`SafeHeights::above_plan_artefact`].
-    pub fn above_known_artefact(
-        plan: &Plan,
-        found: Option<&Artefact>,
-    ) -> Result<Self, PlanningError> {
+    pub fn above_known_artefact(plan: &Plan, found: Option<&Artefact>) -> Result<Self, PlanningError> {
         match found {
             Some(balls @ Artefact::Balls(_)) => Self::above_artefact(plan, balls),
             _ => Self::above_plan_artefact(plan),
@@ -64,35 +61,23 @@ impl SafeHeights {
         let (min_z, top_z) = z_limits_mm(&plan.machine)?;
         let mut clearance = Self { top_z, min_z, surroundings, part_clearance_z: None };
         if let Artefact::Cylinder(_) = artefact {
-            clearance.part_clearance_z =
-                Some(clearance.clearance_z_over_poses(rotary_poses(plan))?);
+            clearance.part_clearance_z = Some(clearance.clearance_z_over_poses(rotary_poses(plan))?);
         }
         Ok(clearance)
     }
 
     /// Height while the rotary axes move straight from one position to the other.
-    pub(super) fn turning_clearance_z(
-        &self,
-        one: &Position,
-        next: &Position,
-    ) -> Result<f64, PlanningError> {
+    pub(super) fn turning_clearance_z(&self, one: &Position, next: &Position) -> Result<f64, PlanningError> {
         let [one, next] = [one, next].map(rotary_axes);
         let ways = interpolate_rotary(&one, &next);
         self.clearance_z_over_poses([one].into_iter().chain(ways))
     }
 
-    fn clearance_z_over_poses(
-        &self,
-        poses: impl IntoIterator<Item = Position>,
-    ) -> Result<f64, PlanningError> {
+    fn clearance_z_over_poses(&self, poses: impl IntoIterator<Item = Position>) -> Result<f64, PlanningError> {
         let max = self.top_z;
         let no_room = |needed| PlanningError::InsufficientZTravel { needed, max };
         poses.into_iter().try_fold(self.min_z, |needed, pose| {
-            Ok(needed.max(
-                self.surroundings
-                    .clearance_z_everywhere(&pose, UNGUARDED_CLEARANCE_MM)
-                    .map_err(no_room)?,
-            ))
+            Ok(needed.max(self.surroundings.clearance_z_everywhere(&pose, UNGUARDED_CLEARANCE_MM).map_err(no_room)?))
         })
     }
 }
@@ -105,8 +90,7 @@ fn rotary_axes(position: &Position) -> Position {
 fn rotary_poses(plan: &Plan) -> Vec<Position> {
     // A prompt has no position.
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();
-    let mut poses: Vec<Position> =
-        moving.peek().map(|step| rotary_axes(&step.from)).into_iter().collect();
+    let mut poses: Vec<Position> = moving.peek().map(|step| rotary_axes(&step.from)).into_iter().collect();
     while let (Some(one), Some(next)) = (moving.next(), moving.peek()) {
         poses.extend(interpolate_rotary(&rotary_axes(&one.from), &rotary_axes(&next.from)));
     }
@@ -115,14 +99,11 @@ fn rotary_poses(plan: &Plan) -> Vec<Position> {
 
 /// Positions after `one` up to and including `next`.
 fn interpolate_rotary(one: &Position, next: &Position) -> Vec<Position> {
-    let farthest =
-        next.iter().map(|(axis, to)| (to - one.get_or_zero(axis)).abs()).fold(0.0_f64, f64::max);
+    let farthest = next.iter().map(|(axis, to)| (to - one.get_or_zero(axis)).abs()).fold(0.0_f64, f64::max);
     let count = (farthest / MAX_ROTARY_STRIDE_RAD).ceil() as u32;
     let at = |k: u32| {
         let share = f64::from(k) / f64::from(count);
-        next.iter()
-            .map(|(axis, to)| (axis, one.get_or_zero(axis) + share * (to - one.get_or_zero(axis))))
-            .collect()
+        next.iter().map(|(axis, to)| (axis, one.get_or_zero(axis) + share * (to - one.get_or_zero(axis)))).collect()
     };
     (1..=count).map(at).collect()
 }

@@ -4,12 +4,8 @@
 use super::motion_sequence::{MotionSequence, z_position};
 use super::safe_heights::GUARDED_CLEARANCE_MM;
 use super::surroundings::Proximity;
-use super::unconfirmed_approach::{
-    UnconfirmedApproach, is_in_nest, near_part_feed_mm_min, nest_feed_mm_min,
-};
-use super::{
-    BlockStart, ConfirmedDirections, PlanningError, SafeHeights, limits, touch_block, turn_feeds,
-};
+use super::unconfirmed_approach::{UnconfirmedApproach, is_in_nest, near_part_feed_mm_min, nest_feed_mm_min};
+use super::{BlockStart, ConfirmedDirections, PlanningError, SafeHeights, limits, touch_block, turn_feeds};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
@@ -52,8 +48,7 @@ fn scan_blocks(
 ) -> Result<Vec<Block>, PlanningError> {
     check_scan(plan, step, scan)?;
     let in_nest = is_in_nest(plan, step);
-    let approach_feed =
-        if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
+    let approach_feed = if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, start.confirmed) };
     let mut path = MotionSequence::starting_at(start.position, approach_feed);
     let top_z = clearance.top_z;
     let mut blocks = Vec::new();
@@ -75,10 +70,7 @@ fn scan_blocks(
     }
     for (number, point) in scan.path.iter().enumerate() {
         let feed_mm_min = if number == 0 { approach_feed } else { step.feed_mm_min };
-        path.add_feed(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed {
-            to,
-            feed_mm_min,
-        });
+        path.add_feed(&point.filter_axes(|axis| axis != Axis::S), |to| Motion::Feed { to, feed_mm_min });
         match scan.sampling {
             Sampling::Dwell { dwell_s, .. } => {
                 path.motions.push(Motion::Dwell { seconds: dwell_s });
@@ -99,8 +91,7 @@ fn scan_blocks(
 /// Whether the axes that a scan does not move are at its start.
 fn are_still_axes_at_start(path: &MotionSequence, scan: &Scan) -> bool {
     let Some(first) = scan.path.first() else { return false };
-    let is_still =
-        |axis: Axis, at: f64| scan.path.iter().all(|point| point.get_or_zero(axis) == at);
+    let is_still = |axis: Axis, at: f64| scan.path.iter().all(|point| point.get_or_zero(axis) == at);
     let mut still = first.iter().filter(|(axis, at)| is_still(*axis, *at));
     still.all(|(axis, at)| path.is_at(axis, at))
 }
@@ -117,12 +108,7 @@ fn stays_in_nest(path: &MotionSequence, from: &Position, confirmed: ConfirmedDir
 }
 
 /// Turns to the first point, at the feed that is allowed until the position is confirmed.
-fn turn_to_first_point(
-    path: &mut MotionSequence,
-    plan: &Plan,
-    from: &Position,
-    clearance: &SafeHeights,
-) {
+fn turn_to_first_point(path: &mut MotionSequence, plan: &Plan, from: &Position, clearance: &SafeHeights) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
         let chain = &clearance.surroundings.chain;
         let feed_mm_min = turn_feeds::max_turn_feed_deg_min(plan, chain, axis, &path.position);
@@ -144,20 +130,13 @@ pub fn out_of_range_block_count(scan: &Scan, count: usize) -> usize {
 
 /// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
 /// nor on the path to it at the upper end of Z.
-fn lowest_out_of_range_z(
-    step: &Step,
-    path: &MotionSequence,
-    clearance: &SafeHeights,
-) -> Result<f64, PlanningError> {
+fn lowest_out_of_range_z(step: &Step, path: &MotionSequence, clearance: &SafeHeights) -> Result<f64, PlanningError> {
     let from = &step.from;
     let position = path.position.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y));
     let begins = from.updated_by(&position);
     let out_of_range = |begins: &Position| {
-        let near = |near: Proximity| PlanningError::BodyInRangeAtTop {
-            step: step.id,
-            sensor: near.tool,
-            body: near.obstacle,
-        };
+        let near =
+            |near: Proximity| PlanningError::BodyInRangeAtTop { step: step.id, sensor: near.tool, body: near.obstacle };
         clearance.surroundings.out_of_range_z(begins, from, GUARDED_CLEARANCE_MM).map_err(near)
     };
     out_of_range(&begins)?;
@@ -207,9 +186,7 @@ fn check_scan(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError
     match scan.sampling {
         Sampling::Dwell { dwell_s, samples } if dwell_s >= 0.0 && samples > 0 => Ok(()),
         Sampling::Dwell { .. } => invalid("`dwell_s` is negative or `samples` is 0"),
-        Sampling::Continuous { .. }
-            if scan.path.windows(2).all(|way| way.first() == way.last()) =>
-        {
+        Sampling::Continuous { .. } if scan.path.windows(2).all(|way| way.first() == way.last()) => {
             invalid("a continuous scan requires a path with a length above 0")
         }
         Sampling::Continuous { rate_hz, .. } if !(rate_hz.is_finite() && rate_hz > 0.0) => {
@@ -218,9 +195,7 @@ fn check_scan(plan: &Plan, step: &Step, scan: &Scan) -> Result<(), PlanningError
         Sampling::Continuous { per_revolution: Some(count), .. }
             if count == 0 || scan.single_rotary_axis().is_none() =>
         {
-            invalid(
-                "`per_revolution` must be 1 or more, and the path must turn exactly one rotary axis",
-            )
+            invalid("`per_revolution` must be 1 or more, and the path must turn exactly one rotary axis")
         }
         Sampling::Continuous { .. } => Ok(()),
     }

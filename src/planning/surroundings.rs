@@ -71,12 +71,9 @@ impl Surroundings {
         let uncertainty_mm = artefact::position_uncertainty_mm(artefact);
         let (mut obstacles, mut carriers) = (Vec::new(), Vec::new());
         let mut add = |name: &str, on: Carrier, body: ObstacleBody, is_artefact: bool| {
-            if let Some(carried) =
-                chain.carrier_chain(on).filter(|on| on.side() != MachineSide::Tool)
-            {
+            if let Some(carried) = chain.carrier_chain(on).filter(|on| on.side() != MachineSide::Tool) {
                 let carrier_index = carrier_index(&mut carriers, carried);
-                let (name, uncertainty_mm) =
-                    (name.to_owned(), if is_artefact { uncertainty_mm } else { 0.0 });
+                let (name, uncertainty_mm) = (name.to_owned(), if is_artefact { uncertainty_mm } else { 0.0 });
                 obstacles.push(Obstacle { name, carrier_index, body, is_artefact, uncertainty_mm });
             }
         };
@@ -154,22 +151,22 @@ impl Surroundings {
     ///
     /// # Errors
     /// Z does not reach that height; the value is the sensor and the body within its range.
-    pub fn out_of_range_z(
-        &self,
-        from: &Position,
-        to: &Position,
-        margin: f64,
-    ) -> Result<f64, Proximity> {
-        let mut needed =
-            self.clearance_heights(&self.sensor_ranges, &self.obstacles, [from, to], margin);
+    pub fn out_of_range_z(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Proximity> {
+        let mut needed = self.clearance_heights(&self.sensor_ranges, &self.obstacles, [from, to], margin);
         let ball = self.tool.get(..1).unwrap_or_default();
         let of_table = self.clearance_heights(ball, &self.measuring_lines, [from, to], margin);
-        needed.extend(of_table.into_iter().map(|(z, Proximity { tool, obstacle })| {
-            (z, Proximity { tool: obstacle, obstacle: tool })
-        }));
-        let (z, near) = needed.into_iter().fold((f64::NEG_INFINITY, None), |highest, (z, near)| {
-            if z > highest.0 { (z, Some(near)) } else { highest }
-        });
+        needed.extend(
+            of_table
+                .into_iter()
+                .map(|(z, Proximity { tool, obstacle })| (z, Proximity { tool: obstacle, obstacle: tool })),
+        );
+        let (z, near) =
+            needed.into_iter().fold(
+                (f64::NEG_INFINITY, None),
+                |highest, (z, near)| {
+                    if z > highest.0 { (z, Some(near)) } else { highest }
+                },
+            );
         near.filter(|_| z > self.max_z).map_or(Ok(z), Err)
     }
 
@@ -182,13 +179,11 @@ impl Surroundings {
         margin: f64,
     ) -> Vec<(f64, Proximity)> {
         let level = from.updated_by(&to.filter_axes(|axis| !matches!(axis, Axis::X | Axis::Y)));
-        let (begin, (end, higher)) =
-            (self.carrier_positions(&level), self.present_and_raised_positions(to));
+        let (begin, (end, higher)) = (self.carrier_positions(&level), self.present_and_raised_positions(to));
         let mut heights = Vec::new();
         for obstacle in obstacles {
             let path_ends = [&begin, &end].map(|at| at.tip_from_carrier(obstacle));
-            let (body, margin) =
-                (end.in_machine_directions(obstacle), margin + obstacle.uncertainty_mm);
+            let (body, margin) = (end.in_machine_directions(obstacle), margin + obstacle.uncertainty_mm);
             for part in parts.iter().filter(|part| part.may_collide(&path_ends, &body, margin)) {
                 let height = path_ends[1].z + part.clearance_rise_mm(&path_ends, &body, margin);
                 let near = Proximity { tool: part.name.clone(), obstacle: obstacle.name.clone() };
@@ -202,13 +197,7 @@ impl Surroundings {
     /// First obstacle to which the tool is nearer than `margin` on the straight path in X, Y, Z between two
     /// positions with the same rotary axes, or on the straight descent to it. The ball with the name `touched` is
     /// the target: only the parts above the stylus ball must stay clear of it.
-    pub fn find_near_obstacle(
-        &self,
-        from: &Position,
-        to: &Position,
-        margin: f64,
-        touched: &str,
-    ) -> Option<Proximity> {
+    pub fn find_near_obstacle(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Proximity> {
         let ends = [from, to].map(|at| self.carrier_positions(at));
         self.obstacles.iter().find_map(|obstacle| {
             let own = obstacle.name == touched;
@@ -242,10 +231,8 @@ impl Surroundings {
         let ends = [from, to].map(|at| self.carrier_positions(at));
         self.obstacles.iter().all(|obstacle| {
             let path_ends = ends.each_ref().map(|at| at.tip_from_carrier(obstacle));
-            let (body, margin) = (
-                ends[1].in_machine_directions(obstacle),
-                MIN_TOOL_CLEARANCE_MM + obstacle.uncertainty_mm,
-            );
+            let (body, margin) =
+                (ends[1].in_machine_directions(obstacle), MIN_TOOL_CLEARANCE_MM + obstacle.uncertainty_mm);
             let own = obstacle.name == round;
             let mut parts = self.tool.iter().filter(|part| !(own && part.is_contact_detected));
             parts.all(|part| part.is_clear(path_ends, &body, margin))
@@ -295,12 +282,7 @@ impl CarrierPositions {
 
 /// Z command that holds the stylus ball's centre at `height` above the obstacle's carrier, extrapolated from the
 /// present Z and from 1 mm higher; `None` if Z does not lift the ball off.
-fn z_command(
-    z: f64,
-    [here, higher]: [&CarrierPositions; 2],
-    obstacle: &Obstacle,
-    height: f64,
-) -> Option<f64> {
+fn z_command(z: f64, [here, higher]: [&CarrierPositions; 2], obstacle: &Obstacle, height: f64) -> Option<f64> {
     let present_z = here.tip_from_carrier(obstacle).z;
     let lift = higher.tip_from_carrier(obstacle).z - present_z;
     (lift > 0.5).then(|| z + (height - present_z) / lift)
@@ -319,11 +301,5 @@ fn measuring_line(sensor: &Sensor, carrier_index: usize) -> Obstacle {
     let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
     let [from, to] = sensor.range_mm.map(|distance| zero + along * distance);
     let body = ObstacleBody::Round(artefact::BodyShape::Cylinder { from, to, radius: 0.0 });
-    Obstacle {
-        name: sensor.name.clone(),
-        carrier_index,
-        body,
-        is_artefact: false,
-        uncertainty_mm: 0.0,
-    }
+    Obstacle { name: sensor.name.clone(), carrier_index, body, is_artefact: false, uncertainty_mm: 0.0 }
 }

@@ -13,10 +13,8 @@ use machine::record::plan::{Sampling, Scan, Step, StepKind};
 /// Stylus 120 mm long with a ball of 3 mm radius; a part 100 mm high, radius 45 mm, on the table.
 fn plan(steps: Vec<Step>) -> Plan {
     let linear = json!({"min": -250.0, "max": 250.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
-    let height =
-        json!({"min": -50.0, "max": 450.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
-    let rotary =
-        json!({"min": -360.0, "max": 360.0, "rapid_per_min": 1800.0, "acceleration_per_s2": 300.0});
+    let height = json!({"min": -50.0, "max": 450.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
+    let rotary = json!({"min": -360.0, "max": 360.0, "rapid_per_min": 1800.0, "acceleration_per_s2": 300.0});
     let mut plan: Plan = serde_json::from_value(json!({
         "trued_plan": 1, "method": "test", "settings": {},
         "machine": {"name": "test", "topology": "w-C-B-F-Y-X-Z-S-t", "tool_mm": [0.0, 0.0, -120.0],
@@ -37,8 +35,11 @@ fn at(axes: &[(Axis, f64)]) -> Position {
 /// A radial touch at half the part's height: from 0.5 mm before contact to 1 mm beyond.
 fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
     let place = |r: f64| {
-        at(&[(Axis::X, r * phi.cos()), (Axis::Y, r * phi.sin()), (Axis::Z, 170.0)])
-            .updated_by(&at(&[(Axis::B, b), (Axis::C, c), (Axis::S, s)]))
+        at(&[(Axis::X, r * phi.cos()), (Axis::Y, r * phi.sin()), (Axis::Z, 170.0)]).updated_by(&at(&[
+            (Axis::B, b),
+            (Axis::C, c),
+            (Axis::S, s),
+        ]))
     };
     Step {
         id,
@@ -69,9 +70,7 @@ fn is_near(a: &Position, b: &Position) -> bool {
 fn regress_the_sequence_of_one_touch() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
-    assert!(
-        (clearance.part_clearance_z.unwrap() - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0
-    );
+    assert!((clearance.part_clearance_z.unwrap() - SAFE_Z).abs() < 1e-9 && clearance.top_z == 450.0);
     let start = BlockStart { position: None, confirmed: ConfirmedDirections::all() };
     let block = touch_block(&plan, &plan.steps[0], 2, start, &clearance).unwrap();
     assert_eq!((block.step, block.repeat), (3, 2));
@@ -127,9 +126,7 @@ fn the_way_to_an_unconfirmed_place_is_careful() {
     // Low beside the part, only C turned, and 0.1 mm off in X: too short for a probing move.
     let position = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
     let block = of(Some(&position), ConfirmedDirections::default());
-    let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] =
-        block.motions.as_slice()
-    else {
+    let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] = block.motions.as_slice() else {
         panic!("{block:?}")
     };
     assert!(is_near(up, &z(SAFE_Z)) && is_near(turn, &at(&[(Axis::C, 1.0)])), "{block:?}");
@@ -245,8 +242,7 @@ fn z_must_have_room_above_the_part_and_go_up() {
         other => panic!("{other:?}"),
     }
     let mut down = plan(Vec::new());
-    down.machine.axes.get_mut(&Axis::Z).unwrap().positive =
-        machine::record::machine::AxisSense::Reversed;
+    down.machine.axes.get_mut(&Axis::Z).unwrap().positive = machine::record::machine::AxisSense::Reversed;
     assert!(matches!(SafeHeights::above_plan_artefact(&down), Err(PlanningError::InvertedZ)));
 }
 
@@ -301,9 +297,7 @@ fn a_limit_in_degrees_may_be_reached() {
 fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
     let machine = plan(Vec::new()).machine;
     let begins = at(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 0.0), (Axis::C, 0.0)]);
-    let seconds = |motions: Vec<Motion>| {
-        machine_time_s(&Block { step: 0, repeat: 0, motions }, &begins, &machine)
-    };
+    let seconds = |motions: Vec<Motion>| machine_time_s(&Block { step: 0, repeat: 0, motions }, &begins, &machine);
     let rapid = |axes: &[(Axis, f64)]| Motion::Rapid { to: at(axes) };
     let cases: [(Vec<Motion>, f64); 8] = [
         // 100 mm: 1 s and one ramp of 0.1 s.
@@ -314,10 +308,7 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
         (vec![rapid(&[(Axis::X, 10.0), (Axis::C, FRAC_PI_2)])], 3.1),
         // 50 mm of path at 10 mm/s; Y limits the path acceleration: 1000/0.8 mm/s².
         (
-            vec![Motion::Guarded {
-                to: at(&[(Axis::X, 30.0), (Axis::Y, 40.0)]),
-                feed_mm_min: 600.0,
-            }],
+            vec![Motion::Guarded { to: at(&[(Axis::X, 30.0), (Axis::Y, 40.0)]), feed_mm_min: 600.0 }],
             5.0 + 10.0 / 1250.0,
         ),
         // Half of 2 mm at 0.5 mm/s towards contact, and back at 5 mm/s.
@@ -345,8 +336,7 @@ fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
     let mut plan = plan(vec![touch(3, 0.0, 0.0, 0.0, 0.0)]);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     plan.probe.guarded_feed_mm_min = 6000.0;
-    let refused =
-        touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap_err();
+    let refused = touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap_err();
     assert!(
         matches!(refused, PlanningError::GuardedFeedTooFast { distance_mm, .. } if (distance_mm - 5.0).abs() < 1e-9)
     );
@@ -358,9 +348,7 @@ fn regress_a_guard_too_fast_for_the_overtravel_is_refused() {
 fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     let sensor = serde_json::from_value(serde_json::json!({"name": "laser",
         "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]}));
-    let point = |x: f64, c: f64| {
-        at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)])
-    };
+    let point = |x: f64, c: f64| at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)]);
     let scan = |id: u32, c: f64| Step {
         kind: StepKind::Scan,
         from: point(-1.0, c),
@@ -377,10 +365,7 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
     plan.sensors = vec![sensor.unwrap()];
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let (blocks, _) = plan_blocks(&plan, &clearance).unwrap();
-    assert_eq!(
-        blocks.iter().map(|block| block.step).collect::<Vec<_>>(),
-        [0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2]
-    );
+    assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [0, 0, 0, 0, 0, 1, 1, 1, 2, 2, 2]);
     let scan = plan.steps[0].scan.as_ref().unwrap();
     assert_eq!([5, 3].map(|count| out_of_range_block_count(scan, count)), [2, 0]);
     let highest = |block: &Block| {
@@ -412,8 +397,7 @@ fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
     plan.machine.axes.get_mut(&Axis::C).unwrap().clamp = serde_json::from_value(clamp).unwrap();
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let block = touch_block(&plan, &plan.steps[0], 0, BlockStart::default(), &clearance).unwrap();
-    let turns =
-        |motion: &&Motion| motion_target(motion).is_some_and(|to| to.get(Axis::C).is_some());
+    let turns = |motion: &&Motion| motion_target(motion).is_some_and(|to| to.get(Axis::C).is_some());
     let turn = block.motions.iter().find(turns);
     assert!(matches!(turn, Some(Motion::Feed { .. })), "{turn:?}");
     assert!(!block.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
@@ -469,9 +453,7 @@ fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
 fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
     let sensor = serde_json::json!({"name": "laser",
         "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0], "range_mm": [-10.0, 10.0]});
-    let point = |x: f64| {
-        at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, 0.0)])
-    };
+    let point = |x: f64| at(&[(Axis::X, x), (Axis::Y, 1.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, 0.0)]);
     let scan = |path: Vec<Position>, rate_hz| Step {
         kind: StepKind::Scan,
         from: path[0].clone(),
@@ -496,11 +478,7 @@ fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
     for path in [&[1.0][..], &[1.0, 1.0]] {
         assert!(reason(path, 1000.0).contains("a length above 0"), "{}", reason(path, 1000.0));
     }
-    assert!(
-        reason(&[1.0, 2.0], 0.0).contains("not a positive number"),
-        "{}",
-        reason(&[1.0, 2.0], 0.0)
-    );
+    assert!(reason(&[1.0, 2.0], 0.0).contains("not a positive number"), "{}", reason(&[1.0, 2.0], 0.0));
     assert!(reason(&[1.0, 2.0], f64::NAN).contains("not a positive number"));
 }
 
@@ -526,9 +504,7 @@ fn what_asks_a_person_stands_first_and_says_something() {
     let refused = |steps: &[u32]| split_prompts(&plan, steps).unwrap_err();
     assert_eq!(refused(&[1, 0]), PlanningError::PromptAfterMotion { step: 0 });
     for step in 2..5 {
-        assert!(
-            matches!(refused(&[step]), PlanningError::InvalidPrompt { step: bad, .. } if bad == step)
-        );
+        assert!(matches!(refused(&[step]), PlanningError::InvalidPrompt { step: bad, .. } if bad == step));
     }
     // A prompt contains no axes: the path to the first touch begins at an unknown position.
     let stage = Stage { id: 0, name: String::new(), repeat: 0, steps: vec![0, 1], found: None };
@@ -539,9 +515,7 @@ fn what_asks_a_person_stands_first_and_says_something() {
 /// Sensors about a part that turns: X, Y and Z do not move, unless another axis has to turn.
 #[test]
 fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
-    let point = |c: f64| {
-        at(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)])
-    };
+    let point = |c: f64| at(&[(Axis::X, 0.0), (Axis::Y, 0.0), (Axis::Z, 260.0), (Axis::B, 0.0), (Axis::C, c)]);
     let step = Step {
         kind: StepKind::Scan,
         from: point(0.0),
@@ -560,17 +534,14 @@ fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
     plan.sensors = vec![serde_json::from_value(sensor).unwrap()];
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let from = |position: Position| {
-        let start =
-            BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
+        let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[0], 0, start, &clearance).unwrap();
         blocks.into_iter().flat_map(|block| block.motions).collect::<Vec<_>>()
     };
     let turn = Motion::Feed { to: at(&[(Axis::C, 1.0)]), feed_mm_min: 60.0 };
     assert_eq!(from(point(0.0)), std::slice::from_ref(&turn));
     let elsewhere = from(point(0.5));
-    assert!(
-        matches!(&elsewhere[..], [Motion::Feed { to, .. }, last] if *to == at(&[(Axis::C, 0.0)]) && *last == turn)
-    );
+    assert!(matches!(&elsewhere[..], [Motion::Feed { to, .. }, last] if *to == at(&[(Axis::C, 0.0)]) && *last == turn));
     let tilted = from(point(0.0).with(Axis::B, 0.3));
     let ways: Vec<Position> = tilted.iter().filter_map(motion_target).collect();
     let tilts = ways.iter().position(|to| to.get(Axis::B).is_some()).unwrap();

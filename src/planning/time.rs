@@ -47,9 +47,8 @@ impl MachineTime {
                 | Motion::Feed { feed_mm_min, .. } => (to, Some(*feed_mm_min)),
                 _ => (to, None),
             };
-            let turns = |(axis, end): (Axis, f64)| {
-                !axis.is_linear() && position.get(axis).is_some_and(|from| from != end)
-            };
+            let turns =
+                |(axis, end): (Axis, f64)| !axis.is_linear() && position.get(axis).is_some_and(|from| from != end);
             let spent = match motion {
                 Motion::Probe { .. } | Motion::BackOff { .. } => &mut self.touch_s,
                 _ if to.iter().any(turns) => &mut self.rotary_s,
@@ -75,12 +74,7 @@ fn midpoint(from: &Position, to: &Position) -> Position {
     to.iter().map(|(axis, end)| (axis, (from.get(axis).unwrap_or(end) + end) / 2.0)).collect()
 }
 
-pub(super) fn motion_time_s(
-    from: &Position,
-    to: &Position,
-    feed_per_min: Option<f64>,
-    machine: &Machine,
-) -> f64 {
+pub(super) fn motion_time_s(from: &Position, to: &Position, feed_per_min: Option<f64>, machine: &Machine) -> f64 {
     let axis_distances: Vec<(Axis, f64)> = to
         .iter()
         .map(|(axis, end)| (axis, (end - from.get(axis).unwrap_or(end)).abs()))
@@ -118,9 +112,5 @@ fn feed_length(axis_distances: &[(Axis, f64)]) -> f64 {
 
 /// Time for the distance 1, from rest to rest.
 fn trapezoid_time_s(speed: f64, acceleration: f64) -> f64 {
-    if speed * speed < acceleration {
-        1.0 / speed + speed / acceleration
-    } else {
-        2.0 / acceleration.sqrt()
-    }
+    if speed * speed < acceleration { 1.0 / speed + speed / acceleration } else { 2.0 / acceleration.sqrt() }
 }

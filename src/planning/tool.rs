@@ -36,35 +36,21 @@ pub(super) struct ToolPart {
 impl ToolPart {
     /// Space of the part on a path of the stylus ball that is raised by `rise`.
     fn swept_space(&self, path_ends: [Vector3<f64>; 2], rise: f64) -> ToolSweep {
-        ToolSweep {
-            path_ends: path_ends.map(|at| at + Vector3::z() * (self.bottom + rise)),
-            radius: self.radius,
-        }
+        ToolSweep { path_ends: path_ends.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
     }
 
     /// Fast check: false if the part passes above the body or beside it.
-    pub fn may_collide(
-        &self,
-        path_ends: &[Vector3<f64>; 2],
-        body: &ObstacleBody,
-        margin: f64,
-    ) -> bool {
+    pub fn may_collide(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
         let lowest = path_ends[0].z.min(path_ends[1].z) + self.bottom;
         lowest < body.top_z() + margin && horizontal_gap_mm(path_ends, body) < self.radius + margin
     }
 
     pub fn is_clear(&self, path_ends: [Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> bool {
-        !self.may_collide(&path_ends, body, margin)
-            || are_apart_by(&self.swept_space(path_ends, 0.0), body, margin)
+        !self.may_collide(&path_ends, body, margin) || are_apart_by(&self.swept_space(path_ends, 0.0), body, margin)
     }
 
     /// Rise at which the part is clear of the body by `margin`, mm; found by bisection and rounded up.
-    pub fn clearance_rise_mm(
-        &self,
-        path_ends: &[Vector3<f64>; 2],
-        body: &ObstacleBody,
-        margin: f64,
-    ) -> f64 {
+    pub fn clearance_rise_mm(&self, path_ends: &[Vector3<f64>; 2], body: &ObstacleBody, margin: f64) -> f64 {
         if are_apart_by(&self.swept_space(*path_ends, 0.0), body, margin) {
             return f64::NEG_INFINITY;
         }
@@ -93,8 +79,7 @@ fn horizontal_gap_mm(path_ends: &[Vector3<f64>; 2], body: &ObstacleBody) -> f64 
 /// above the centre of the stylus ball, mm. `None` if none is declared.
 pub(super) fn undetected_tool_envelope(plan: &Plan) -> Option<(f64, f64)> {
     let tool = tool_parts(plan);
-    let undetected =
-        tool.iter().filter(|part| !part.is_contact_detected).map(|part| (part.radius, part.bottom));
+    let undetected = tool.iter().filter(|part| !part.is_contact_detected).map(|part| (part.radius, part.bottom));
     undetected.reduce(|(wide, low), (radius, bottom)| (wide.max(radius), low.min(bottom)))
 }
 

@@ -45,14 +45,8 @@ pub fn touch_block(
     if plan.probe.settle_s > 0.0 {
         path.motions.push(Motion::Dwell { seconds: plan.probe.settle_s });
     }
-    path.add_feed(&to.filter_axes(Axis::is_linear), |to| Motion::Probe {
-        to,
-        feed_mm_min: step.feed_mm_min,
-    });
-    path.add_feed(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff {
-        to,
-        feed_mm_min: back_feed,
-    });
+    path.add_feed(&to.filter_axes(Axis::is_linear), |to| Motion::Probe { to, feed_mm_min: step.feed_mm_min });
+    path.add_feed(&from.filter_axes(Axis::is_linear), |to| Motion::BackOff { to, feed_mm_min: back_feed });
     path.add_guarded(&end);
 
     let block = Block { step: step.id, repeat, motions: path.motions };
@@ -101,11 +95,7 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
         named(&step.from, *axis)?;
     }
     let turned = step.to.iter().find(|(axis, value)| {
-        !axis.is_linear()
-            && step
-                .from
-                .get(*axis)
-                .is_none_or(|from| (from - value).abs() > EQUAL_POSITION_TOLERANCE)
+        !axis.is_linear() && step.from.get(*axis).is_none_or(|from| (from - value).abs() > EQUAL_POSITION_TOLERANCE)
     });
     if let Some((axis, _)) = turned {
         return Err(PlanningError::RotaryMotionInTouch { step: id, axis });
@@ -114,11 +104,7 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
     if length > overtravel + EQUAL_POSITION_TOLERANCE {
         return Err(PlanningError::TouchTooLong { step: id, length, overtravel });
     }
-    if length > EQUAL_POSITION_TOLERANCE {
-        Ok(())
-    } else {
-        Err(PlanningError::ZeroLengthTouch { step: id })
-    }
+    if length > EQUAL_POSITION_TOLERANCE { Ok(()) } else { Err(PlanningError::ZeroLengthTouch { step: id }) }
 }
 
 /// A guarded move that meets an obstacle must stop within the probe's overtravel, for every linear axis.

@@ -24,12 +24,7 @@ pub(super) fn stopping_speed_mm_s(a: f64, within_mm: f64) -> f64 {
 /// Maximum feed of `axis` at `position`, degrees/min. From this feed, the parts that the axis carries
 /// stop within the probe's overtravel ([`stopping_speed_mm_s`]), wherever on their surface the stylus meets them, and
 /// they are no faster than a guarded move.
-pub(super) fn max_turn_feed_deg_min(
-    plan: &Plan,
-    chain: &KinematicChain,
-    axis: Axis,
-    position: &Position,
-) -> f64 {
+pub(super) fn max_turn_feed_deg_min(plan: &Plan, chain: &KinematicChain, axis: Axis, position: &Position) -> f64 {
     let Some(spec) = plan.machine.axes.get(&axis) else { return 0.0 };
     let lever = max_lever_mm(plan, chain, axis, position);
     let a = axis.to_mm_or_rad(spec.acceleration_per_s2) * lever;
@@ -54,8 +49,7 @@ fn max_lever_mm(plan: &Plan, chain: &KinematicChain, axis: Axis, position: &Posi
     let bodies = parts.chain(solids).chain(sensors);
     let bodies = bodies.chain([(Carrier::Spindle, ObstacleBody::Round(stylus))]);
     let reach = |(on, body): (Carrier, ObstacleBody)| {
-        let carried =
-            chain.carrier_chain(on).filter(|carried| carried.axes().any(|moves| moves == axis));
+        let carried = chain.carrier_chain(on).filter(|carried| carried.axes().any(|moves| moves == axis));
         let pose = carried?.pose(&commands);
         let (points, radius) = body.hull_points();
         let off = points.iter().map(|point| {

@@ -42,15 +42,9 @@ pub(super) struct UnconfirmedApproach<'a> {
 }
 
 impl<'a> UnconfirmedApproach<'a> {
-    pub fn new(
-        plan: &'a Plan,
-        clearance: &'a SafeHeights,
-        low_z: f64,
-        confirmed: ConfirmedDirections,
-    ) -> Self {
+    pub fn new(plan: &'a Plan, clearance: &'a SafeHeights, low_z: f64, confirmed: ConfirmedDirections) -> Self {
         let (surroundings, top_z) = (&clearance.surroundings, clearance.top_z);
-        let (near_part_feed_mm_min, is_guarded) =
-            (near_part_feed_mm_min(plan, confirmed), plan.sensors.is_empty());
+        let (near_part_feed_mm_min, is_guarded) = (near_part_feed_mm_min(plan, confirmed), plan.sensors.is_empty());
         Self {
             plan,
             surroundings,
@@ -65,10 +59,7 @@ impl<'a> UnconfirmedApproach<'a> {
     /// Approach to a nest of sensors on the table: always by way of the upper end of Z.
     pub fn to_nest(plan: &'a Plan, clearance: &'a SafeHeights, low_z: f64) -> Self {
         let near_part_feed_mm_min = nest_feed_mm_min(plan);
-        Self {
-            near_part_feed_mm_min,
-            ..Self::new(plan, clearance, low_z, ConfirmedDirections::default())
-        }
+        Self { near_part_feed_mm_min, ..Self::new(plan, clearance, low_z, ConfirmedDirections::default()) }
     }
 
     /// Moves to the point above `from`, at `low_z`.
@@ -110,9 +101,7 @@ impl<'a> UnconfirmedApproach<'a> {
             let z = (self.top_z - f64::from(level) * ROUND_SPACING_SHARE * length).max(self.low_z);
             let over = from.clone().with(Axis::Z, z);
             let round = self.round_corners(&over);
-            let free = |place: &Position| {
-                self.surroundings.path_clearance_z(&over, place, UNGUARDED_CLEARANCE_MM) <= z
-            };
+            let free = |place: &Position| self.surroundings.path_clearance_z(&over, place, UNGUARDED_CLEARANCE_MM) <= z;
             // Where a declared body is this high, its position is known, so no round is needed.
             if round.iter().all(free) {
                 self.move_straight(path, &z_position(z), self.fast_feed_mm_min());
@@ -153,9 +142,7 @@ impl<'a> UnconfirmedApproach<'a> {
         let length = to.iter().map(way).sum::<Option<f64>>().map(f64::sqrt);
         let is_short = length.is_some_and(|length| length < MIN_PROBING_MOVE_MM);
         path.add_feed(to, |to| match (self.is_guarded, is_short) {
-            (true, true) => {
-                Motion::Feed { to, feed_mm_min: unconfirmed_search_feed_mm_min(self.plan) }
-            }
+            (true, true) => Motion::Feed { to, feed_mm_min: unconfirmed_search_feed_mm_min(self.plan) },
             (true, false) => Motion::Guarded { to, feed_mm_min },
             (false, _) => Motion::Feed { to, feed_mm_min },
         });
@@ -166,12 +153,7 @@ impl<'a> UnconfirmedApproach<'a> {
             path.add_orientation(Some(value));
             return;
         }
-        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(
-            self.plan,
-            &self.surroundings.chain,
-            axis,
-            &path.position,
-        );
+        let feed_mm_min = turn_feeds::max_turn_feed_deg_min(self.plan, &self.surroundings.chain, axis, &path.position);
         path.add_feed(&Position::new().with(axis, value), |to| Motion::Feed { to, feed_mm_min });
     }
 }
@@ -208,9 +190,7 @@ pub(super) fn nest_feed_mm_min(plan: &Plan) -> f64 {
         let range = greatest - least;
         (sensor.stand_off_mm + least).max(range / 4.0).min(range)
     });
-    within
-        .map(|mm| stopping_feed_mm_min(plan, mm))
-        .fold(unconfirmed_search_feed_mm_min(plan), f64::min)
+    within.map(|mm| stopping_feed_mm_min(plan, mm)).fold(unconfirmed_search_feed_mm_min(plan), f64::min)
 }
 
 /// Feed near the part until a touch has shown that the probe works.

@@ -65,9 +65,7 @@ fn error_motion_value(function: &EstimatedFunction) -> Option<String> {
         MotionCentre::Chart => "the polar chart centre",
     };
     let unit = number::unit_symbol(function.unit);
-    Some(format!(
-        "; error motion value {value} {unit}: distance of the circles about {centre} (cross)"
-    ))
+    Some(format!("; error motion value {value} {unit}: distance of the circles about {centre} (cross)"))
 }
 
 fn circle_figure(circle: &CircleFigure) -> Value {

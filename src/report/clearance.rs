@@ -26,18 +26,14 @@ pub(super) fn proof_rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)>
         return Vec::new();
     }
     let motions: usize = proofs.iter().map(|proof| proof.motions).sum();
-    let mut rows = vec![
-        ("Stages".to_owned(), proofs.len().to_string()),
-        ("Motions".to_owned(), motions.to_string()),
-    ];
+    let mut rows = vec![("Stages".to_owned(), proofs.len().to_string()), ("Motions".to_owned(), motions.to_string())];
     let least = |a: &&Clearance, b: &&Clearance| a.clearance_mm.total_cmp(&b.clearance_mm);
     if let Some(nearest) = step_clearances(proofs).min_by(least) {
         let step = plan.steps.iter().find(|step| step.id == nearest.step);
         let label = step.map_or(String::new(), |step| format!(" ({})", step.label));
         let [one, other] = &nearest.between;
         let clearance = number::format_fixed(nearest.clearance_mm, 2);
-        let text =
-            format!("{clearance} mm between {one} and {other}, step {}{label}", nearest.step);
+        let text = format!("{clearance} mm between {one} and {other}, step {}{label}", nearest.step);
         rows.push(("Nearest".to_owned(), text));
     }
     rows

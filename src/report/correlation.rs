@@ -14,8 +14,7 @@ const MAX_LISTED_PAIRS: usize = 8;
 pub(super) fn correlation_values(covariance: &Covariance) -> Value {
     let drawn = figure::draw_matrix(covariance);
     let pairs = if drawn.is_some() { strongest_pairs(covariance) } else { Vec::new() };
-    let named: Vec<Value> =
-        pairs.iter().take(MAX_LISTED_PAIRS).map(|pair| pair_value(covariance, pair)).collect();
+    let named: Vec<Value> = pairs.iter().take(MAX_LISTED_PAIRS).map(|pair| pair_value(covariance, pair)).collect();
     context! {
         svg => drawn.map_or(Value::from(()), Value::from_safe_string),
         strong => MIN_LISTED_CORRELATION,
@@ -28,10 +27,8 @@ pub(super) fn correlation_values(covariance: &Covariance) -> Value {
 fn strongest_pairs(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
     let count = covariance.symbols.len();
     let all = (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j)));
-    let known =
-        all.filter_map(|(i, j)| Some((i, j, figure::correlation_coefficient(covariance, i, j)?)));
-    let mut pairs: Vec<_> =
-        known.filter(|(_, _, value)| value.abs() >= MIN_LISTED_CORRELATION).collect();
+    let known = all.filter_map(|(i, j)| Some((i, j, figure::correlation_coefficient(covariance, i, j)?)));
+    let mut pairs: Vec<_> = known.filter(|(_, _, value)| value.abs() >= MIN_LISTED_CORRELATION).collect();
     pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
     pairs
 }

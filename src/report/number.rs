@@ -42,15 +42,13 @@ pub(super) fn format_fixed(value: f64, decimals: usize) -> String {
 /// `tool_x` tool with x (ISO 230-1 writes the letters of an error motion as an index).
 pub(super) fn split_symbol(symbol: &str) -> (String, String) {
     let (head, tail) = symbol.split_once('_').unwrap_or((symbol, ""));
-    let is_error_motion = |rest: &str| {
-        !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit())
-    };
+    let is_error_motion =
+        |rest: &str| !rest.is_empty() && rest.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit());
     let (base, letters) = match head.strip_prefix('E') {
         Some(rest) if is_error_motion(rest) => ("E", rest),
         _ => (head, ""),
     };
-    let index: Vec<_> =
-        std::iter::once(letters).chain(tail.split('_')).filter(|part| !part.is_empty()).collect();
+    let index: Vec<_> = std::iter::once(letters).chain(tail.split('_')).filter(|part| !part.is_empty()).collect();
     (base.to_owned(), index.join(","))
 }
 

@@ -5,9 +5,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 use super::captions::{figure_values, svg_value, symbol_value};
 use super::rows::Rows;
 use super::{ErrorMap, clearance, correlation, figure, number, planned, vectors};
-use machine::record::estimate::{
-    BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict,
-};
+use machine::record::estimate::{BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
@@ -41,11 +39,7 @@ pub struct ReportFacts {
 ///
 /// # Errors
 /// The template is invalid.
-pub fn render(
-    plan: &Plan,
-    estimate: &Estimate,
-    facts: &ReportFacts,
-) -> Result<String, minijinja::Error> {
+pub fn render(plan: &Plan, estimate: &Estimate, facts: &ReportFacts) -> Result<String, minijinja::Error> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
@@ -84,12 +78,10 @@ pub fn render(
 /// Number of results at the top: the first two, or all leading parameters of one quantity, such as `EXC_range`
 /// to `ECC_range`.
 fn key_results(parameters: &[Parameter]) -> usize {
-    let quantity = |parameter_value: &Parameter| {
-        parameter_value.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned())
-    };
+    let quantity =
+        |parameter_value: &Parameter| parameter_value.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned());
     let first = parameters.first().and_then(quantity);
-    let of_first =
-        |parameter_value: &&Parameter| first.is_some() && quantity(parameter_value) == first;
+    let of_first = |parameter_value: &&Parameter| first.is_some() && quantity(parameter_value) == first;
     parameters.iter().take_while(of_first).count().max(MIN_KEY_RESULTS)
 }
 
@@ -98,13 +90,10 @@ fn verdict_value(estimate: &Estimate) -> Value {
     let (class, text) = match estimate.verdict {
         Verdict::Pass => ("pass", "Pass: in tolerance, with the uncertainty included"),
         Verdict::Fail => ("fail", "Fail: out of tolerance by more than the uncertainty"),
-        Verdict::Undecided => {
-            ("undecided", "Undecided: the limit is inside the uncertainty interval")
+        Verdict::Undecided => ("undecided", "Undecided: the limit is inside the uncertainty interval"),
+        Verdict::UndecidedModel => {
+            ("undecided", "Undecided: the readings contradict the model or the declared data; each U is a lower bound")
         }
-        Verdict::UndecidedModel => (
-            "undecided",
-            "Undecided: the readings contradict the model or the declared data; each U is a lower bound",
-        ),
         Verdict::None => ("none", "No verdict: no tolerance in the machine file"),
     };
     let names = match estimate.verdict {
@@ -185,9 +174,7 @@ fn budget_value(parameters: &[Parameter]) -> Value {
             }
         })
         .collect();
-    let title = |line: &&BudgetLine| {
-        format!("{}{}", line.source, if line.assumed { " (assumed)" } else { "" })
-    };
+    let title = |line: &&BudgetLine| format!("{}{}", line.source, if line.assumed { " (assumed)" } else { "" });
     context! {
         sources => sources.iter().map(title).collect::<Vec<_>>(),
         head => evaluation_rows(&sources),
@@ -232,9 +219,7 @@ fn fact_rows(facts: &ReportFacts, priors: &[String]) -> Rows {
         text("Readings", &facts.readings.to_string()),
         text("trued", &facts.program_version),
     ];
-    rows.extend(
-        facts.hashes.iter().map(|(what, hash)| (format!("SHA-256 of the {what}"), hash.clone())),
-    );
+    rows.extend(facts.hashes.iter().map(|(what, hash)| (format!("SHA-256 of the {what}"), hash.clone())));
     rows.extend(priors.iter().map(|hash| text("Earlier estimate used as known (SHA-256)", hash)));
     rows.retain(|(_, value)| !value.is_empty());
     rows

@@ -64,10 +64,9 @@ fn step_counts(plan: &Plan) -> String {
 
 fn describe_artefact(artefact: &Artefact) -> String {
     match artefact {
-        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => format!(
-            "cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})",
-            format_vector_mm(*centre_mm)
-        ),
+        Artefact::Cylinder(Cylinder { centre_mm, axis: [i, j, k], radius_mm, .. }) => {
+            format!("cylinder, radius {radius_mm} mm, centre {}, axis ({i}, {j}, {k})", format_vector_mm(*centre_mm))
+        }
         Artefact::Balls(artefact) => describe_balls(artefact),
         Artefact::DatumCylinder(artefact) => describe_datum_cylinder(artefact),
         Artefact::None => "none".to_owned(),
@@ -75,16 +74,10 @@ fn describe_artefact(artefact: &Artefact) -> String {
 }
 
 fn describe_datum_cylinder(artefact: &DatumCylinder) -> String {
-    let section = |section: &CylinderSection| {
-        format!("radius {} mm at {} mm", section.radius_mm, section.z_mm)
-    };
+    let section = |section: &CylinderSection| format!("radius {} mm at {} mm", section.radius_mm, section.z_mm);
     let mut sections: Vec<String> = artefact.sections.iter().map(section).collect();
     sections.extend(artefact.face.iter().map(|face| format!("face at {} mm", face.z_mm)));
-    format!(
-        "datum cylinder, foot {}; {}",
-        format_vector_mm(artefact.centre_mm),
-        sections.join(", ")
-    )
+    format!("datum cylinder, foot {}; {}", format_vector_mm(artefact.centre_mm), sections.join(", "))
 }
 
 fn describe_balls(Balls { balls, lengths, .. }: &Balls) -> String {

@@ -26,8 +26,7 @@ fn describe_temperatures(all: &[f64]) -> String {
     let least = all.iter().copied().fold(f64::INFINITY, f64::min);
     let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let change = all.last().zip(all.first()).map_or(0.0, |(last, first)| last - first);
-    let [mean, least, most, by] =
-        [mean, least, most, change].map(|value| format_fixed(value, TEMPERATURE_DECIMALS));
+    let [mean, least, most, by] = [mean, least, most, change].map(|value| format_fixed(value, TEMPERATURE_DECIMALS));
     let plus = if change > 0.0 { "+" } else { "" };
     let count = all.len();
     format!(
@@ -41,8 +40,7 @@ mod tests {
     use super::*;
 
     fn reading(step: u32, said: &[(&str, f64)]) -> Reading {
-        let all: BTreeMap<String, f64> =
-            said.iter().map(|(name, celsius)| ((*name).to_owned(), *celsius)).collect();
+        let all: BTreeMap<String, f64> = said.iter().map(|(name, celsius)| ((*name).to_owned(), *celsius)).collect();
         Reading {
             step,
             repeat: 0,

@@ -4,8 +4,7 @@ use machine::record::estimate::*;
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
 
-const SOURCES: [(&str, f64); 4] =
-    [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
+const SOURCES: [(&str, f64); 4] = [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
 
 fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
     let budget = SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
@@ -46,11 +45,7 @@ fn example() -> Estimate {
         symbol: "axis_position".to_owned(),
         unit: Unit::Um,
         x: total[0].y.clone(),
-        y: wave("", &[(1.0, 30.0)], FigureKind::Curve)
-            .x
-            .iter()
-            .map(|x| 29.8 * x.to_radians().sin() - 30.0)
-            .collect(),
+        y: wave("", &[(1.0, 30.0)], FigureKind::Curve).x.iter().map(|x| 29.8 * x.to_radians().sin() - 30.0).collect(),
         centre: [-13.2, -30.004],
         radius: 30.6,
         centre_expanded: [4.1, 3.2],
@@ -155,13 +150,8 @@ fn what_failed_is_named() {
     estimate.parameters[1].judged =
         Some(LimitVerdict { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
     let failed = page(&estimate);
-    assert!(
-        failed.contains(&format!("out of tolerance by more than the uncertainty: {symbol}</p>")),
-        "{symbol}"
-    );
-    for words in
-        ["<td>12.5</td><td>fail</td><td>2.1 %</td>", "no limit", "Decision rule: guard bands."]
-    {
+    assert!(failed.contains(&format!("out of tolerance by more than the uncertainty: {symbol}</p>")), "{symbol}");
+    for words in ["<td>12.5</td><td>fail</td><td>2.1 %</td>", "no limit", "Decision rule: guard bands."] {
         assert!(failed.contains(words), "{words}");
     }
 }
@@ -181,16 +171,11 @@ fn maps_of_the_volume_are_drawn() {
     assert_eq!(map.max_value(), 72.0);
     let volume = Some((vec!["largest 55 µm".to_owned()], vec![map]));
     let page = render(&plan("mill 3"), &example(), &ReportFacts { volume, ..facts() }).unwrap();
-    for words in
-        ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"]
-    {
+    for words in ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"] {
         assert!(page.contains(words), "{words}");
     }
     let texts = |value: &str| page.matches(&format!("\n{value}\n</text>")).count();
-    assert_eq!(
-        ["11", "22", "33", "44", "55", "−100", "71", "72"].map(texts),
-        [1, 1, 1, 1, 1, 2, 3, 3]
-    );
+    assert_eq!(["11", "22", "33", "44", "55", "−100", "71", "72"].map(texts), [1, 1, 1, 1, 1, 2, 3, 3]);
     assert!(!page.contains("NaN"));
 }
 
@@ -283,9 +268,7 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
     // arrows.
     assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
     let without = render(&plan("mill"), &example(), &facts()).unwrap();
-    for absent in
-        ["Correlation of the results", "Weakest combination of parameters", "Views from above"]
-    {
+    for absent in ["Correlation of the results", "Weakest combination of parameters", "Views from above"] {
         assert!(page.contains(absent) && !without.contains(absent), "{absent}");
     }
 }
@@ -293,7 +276,8 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
 #[test]
 fn balls_are_told_in_words() {
     let mut plan = plan("mill");
-    let ball = |id: &str, radius_mm: f64| serde_json::json!({"id": id, "centre_mm": [0, 0, 60], "radius_mm": radius_mm});
+    let ball =
+        |id: &str, radius_mm: f64| serde_json::json!({"id": id, "centre_mm": [0, 0, 60], "radius_mm": radius_mm});
     let told = |plan: &Plan| render(plan, &example(), &facts()).unwrap();
     plan.artefact = serde_json::from_value(serde_json::json!({
         "kind": "balls", "balls": [ball("1", 12.5), ball("2", 15.0)],
@@ -302,9 +286,7 @@ fn balls_are_told_in_words() {
     .unwrap();
     let text = "2 balls, radius 12.5 to 15 mm; certified lengths 1 to 2: 304.8 mm (u = 0.10 µm)";
     assert!(told(&plan).contains(text));
-    plan.artefact =
-        serde_json::from_value(serde_json::json!({"kind": "balls", "balls": [ball("1", 15.0)]}))
-            .unwrap();
+    plan.artefact = serde_json::from_value(serde_json::json!({"kind": "balls", "balls": [ball("1", 15.0)]})).unwrap();
     assert!(told(&plan).contains("1 ball, radius 15 mm; no certified length"));
 }
 
@@ -321,8 +303,7 @@ fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
     step.scan = Some(serde_json::from_value(scan).unwrap());
     plan.steps = vec![step];
     let page = render(&plan, &example(), &facts()).unwrap();
-    for text in ["Sensor laser", "range -10 to 10 mm, noise 0.5 µm declared", "reference scans: 1"]
-    {
+    for text in ["Sensor laser", "range -10 to 10 mm, noise 0.5 µm declared", "reference scans: 1"] {
         assert!(page.contains(text), "{text}");
     }
     assert!(!page.contains("Stylus") && !page.contains("reference touches"));
@@ -366,11 +347,7 @@ fn an_estimate_of_nothing_still_has_a_page() {
     estimate.verdict = Verdict::Undecided;
     let page = render(&plan("mill"), &estimate, &ReportFacts::default()).unwrap();
     assert!(page.contains("No finite values to draw") && page.contains("verdict undecided"));
-    assert!(
-        !page.contains("Warnings")
-            && !page.contains("Events during the run")
-            && !page.contains("<svg")
-    );
+    assert!(!page.contains("Warnings") && !page.contains("Events during the run") && !page.contains("<svg"));
 }
 
 /// All values of the first quantity are at the top, or two values of different quantities.

@@ -34,11 +34,7 @@ pub(super) fn vector_figure(figure: &ArrowFigure) -> Value {
     }
 }
 
-fn describe_arrow(
-    figure: &ArrowFigure,
-    group: &str,
-    Arrow { label, vector, .. }: &Arrow,
-) -> String {
+fn describe_arrow(figure: &ArrowFigure, group: &str, Arrow { label, vector, .. }: &Arrow) -> String {
     let [x, y, z] = vector.map(|part| number::format_fixed(part, 1));
     format!("{label} at {group}: ({x}, {y}, {z}) {}", number::unit_symbol(figure.unit))
 }

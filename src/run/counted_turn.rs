@@ -95,23 +95,17 @@ impl CountedTurn<'_> {
     ///
     /// # Errors
     /// The counts do not match the axis; no sample of the turn gets a position.
-    pub fn assign_positions(
-        &self,
-        samples: &[Sample],
-        rate_hz: f64,
-    ) -> Result<PositionedSamples, CountFault> {
+    pub fn assign_positions(&self, samples: &[Sample], rate_hz: f64) -> Result<PositionedSamples, CountFault> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rest_positions;
         let angles = self.angles(samples)?;
         let is_off = |(_, angle): &(Sample, f64), rest: &Position| {
             (angle - rest.get_or_zero(axis)).abs() > REST_TOLERANCE_MM_OR_RAD
         };
-        let start_index =
-            angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
+        let start_index = angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
         let end_index = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
         let moving = angles.iter().take(end_index + 2).skip(start_index.saturating_sub(1));
-        let place =
-            |(sample, angle): &(Sample, f64)| (*sample, Some(start.clone().with(axis, *angle)));
+        let place = |(sample, angle): &(Sample, f64)| (*sample, Some(start.clone().with(axis, *angle)));
         Ok(limit_rate(&moving.map(place).collect::<Vec<_>>(), rate_hz))
     }
 
@@ -137,14 +131,10 @@ impl CountedTurn<'_> {
 
     /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
     fn check_steps(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
-        let of_a_sample = |step: i64, sample: &Sample| {
-            step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing))
-        };
+        let of_a_sample = |step: i64, sample: &Sample| step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing));
         let steps = || counted.windows(2).filter_map(|pair| Some((pair.first()?, pair.last()?)));
-        let mut lengths: Vec<f64> = steps()
-            .map(|(from, to)| of_a_sample(to.1 - from.1, &to.0))
-            .filter(|length| *length > 0.0)
-            .collect();
+        let mut lengths: Vec<f64> =
+            steps().map(|(from, to)| of_a_sample(to.1 - from.1, &to.0)).filter(|length| *length > 0.0).collect();
         lengths.sort_by(f64::total_cmp);
         let median = lengths.get(lengths.len() / 2).copied().unwrap_or_default();
         let axis = self.scale.encoder.axis;
@@ -154,9 +144,7 @@ impl CountedTurn<'_> {
             if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_DELAY_S)
                 && of_a_sample(step, &to.0) > MIN_JUMP_RATIO * median
             {
-                let at_deg = axis.to_mm_or_deg(
-                    self.rest_positions[0].get_or_zero(axis) + self.counts_to_rad(from.1),
-                );
+                let at_deg = axis.to_mm_or_deg(self.rest_positions[0].get_or_zero(axis) + self.counts_to_rad(from.1));
                 return Err(CountFault::Jump { axis, at_deg, jump_deg });
             }
         }
@@ -168,8 +156,7 @@ impl CountedTurn<'_> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rest_positions.map(|rest| rest.get_or_zero(axis));
         let turned_deg = (end - start).to_degrees();
-        let counted_deg =
-            counted.last().map_or(0.0, |(_, count)| self.counts_to_rad(*count).to_degrees());
+        let counted_deg = counted.last().map_or(0.0, |(_, count)| self.counts_to_rad(*count).to_degrees());
         if (counted_deg - turned_deg).abs() <= MAX_REST_DEVIATION_DEG {
             return Ok(());
         }
@@ -212,18 +199,10 @@ mod tests {
     }
 
     /// Result for an encoder declared with `per_turn` and `round`.
-    fn positions(
-        samples: &[Sample],
-        per_turn: i64,
-        round: u64,
-    ) -> Result<PositionedSamples, CountFault> {
-        let rest =
-            |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
+    fn positions(samples: &[Sample], per_turn: i64, round: u64) -> Result<PositionedSamples, CountFault> {
+        let rest = |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
         let turn = CountedTurn {
-            scale: EncoderScale {
-                encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn },
-                wrap_count: round,
-            },
+            scale: EncoderScale { encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn }, wrap_count: round },
             rest_positions: [&rest(-8.0), &rest(392.0)],
             first_sample: samples[0],
             speed_deg_s: 40.0,
@@ -241,8 +220,7 @@ mod tests {
                 assert_eq!((placed.without_position, placed.dropped_by_rate), (0, 0));
                 assert!((1990..2010).contains(&placed.samples.len()), "{}", placed.samples.len());
                 for (sample, position) in &placed.samples {
-                    let off_deg =
-                        position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
+                    let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
                     assert!(off_deg.abs() <= 360.0 / 90_000.0 + 1e-9, "{round}: {off_deg}");
                     assert_eq!(position.get_or_zero(Axis::X), 7.0);
                 }

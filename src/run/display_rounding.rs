@@ -16,10 +16,8 @@ pub(super) fn undo_display_rounding(told: &Position, commanded: &Position) -> Po
     let finer = |(axis, at): (Axis, f64)| {
         let steps = axis.to_mm_or_deg(at) / DISPLAY_STEP;
         let coarse = (steps - steps.round()).abs() < ROUNDING_TOLERANCE;
-        let near = |meant: &f64| {
-            coarse
-                && (axis.to_mm_or_deg(*meant) / DISPLAY_STEP - steps).abs() < MAX_COMMAND_DIFFERENCE
-        };
+        let near =
+            |meant: &f64| coarse && (axis.to_mm_or_deg(*meant) / DISPLAY_STEP - steps).abs() < MAX_COMMAND_DIFFERENCE;
         (axis, commanded.get(axis).filter(near).unwrap_or(at))
     };
     told.iter().map(finer).collect()

@@ -26,11 +26,7 @@ pub(super) struct ResampledTurn {
 }
 
 /// Filters `placed`, the samples in order of time with the positions of the axes.
-pub(super) fn resample_turn(
-    placed: &[(Sample, Position)],
-    axis: Axis,
-    per_revolution: usize,
-) -> ResampledTurn {
+pub(super) fn resample_turn(placed: &[(Sample, Position)], axis: Axis, per_revolution: usize) -> ResampledTurn {
     let (Some((_, first)), Some((_, last))) = (placed.first(), placed.last()) else {
         return ResampledTurn { samples: Vec::new(), gaps: Vec::new() };
     };
@@ -49,10 +45,8 @@ pub(super) fn resample_turn(
     let values = Resampler::resample_all(&filter, ends_rad, &values);
     // The time passes the same filter, so that it belongs to the angle also where the speed changes.
     let times = Resampler::resample_all(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
-    let number =
-        |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
-    let times: BTreeMap<i64, f64> =
-        times.points().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
+    let number = |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
+    let times: BTreeMap<i64, f64> = times.points().filter_map(|(angle, t_s)| Some((number(angle), t_s?))).collect();
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
         let flag = if value_mm.is_some() { ReadingFlag::None } else { ReadingFlag::Gap };
         let t_s = *times.get(&number(angle))?;
@@ -92,8 +86,7 @@ mod tests {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
-            let sample =
-                Sample { t_s, value_mm, flag: ReadingFlag::None, missing: 0, encoder_count: None };
+            let sample = Sample { t_s, value_mm, flag: ReadingFlag::None, missing: 0, encoder_count: None };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };
@@ -104,8 +97,7 @@ mod tests {
     #[test]
     fn each_value_is_that_of_its_angle() {
         let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();
-        let disturbed =
-            |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
+        let disturbed = |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
         let turn = resample_turn(&placed(disturbed), Axis::C, COUNT);
         assert!(turn.samples.len() > 2 * COUNT, "{}", turn.samples.len());
         assert_eq!(turn.gap_message("turn", "s1"), None);
@@ -129,9 +121,7 @@ mod tests {
         };
         let turn = resample_turn(&placed(lost), Axis::C, COUNT);
         let at = |wanted: f64| {
-            let near = |position: &Position| {
-                (position.get_or_zero(Axis::C).to_degrees() - wanted).abs() < 1e-6
-            };
+            let near = |position: &Position| (position.get_or_zero(Axis::C).to_degrees() - wanted).abs() < 1e-6;
             turn.samples.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)
         };
         let gap = at(95.0).unwrap();

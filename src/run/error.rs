@@ -47,21 +47,15 @@ pub enum RunError {
         machine file is within its range"
     )]
     UnexpectedDistance { step: u32, sensor: String, value_mm: f64 },
-    #[error(
-        "step {step} is sampled in motion, but this control does not report time-stamped axis positions"
-    )]
+    #[error("step {step} is sampled in motion, but this control does not report time-stamped axis positions")]
     NoTimeStamps { step: u32 },
     #[error("step {step} was not sampled in motion: {why}")]
     SweepFailed { step: u32, why: String },
-    #[error(
-        "step {step}: the samples of `{sensor}` cannot be assigned to axis positions: {source}"
-    )]
+    #[error("step {step}: the samples of `{sensor}` cannot be assigned to axis positions: {source}")]
     EncoderFault { step: u32, sensor: String, source: CountFault },
     #[error("step {step} ended without a contact position")]
     NoContactPosition { step: u32 },
-    #[error(
-        "not all references were measured before the stop: a shift of the machine cannot be detected"
-    )]
+    #[error("not all references were measured before the stop: a shift of the machine cannot be detected")]
     NoReferences,
     #[error("not all references could be measured again after the stop: {places}")]
     ReferencesNotMeasured { places: String },
@@ -127,16 +121,16 @@ impl RunError {
                 \"dwell\")"
                     .to_owned()
             }
-            Self::NoContactPosition { .. } => "report this fault to the developers and attach the export of the run".to_owned(),
+            Self::NoContactPosition { .. } => {
+                "report this fault to the developers and attach the export of the run".to_owned()
+            }
             Self::Store(error) => error.remedy().to_owned(),
             Self::ReferencesNotMeasured { .. } => {
                 "find out why the sensor has no valid value at these positions, then run `trued resume` \
                 again"
                     .to_owned()
             }
-            Self::NoReferences => {
-                "the run is closed, its readings are stored; start a new run".to_owned()
-            }
+            Self::NoReferences => "the run is closed, its readings are stored; start a new run".to_owned(),
             Self::ReferencesShifted { .. } => {
                 "the run is closed, its readings are stored (`trued identify` with --run evaluates them). \
                 Start a new run; after a long stop, thermal drift may be the cause"
@@ -149,9 +143,7 @@ impl RunError {
     pub(super) fn into_first_touch_error(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
-            Self::AtStep { label, source } => {
-                Self::AtStep { label, source: Box::new(source.into_first_touch_error()) }
-            }
+            Self::AtStep { label, source } => Self::AtStep { label, source: Box::new(source.into_first_touch_error()) },
             other => other,
         }
     }
@@ -159,9 +151,8 @@ impl RunError {
     /// The error of a run that measures with `sensor`: no stylus can be deflected.
     pub(super) fn into_sensor_error(self, sensor: &str) -> Self {
         use ControllerError::{ProbeClosed, ProbeStillClosed, UnexpectedContact};
-        let closed = |error: &ControllerError| {
-            matches!(error, ProbeClosed | ProbeStillClosed { .. } | UnexpectedContact { .. })
-        };
+        let closed =
+            |error: &ControllerError| matches!(error, ProbeClosed | ProbeStillClosed { .. } | UnexpectedContact { .. });
         match self.controller_error().is_some_and(closed) {
             true => Self::ProbeInput { sensor: sensor.to_owned(), source: Box::new(self) },
             false => self,
@@ -192,9 +183,7 @@ impl RunError {
     pub fn controller_error(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),
-            Self::AtStep { source, .. } | Self::ProbeInput { source, .. } => {
-                source.controller_error()
-            }
+            Self::AtStep { source, .. } | Self::ProbeInput { source, .. } => source.controller_error(),
             _ => None,
         }
     }
@@ -227,9 +216,7 @@ impl RunError {
 /// Remedy for a sample with this flag.
 fn flag_remedy(flag: ReadingFlag) -> &'static str {
     match flag {
-        ReadingFlag::Stale => {
-            "the sensor sends no more data: check its cable, its power supply and its link"
-        }
+        ReadingFlag::Stale => "the sensor sends no more data: check its cable, its power supply and its link",
         ReadingFlag::Saturated => {
             "the sensor receives too much light: reduce its exposure or laser power, or use a less \
             reflective sphere"

@@ -45,12 +45,10 @@ impl IdentificationError {
         match self {
             Self::Refused(error) => Some(error.remedy()),
             Self::Setup(error) => error.remedy(),
-            Self::ThreadFailed => Some(
-                "report this fault to the developers and attach the export of the run".to_owned(),
-            ),
-            Self::NotStored(_) => {
-                Some("free space on the disk of the journal, or repair the disk".to_owned())
+            Self::ThreadFailed => {
+                Some("report this fault to the developers and attach the export of the run".to_owned())
             }
+            Self::NotStored(_) => Some("free space on the disk of the journal, or repair the disk".to_owned()),
             Self::Stopped => None,
         }
     }
@@ -63,9 +61,7 @@ impl IdentificationError {
 
 /// Runs the computation on a thread of its own with a low priority. If the receiver is dropped, the thread ends
 /// with the computation or with the program.
-fn spawn_computation<T: Send + 'static>(
-    computation: impl FnOnce() -> T + Send + 'static,
-) -> oneshot::Receiver<T> {
+fn spawn_computation<T: Send + 'static>(computation: impl FnOnce() -> T + Send + 'static) -> oneshot::Receiver<T> {
     let (answer, result) = oneshot::channel();
     std::thread::spawn(move || {
         lower_priority(COMPUTATION_NICE);
@@ -82,8 +78,7 @@ pub(super) async fn identify(
     halt: &Halt,
 ) -> Result<Estimate, IdentificationError> {
     let method = method.clone();
-    let mut result =
-        spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
+    let mut result = spawn_computation(move || identify_readings(method.as_ref(), &plan, &readings));
     loop {
         // A timeout leaves the receiver usable.
         if let Ok(found) = tokio::time::timeout(STOP_POLL_PERIOD, &mut result).await {
@@ -96,9 +91,7 @@ pub(super) async fn identify(
 }
 
 /// Machine file and method with which the run was started.
-pub(super) fn stored_setup(
-    stored: &StoredRun,
-) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
+pub(super) fn stored_setup(stored: &StoredRun) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
     let file = format!("machine file of run {}", stored.summary.id);
     let machine = MachineFile::from_stored(&file, stored.config.clone(), &stored.plan.artefact)?;
     let method = methods::configure_method(&stored.plan.method, stored.plan.settings.clone())
@@ -119,9 +112,7 @@ pub fn identify_stored(stored: StoredRun) -> Result<Estimate, IdentificationErro
 }
 
 /// Runs [`identify_stored`] on a thread of its own. A channel error means that the thread panicked.
-pub fn start_identification(
-    stored: StoredRun,
-) -> oneshot::Receiver<Result<Estimate, IdentificationError>> {
+pub fn start_identification(stored: StoredRun) -> oneshot::Receiver<Result<Estimate, IdentificationError>> {
     spawn_computation(move || identify_stored(stored))
 }
 
@@ -157,11 +148,7 @@ pub async fn store_identification(
 ///
 /// # Errors
 /// See [`Method::identify`].
-pub fn identify_readings(
-    method: &dyn Method,
-    plan: &Plan,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn identify_readings(method: &dyn Method, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = axis_ranges(readings);
     add_budget_sensitivities(&mut estimate, plan);
@@ -208,8 +195,7 @@ fn axis_ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
         let [least, most] = ranges.entry(axis).or_insert([value; 2]);
         (*least, *most) = (least.min(value), most.max(value));
     }
-    let rounded =
-        |[least, most]: [f64; 2]| [(least * 1e3).floor() / 1e3, (most * 1e3).ceil() / 1e3];
+    let rounded = |[least, most]: [f64; 2]| [(least * 1e3).floor() / 1e3, (most * 1e3).ceil() / 1e3];
     ranges.into_iter().map(|(axis, range)| (axis, rounded(range))).collect()
 }
 
@@ -244,10 +230,6 @@ mod tests {
         assert!(ended().contains("no estimate: the identification failed: nothing converges ("));
         let stored = journal.load_run(run).unwrap();
         assert_eq!(stored.summary.state, RunState::NotIdentified);
-        assert!(
-            next_action(&stored, true)
-                .unwrap()
-                .starts_with("`trued resume 1` computes the estimate")
-        );
+        assert!(next_action(&stored, true).unwrap().starts_with("`trued resume 1` computes the estimate"));
     }
 }

@@ -18,10 +18,7 @@ const MIN_DETERMINANT: f64 = 0.05;
 impl Run<'_> {
     /// Reads the next sample of each of these sensors. The values are not stored.
     pub(super) async fn read_live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
-        add_artefact_position(
-            watch,
-            join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await,
-        )
+        add_artefact_position(watch, join_all(watch.iter().map(|watched| self.read_live_sensor(watched))).await)
     }
 
     async fn read_live_sensor(&self, watched: &WatchedSensor) -> LiveSensor {
@@ -54,10 +51,7 @@ fn describe_flag(flag: ReadingFlag) -> &'static str {
 }
 
 /// Adds the position of the artefact to the values.
-pub(super) fn add_artefact_position(
-    watch: &[WatchedSensor],
-    sensors: Vec<LiveSensor>,
-) -> LiveValues {
+pub(super) fn add_artefact_position(watch: &[WatchedSensor], sensors: Vec<LiveSensor>) -> LiveValues {
     let sections = section_eccentricities(watch, &sensors);
     let numbered = |section: &Section| LiveSection {
         number: section.number,
@@ -81,8 +75,7 @@ fn section_eccentricities(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Ve
         let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
         let to_target_mm = live.distance_to_target_um().map(|um| um * 1e-3);
         let angle_rad = angle_deg.to_radians();
-        of_section
-            .extend(to_target_mm.map(|to_target_mm| RadialDeviation { angle_rad, to_target_mm }));
+        of_section.extend(to_target_mm.map(|to_target_mm| RadialDeviation { angle_rad, to_target_mm }));
     }
     let section = |(number, (z_mm, of_section)): (usize, (f64, Vec<RadialDeviation>))| {
         let eccentricity_mm = eccentricity_mm(&of_section);

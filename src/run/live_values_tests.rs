@@ -128,10 +128,7 @@ fn distance_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
 }
 
 /// Sections with the distances to the centred circle as targets.
-fn watched(
-    sections_mm: &[(f64, [f64; 2])],
-    angles_deg: &[f64],
-) -> Vec<(WatchedSensor, LiveSensor)> {
+fn watched(sections_mm: &[(f64, [f64; 2])], angles_deg: &[f64]) -> Vec<(WatchedSensor, LiveSensor)> {
     let numbered = (1..).zip(sections_mm);
     let all = numbered.flat_map(|section| angles_deg.iter().map(move |angle| (section, *angle)));
     let one = |((number, (z_mm, at)), angle_deg): ((usize, &(f64, [f64; 2])), f64)| {
@@ -165,8 +162,7 @@ fn eccentricity_and_tilt_are_those_of_displaced_circles() {
 #[test]
 fn a_section_with_too_few_sensors_has_no_eccentricity() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
-    let (watch, mut live): (Vec<_>, Vec<_>) =
-        watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
+    let (watch, mut live): (Vec<_>, Vec<_>) = watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
     // Two opposite sensors remain in the second section.
     live[4].value_mm = None;
     let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);

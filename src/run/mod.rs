@@ -33,8 +33,7 @@ mod watched_sensors;
 pub use cycle::{Cycle, CycleError, conclude_run};
 pub use error::RunError;
 pub use identify::{
-    IdentificationError, identify_readings, identify_stored, judge_estimate, start_identification,
-    store_identification,
+    IdentificationError, identify_readings, identify_stored, judge_estimate, start_identification, store_identification,
 };
 pub use priority::{HTTP_NICE, lower_priority};
 pub use prompts::{OpenPrompt, PromptAnswers};
@@ -171,8 +170,7 @@ impl<'a> Run<'a> {
 
     /// Rehearses the run from nominal positions: stores the remaining stages and returns their steps.
     async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
-        let (remaining, steps) =
-            stage::rehearse_stages(self.method, &self.plan, &self.devices.dialect).await?;
+        let (remaining, steps) = stage::rehearse_stages(self.method, &self.plan, &self.devices.dialect).await?;
         self.remaining = remaining;
         Ok(steps)
     }
@@ -196,11 +194,7 @@ impl<'a> Run<'a> {
     }
 
     /// Runs all stages after the `done` ones.
-    async fn run_stages(
-        &mut self,
-        mut done: Vec<Stage>,
-        mut stands: Option<Position>,
-    ) -> Result<(), RunError> {
+    async fn run_stages(&mut self, mut done: Vec<Stage>, mut stands: Option<Position>) -> Result<(), RunError> {
         let mut next = self.next_stage(&done)?;
         while let NextStage::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
@@ -246,11 +240,9 @@ impl<'a> Run<'a> {
     async fn record_failure(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_stop() => Event::Held { reason: error.to_string() },
-            _ => Event::Faulted {
-                what: error.to_string(),
-                remedy: error.remedy(),
-                position_lost: error.position_lost(),
-            },
+            _ => {
+                Event::Faulted { what: error.to_string(), remedy: error.remedy(), position_lost: error.position_lost() }
+            }
         };
         let state = match error {
             _ if error.closes_run() => RunState::Closed,

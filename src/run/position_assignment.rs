@@ -18,12 +18,8 @@ const PATH_POINT_TOLERANCE: f64 = 0.2;
 /// not be noticed.
 pub(super) fn uncovered_path(track: &AxisTrack, path: &[Position]) -> Option<String> {
     let reached = track.reached_point_count(path, PATH_POINT_TOLERANCE);
-    (reached < path.len()).then(|| {
-        format!(
-            "the control reported the time of only {reached} of the {} points on the path",
-            path.len()
-        )
-    })
+    (reached < path.len())
+        .then(|| format!("the control reported the time of only {reached} of the {} points on the path", path.len()))
 }
 
 /// Samples with the axis positions at their times.
@@ -37,11 +33,7 @@ pub(super) struct PositionedSamples {
 }
 
 /// The `samples` taken while the axes of `track` moved, at most `rate_hz` per second.
-pub(super) fn assign_positions(
-    samples: &[Sample],
-    track: &AxisTrack,
-    rate_hz: f64,
-) -> PositionedSamples {
+pub(super) fn assign_positions(samples: &[Sample], track: &AxisTrack, rate_hz: f64) -> PositionedSamples {
     let Some((from_s, to_s)) = track.motion_interval_s(REST_TOLERANCE_MM_OR_RAD) else {
         return PositionedSamples::default();
     };
@@ -51,10 +43,7 @@ pub(super) fn assign_positions(
 }
 
 /// At most `rate_hz` samples per second with their positions. `None`: the position is unknown.
-pub(super) fn limit_rate(
-    samples: &[(Sample, Option<Position>)],
-    rate_hz: f64,
-) -> PositionedSamples {
+pub(super) fn limit_rate(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> PositionedSamples {
     let mut placed = PositionedSamples::default();
     let keep = kept_share(samples, rate_hz);
     let mut due = 1.0;
@@ -117,13 +106,7 @@ mod tests {
     fn samples() -> Vec<Sample> {
         let sample = |number: i32| {
             let t_s = f64::from(number) * 0.004 + 0.001;
-            Sample {
-                t_s,
-                value_mm: Some(t_s),
-                flag: ReadingFlag::None,
-                missing: 0,
-                encoder_count: None,
-            }
+            Sample { t_s, value_mm: Some(t_s), flag: ReadingFlag::None, missing: 0, encoder_count: None }
         };
         (-1000..4000).map(sample).collect()
     }
@@ -132,10 +115,7 @@ mod tests {
     fn each_sample_has_the_position_of_its_own_time() {
         let placed = assign_positions(&samples(), &track(), 1000.0);
         for (sample, position) in &placed.samples {
-            assert!(
-                (position.get_or_zero(Axis::X) - sample.t_s).abs() < 1e-9,
-                "{sample:?} {position:?}"
-            );
+            assert!((position.get_or_zero(Axis::X) - sample.t_s).abs() < 1e-9, "{sample:?} {position:?}");
         }
         // Ten seconds minus the gap from 2.9 to 4.1 s.
         assert!((2200 - placed.samples.len() as i32).abs() <= 2, "{}", placed.samples.len());
@@ -153,9 +133,7 @@ mod tests {
             let periods = (pair[1] - pair[0]) / 0.004;
             assert!((1.99..3.01).contains(&periods), "{pair:?}");
         }
-        assert!(
-            samples().iter().filter(|sample| times.contains(&sample.t_s)).count() == times.len()
-        );
+        assert!(samples().iter().filter(|sample| times.contains(&sample.t_s)).count() == times.len());
     }
 
     #[test]
@@ -177,11 +155,7 @@ mod tests {
         samples[2100].missing = u32::MAX;
         assert_eq!(assign_positions(&samples, &track(), 1000.0).dropped_by_rate, 0);
         let dropped_by_rate = assign_positions(&samples, &track(), 100.0);
-        assert!(
-            (880 - dropped_by_rate.samples.len() as i32).abs() <= 4,
-            "{}",
-            dropped_by_rate.samples.len()
-        );
+        assert!((880 - dropped_by_rate.samples.len() as i32).abs() <= 4, "{}", dropped_by_rate.samples.len());
     }
 
     #[test]

@@ -73,9 +73,7 @@ impl Run<'_> {
     pub(super) fn open_prompts(&self, stage: &Stage) -> Result<Vec<OpenPrompt>, RunError> {
         let (asked, _) = split_prompts(&self.plan, &stage.steps)?;
         let repeat = stage.repeat;
-        let open = asked
-            .into_iter()
-            .filter(|(step, _)| !self.answered_prompts.contains(&(step.id, repeat)));
+        let open = asked.into_iter().filter(|(step, _)| !self.answered_prompts.contains(&(step.id, repeat)));
         let asked = |(step, text): (&Step, &str)| {
             let (step, text) = (step.id, text.to_owned());
             OpenPrompt { step, repeat, text }
@@ -117,11 +115,7 @@ impl Run<'_> {
         Ok(Some(self.devices.controller.prepare().await?.position))
     }
 
-    async fn wait_for_prompt(
-        &mut self,
-        asked: OpenPrompt,
-        watch: &[WatchedSensor],
-    ) -> Result<(), RunError> {
+    async fn wait_for_prompt(&mut self, asked: OpenPrompt, watch: &[WatchedSensor]) -> Result<(), RunError> {
         self.check_operator_available(Some(&asked.text))?;
         let OpenPrompt { step, repeat, text } = asked.clone();
         self.record_event(Event::Asked { step, repeat, text }).await?;

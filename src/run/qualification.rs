@@ -13,13 +13,9 @@ use methods::identification::probe_map::PROBE_QUALIFICATION_NAME;
 /// Reason why a run does not begin.
 #[derive(Debug, thiserror::Error)]
 pub enum QualificationError {
-    #[error(
-        "[probe] qualified_within_days requires a qualification of the probe, but the journal contains none"
-    )]
+    #[error("[probe] qualified_within_days requires a qualification of the probe, but the journal contains none")]
     Missing,
-    #[error(
-        "the qualification of the probe is {days:.1} days old; the limit is qualified_within_days = {most}"
-    )]
+    #[error("the qualification of the probe is {days:.1} days old; the limit is qualified_within_days = {most}")]
     Expired { days: f64, most: f64 },
     #[error(
         "--with contains a qualification of the probe, but [probe] qualified_within_days already uses the \
@@ -43,13 +39,9 @@ impl QualificationError {
         match self {
             Self::ProbeMap(refused) => refused.remedy.clone(),
             Self::Store(error) => error.remedy().to_owned(),
-            Self::AlreadyGiven => {
-                "remove the qualification from --with, or remove qualified_within_days".to_owned()
-            }
+            Self::AlreadyGiven => "remove the qualification from --with, or remove qualified_within_days".to_owned(),
             Self::Missing | Self::Expired { .. } | Self::OtherProbe => {
-                format!(
-                    "run `trued run {PROBE_QUALIFICATION_NAME}` with a precision sphere, then this run again"
-                )
+                format!("run `trued run {PROBE_QUALIFICATION_NAME}` with a precision sphere, then this run again")
             }
         }
     }
@@ -73,9 +65,8 @@ pub fn add_qualification(
         if is_given {
             return Err(QualificationError::AlreadyGiven);
         }
-        let newest = journal
-            .newest_run_of(&plan.machine.name, PROBE_QUALIFICATION_NAME)?
-            .ok_or(QualificationError::Missing)?;
+        let newest =
+            journal.newest_run_of(&plan.machine.name, PROBE_QUALIFICATION_NAME)?.ok_or(QualificationError::Missing)?;
         let mut stored = journal.load_run(newest)?;
         let days = age_days(stored.summary.started, now);
         if days > most {
@@ -150,26 +141,20 @@ mod tests {
         let journal = Journal::open(dir.path()).unwrap();
         let mut plan = plan_for_tests("samba", "mill");
         let now = Timestamp::now();
-        let ask =
-            |plan: &Plan, now| add_qualification(method().as_ref(), plan.clone(), &journal, now);
+        let ask = |plan: &Plan, now| add_qualification(method().as_ref(), plan.clone(), &journal, now);
         assert_eq!(ask(&plan, now).unwrap().priors, []);
         plan.probe.lobing_um = 0.5;
         plan.probe.qualified_within_days = Some(30.0);
         assert!(matches!(ask(&plan, now), Err(QualificationError::Missing)));
 
-        let new = NewRun {
-            config: String::new(),
-            plan: plan_for_tests(PROBE_QUALIFICATION_NAME, "mill"),
-        };
+        let new = NewRun { config: String::new(), plan: plan_for_tests(PROBE_QUALIFICATION_NAME, "mill") };
         let run = journal.begin_run(&new).await.unwrap();
         let found = map(&plan);
         journal.add_estimate(run, &found).await.unwrap();
         journal.set_state(run, RunState::Finished).await.unwrap();
         assert_eq!(ask(&plan, now).unwrap().priors, [found]);
         let late = now + (31 * 24).hours();
-        assert!(
-            matches!(ask(&plan, late), Err(QualificationError::Expired { days, .. }) if days > 30.9)
-        );
+        assert!(matches!(ask(&plan, late), Err(QualificationError::Expired { days, .. }) if days > 30.9));
 
         // Another declared uncertainty does not make another probe.
         plan.probe.repeatability_um = Some(0.2);

@@ -58,8 +58,7 @@ impl ResumableRun {
         check_state(&stored)?;
         let (machine, method) = stored_setup(&stored)?;
         let since = stored.measured_until.or(stored.summary.ended);
-        let elapsed_s =
-            since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
+        let elapsed_s = since.map_or(0.0, |since| Timestamp::now().duration_since(since).as_secs_f64());
         let answered_prompts = answered_prompts(&stored.events);
         let mount = |(id, _): &(u32, u32)| stored.plan.steps.iter().find(|s| s.id == *id)?.mount;
         let mountings = answered_prompts.iter().filter_map(mount).collect();
@@ -113,8 +112,7 @@ impl ResumableRun {
         let StoredRun { summary, plan, stages, readings, .. } = stored;
         let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, on_event);
         let mut run = run.with_answers(answers);
-        let ended =
-            run.resume(InterruptedRun { stages, readings, answered_prompts, elapsed_s }).await;
+        let ended = run.resume(InterruptedRun { stages, readings, answered_prompts, elapsed_s }).await;
         let estimate = conclude_run(run, ended, &method, &machine.tolerance).await?;
         Ok((summary.id, estimate))
     }
@@ -131,12 +129,7 @@ pub fn resume_question(stored: &StoredRun) -> ResumeQuestion {
         }
         false => "Is the path free, and is the probe or sensor in the spindle undamaged?",
     };
-    ResumeQuestion {
-        run: stored.summary.id,
-        end_reason: run_story::describe_end(stored),
-        confirmation,
-        position_lost,
-    }
+    ResumeQuestion { run: stored.summary.id, end_reason: run_story::describe_end(stored), confirmation, position_lost }
 }
 
 fn check_state(stored: &StoredRun) -> Result<(), ResumeRefusal> {

@@ -55,9 +55,7 @@ impl Run<'_> {
         };
         self.check_sweep_positions(&self.plan.steps)?;
         for stage in &stages {
-            self.check_operator_available(
-                self.open_prompts(stage)?.first().map(|asked| asked.text.as_str()),
-            )?;
+            self.check_operator_available(self.open_prompts(stage)?.first().map(|asked| asked.text.as_str()))?;
         }
         self.rehearse().await?;
         stages.iter().for_each(|stage| self.remaining.begin(&stage.name));
@@ -84,22 +82,16 @@ impl Run<'_> {
     /// Whether a person has turned the artefact on its stage since the last reading.
     fn is_remounted(&self) -> bool {
         let last_read = self.readings.iter().map(|reading| reading.step).max();
-        let is_mount =
-            |id: u32| self.plan.steps.iter().any(|step| step.id == id && step.mount.is_some());
+        let is_mount = |id: u32| self.plan.steps.iter().any(|step| step.id == id && step.mount.is_some());
         self.answered_prompts.iter().any(|(id, _)| Some(*id) > last_read && is_mount(*id))
     }
 
     /// Measures the references again; no other motion follows unless all of them agree.
-    async fn measure_references(
-        &mut self,
-        stages: &[Stage],
-        stands: Position,
-    ) -> Result<Option<Position>, RunError> {
+    async fn measure_references(&mut self, stages: &[Stage], stands: Position) -> Result<Option<Position>, RunError> {
         let count = self.readings.len();
         let (mut stages, mut stands) = (stages.to_vec(), Some(stands));
         for _ in 0..References::from_readings(&self.plan, &self.readings).round_count() {
-            let stage = References::from_readings(&self.plan, &self.readings[..count])
-                .repeat_stage(&stages);
+            let stage = References::from_readings(&self.plan, &self.readings[..count]).repeat_stage(&stages);
             self.journal.add_stage(self.id, &stage, &[]).await?;
             self.record_event(Event::StageStarted { stage: stage.clone() }).await?;
             stands = self.run_stage(&stages, &stage, stands).await?;
@@ -130,8 +122,7 @@ impl Run<'_> {
         stages.retain(|stage| stage.repeat < FIRST_REPEAT_AFTER_STOP);
         let Some(mut rest) = stages.last().cloned() else { return Ok((stages, stands)) };
         let repeat = rest.repeat;
-        let is_read =
-            |step: &u32| self.readings.iter().any(|r| (r.step, r.repeat) == (*step, repeat));
+        let is_read = |step: &u32| self.readings.iter().any(|r| (r.step, r.repeat) == (*step, repeat));
         let is_answered = |step: &u32| self.answered_prompts.contains(&(*step, repeat));
         rest.steps.retain(|step| !is_read(step) && !is_answered(step));
         if rest.steps.is_empty() {

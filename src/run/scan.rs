@@ -37,9 +37,7 @@ impl Run<'_> {
             }
         }
         match scan.sampling {
-            Sampling::Dwell { samples, .. } => {
-                self.run_dwells(step, repeat, samples, rest, in_nest).await
-            }
+            Sampling::Dwell { samples, .. } => self.run_dwells(step, repeat, samples, rest, in_nest).await,
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
                 let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
@@ -52,11 +50,7 @@ impl Run<'_> {
     /// then to a position where no declared body is within the range of a sensor in the spindle and the ball is
     /// outside the range of a sensor on the table. A distance during or after that last motion means that a
     /// body is not at its stated position; the machine is held.
-    async fn leave_sensor_range(
-        &mut self,
-        step: &Step,
-        blocks: Vec<ProvenBlock>,
-    ) -> Result<(), RunError> {
+    async fn leave_sensor_range(&mut self, step: &Step, blocks: Vec<ProvenBlock>) -> Result<(), RunError> {
         let moving = self.step_sensors_on(step, &[SensorMount::Spindle, SensorMount::Table]);
         let moving: Vec<String> = moving.into_iter().map(|sensor| sensor.name).collect();
         let accepts = |name: &String, is_last: bool| -> AcceptSample {
@@ -115,8 +109,7 @@ impl Run<'_> {
     ) -> Vec<Reading> {
         let began = self.timeline.run_time_s(own_s);
         let times: Vec<f64> = samples.iter().take(1).flatten().map(|sample| sample.t_s).collect();
-        let after_s =
-            |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
+        let after_s = |k: usize| times.get(k).zip(times.first()).map_or(0.0, |(t, first)| t - first);
         let of_sensor = |(sensor, samples): (&String, &Vec<Sample>)| -> Vec<Reading> {
             let sampled = samples.iter().enumerate().map(|(k, sample)| PositionedSample {
                 sensor,

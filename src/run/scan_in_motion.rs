@@ -57,9 +57,7 @@ impl Run<'_> {
             _ => false,
         };
         match steps.iter().find(lacks_positions) {
-            Some(step) if !self.devices.controller.can_record_track() => {
-                Err(RunError::NoTimeStamps { step: step.id })
-            }
+            Some(step) if !self.devices.controller.can_record_track() => Err(RunError::NoTimeStamps { step: step.id }),
             _ => Ok(()),
         }
     }
@@ -94,10 +92,7 @@ impl Run<'_> {
             let placed = sweep.assign_positions(channel, (step, scan), most_hz)?;
             let sensor = channel.sensor.as_str();
             if placed.samples.is_empty() {
-                return Err(sweep_failed(
-                    step,
-                    &no_samples_reason(sensor, channel.samples.is_empty()),
-                ));
+                return Err(sweep_failed(step, &no_samples_reason(sensor, channel.samples.is_empty())));
             }
             let gaps = sweep.track.as_ref().map_or(0, AxisTrack::gap_count);
             self.report_unused_samples((step, sensor), &placed, gaps).await?;
@@ -116,15 +111,10 @@ impl Run<'_> {
         Ok(readings)
     }
 
-    async fn execute_sweep(
-        &self,
-        (step, scan): (&Step, &Scan),
-        block: ProvenBlock,
-    ) -> Result<Sweep, RunError> {
+    async fn execute_sweep(&self, (step, scan): (&Step, &Scan), block: ProvenBlock) -> Result<Sweep, RunError> {
         let mut channels = self.open_channels(step, scan).await?;
         let is_counted = channels.iter().any(|channel| channel.encoder.is_some());
-        let before =
-            if is_counted { Some(self.rest_position(scan.path.first()).await?) } else { None };
+        let before = if is_counted { Some(self.rest_position(scan.path.first()).await?) } else { None };
         let (accepts, mut kept): (Vec<AcceptSample>, Vec<mpsc::Receiver<Sample>>) =
             step.sensors.iter().map(|_| sample_buffer(MAX_SAMPLES)).unzip();
         self.begin_watch(step, accepts).await?;
@@ -151,8 +141,7 @@ impl Run<'_> {
 
     /// Channels of the sensors of `step`, before the axes start.
     async fn open_channels(&self, step: &Step, scan: &Scan) -> Result<Vec<Channel>, RunError> {
-        let scales: Vec<_> =
-            step.sensors.iter().map(|name| self.path_encoder(scan, name)).collect();
+        let scales: Vec<_> = step.sensors.iter().map(|name| self.path_encoder(scan, name)).collect();
         let firsts: Vec<Option<Sample>> = match scales.iter().any(Option::is_some) {
             true => {
                 let samples = self.samples_at_rest(step, 1).await?;
@@ -171,8 +160,7 @@ impl Run<'_> {
     /// Position that the control reports at rest after the motion to `commanded`.
     async fn rest_position(&self, commanded: Option<&Position>) -> Result<Position, RunError> {
         let stands = self.devices.controller.read_snapshot().await?.position;
-        Ok(commanded
-            .map_or_else(|| stands.clone(), |commanded| undo_display_rounding(&stands, commanded)))
+        Ok(commanded.map_or_else(|| stands.clone(), |commanded| undo_display_rounding(&stands, commanded)))
     }
 
     /// Reports the samples that were left out.
@@ -226,9 +214,7 @@ impl Sweep {
         (step, scan): (&Step, &Scan),
         most_hz: f64,
     ) -> Result<PositionedSamples, RunError> {
-        if let (Some((scale, first)), Some([before, after])) =
-            (channel.encoder, &self.rest_positions)
-        {
+        if let (Some((scale, first)), Some([before, after])) = (channel.encoder, &self.rest_positions) {
             let (rest_positions, speed_deg_s) = ([before, after], step.feed_mm_min / 60.0);
             let turn = CountedTurn { scale, rest_positions, first_sample: first, speed_deg_s };
             let (step, sensor) = (step.id, channel.sensor.clone());
@@ -253,8 +239,9 @@ impl Channel {
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
         let Some((scale, _)) = self.encoder else { return true };
         match samples {
-            [from, .., to] => rotation_rad(scale, from, to)
-                .is_some_and(|turned| turned.abs() <= REST_TOLERANCE_MM_OR_RAD),
+            [from, .., to] => {
+                rotation_rad(scale, from, to).is_some_and(|turned| turned.abs() <= REST_TOLERANCE_MM_OR_RAD)
+            }
             _ => false,
         }
     }
@@ -302,8 +289,6 @@ fn no_samples_reason(sensor: &str, is_silent: bool) -> String {
             "{sensor} sent no samples during the motion; a simulated sensor without `wire` sends samples \
             only when it is polled"
         ),
-        false => format!(
-            "no sample of {sensor} lies within the times for which the control reported axis positions"
-        ),
+        false => format!("no sample of {sensor} lies within the times for which the control reported axis positions"),
     }
 }

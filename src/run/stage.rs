@@ -17,8 +17,7 @@ use methods::{Method, NextStage, PositionSource};
 use planning::gcode::{Dialect, Transmission};
 use planning::proof::{ProvenBlock, StageProofError, StageProofRequest, StageSteps, prove_blocks};
 use planning::{
-    BlockStart, ConfirmedDirections, SafeHeights, end_position, machine_time_s, split_prompts,
-    step_blocks,
+    BlockStart, ConfirmedDirections, SafeHeights, end_position, machine_time_s, split_prompts, step_blocks,
 };
 
 /// The blocks of a step with their data: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
@@ -77,8 +76,7 @@ impl Run<'_> {
                 None => self.run_touch(&step, repeat, blocks).await,
                 Some(scan) => self.run_scan((&step, scan), repeat, blocks).await,
             };
-            self.store_readings(&step, measured.map_err(|error| error.with_step_label(&step))?)
-                .await?;
+            self.store_readings(&step, measured.map_err(|error| error.with_step_label(&step))?).await?;
             self.confirmed = self.confirmed.after_step(&step);
             stands = Some(end_position);
         }
@@ -86,11 +84,7 @@ impl Run<'_> {
     }
 
     /// Stores the readings before they are reported.
-    async fn store_readings(
-        &mut self,
-        step: &Step,
-        mut readings: Vec<Reading>,
-    ) -> Result<(), RunError> {
+    async fn store_readings(&mut self, step: &Step, mut readings: Vec<Reading>) -> Result<(), RunError> {
         let temperatures = self.temperatures_c().await?;
         readings.iter_mut().for_each(|reading| reading.temperatures_c = temperatures.clone());
         match (readings.as_slice(), &step.scan) {
@@ -100,8 +94,7 @@ impl Run<'_> {
             }
             (samples, _) => {
                 self.journal.add_scan(self.id, samples).await?;
-                let flagged =
-                    samples.iter().filter(|sample| sample.flag != ReadingFlag::None).count();
+                let flagged = samples.iter().filter(|sample| sample.flag != ReadingFlag::None).count();
                 let (step, samples) = (step.id, samples.len());
                 (self.on_event)(&Event::ScanStored { step, samples, flagged });
             }
@@ -127,9 +120,7 @@ impl Run<'_> {
             position: outcome.touch.ok_or(RunError::NoContactPosition { step: step.id })?,
             value_mm: None,
             sensor: step.first_sensor().to_owned(),
-            t_s: self
-                .timeline
-                .run_time_s(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
+            t_s: self.timeline.run_time_s(outcome.t_s.unwrap_or_else(|| self.devices.clock.now_s())),
             flag: ReadingFlag::None,
             temperatures_c: Default::default(),
         }])
@@ -140,16 +131,9 @@ impl Run<'_> {
 ///
 /// # Errors
 /// The refusal of the first stage that cannot be measured.
-pub async fn rehearse(
-    method: &dyn Method,
-    plan: &Plan,
-    dialect: &Dialect,
-) -> Result<RehearsalResult, RunError> {
+pub async fn rehearse(method: &dyn Method, plan: &Plan, dialect: &Dialect) -> Result<RehearsalResult, RunError> {
     let (remaining, steps) = rehearse_stages(method, plan, dialect).await?;
-    Ok(RehearsalResult {
-        machine_s: remaining.machine_s(),
-        has_prompts: first_prompt_text(&steps).is_some(),
-    })
+    Ok(RehearsalResult { machine_s: remaining.machine_s(), has_prompts: first_prompt_text(&steps).is_some() })
 }
 
 /// Facts about a run that its rehearsal gives.
@@ -170,9 +154,7 @@ pub(super) async fn rehearse_stages(
     let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
     let (mut done, mut stages) = (Vec::new(), Vec::new());
     let mut begin = StageStart { position: None, confirmed: ConfirmedDirections::default() };
-    while let NextStage::Stage { stage, new_steps } =
-        method.next_stage(&plan, &done, PositionSource::Nominal)?
-    {
+    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal)? {
         plan.steps.extend(new_steps);
         if !split_prompts(&plan, &stage.steps)?.0.is_empty() {
             begin.confirmed = ConfirmedDirections::default();
@@ -224,22 +206,13 @@ fn prove_stage_blocks(
     let (_, moves) = split_prompts(plan, &stage.steps)?;
     let stages = [StageSteps { steps: moves, found_artefact: found }];
     let (stages, stands, confirmed) = (&stages, begin.position.as_ref(), begin.confirmed);
-    let request = StageProofRequest {
-        plan,
-        stages,
-        position: stands,
-        confirmed,
-        dialect,
-        transmission,
-        blocks: &blocks,
-    };
+    let request =
+        StageProofRequest { plan, stages, position: stands, confirmed, dialect, transmission, blocks: &blocks };
     let (proof, proven) = prove_blocks(&request).map_err(|unproven| {
         let stage = stage.name.clone();
         match unproven {
             StageProofError::Render(source) => RunError::Unwritable { stage, source },
-            StageProofError::Refused(source) => {
-                RunError::StageProofError { stage, source: Box::new(source) }
-            }
+            StageProofError::Refused(source) => RunError::StageProofError { stage, source: Box::new(source) },
         }
     })?;
     let mut proven = proven.into_iter();
@@ -277,8 +250,7 @@ fn plan_tasks(
     for step in moves.iter().filter_map(step_of) {
         let start = BlockStart { position: stands.as_ref(), confirmed };
         let blocks = step_blocks(plan, step, stage.repeat, start, &clearance)?;
-        let blocks: Vec<Block> =
-            blocks.into_iter().flat_map(|block| split_block(step, block)).collect();
+        let blocks: Vec<Block> = blocks.into_iter().flat_map(|block| split_block(step, block)).collect();
         let (mut end, mut seconds) = (stands.clone().unwrap_or_else(|| step.from.clone()), 0.0);
         for block in &blocks {
             seconds += machine_time_s(block, &end, &plan.machine);
@@ -286,12 +258,7 @@ fn plan_tasks(
         }
         stands = Some(end.clone());
         confirmed = confirmed.after_step(step);
-        tasks.push(StepTask {
-            step: step.clone(),
-            blocks,
-            remaining_s: seconds,
-            end_position: end,
-        });
+        tasks.push(StepTask { step: step.clone(), blocks, remaining_s: seconds, end_position: end });
     }
     let mut left = 0.0;
     for task in tasks.iter_mut().rev() {

@@ -61,9 +61,9 @@ impl Run<'_> {
     /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
     pub(super) async fn report_missing_temperatures(&mut self) -> Result<(), RunError> {
         let TemperatureLog { readings, missing_counts, .. } = &self.temperature_log;
-        let told = missing_counts.iter().map(|(name, count)| {
-            format!("thermometer {name}: {count} of {readings} readings have no temperature")
-        });
+        let told = missing_counts
+            .iter()
+            .map(|(name, count)| format!("thermometer {name}: {count} of {readings} readings have no temperature"));
         for text in told.collect::<Vec<_>>() {
             self.record_event(Event::Announced { text }).await?;
         }

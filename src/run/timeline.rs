@@ -28,8 +28,7 @@ impl Timeline {
     /// Time of the run that corresponds to the present control time `own_s`, s.
     pub fn run_time_s(&mut self, own_s: f64) -> f64 {
         let (started, start) = (self.started, self.start_s.unwrap_or(own_s));
-        let offset =
-            self.offset_s.get_or_insert_with(|| start + started.elapsed().as_secs_f64() - own_s);
+        let offset = self.offset_s.get_or_insert_with(|| start + started.elapsed().as_secs_f64() - own_s);
         own_s + *offset
     }
 }

@@ -66,14 +66,9 @@ impl Run<'_> {
     }
 
     /// Sensors of `step` on one of `mounts`.
-    pub(super) fn step_sensors_on(
-        &self,
-        step: &Step,
-        mounts: &[SensorMount],
-    ) -> Vec<machine::record::sensor::Sensor> {
+    pub(super) fn step_sensors_on(&self, step: &Step, mounts: &[SensorMount]) -> Vec<machine::record::sensor::Sensor> {
         let sensors = self.plan.sensors.iter();
-        let wanted =
-            sensors.filter(|s| mounts.contains(&s.mount) && step.sensors.contains(&s.name));
+        let wanted = sensors.filter(|s| mounts.contains(&s.mount) && step.sensors.contains(&s.name));
         wanted.cloned().collect()
     }
 
@@ -92,8 +87,7 @@ impl Run<'_> {
 
     pub(super) fn sensor(&self, name: &str) -> Result<&MountedSensor, RunError> {
         let named = self.open_sensors.iter().find(|sensor| sensor.name() == name);
-        named
-            .ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
+        named.ok_or_else(|| sensor_error(name)(SensorError::UnknownSensor { name: name.to_owned() }))
     }
 
     fn step_sensors(&self, step: &Step) -> Result<Vec<&MountedSensor>, RunError> {
@@ -114,11 +108,7 @@ impl Run<'_> {
     }
 
     /// Starts watching the sensors of `step`, until [`Run::end_watch`].
-    pub(super) async fn begin_watch(
-        &self,
-        step: &Step,
-        accepts: Vec<AcceptSample>,
-    ) -> Result<(), RunError> {
+    pub(super) async fn begin_watch(&self, step: &Step, accepts: Vec<AcceptSample>) -> Result<(), RunError> {
         for (sensor, accepts) in self.step_sensors(step)?.iter().zip(accepts) {
             let halt = self.devices.controller.halt_handle();
             let watched = sensor.watch(accepts, move || halt.trigger()).await;
@@ -162,14 +152,9 @@ impl Run<'_> {
 
     /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
     /// is held if a sensor fails.
-    pub(super) async fn samples_at_rest(
-        &self,
-        step: &Step,
-        count: u32,
-    ) -> Result<Vec<Vec<Sample>>, RunError> {
+    pub(super) async fn samples_at_rest(&self, step: &Step, count: u32) -> Result<Vec<Vec<Sample>>, RunError> {
         let sensors = self.step_sensors(step)?;
-        let taken =
-            try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
+        let taken = try_join_all(sensors.iter().map(|sensor| take_samples(step, sensor, count))).await;
         taken.inspect_err(|_| self.devices.controller.halt_handle().trigger())
     }
 }
@@ -181,11 +166,7 @@ async fn end_sensor_watch(step: &Step, sensor: &MountedSensor) -> Result<(), Run
     }
 }
 
-async fn take_samples(
-    step: &Step,
-    sensor: &MountedSensor,
-    count: u32,
-) -> Result<Vec<Sample>, RunError> {
+async fn take_samples(step: &Step, sensor: &MountedSensor, count: u32) -> Result<Vec<Sample>, RunError> {
     let name = sensor.name();
     let samples = sensor.read_samples(count).await.map_err(sensor_error(name))?;
     match samples.iter().find(|sample| sample.value_mm.is_some()) {
@@ -201,11 +182,7 @@ fn sample_error(step: &Step, sensor: &str, seen: Option<&Sample>) -> RunError {
     if let Some(value_mm) = seen.and_then(|sample| sample.value_mm) {
         return RunError::UnexpectedDistance { step, sensor, value_mm };
     }
-    RunError::NoValidSample {
-        step,
-        sensor,
-        flag: seen.map_or(ReadingFlag::Stale, |sample| sample.flag),
-    }
+    RunError::NoValidSample { step, sensor, flag: seen.map_or(ReadingFlag::Stale, |sample| sample.flag) }
 }
 
 fn sensor_error(name: &str) -> impl Fn(SensorError) -> RunError {
@@ -230,15 +207,11 @@ mod tests {
         let out_of_range = sample(None, ReadingFlag::Range);
         let accepts = entry_condition([-1.0, 1.0]);
         // At the far end of the range noise makes the distance appear and disappear.
-        for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)]
-        {
+        for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)] {
             assert!(accepts(&entering), "{entering:?}");
         }
         assert!(!accepts(&out_of_range));
         let accepts = entry_condition([-1.0, 1.0]);
-        assert!(
-            !accepts(&sample(None, ReadingFlag::Stale))
-                && !accepts(&sample(None, ReadingFlag::Saturated))
-        );
+        assert!(!accepts(&sample(None, ReadingFlag::Stale)) && !accepts(&sample(None, ReadingFlag::Saturated)));
     }
 }

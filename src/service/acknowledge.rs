@@ -11,11 +11,7 @@ use machine::record::event::Event;
 impl MachineWorker {
     /// Acts on the acknowledgement of a person at the machine. A new cycle may then start; the held run is not
     /// resumed.
-    pub(super) async fn handle_acknowledgement(
-        &mut self,
-        acknowledgement: Acknowledgement,
-        journal: &Journal,
-    ) {
+    pub(super) async fn handle_acknowledgement(&mut self, acknowledgement: Acknowledgement, journal: &Journal) {
         let result = self.acknowledge_held_run(&acknowledgement, journal).await;
         let refused = match result {
             Ok(None) => {
@@ -88,9 +84,7 @@ impl MachineWorker {
                 self.lock = Some(lock);
                 if self.gate.set_state_if_idle(State::Waiting) {
                     self.gate.update(|machine_state| machine_state.failure = None);
-                    self.log.info(
-                        "another program has completed or closed the run; a new cycle may start",
-                    );
+                    self.log.info("another program has completed or closed the run; a new cycle may start");
                 }
             }
             Ok(Some(unfinished_run)) => {

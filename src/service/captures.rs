@@ -35,10 +35,7 @@ impl CaptureNaming {
                 Ok(capture) => return Some(RunCapture { captures: self, file, capture, log }),
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
                 Err(error) => {
-                    log.error(&format!(
-                        "{}: the capture file cannot be created: {error}",
-                        file.display()
-                    ));
+                    log.error(&format!("{}: the capture file cannot be created: {error}", file.display()));
                     return None;
                 }
             }
@@ -54,8 +51,7 @@ impl CaptureNaming {
     fn path_for(&self, label: &str) -> PathBuf {
         let Self(file) = self;
         let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-        let extension =
-            file.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
+        let extension = file.extension().map(|extension| format!(".{}", extension.to_string_lossy()));
         file.with_file_name(format!("{stem}-{label}{}", extension.unwrap_or_default()))
     }
 }
@@ -114,10 +110,8 @@ mod tests {
         let begun = captures.create_for_cycle(&log).unwrap();
         begun.name_after_run(RunId(17));
         begun.finish();
-        let mut names: Vec<_> = std::fs::read_dir(folder.path())
-            .unwrap()
-            .map(|file| file.unwrap().file_name())
-            .collect();
+        let mut names: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|file| file.unwrap().file_name()).collect();
         names.sort();
         assert_eq!(names, ["talk-17.capture", left[1], left[0]]);
         for name in left {

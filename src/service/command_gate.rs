@@ -129,9 +129,7 @@ impl CommandGate {
     pub fn start(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
         let mut inner = self.inner();
         let judged = self.judge(&inner, cycle, interlocks);
-        if let Err(why) =
-            judged.and_then(|()| self.send(&mut inner, WorkerCommand::Start { cycle }))
-        {
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, WorkerCommand::Start { cycle })) {
             drop(inner);
             self.refuse(why, &format!("start of cycle {cycle} by {by}"));
             return Err(why);
@@ -202,8 +200,7 @@ impl CommandGate {
         if !self.cycles.contains(&cycle) {
             return Err(Refusal::NoSuchCycle);
         }
-        if inner.rehearsed.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person
-        {
+        if inner.rehearsed.get(&cycle).is_some_and(|known| known.has_prompts) && !interlocks.person {
             return Err(Refusal::AsksPerson);
         }
         if let Some(why) = interlocks.lacks(&self.demand) {
@@ -230,19 +227,14 @@ impl CommandGate {
     ///
     /// # Errors
     /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
-    pub fn acknowledge(
-        &self,
-        inspection: Inspection<'_>,
-    ) -> Result<AcknowledgementReceiver, Refusal> {
+    pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<AcknowledgementReceiver, Refusal> {
         let mut inner = self.inner();
         let judged = match inner.machine_state.state {
             State::Held | State::Failed => Ok(()),
             _ => Err(Refusal::NothingToAcknowledge),
         };
         let (acknowledgement, answer) = inspection.acknowledgement_channel();
-        if let Err(why) =
-            judged.and_then(|()| self.send(&mut inner, WorkerCommand::Acknowledge(acknowledgement)))
-        {
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, WorkerCommand::Acknowledge(acknowledgement))) {
             drop(inner);
             self.refuse(why, &format!("acknowledgement by {}", inspection.who));
             return Err(why);
@@ -290,11 +282,7 @@ impl CommandGate {
     pub fn stop(&self, by: &str) -> HoldEffect {
         let mut inner = self.inner();
         if inner.machine_state.state != State::Running && inner.halt.is_none() {
-            return if inner.machine_state.elsewhere {
-                HoldEffect::OtherProcess
-            } else {
-                HoldEffect::NoRun
-            };
+            return if inner.machine_state.elsewhere { HoldEffect::OtherProcess } else { HoldEffect::NoRun };
         }
         inner.stop = true;
         let (halt, run) = (inner.halt.clone(), inner.machine_state.run);

@@ -26,17 +26,14 @@ type GateRequest = fn(&CommandGate) -> Result<(), Refusal>;
 
 const START_REQUEST: GateRequest = |gate| gate.start(1, ALL_INTERLOCKS_SET, "Lise");
 const ACKNOWLEDGE_REQUEST: GateRequest = |gate| gate.acknowledge(inspection_by_ada()).map(drop);
-const RESUME_REQUEST: GateRequest =
-    |gate| gate.resume(RunId(1), inspection_by_ada(), ALL_INTERLOCKS_SET).map(drop);
+const RESUME_REQUEST: GateRequest = |gate| gate.resume(RunId(1), inspection_by_ada(), ALL_INTERLOCKS_SET).map(drop);
 
 /// Until the first command has ended, no other command is accepted, so that nothing starts by itself afterwards.
 #[test]
 fn of_all_pairs_of_asks_the_second_waits_for_the_end_of_the_first() {
-    for (first, state) in [
-        (START_REQUEST, State::Waiting),
-        (ACKNOWLEDGE_REQUEST, State::Held),
-        (RESUME_REQUEST, State::Held),
-    ] {
+    for (first, state) in
+        [(START_REQUEST, State::Waiting), (ACKNOWLEDGE_REQUEST, State::Held), (RESUME_REQUEST, State::Held)]
+    {
         for second in [START_REQUEST, ACKNOWLEDGE_REQUEST, RESUME_REQUEST] {
             let (gate, mut commands) = held_gate();
             gate.finish_command(state);
@@ -118,8 +115,5 @@ fn a_machine_that_says_no_is_not_moved() {
     let stop = Interlocks { stop: true, ..ALL_INTERLOCKS_SET };
     assert_eq!(gate.resume(RunId(1), inspection_by_ada(), stop).map(drop), Err(Refusal::Stopped));
     let not_free = Interlocks { enable: false, ..ALL_INTERLOCKS_SET };
-    assert_eq!(
-        gate.resume(RunId(1), inspection_by_ada(), not_free).map(drop),
-        Err(Refusal::NotEnabled)
-    );
+    assert_eq!(gate.resume(RunId(1), inspection_by_ada(), not_free).map(drop), Err(Refusal::NotEnabled));
 }

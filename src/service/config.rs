@@ -178,17 +178,7 @@ impl TryFrom<ServeKeys> for ServeConfig {
     type Error = String;
 
     fn try_from(keys: ServeKeys) -> Result<Self, String> {
-        let ServeKeys {
-            min_interval_s,
-            patience_s,
-            verdict_h,
-            demand,
-            cycle,
-            modbus,
-            line,
-            http,
-            schedule,
-        } = keys;
+        let ServeKeys { min_interval_s, patience_s, verdict_h, demand, cycle, modbus, line, http, schedule } = keys;
         if !(0.0..=86_400.0).contains(&min_interval_s) {
             return Err(format!("min_interval_s is {min_interval_s}; allowed: 0 to 86400"));
         }
@@ -199,11 +189,9 @@ impl TryFrom<ServeKeys> for ServeConfig {
             return Err(format!("verdict_h is {verdict_h}; allowed: 0.1 to 8784"));
         }
         if !demand.contains(&StartInterlock::Enable) {
-            return Err(
-                "demand must contain `enable`: an external start must be enabled at the machine, \
+            return Err("demand must contain `enable`: an external start must be enabled at the machine, \
                         not by software alone"
-                    .to_owned(),
-            );
+                .to_owned());
         }
         check_cycles(&cycle)?;
         let numbers: Vec<u16> = cycle.iter().map(|cycle| cycle.number).collect();
@@ -250,9 +238,7 @@ fn check_modbus(modbus: &ModbusConfig) -> Result<(), String> {
         ));
     }
     if modbus.allow.is_empty() {
-        return Err(
-            "modbus.allow is empty: list the addresses of the clients that may connect".to_owned()
-        );
+        return Err("modbus.allow is empty: list the addresses of the clients that may connect".to_owned());
     }
     match (0.1..=60.0).contains(&modbus.fresh_s) {
         true => Ok(()),

@@ -27,9 +27,7 @@ pub(super) fn describe_failure(error: &CycleError) -> Failure {
         CycleError::Identification { run, why } => (
             format!("run {run} is measured and stored, but not identified: {why}"),
             why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
-                + &format!(
-                    "`trued resume {run}` repeats the identification; the machine does not move"
-                ),
+                + &format!("`trued resume {run}` repeats the identification; the machine does not move"),
         ),
         CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
         CycleError::Qualification(error) => (error.to_string(), error.remedy()),

@@ -104,8 +104,7 @@ impl Service {
     pub fn serve(self) -> Result<ExitState, ServeError> {
         let journal = Arc::new(Journal::open_timed(&self.folder, self.metrics.wrote())?);
         let (halt, gates) = (self.halt_handle(), self.gates());
-        let watched_machines =
-            self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate().clone()));
+        let watched_machines = self.workers.iter().map(|worker| (worker.name().to_owned(), worker.gate().clone()));
         let watched_machines: notify::WatchedMachines = watched_machines.collect();
         let served_machines = self.workers.iter().map(MachineWorker::served_machine).collect();
         let (ready, all_ready) = channel();
@@ -118,13 +117,7 @@ impl Service {
         let started = threads.and_then(|threads| {
             wait_until_ready(&all_ready)?;
             if let Some(config) = &self.http {
-                http::start_http_server(
-                    config,
-                    served_machines,
-                    Arc::clone(&journal),
-                    self.metrics,
-                    &self.log,
-                )?;
+                http::start_http_server(config, served_machines, Arc::clone(&journal), self.metrics, &self.log)?;
             }
             if let Some(retention) = self.retention {
                 retention::start_retention(retention, journal, self.captures, gates, &self.log)?;
@@ -161,9 +154,7 @@ impl WorkerThread {
     ) -> Result<Self, ServeError> {
         let name = worker.name().to_owned();
         let thread = Builder::new().name("machine".to_owned());
-        let thread = thread
-            .spawn(move || run_worker(worker, &journal, ready))
-            .map_err(ServeError::Thread)?;
+        let thread = thread.spawn(move || run_worker(worker, &journal, ready)).map_err(ServeError::Thread)?;
         Ok(Self { name, thread })
     }
 
@@ -172,11 +163,7 @@ impl WorkerThread {
     }
 }
 
-fn run_worker(
-    mut worker: MachineWorker,
-    journal: &Arc<Journal>,
-    ready: Sender<Result<(), ServeError>>,
-) -> ExitState {
+fn run_worker(mut worker: MachineWorker, journal: &Arc<Journal>, ready: Sender<Result<(), ServeError>>) -> ExitState {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let started = runtime.map_err(ServeError::Thread).and_then(|runtime| {
         runtime.block_on(worker.start(journal))?;

@@ -65,18 +65,13 @@ impl DaemonFile {
     /// As [`Self::read`].
     pub fn built_in() -> Result<Self, MachineFileError> {
         let machine = with_serve_section(MachineFile::embedded_for("self-calibration")?)?;
-        let http = HttpConfig {
-            listen: ([127, 0, 0, 1], 8137).into(),
-            proxy_names: Vec::new(),
-            requires_tokens: false,
-        };
+        let http =
+            HttpConfig { listen: ([127, 0, 0, 1], 8137).into(), proxy_names: Vec::new(), requires_tokens: false };
         Ok(Self { machines: vec![machine], http: Some(http), retention: None })
     }
 }
 
-fn with_serve_section(
-    machine: MachineFile,
-) -> Result<(MachineFile, ServeConfig), MachineFileError> {
+fn with_serve_section(machine: MachineFile) -> Result<(MachineFile, ServeConfig), MachineFileError> {
     machine.check_method_names(&methods::method_names())?;
     let config = machine.read_serve()?;
     Ok((machine, config))

@@ -59,11 +59,7 @@ impl CommandGate {
     }
 
     /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
-    pub fn request_due(
-        &self,
-        cycle: u16,
-        who: String,
-    ) -> Option<oneshot::Receiver<Result<(), String>>> {
+    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), String>>> {
         let (answer, answered) = oneshot::channel();
         let due_requests = self.inner().due_requests.clone()?;
         due_requests.send(DueRequest { cycle, who, answer }).ok()?;
@@ -77,35 +73,17 @@ mod tests {
 
     #[test]
     fn where_several_tell_all_must_say_so_and_none_may_be_silent() {
-        let interlocks = Interlocks {
-            fresh: true,
-            enable: true,
-            auto: true,
-            door: true,
-            stop: false,
-            person: false,
-        };
-        let all =
-            Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
+        let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
+        let all = Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
         let gate = CommandGate::for_tests().0;
         assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (None, None));
         gate.add_readiness_source(move || all);
-        assert_eq!(
-            (gate.combined_readiness(), gate.fresh_interlocks()),
-            (Some(all), Some(interlocks))
-        );
+        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (Some(all), Some(interlocks)));
         let silent = CommandGate::for_tests().0;
         silent.add_readiness_source(Readiness::default);
         silent.add_readiness_source(move || all);
-        assert_eq!(
-            (silent.combined_readiness(), silent.fresh_interlocks()),
-            (None, Some(interlocks))
-        );
-        let other = Readiness {
-            interlocks: Interlocks { door: false, stop: true, ..interlocks },
-            idle: false,
-            ..all
-        };
+        assert_eq!((silent.combined_readiness(), silent.fresh_interlocks()), (None, Some(interlocks)));
+        let other = Readiness { interlocks: Interlocks { door: false, stop: true, ..interlocks }, idle: false, ..all };
         gate.add_readiness_source(move || other);
         assert_eq!(gate.combined_readiness(), Some(other));
     }

@@ -49,9 +49,7 @@ impl Identifications {
         match self.next_unidentified(journal) {
             Ok(Some(stored)) => {
                 let run = stored.summary.id;
-                log.info(&format!(
-                    "run {run} is measured but not identified: the identification starts"
-                ));
+                log.info(&format!("run {run} is measured but not identified: the identification starts"));
                 self.in_progress = Some((run, start_identification(stored)));
             }
             Ok(None) => {}
@@ -72,12 +70,7 @@ impl Identifications {
     }
 }
 
-fn publish_result(
-    gate: &CommandGate,
-    log: &Log,
-    run: RunId,
-    stored: Result<Estimate, IdentificationError>,
-) {
+fn publish_result(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Estimate, IdentificationError>) {
     match stored {
         Ok(estimate) => {
             gate.update(|machine_state| {

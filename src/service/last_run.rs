@@ -44,16 +44,14 @@ mod tests {
     fn a_run_is_left_by_who_says_so_and_until_it_goes_on() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
-        let new =
-            NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
+        let new = NewRun { config: String::new(), plan: crate::archive::plan_for_tests("samba", "mill") };
         let run = journal.begin_run(&new).wait().unwrap();
         journal.set_state(run, RunState::Held).wait().unwrap();
         let waits = |event: Event| {
             journal.add_event(run, &event).wait().unwrap();
             unfinished(&journal, "mill").unwrap().map(|before| before.position_lost)
         };
-        let word =
-            |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
+        let word = |leaves| Event::Acknowledged { who: "Ada".to_owned(), what: "seen".to_owned(), leaves };
         let said = || Event::Announced { text: "as ever".to_owned() };
         assert_eq!(waits(Event::Held { reason: "a stop".to_owned() }), Some(false));
         assert_eq!(waits(word(false)), Some(false));

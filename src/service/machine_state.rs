@@ -28,8 +28,7 @@ pub enum State {
 }
 
 impl State {
-    pub const ALL: [Self; 6] =
-        [Self::Starting, Self::Waiting, Self::Running, Self::Held, Self::Failed, Self::Ending];
+    pub const ALL: [Self; 6] = [Self::Starting, Self::Waiting, Self::Running, Self::Held, Self::Failed, Self::Ending];
 
     pub fn word(self) -> &'static str {
         match self {

@@ -63,8 +63,7 @@ impl Metrics {
         registry.register("link_errors", "Cycles that ended with a link error", link_errors);
         registry.register("state", "1 for the current state of a machine", self.state.clone());
         let age = self.progress_age.clone();
-        let help =
-            "Time since the worker of a machine last made progress; the watchdog monitors it";
+        let help = "Time since the worker of a machine last made progress; the watchdog monitors it";
         registry.register("progress_age_seconds", help, age);
         let help = "Duration of a write job of the journal, including its commit";
         registry.register("journal_write_seconds", help, self.wrote.clone());

@@ -81,18 +81,16 @@ impl ServeError {
                     .to_owned(),
             ),
             Self::DuplicateMachineName(_) => Some(
-                "the journal identifies machines by name: give each machine its own `name` in [machine]"
-                    .to_owned(),
+                "the journal identifies machines by name: give each machine its own `name` in [machine]".to_owned(),
             ),
             Self::NoTrigger(_) => {
                 Some("add [serve.modbus], [serve.line] or [serve.http] to its machine file".to_owned())
             }
             Self::Token(error) => Some(error.remedy().to_owned()),
             Self::Thread(_) => None,
-            Self::ThreadPanicked(_) => Some(
-                "inspect the machine, and report the error in the log as a defect of trued"
-                    .to_owned(),
-            ),
+            Self::ThreadPanicked(_) => {
+                Some("inspect the machine, and report the error in the log as a defect of trued".to_owned())
+            }
         }
     }
 }

@@ -46,9 +46,7 @@ fn watch_workers(watch: &mut WorkerWatch, feed_period: Option<Duration>, log: &L
             notify_systemd(&[Status(&now)], log);
             last_status = now;
         }
-        sleep(
-            feed_period.map_or(MAX_CHECK_PERIOD, |feed_period| feed_period.min(MAX_CHECK_PERIOD)),
-        );
+        sleep(feed_period.map_or(MAX_CHECK_PERIOD, |feed_period| feed_period.min(MAX_CHECK_PERIOD)));
     }
 }
 

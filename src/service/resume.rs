@@ -64,8 +64,7 @@ impl MachineWorker {
             self.lock = Some(self.acquire_lock(journal).await?);
         }
         // Another process may have resumed the run meanwhile: the journal's current content decides.
-        let resumable_run =
-            ResumableRun::from_stored(journal.load_run(run).map_err(ServeError::from)?)?;
+        let resumable_run = ResumableRun::from_stored(journal.load_run(run).map_err(ServeError::from)?)?;
         let acknowledged = resumable_run.acknowledgement(who, homed)?;
         journal.add_event(run, &acknowledged).await.map_err(ServeError::from)?;
         Ok(resumable_run)
@@ -76,20 +75,15 @@ impl MachineWorker {
         resumable_run: ResumableRun,
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
-        let opening =
-            setup::open_devices(&resumable_run.machine, self.pace, resumable_run.history());
+        let opening = setup::open_devices(&resumable_run.machine, self.pace, resumable_run.history());
         let (devices, capture) = self.open(opening).await?;
         let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
         let mut publish = |event: &Event| events.publish(event);
-        capture
-            .iter()
-            .for_each(|capture| capture.name_after_run(resumable_run.stored().summary.id));
+        capture.iter().for_each(|capture| capture.name_after_run(resumable_run.stored().summary.id));
         let readings = resumable_run.stored().readings.iter();
-        let stored_readings: BTreeSet<_> =
-            readings.map(|reading| (reading.step, reading.repeat)).collect();
-        self.gate.update(|machine_state| {
-            machine_state.measured = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX)
-        });
+        let stored_readings: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();
+        self.gate
+            .update(|machine_state| machine_state.measured = u32::try_from(stored_readings.len()).unwrap_or(u32::MAX));
         let answers = self.gate.answers(self.patience());
         let ended = resumable_run.run(&devices, journal, answers, &mut publish).await;
         capture.into_iter().for_each(RunCapture::finish);

@@ -55,15 +55,12 @@ pub(super) fn start_retention(
     log: &Log,
 ) -> Result<(), ServeError> {
     let log = log.clone();
-    let is_any_running =
-        move || gates.iter().any(|gate| gate.machine_state().state == State::Running);
+    let is_any_running = move || gates.iter().any(|gate| gate.machine_state().state == State::Running);
     let sweep = move || {
         while is_any_running() {
             sleep(IDLE_CHECK_PERIOD);
         }
-        if let Err(error) =
-            remove_expired_data(retention, &journal, captures.as_ref(), &is_any_running, &log)
-        {
+        if let Err(error) = remove_expired_data(retention, &journal, captures.as_ref(), &is_any_running, &log) {
             log.error(&format!("retention: {error}; {}", error.remedy()));
         }
         sleep(SWEEP_PERIOD);

@@ -47,9 +47,7 @@ impl<'a> RunEvents<'a> {
             Event::Asked { step, repeat, text } => {
                 self.log.info(&format!("prompt: {text}"));
                 let prompt = OpenPrompt { step: *step, repeat: *repeat, text: text.clone() };
-                self.gate.update(|machine_state| {
-                    (machine_state.asked, machine_state.live) = (Some(prompt), None)
-                });
+                self.gate.update(|machine_state| (machine_state.asked, machine_state.live) = (Some(prompt), None));
             }
             Event::Watched { values } => {
                 self.gate.update(|machine_state| machine_state.live = Some(values.clone()));

@@ -55,17 +55,9 @@ pub struct Agenda {
 ///
 /// # Errors
 /// The journal cannot be read.
-pub fn agenda(
-    journal: &Journal,
-    planned: Vec<PlannedSchedule>,
-    machine: &str,
-) -> Result<Agenda, StoreError> {
+pub fn agenda(journal: &Journal, planned: Vec<PlannedSchedule>, machine: &str) -> Result<Agenda, StoreError> {
     const LAST: usize = 50;
-    Ok(Agenda {
-        planned,
-        armed: journal.armings(machine)?,
-        last: journal.newest_slots(machine, LAST)?,
-    })
+    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.newest_slots(machine, LAST)? })
 }
 
 /// Maximum duration of an arming.
@@ -84,8 +76,7 @@ pub fn arming(
 ) -> Result<Arming, String> {
     // Whole seconds are enough for a reader.
     let now = Timestamp::from_second(now.as_second()).unwrap_or(now);
-    let for_so_long =
-        |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
+    let for_so_long = |span: Span| Some(now.to_zoned(TimeZone::UTC).checked_add(span).ok()?.timestamp());
     let instant = until.parse::<Timestamp>().ok();
     let instant = instant.or_else(|| until.parse::<Zoned>().ok().map(|zoned| zoned.timestamp()));
     let instant = instant.or_else(|| until.parse::<Span>().ok().and_then(for_so_long));
@@ -118,9 +109,8 @@ mod tests {
     #[test]
     fn an_arming_ends_within_a_year() {
         let now: Timestamp = "2026-11-22T12:00:00Z".parse().unwrap();
-        let until = |words: &str| {
-            arming(("the mill", 1), ("Ada", ""), words, now).map(|arming| arming.until.to_string())
-        };
+        let until =
+            |words: &str| arming(("the mill", 1), ("Ada", ""), words, now).map(|arming| arming.until.to_string());
         assert_eq!(until("14d").unwrap(), "2026-12-06T12:00:00Z");
         assert_eq!(until("8h").unwrap(), "2026-11-22T20:00:00Z");
         assert_eq!(until("2026-12-24T06:00:00+01:00").unwrap(), "2026-12-24T05:00:00Z");

@@ -22,11 +22,8 @@ const JOURNAL_FIELD_PREFIX: &str = "TRUED";
 /// Starts the log for the whole process. The systemd journal also gets each step of a run, at level debug.
 pub fn start_log() -> Log {
     let journal = is_stderr_journal().then(tracing_journald::layer).and_then(Result::ok);
-    let journal = journal.map(|layer| {
-        layer
-            .with_field_prefix(Some(JOURNAL_FIELD_PREFIX.to_owned()))
-            .with_filter(LevelFilter::DEBUG)
-    });
+    let journal = journal
+        .map(|layer| layer.with_field_prefix(Some(JOURNAL_FIELD_PREFIX.to_owned())).with_filter(LevelFilter::DEBUG));
     let plain_lines = journal.is_none().then(|| PlainLines.with_filter(LevelFilter::INFO));
     // If a subscriber is already set, it stays in use.
     let _ = tracing_subscriber::registry().with(journal).with(plain_lines).try_init();

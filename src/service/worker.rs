@@ -65,18 +65,7 @@ impl MachineWorker {
         }
         let (gate, commands) = CommandGate::new(&config, log.clone());
         let (captures, lock, identifications) = (None, None, Identifications::default());
-        Ok(Self {
-            machine,
-            config,
-            folder,
-            pace,
-            gate,
-            commands,
-            log,
-            captures,
-            lock,
-            identifications,
-        })
+        Ok(Self { machine, config, folder, pace, gate, commands, log, captures, lock, identifications })
     }
 
     pub fn capturing(self, captures: CaptureNaming) -> Self {
@@ -94,15 +83,10 @@ impl MachineWorker {
         triggers::start_triggers(&self.config, &self.gate, &self.log)?;
         match unfinished(journal, self.name())? {
             Some(before) => {
-                self.log.info(&format!(
-                    "run {} is unfinished: a person must resume or acknowledge it",
-                    before.run
-                ));
+                self.log.info(&format!("run {} is unfinished: a person must resume or acknowledge it", before.run));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
-                self.gate.update(|machine_state| {
-                    (machine_state.run, machine_state.failure) = (run, Some(before.why))
-                });
+                self.gate.update(|machine_state| (machine_state.run, machine_state.failure) = (run, Some(before.why)));
                 self.gate.finish_command(State::Held);
             }
             None => self.gate.finish_command(State::Waiting),
@@ -190,8 +174,7 @@ impl MachineWorker {
     }
 
     pub fn served_machine(&self) -> ServedMachine {
-        let (cycles, demand) =
-            (self.config.cycles.clone(), self.config.required_interlocks.clone());
+        let (cycles, demand) = (self.config.cycles.clone(), self.config.required_interlocks.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
         ServedMachine {
             name,
@@ -217,10 +200,7 @@ impl MachineWorker {
         self.config.event_timeout
     }
 
-    pub(super) async fn acquire_lock(
-        &mut self,
-        journal: &Journal,
-    ) -> Result<MachineLock, ServeError> {
+    pub(super) async fn acquire_lock(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
         self.find_unidentified(journal)?;
@@ -241,14 +221,9 @@ impl MachineWorker {
     ) -> Option<ExitState> {
         let (state, why) = match &measured {
             Ok(_) => (State::Waiting, None),
-            Err(CycleFailure::Cycle(error)) if error.holds_machine() => {
-                (State::Held, Some(describe_failure(error)))
-            }
+            Err(CycleFailure::Cycle(error)) if error.holds_machine() => (State::Held, Some(describe_failure(error))),
             // The run is completely measured and nothing moves; it is identified while the machine waits.
-            Err(CycleFailure::Cycle(CycleError::Identification {
-                run,
-                why: IdentificationError::Stopped,
-            })) => {
+            Err(CycleFailure::Cycle(CycleError::Identification { run, why: IdentificationError::Stopped })) => {
                 self.identifications.add(*run);
                 (State::Waiting, None)
             }
@@ -291,11 +266,7 @@ impl MachineWorker {
         (state != State::Waiting && self.gate.is_ending()).then_some(ExitState::Held)
     }
 
-    async fn measured(
-        &self,
-        number: u16,
-        journal: &Journal,
-    ) -> Result<(RunId, Estimate), CycleFailure> {
+    async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), CycleFailure> {
         let allowed = self.config.cycles.iter().find(|cycle| cycle.number == number);
         let Some(CycleConfig { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
@@ -309,9 +280,7 @@ impl MachineWorker {
             Span::current().record("run", id.0);
             self.log.info(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.name_after_run(id));
-            self.gate.update(|machine_state| {
-                machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX)
-            });
+            self.gate.update(|machine_state| machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
         let machine = &self.machine;
         let (method, answers) = (method.into(), self.gate.answers(self.config.event_timeout));
@@ -326,8 +295,7 @@ impl MachineWorker {
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
     ) -> Result<(Devices, Option<RunCapture<'_>>), SetupError> {
-        let capture =
-            self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
+        let capture = self.captures.as_ref().and_then(|captures| captures.create_for_cycle(&self.log));
         let wiring = capture.as_ref().map_or(LinkMode::Direct, RunCapture::wiring);
         let devices = wiring.apply_to(opening).await?;
         self.gate.register_halt(&devices.controller.halt_handle());

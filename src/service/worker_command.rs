@@ -37,10 +37,7 @@ impl Inspection<'_> {
     pub(super) fn acknowledgement_channel(self) -> (Acknowledgement, AcknowledgementReceiver) {
         let (result_sender, result_receiver) = oneshot::channel();
         let Self { who, why, homed } = self;
-        (
-            Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, result_sender },
-            result_receiver,
-        )
+        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, result_sender }, result_receiver)
     }
 }
 

@@ -16,8 +16,7 @@ pub struct BuiltInFile {
 pub fn built_in_file(name: &str) -> BuiltInFile {
     let method = methods::method_description(name).or(methods::METHOD_DESCRIPTIONS.first());
     let file = method.map_or("", |method| method.machine_file);
-    let text =
-        CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
+    let text = CONFIG_FOLDER.get_file(file).and_then(|file| file.contents_utf8()).unwrap_or_default();
     BuiltInFile { file: format!("{file} (built in)"), text }
 }
 

@@ -7,8 +7,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
 /// The kinds of all controls.
-pub const CONTROL_KINDS: [&str; 3] =
-    [grbl::CONTROL_KIND, linuxcnc::CONTROL_KIND, modbus::CONTROL_KIND];
+pub const CONTROL_KINDS: [&str; 3] = [grbl::CONTROL_KIND, linuxcnc::CONTROL_KIND, modbus::CONTROL_KIND];
 
 /// Configuration of a control of `kind` from the keys of its table. This is the registry: a new control is one
 /// line here.

@@ -40,22 +40,14 @@ impl Devices {
     }
 
     /// Devices with the clock that the control was opened with.
-    pub(super) fn with_clock(
-        controller: Controller,
-        dialect: Dialect,
-        clock: Arc<dyn Clock>,
-    ) -> Self {
+    pub(super) fn with_clock(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::without_sensors(clock.clone());
         let thermometers = Thermometers::new(&[], None);
         Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
     }
 
     /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
-    pub(super) fn with_sensors(
-        self,
-        file: &MachineFile,
-        world: Option<Arc<Mutex<SimulatedWorld>>>,
-    ) -> Self {
+    pub(super) fn with_sensors(self, file: &MachineFile, world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let thermometers = Thermometers::new(&file.thermometers, world.clone());
         let sensors = self.sensors.with_entries(&file.sensors, file.encoder);
         let sensors = match world.clone() {
@@ -92,11 +84,7 @@ pub struct RunHistory<'a> {
 ///
 /// # Errors
 /// The text cannot be rendered or proven.
-pub fn render_modes(
-    dialect: &Dialect,
-    machine: &Machine,
-    log: Option<String>,
-) -> Result<ProvenModes, SetupError> {
+pub fn render_modes(dialect: &Dialect, machine: &Machine, log: Option<String>) -> Result<ProvenModes, SetupError> {
     Ok(prove_modes(dialect, &machine.name, machine.axes.keys().copied(), log.as_deref())?)
 }
 

@@ -47,14 +47,9 @@ pub fn load_machine_file(path: Option<&Path>, method: &str) -> Result<MachineFil
 
 /// The method with its settings and prompts, and the plan without steps. `repeat` overrides the number of
 /// repeats.
-pub fn plan_header(
-    file: &MachineFile,
-    name: &str,
-    repeat: Option<u32>,
-) -> Result<(Box<dyn Method>, Plan), SetupError> {
+pub fn plan_header(file: &MachineFile, name: &str, repeat: Option<u32>) -> Result<(Box<dyn Method>, Plan), SetupError> {
     check_method_name(name)?;
-    let mut method =
-        file.read_method(name, |settings| methods::configure_method(name, settings))?;
+    let mut method = file.read_method(name, |settings| methods::configure_method(name, settings))?;
     if let Some(repeat) = repeat {
         let mut settings = method.settings();
         let repeats = settings.get_mut("repeats");
@@ -65,10 +60,8 @@ pub fn plan_header(
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let required = method.required_sensors(&sensors)?;
     let prompts = file.prompts_before(name, &required);
-    let plan = Plan {
-        sensors: required.into_iter().cloned().collect(),
-        ..plan_without_steps(file, name, method.settings())
-    };
+    let plan =
+        Plan { sensors: required.into_iter().cloned().collect(), ..plan_without_steps(file, name, method.settings()) };
     Ok((methods::with_prompts(method, prompts), plan))
 }
 

@@ -4,9 +4,7 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{
-    Devices, Pace, RunHistory, SetupError, SimulatedMachine, machine_dialect, render_modes,
-};
+use super::{Devices, Pace, RunHistory, SetupError, SimulatedMachine, machine_dialect, render_modes};
 use devices::controllers::ControllerConfig;
 use link::Clock;
 use link::clock::HostClock;
@@ -73,10 +71,6 @@ impl<'a> ReopenableMachine<'a> {
 }
 
 /// Opens the devices of `file`. Call inside a tokio runtime.
-pub async fn open_devices(
-    file: &MachineFile,
-    pace: Pace,
-    history: RunHistory<'_>,
-) -> Result<Devices, SetupError> {
+pub async fn open_devices(file: &MachineFile, pace: Pace, history: RunHistory<'_>) -> Result<Devices, SetupError> {
     ReopenableMachine::new(file)?.advance_to(history).open(pace).await
 }

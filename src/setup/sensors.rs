@@ -17,10 +17,8 @@ use simulator::SimulatedWorld;
 /// # Errors
 /// There is no sensor of this name, the simulated world cannot be built, or the sensor cannot be opened.
 pub async fn open_sensor(file: &MachineFile, name: &str) -> Result<MountedSensor, SetupError> {
-    let sensors = Sensors::without_sensors(Arc::new(HostClock::start()))
-        .with_entries(&file.sensors, file.encoder);
-    let simulated =
-        |entry: &&SensorEntry| matches!(entry.connection, SensorConnection::Simulated(_));
+    let sensors = Sensors::without_sensors(Arc::new(HostClock::start())).with_entries(&file.sensors, file.encoder);
+    let simulated = |entry: &&SensorEntry| matches!(entry.connection, SensorConnection::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
     let sensors = match named.filter(simulated) {
         Some(_) => sensors.with_world(Arc::new(Mutex::new(build_world(file)?))),
@@ -88,15 +86,9 @@ impl Sensors {
             return Ok(Sensor::from_capture(name, talk));
         }
         let opened = match (connection, &self.world) {
-            (SensorConnection::Simulated(simulated), Some(world)) => {
-                simulated.open(sensor, world_view(world)).await
-            }
-            (SensorConnection::Real(real), _) => {
-                real.open(sensor, self.clock.clone(), &self.ports).await
-            }
-            (SensorConnection::Simulated(_), None) => {
-                Err(SensorError::NoSimulatedMachine { name: name.to_owned() })
-            }
+            (SensorConnection::Simulated(simulated), Some(world)) => simulated.open(sensor, world_view(world)).await,
+            (SensorConnection::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
+            (SensorConnection::Simulated(_), None) => Err(SensorError::NoSimulatedMachine { name: name.to_owned() }),
         };
         opened?.with_capture(talk).await
     }

@@ -217,8 +217,7 @@ fn an_encoder_is_stated_once_and_used() {
     let encoder = |table: &str, of_a: &str| {
         let text = include_str!("../../config/r-test.toml");
         let text = text.replacen("simulated = { rate_hz = 1000.0 }", of_a, 1);
-        MachineFile::parse("shop.toml", format!("{text}\n{table}"))
-            .map_err(|error| error.to_string())
+        MachineFile::parse("shop.toml", format!("{text}\n{table}")).map_err(|error| error.to_string())
     };
     let counts = "serial = { serial = \"/dev/ttyS7\", line = { separator = \",\", \
                   value = { column = 1, scale_mm = 1.0 }, encoder_count = { column = 2 } } }";
@@ -231,20 +230,12 @@ fn an_encoder_is_stated_once_and_used() {
         let error = encoder(table, of_a).unwrap_err();
         assert!(error.starts_with("shop.toml:") && error.contains(expected), "{error}");
     };
-    refused(
-        "",
-        counts,
-        "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`",
-    );
+    refused("", counts, "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`");
     refused(table, &plain, "no sensor has `encoder_count`");
     refused(&table.replace("-36000", "0"), counts, "`counts_per_turn` in [encoder] is 0");
     refused(&table.replace("-36000", "0.1"), counts, "counts_per_turn");
     for axis in ["X", "S", "A"] {
         let other = table.replace("\"C\"", &format!("\"{axis}\""));
-        refused(
-            &other,
-            counts,
-            &format!("`axis` in [encoder] is {axis}; it must be a rotary axis of this machine"),
-        );
+        refused(&other, counts, &format!("`axis` in [encoder] is {axis}; it must be a rotary axis of this machine"));
     }
 }

@@ -16,10 +16,7 @@ pub struct Thermometers {
 
 impl Thermometers {
     /// No thermometers during the replay of a capture, which does not contain their values.
-    pub(super) fn new(
-        entries: &[ThermometerConfig],
-        world: Option<Arc<Mutex<SimulatedWorld>>>,
-    ) -> Self {
+    pub(super) fn new(entries: &[ThermometerConfig], world: Option<Arc<Mutex<SimulatedWorld>>>) -> Self {
         let is_live = !LinkMode::current().is_replayed();
         Self { entries: entries.iter().filter(|_| is_live).cloned().collect(), world }
     }
@@ -36,8 +33,6 @@ impl Thermometers {
 
     fn simulated_reading(&self, name: &str) -> Option<SimulatedTemperature> {
         let (world, name) = (self.world.clone()?, name.to_owned());
-        Some(Box::new(move || {
-            world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)
-        }))
+        Some(Box::new(move || world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)))
     }
 }

@@ -36,20 +36,15 @@ struct BallStem {
 }
 
 impl TrueBalls {
-    pub fn new(
-        stated: &artefact::Balls,
-        truth: &MachineTruth,
-    ) -> Result<Self, SimulatedWorldError> {
+    pub fn new(stated: &artefact::Balls, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let balls = stated.balls.iter().enumerate();
-        let mut balls: Vec<TrueBall> =
-            balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
+        let mut balls: Vec<TrueBall> = balls.map(|(i, ball)| TrueBall::new(i, ball, truth)).collect();
         // `>` is false for NaN as well.
         if balls.is_empty() || !balls.iter().all(TrueBall::is_valid) {
             return Err(SimulatedWorldError::InvalidBalls);
         }
         let [expansion, u_expansion] = stated.relative_expansion();
-        let scale =
-            1.0 + expansion + u_expansion * random_draws::draw_artefact_temperature(truth.seed);
+        let scale = 1.0 + expansion + u_expansion * random_draws::draw_artefact_temperature(truth.seed);
         balls.iter_mut().for_each(|ball| ball.centre *= scale);
         apply_certified_lengths(&mut balls, stated, truth);
         Ok(Self { balls })
@@ -133,8 +128,7 @@ impl TrueBall {
     /// the point; for an oval of micrometres, each iteration leaves a thousandth of the error.
     fn nearest(&self, point: Vector3<f64>) -> NearestSurface {
         let mut direction = unit_vector(point).unwrap_or(Vector3::z());
-        let mut nearest =
-            NearestSurface { distance: point.norm() - self.radius, normal: direction };
+        let mut nearest = NearestSurface { distance: point.norm() - self.radius, normal: direction };
         if self.form == Matrix3::zeros() {
             return nearest;
         }
@@ -188,8 +182,7 @@ fn apply_certified_lengths(balls: &mut [TrueBall], stated: &artefact::Balls, tru
     for _ in 0..MAX_LENGTH_ITERATIONS {
         let mut max_correction = 0.0_f64;
         for (number, length) in stated.lengths.iter().enumerate() {
-            let ends =
-                (ball_indices.get(length.from.as_str()), ball_indices.get(length.to.as_str()));
+            let ends = (ball_indices.get(length.from.as_str()), ball_indices.get(length.to.as_str()));
             let (Some(&from), Some(&to)) = ends else { continue };
             let separation = balls[to].centre - balls[from].centre;
             let shortfall = true_length(number, length, truth) - separation.norm();
@@ -208,8 +201,7 @@ const MAX_LENGTH_ITERATIONS: usize = 1000;
 
 fn true_length(number: usize, length: &artefact::CertifiedLength, truth: &MachineTruth) -> f64 {
     let LengthDraw { certificate, temperature } = random_draws::draw_length(truth.seed, number);
-    let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C)
-        - REFERENCE_TEMPERATURE_C
+    let temperature_rise_k = length.temperature_c.unwrap_or(REFERENCE_TEMPERATURE_C) - REFERENCE_TEMPERATURE_C
         + length.u_temperature_k * temperature;
     let certified = length.mm + length.u_mm * certificate;
     certified

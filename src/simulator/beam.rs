@@ -41,14 +41,8 @@ pub(super) struct Beam {
 
 impl Beam {
     /// `number`: index of the sensor in the machine file; it keys the random draws.
-    pub fn new(
-        nominal: &Sensor,
-        truth: SensorTruth,
-        seed: u64,
-        number: usize,
-    ) -> Result<Self, SimulatedWorldError> {
-        let invalid =
-            |key| Err(SimulatedWorldError::InvalidSensor { name: nominal.name.clone(), key });
+    pub fn new(nominal: &Sensor, truth: SensorTruth, seed: u64, number: usize) -> Result<Self, SimulatedWorldError> {
+        let invalid = |key| Err(SimulatedWorldError::InvalidSensor { name: nominal.name.clone(), key });
         let zero = Vector3::from(nominal.zero_mm);
         let [least, greatest] = nominal.range_mm;
         let span = greatest - least;
@@ -97,15 +91,10 @@ impl Beam {
             + self.linearity_error_mm(hit.distance)
             + self.incidence_error_mm(hit.normal, cosine)
             + self.noise_mm * deviate;
-        let output_mm =
-            self.truth.clips_mm.map_or(output_mm, |[low, high]| output_mm.clamp(low, high));
+        let output_mm = self.truth.clips_mm.map_or(output_mm, |[low, high]| output_mm.clamp(low, high));
         let [least, greatest] = self.range;
         let is_in_range = output_mm >= least && output_mm <= greatest;
-        if is_in_range {
-            SensorOutput::Distance(output_mm)
-        } else {
-            SensorOutput::OutOfRange(output_mm)
-        }
+        if is_in_range { SensorOutput::Distance(output_mm) } else { SensorOutput::OutOfRange(output_mm) }
     }
 
     /// Mean distance over the light spot, and the surface normal at the centre of the spot.
@@ -147,17 +136,11 @@ impl Beam {
 }
 
 /// Draws the declared incidence errors, unless the truth states values.
-fn with_drawn_incidence(
-    truth: SensorTruth,
-    nominal: &Sensor,
-    seed: u64,
-    number: usize,
-) -> SensorTruth {
+fn with_drawn_incidence(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;
     }
-    let (incidence_um, lean_um) =
-        random_draws::draw_incidence_errors(seed, number, nominal.incidence_um);
+    let (incidence_um, lean_um) = random_draws::draw_incidence_errors(seed, number, nominal.incidence_um);
     SensorTruth { incidence_um, lean_um, ..truth }
 }
 

@@ -44,20 +44,16 @@ pub(super) fn check_magnitudes(
     let form = truth.form.iter().flat_map(|h| [h.cos_um, h.sin_um]);
     let offsets = truth.centre_offset_mm.into_iter().chain(truth.tool_offset_um);
     let offsets = offsets.chain([truth.radius_offset_mm]);
-    let balls = truth.ball.iter().flat_map(|ball| {
-        ball.offset_mm.into_iter().chain([ball.diameter_um, ball.form_um.unwrap_or_default()])
-    });
-    let moves =
-        truth.ball_moves.iter().flat_map(|moved| moved.by_mm.into_iter().chain([moved.at_s]));
+    let balls = truth
+        .ball
+        .iter()
+        .flat_map(|ball| ball.offset_mm.into_iter().chain([ball.diameter_um, ball.form_um.unwrap_or_default()]));
+    let moves = truth.ball_moves.iter().flat_map(|moved| moved.by_mm.into_iter().chain([moved.at_s]));
     let sag = truth.sag.iter().flat_map(|term| term.um.into_iter().chain(term.urad));
     let mut stated = truth.errors.values().copied().chain(form).chain(offsets);
     let mut ball_values = balls.chain(moves).chain(sag).chain([truth.length_error_um_per_m]);
     if !(stated.all(f64::is_finite) && ball_values.all(f64::is_finite)) {
         return Err(SimulatedWorldError::InvalidMagnitude);
     }
-    if magnitudes.into_iter().all(is_non_negative) {
-        Ok(())
-    } else {
-        Err(SimulatedWorldError::InvalidMagnitude)
-    }
+    if magnitudes.into_iter().all(is_non_negative) { Ok(()) } else { Err(SimulatedWorldError::InvalidMagnitude) }
 }

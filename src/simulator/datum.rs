@@ -40,13 +40,11 @@ struct MountedDatum {
 impl TrueDatumCylinder {
     pub fn new(stated: &DatumCylinder, truth: &MachineTruth) -> Result<Self, SimulatedWorldError> {
         let own = &truth.datum_cylinder;
-        let sections_exist =
-            own.section_form.iter().all(|form| (1..=stated.sections.len()).contains(&form.section));
+        let sections_exist = own.section_form.iter().all(|form| (1..=stated.sections.len()).contains(&form.section));
         let profile = |(number, section): (usize, &machine::record::artefact::CylinderSection)| {
             let drawn = random_draws::draw_section_form(truth.seed, number as u64, own.form_um);
             let listed = own.section_form.iter().filter(|form| form.section == number + 1);
-            let listed =
-                listed.map(|f| FormHarmonic { n: f.n, cos_um: f.cos_um, sin_um: f.sin_um });
+            let listed = listed.map(|f| FormHarmonic { n: f.n, cos_um: f.cos_um, sin_um: f.sin_um });
             let form = truth.form.iter().copied().chain(drawn).chain(listed);
             Profile::new(section.radius_mm + truth.radius_offset_mm, form)
         };
@@ -93,11 +91,7 @@ impl TrueDatumCylinder {
         let turn = (turn_deg + off_deg).to_radians() + index_error_urad * 1e-6 * draw(0);
         let shift = [1, 2].map(|part| eccentricity_um * 1e-3 * draw(part));
         let lean = [3, 4].map(|part| tilt_urad * 1e-6 * draw(part));
-        self.mounted_pose = self.compute_mounted_pose(
-            turn,
-            shift,
-            [self.tilt[0] + lean[0], self.tilt[1] + lean[1]],
-        );
+        self.mounted_pose = self.compute_mounted_pose(turn, shift, [self.tilt[0] + lean[0], self.tilt[1] + lean[1]]);
     }
 
     fn compute_mounted_pose(&self, turn: f64, shift: [f64; 2], tilt: [f64; 2]) -> MountedDatum {
@@ -140,8 +134,7 @@ impl TrueDatumCylinder {
         // The form of the face is micrometres over millimetres, so that its slope does not change the distance.
         if nearest.normal.dot(&(*frame * Vector3::z())) > 0.5 {
             let angle = own.y.atan2(own.x);
-            nearest.distance -=
-                self.face_form.iter().map(|form| form_height_mm(form, angle)).sum::<f64>();
+            nearest.distance -= self.face_form.iter().map(|form| form_height_mm(form, angle)).sum::<f64>();
         }
         nearest
     }

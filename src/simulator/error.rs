@@ -24,17 +24,13 @@ pub enum SimulatedWorldError {
         "[artefact]: at least one ball is required, each ball of positive radius; check also radius_offset_mm, diameter_um and form_um in [simulated]"
     )]
     InvalidBalls,
-    #[error(
-        "[simulated] {key} is valid only for an artefact of the kind \"{kind}\"; remove the key"
-    )]
+    #[error("[simulated] {key} is valid only for an artefact of the kind \"{kind}\"; remove the key")]
     WrongArtefactKind { key: &'static str, kind: &'static str },
     #[error("[simulated] refers to ball `{id}`, but the artefact has no such ball; correct the id")]
     UnknownBall { id: String },
     #[error("[[simulated.sag]]: the machine has no rotary axis {axis}; correct axis")]
     NoTiltAxis { axis: Axis },
-    #[error(
-        "[[simulated.sensor]] `{name}`: no [[sensor]] has this name; correct the name or remove the table"
-    )]
+    #[error("[[simulated.sensor]] `{name}`: no [[sensor]] has this name; correct the name or remove the table")]
     UnknownSensor { name: String },
     #[error("[[sensor]] or [[simulated.sensor]]: `{name}` occurs twice; remove one")]
     DuplicateSensor { name: String },

@@ -133,21 +133,10 @@ struct WireHalf<'t, P: Iterator<Item = PlannedFault>> {
 
 impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
     fn new(schedule: P, on_fault: &'t (dyn Fn(PlannedFault) + Sync)) -> Self {
-        Self {
-            schedule: schedule.peekable(),
-            on_fault,
-            line: 0,
-            byte: 0,
-            is_dropping_line: false,
-            line_copy: None,
-        }
+        Self { schedule: schedule.peekable(), on_fault, line: 0, byte: 0, is_dropping_line: false, line_copy: None }
     }
 
-    async fn forward(
-        mut self,
-        mut from: impl AsyncRead + Unpin,
-        mut to: impl AsyncWrite + Unpin,
-    ) -> io::Result<()> {
+    async fn forward(mut self, mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin) -> io::Result<()> {
         let mut buffer = [0; 256];
         loop {
             let count = from.read(&mut buffer).await?;
@@ -181,8 +170,7 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
         let is_line_end = byte == b'\n';
         let (line, byte_index) = (self.line, self.byte);
         let is_due = |planned_fault: &PlannedFault| {
-            planned_fault.line < line
-                || planned_fault.line == line && (planned_fault.byte <= byte_index || is_line_end)
+            planned_fault.line < line || planned_fault.line == line && (planned_fault.byte <= byte_index || is_line_end)
         };
         let planned_fault = self.schedule.next_if(is_due)?;
         (self.on_fault)(planned_fault);
@@ -195,8 +183,7 @@ impl<'t, P: Iterator<Item = PlannedFault>> WireHalf<'t, P> {
             Some(WireFault::DoubleLine) => self.line_copy = Some(Vec::new()),
             _ => {}
         }
-        let forwarded =
-            if let Some(WireFault::Flip { bit }) = fault { byte ^ (1 << bit) } else { byte };
+        let forwarded = if let Some(WireFault::Flip { bit }) = fault { byte ^ (1 << bit) } else { byte };
         if fault != Some(WireFault::DropByte) && !self.is_dropping_line {
             out.push(forwarded);
             if fault == Some(WireFault::DoubleByte) {

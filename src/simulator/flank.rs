@@ -84,8 +84,7 @@ pub(super) struct Profile {
 
 impl Profile {
     pub fn new(radius: f64, form: impl IntoIterator<Item = FormHarmonic>) -> Self {
-        let terms: Vec<_> =
-            form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
+        let terms: Vec<_> = form.into_iter().map(|h| (f64::from(h.n), h.cos_um * 1e-3, h.sin_um * 1e-3)).collect();
         let amplitude = terms.iter().map(|(_, c, s)| c.hypot(*s)).sum();
         Self { radius, terms, amplitude }
     }

@@ -230,10 +230,8 @@ impl SimulatedWorld {
             return MoveResult { has_touched: self.is_probe_closed(), ..MoveResult::default() };
         };
         let has_touched = self.probe_closes_on_path(&path);
-        let stylus_travel_left =
-            |fraction| self.clearance_on_path(&path, fraction) + self.overtravel_mm;
-        let has_crashed =
-            first_crossing(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
+        let stylus_travel_left = |fraction| self.clearance_on_path(&path, fraction) + self.overtravel_mm;
+        let has_crashed = first_crossing(stylus_travel_left, path.max_ball_travel_mm(), 0.0).is_some();
         let duration_s = path.ramp().duration_s();
         self.finish_move(&path, 1.0, duration_s);
         MoveResult { has_touched, has_crashed, duration_s }
@@ -249,22 +247,15 @@ impl SimulatedWorld {
     /// touches does not matter. With the probe closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
         let occurrence = self.probe_counts.entry(n).or_default();
-        self.scatter_mm =
-            self.repeatability_mm * random_draws::draw_touch_scatter(self.seed, n, *occurrence);
+        self.scatter_mm = self.repeatability_mm * random_draws::draw_touch_scatter(self.seed, n, *occurrence);
         let scan_phase = random_draws::draw_scan_phase(self.seed, n, *occurrence);
         *occurrence += 1;
         let Some(path) = self.path(to, Speed::Feed { mm_min: feed_mm_min }) else {
             let here = Contact { position: self.position(), t_s: self.t_s };
-            return ProbeResult {
-                contact: self.is_probe_closed().then_some(here),
-                ..ProbeResult::default()
-            };
+            return ProbeResult { contact: self.is_probe_closed().then_some(here), ..ProbeResult::default() };
         };
-        let contact = first_crossing(
-            |fraction| self.trigger_distance_on_path(&path, fraction),
-            path.max_ball_travel_mm(),
-            0.0,
-        );
+        let contact =
+            first_crossing(|fraction| self.trigger_distance_on_path(&path, fraction), path.max_ball_travel_mm(), 0.0);
         match contact.filter(|_| self.true_wiring.reacts_to_contact()) {
             Some(fraction) => {
                 let late_s = (self.latch.delay_ms + scan_phase * self.latch.scan_ms) * 1e-3;
@@ -384,10 +375,11 @@ impl SimulatedWorld {
 
 /// Lost motion of the linear axes: as stated, or drawn from the declared magnitude.
 fn true_backlash_um(machine: &Machine, truth: &MachineTruth) -> BTreeMap<Axis, f64> {
-    let drawn =
-        machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0).map(|(axis, spec)| {
-            (*axis, spec.backlash_um * random_draws::draw_backlash(truth.seed, *axis as u64))
-        });
+    let drawn = machine
+        .axes
+        .iter()
+        .filter(|(_, spec)| spec.backlash_um > 0.0)
+        .map(|(axis, spec)| (*axis, spec.backlash_um * random_draws::draw_backlash(truth.seed, *axis as u64)));
     let mut backlash_um: BTreeMap<Axis, f64> = drawn.collect();
     backlash_um.extend(&truth.backlash_um);
     backlash_um

@@ -34,12 +34,9 @@ impl RandomFunction {
         if sigma == 0.0 {
             return Self::default();
         }
-        let frequencies =
-            standard_normals(seed, RandomSource::ErrorMotion, key).take(Self::WAVE_COUNT);
-        let phase_key: Vec<u64> =
-            [RandomSource::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
-        let phases =
-            rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
+        let frequencies = standard_normals(seed, RandomSource::ErrorMotion, key).take(Self::WAVE_COUNT);
+        let phase_key: Vec<u64> = [RandomSource::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
+        let phases = rand_distr::StandardUniform.sample_iter(random::seeded_stream(seed, &phase_key));
         let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
         let amplitude = sigma * (2.0 / Self::WAVE_COUNT as f64).sqrt();
         let pitch = length / 10.0;
@@ -127,8 +124,7 @@ impl LinearErrors {
         };
         let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
         let ([_, y, z], squareness_rad) = (command, self.squareness_rad);
-        motions
-            + Vector3::new(squareness_rad.x * y + squareness_rad.y * z, squareness_rad.z * z, 0.0)
+        motions + Vector3::new(squareness_rad.x * y + squareness_rad.y * z, squareness_rad.z * z, 0.0)
     }
 }
 

@@ -4,9 +4,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::{SimulatedWorld, Speed};
-use machine::record::question::{
-    Answer, AxisDirection, Jog, ObservedMotion, Question, StylusState,
-};
+use machine::record::question::{Answer, AxisDirection, Jog, ObservedMotion, Question, StylusState};
 use machine::{Axis, Position};
 
 /// Smallest motion that the operator sees, mm or degrees.
@@ -53,9 +51,8 @@ impl SimulatedOperator {
     /// Whether the display agrees with the position that the control reports.
     fn compare_display(&self, reported: &Position) -> Answer {
         let displayed = self.world().position();
-        let differs = |(axis, at): (Axis, f64)| {
-            axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION
-        };
+        let differs =
+            |(axis, at): (Axis, f64)| axis.to_mm_or_deg(at - displayed.get_or_zero(axis)).abs() > MIN_VISIBLE_MOTION;
         if reported.iter().any(differs) { Answer::No } else { Answer::Yes }
     }
 
@@ -68,10 +65,7 @@ impl SimulatedOperator {
         let freed_distance = |direction: &AxisDirection| {
             let (axis, mut trial) = (direction.axis, world.clone());
             let by = if direction.is_positive { VISUAL_RESOLUTION } else { -VISUAL_RESOLUTION };
-            trial.travel(
-                &Position::new().with(axis, trial.position().get_or_zero(axis) + by),
-                Speed::Rapid,
-            );
+            trial.travel(&Position::new().with(axis, trial.position().get_or_zero(axis) + by), Speed::Rapid);
             trial.trigger_distance()
         };
         let directions = Axis::LINEAR
@@ -83,20 +77,16 @@ impl SimulatedOperator {
 
     fn observed_motion(&self, jog: &Jog) -> ObservedMotion {
         let true_position = self.world().true_axes();
-        let travelled = true_position.iter().map(|(axis, at)| {
-            (axis, axis.to_mm_or_deg(at - self.position_before_jog.get_or_zero(axis)))
-        });
+        let travelled = true_position
+            .iter()
+            .map(|(axis, at)| (axis, axis.to_mm_or_deg(at - self.position_before_jog.get_or_zero(axis))));
         let farthest = travelled.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         match farthest.filter(|(_, by)| by.abs() > MIN_VISIBLE_MOTION) {
             None => ObservedMotion::NoMotion,
             Some((axis, _)) if axis != jog.axis => ObservedMotion::OtherAxis(axis),
-            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => {
-                ObservedMotion::AsAnnounced
-            }
+            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => ObservedMotion::AsAnnounced,
             Some((_, by)) if (by + jog.by).abs() <= VISUAL_RESOLUTION => ObservedMotion::Opposite,
-            Some((_, by)) => {
-                ObservedMotion::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION)
-            }
+            Some((_, by)) => ObservedMotion::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION),
         }
     }
 

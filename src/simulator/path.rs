@@ -20,11 +20,8 @@ pub(super) struct LostMotion {
 
 impl LostMotion {
     pub fn new(backlash_um: &BTreeMap<Axis, f64>, command: &Position) -> Self {
-        let half_gap = backlash_um
-            .iter()
-            .filter(|(axis, _)| axis.is_linear())
-            .map(|(axis, gap)| (*axis, gap * 0.5e-3))
-            .collect();
+        let half_gap =
+            backlash_um.iter().filter(|(axis, _)| axis.is_linear()).map(|(axis, gap)| (*axis, gap * 0.5e-3)).collect();
         Self { half_gap, actual: command.clone() }
     }
 
@@ -81,17 +78,9 @@ impl MovePath {
             return None;
         }
         let ramp = velocity_ramp(&span, speed, limits.axes);
-        let max_ball_travel_mm =
-            max_ball_travel_mm(from, &span, limits.lever_arm) * limits.max_travel_ratio;
+        let max_ball_travel_mm = max_ball_travel_mm(from, &span, limits.lever_arm) * limits.max_travel_ratio;
         let to = to.filter_axes(|axis| span.get(axis).is_some());
-        Some(Self {
-            from: from.clone(),
-            span,
-            to,
-            ramp,
-            max_ball_travel_mm,
-            lost_motion: lost_motion.clone(),
-        })
+        Some(Self { from: from.clone(), span, to, ramp, max_ball_travel_mm, lost_motion: lost_motion.clone() })
     }
 
     pub fn ramp(&self) -> &Ramp {
@@ -149,13 +138,8 @@ fn feed_path_length(span: &Position) -> f64 {
     if linear > 0.0 { linear } else { length(false) }
 }
 
-fn max_ball_travel_mm(
-    from: &Position,
-    span: &Position,
-    lever_arm: &dyn Fn(Axis, &Position) -> f64,
-) -> f64 {
-    let linear: f64 =
-        span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
+fn max_ball_travel_mm(from: &Position, span: &Position, lever_arm: &dyn Fn(Axis, &Position) -> f64) -> f64 {
+    let linear: f64 = span.iter().filter(|(a, _)| a.is_linear()).map(|(_, t)| t * t).sum::<f64>().sqrt();
     let turns: f64 = span
         .iter()
         .filter(|(axis, _)| !axis.is_linear())

@@ -89,12 +89,7 @@ pub(super) fn first_crossing(f: impl Fn(f64) -> f64, max_slope_mm: f64, from: f6
         let next = (here + value.max(MIN_SEARCH_STEP_MM) / max_slope_mm).min(1.0);
         let value_next = f(next);
         if value_next <= 0.0 {
-            return Some(find_root(
-                f,
-                (here, value),
-                (next, value_next),
-                CROSSING_TOLERANCE_MM / max_slope_mm,
-            ));
+            return Some(find_root(f, (here, value), (next, value_next), CROSSING_TOLERANCE_MM / max_slope_mm));
         }
         (here, value) = (next, value_next);
     }

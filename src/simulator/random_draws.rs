@@ -35,11 +35,7 @@ pub(super) enum RandomSource {
 }
 
 /// Standard normal numbers of one source.
-pub(super) fn standard_normals(
-    seed: u64,
-    source: RandomSource,
-    key: &[u64],
-) -> impl Iterator<Item = f64> {
+pub(super) fn standard_normals(seed: u64, source: RandomSource, key: &[u64]) -> impl Iterator<Item = f64> {
     let key: Vec<u64> = std::iter::once(source as u64).chain(key.iter().copied()).collect();
     StandardNormal.sample_iter(random::seeded_stream(seed, &key))
 }
@@ -55,11 +51,7 @@ pub(super) fn draw_touch_scatter(seed: u64, n: u32, occurrence: u32) -> f64 {
 
 /// Phase, 0 to 1, of the PLC scan at which the contact of one touch occurs.
 pub(super) fn draw_scan_phase(seed: u64, n: u32, occurrence: u32) -> f64 {
-    random::seeded_stream(
-        seed,
-        &[RandomSource::ScanPhase as u64, u64::from(n), u64::from(occurrence)],
-    )
-    .random()
+    random::seeded_stream(seed, &[RandomSource::ScanPhase as u64, u64::from(n), u64::from(occurrence)]).random()
 }
 
 /// Deviation of one sample of a displacement sensor, in standard deviations.
@@ -79,27 +71,17 @@ pub(super) fn draw_sample_delay(seed: u64, sensor: usize, sample: u64) -> f64 {
 
 /// Two to six waves over the range `span_mm` of a displacement sensor, with a total standard deviation
 /// `sigma_um` at every distance. A lower order would be a gain error.
-pub(super) fn draw_linearity_waves(
-    seed: u64,
-    sensor: usize,
-    sigma_um: f64,
-    span_mm: f64,
-) -> Vec<LinearityWave> {
+pub(super) fn draw_linearity_waves(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -> Vec<LinearityWave> {
     const HARMONIC_ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
     if sigma_um == 0.0 {
         return Vec::new();
     }
     let term_sigma = sigma_um / (HARMONIC_ORDERS.count() as f64).sqrt();
     let wave = |n: u32| {
-        let draw =
-            |part| first_normal(seed, RandomSource::Linearity, &[sensor as u64, n.into(), part]);
+        let draw = |part| first_normal(seed, RandomSource::Linearity, &[sensor as u64, n.into(), part]);
         let (cos, sin): (f64, f64) = (draw(0), draw(1));
         let phase_deg = cos.atan2(sin).to_degrees();
-        LinearityWave {
-            amplitude_um: term_sigma * cos.hypot(sin),
-            period_mm: span_mm / f64::from(n),
-            phase_deg,
-        }
+        LinearityWave { amplitude_um: term_sigma * cos.hypot(sin), period_mm: span_mm / f64::from(n), phase_deg }
     };
     HARMONIC_ORDERS.map(wave).collect()
 }
@@ -122,8 +104,7 @@ pub(super) fn draw_roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
         return Vec::new();
     }
     let term_sigma = sigma_um / (HARMONIC_ORDERS.count() as f64).sqrt();
-    let draw =
-        |n, part| term_sigma * first_normal(seed, RandomSource::Roughness, &[u64::from(n), part]);
+    let draw = |n, part| term_sigma * first_normal(seed, RandomSource::Roughness, &[u64::from(n), part]);
     HARMONIC_ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
 }
 
@@ -134,9 +115,7 @@ pub(super) fn draw_section_form(seed: u64, section: u64, sigma_um: f64) -> Vec<F
         return Vec::new();
     }
     let term_sigma = sigma_um / (HARMONIC_ORDERS.count() as f64).sqrt();
-    let draw = |n, part| {
-        term_sigma * first_normal(seed, RandomSource::SectionForm, &[section, u64::from(n), part])
-    };
+    let draw = |n, part| term_sigma * first_normal(seed, RandomSource::SectionForm, &[section, u64::from(n), part]);
     HARMONIC_ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
 }
 
@@ -199,8 +178,7 @@ impl Lobing {
     pub fn draw(seed: u64, sigma_mm: f64, declared: &[u32]) -> Self {
         let orders = if declared.is_empty() { &[2, 3, 4, 5, 6] } else { declared };
         let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
-        let draw =
-            |n, part| term_sigma * first_normal(seed, RandomSource::Lobing, &[u64::from(n), part]);
+        let draw = |n, part| term_sigma * first_normal(seed, RandomSource::Lobing, &[u64::from(n), part]);
         Self { terms: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }
     }
 
@@ -208,8 +186,7 @@ impl Lobing {
     /// of the stylus, where the azimuth is undefined.
     pub fn pre_travel_mm(&self, n: Vector3<f64>) -> f64 {
         let (radial_component, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
-        let sum: f64 =
-            self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
+        let sum: f64 = self.terms.iter().map(|(k, c, s)| c * (k * phi).cos() + s * (k * phi).sin()).sum();
         radial_component * sum
     }
 }
@@ -217,8 +194,7 @@ impl Lobing {
 /// Error from a tilted surface, um: one term with the squared tangent of the tilt, and one term with the
 /// tangent along each of the two directions across the beam.
 pub(super) fn draw_incidence_errors(seed: u64, sensor: usize, sigma_um: f64) -> (f64, [f64; 2]) {
-    let draw =
-        |part| sigma_um * first_normal(seed, RandomSource::Incidence, &[sensor as u64, part]);
+    let draw = |part| sigma_um * first_normal(seed, RandomSource::Incidence, &[sensor as u64, part]);
     (draw(0), [draw(1), draw(2)])
 }
 

@@ -30,12 +30,7 @@ type HarmonicTerm = (f64, f64, f64);
 
 impl RotaryErrors {
     /// Draws motions with standard deviation `sigma_mm` in each direction at every angle.
-    pub fn draw(
-        seed: u64,
-        axis: Axis,
-        sigma_mm: f64,
-        declared: &[u32],
-    ) -> Result<Self, ParameterError> {
+    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64, declared: &[u32]) -> Result<Self, ParameterError> {
         let orders = if declared.is_empty() { &[2, 3, 4, 5] } else { declared };
         let term_sigma = sigma_mm / (orders.len() as f64).sqrt();
         let along = |component: Axis| {
@@ -64,15 +59,13 @@ impl RotaryErrors {
             let term_sigma = sigma / (orders.len().max(1) as f64).sqrt();
             let mut terms: Vec<HarmonicTerm> = Vec::new();
             for (number, order) in orders.iter().enumerate() {
-                let draw =
-                    |part| term_sigma * random_draws::draw_declared_motion(seed, key(number, part));
+                let draw = |part| term_sigma * random_draws::draw_declared_motion(seed, key(number, part));
                 terms.push((*order, draw(0), draw(1)));
             }
             Ok((ErrorParameter::new(component, axis, ErrorShape::Location)?, terms))
         };
         let asynchronous = |component: Axis| {
-            let term_sigma =
-                motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERM_COUNT as f64).sqrt();
+            let term_sigma = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERM_COUNT as f64).sqrt();
             let term = |number: usize| {
                 let key = |part| [axis as u64, component as u64, number as u64, part];
                 let draw = |part| random_draws::draw_asynchronous_motion(seed, key(part));
@@ -93,23 +86,17 @@ impl RotaryErrors {
     pub fn synchronous_errors(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.get_or_zero(self.axis);
         self.motions.iter().map(move |(parameter, terms)| {
-            let value =
-                terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
+            let value = terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
             ErrorTerm { parameter: *parameter, value }
         })
     }
 
     /// Asynchronous error motion at the time `t_s`.
-    pub fn asynchronous_errors(
-        &self,
-        position: &Position,
-        t_s: f64,
-    ) -> impl Iterator<Item = ErrorTerm> {
+    pub fn asynchronous_errors(&self, position: &Position, t_s: f64) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.get_or_zero(self.axis);
         self.asynchronous.iter().map(move |(parameter, terms)| {
             let value = (1..).zip(terms).map(|(number, (n, c, s))| {
-                let (sin, cos) =
-                    (n * angle + TAU * f64::from(number) * t_s / PHASE_PERIOD_S).sin_cos();
+                let (sin, cos) = (n * angle + TAU * f64::from(number) * t_s / PHASE_PERIOD_S).sin_cos();
                 c * cos + s * sin
             });
             ErrorTerm { parameter: *parameter, value: value.sum() }

@@ -54,10 +54,8 @@ impl Scene {
             spec.map_or([0.0, 1.0], |s| [s.error_motion_um * 1e-3, s.error_wavelength_mm])
         };
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
-        let linear_errors =
-            LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
-        let linear_errors =
-            linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
+        let linear_errors = LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
+        let linear_errors = linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
         let angular = |axis| {
             let spec = machine.axes.get(&axis);
             spec.map_or([0.0, 1.0], |s| [s.angular_motion_urad * 1e-6, s.error_wavelength_mm])
@@ -119,17 +117,11 @@ impl Scene {
     pub fn rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         let at = Position::new().with(axis, angle);
         let errors = self.errors_at(&at, None);
-        let axis_errors = errors.iter().filter(|term| {
-            (term.parameter.axis(), term.parameter.component()) == (axis, component)
-        });
+        let axis_errors =
+            errors.iter().filter(|term| (term.parameter.axis(), term.parameter.component()) == (axis, component));
         // A drawn motion is a location error at this angle; a stated location error is not a motion.
-        let stated = |term: &&ErrorTerm| {
-            term.parameter.shape() == ErrorShape::Location && self.errors.contains(term)
-        };
-        axis_errors
-            .filter(|term| !stated(term))
-            .map(|term| term.value * term.parameter.factor(angle))
-            .sum()
+        let stated = |term: &&ErrorTerm| term.parameter.shape() == ErrorShape::Location && self.errors.contains(term);
+        axis_errors.filter(|term| !stated(term)).map(|term| term.value * term.parameter.factor(angle)).sum()
     }
 
     /// The true stylus-ball centre, spindle frame, mm.
@@ -159,24 +151,14 @@ impl Scene {
     }
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
-    fn distance_and_normal(
-        &self,
-        axes: &Position,
-        command: &Position,
-        t_s: f64,
-    ) -> (f64, Vector3<f64>) {
+    fn distance_and_normal(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
         let SensorView { pose, growth, .. } = self.view_from_spindle(axes, command, t_s);
         let nearest = self.surface.nearest(pose.to_table_point(self.tip), growth, t_s);
         (nearest.distance - self.ball_radius, pose.to_spindle_direction(nearest.normal))
     }
 
     /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
-    pub fn view_from_spindle(
-        &self,
-        axes: &Position,
-        command: &Position,
-        t_s: f64,
-    ) -> SensorView<'_> {
+    pub fn view_from_spindle(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.errors_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
         let shift = self.linear_errors.deviation_at(command.xyz().into());
@@ -191,27 +173,16 @@ impl Scene {
     /// The sphere in the spindle, as seen from a sensor on the table.
     pub fn view_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let view = self.view_from_spindle(axes, command, t_s);
-        let target = MeasuredObject::Sphere {
-            centre: view.pose.to_table_point(self.tip),
-            radius: self.ball_radius,
-        };
+        let target = MeasuredObject::Sphere { centre: view.pose.to_table_point(self.tip), radius: self.ball_radius };
         let table = view.pose.table;
         let pose = MachinePose { table, spindle: table, shift: Vector3::zeros() };
         SensorView { pose, target, ..view }
     }
 
-    fn view_from(
-        &self,
-        carrier: Pose,
-        shift: Vector3<f64>,
-        axes: &Position,
-        t_s: f64,
-    ) -> SensorView<'_> {
+    fn view_from(&self, carrier: Pose, shift: Vector3<f64>, axes: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.errors_at(axes, Some(t_s));
         let pose = MachinePose {
-            table: self
-                .sag
-                .deflected_table_pose(self.chain.machine_from_table(axes, &errors), axes),
+            table: self.sag.deflected_table_pose(self.chain.machine_from_table(axes, &errors), axes),
             spindle: carrier,
             shift: shift - self.drift.table_displacement(t_s),
         };
@@ -226,8 +197,7 @@ impl Scene {
             return Cow::Borrowed(&self.errors);
         }
         let drawn = self.rotary_errors.iter().flat_map(|errors| errors.synchronous_errors(axes));
-        let at_time =
-            |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_errors(axes, t_s));
+        let at_time = |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_errors(axes, t_s));
         let asynchronous = t_s.into_iter().flat_map(at_time);
         let angular = self.angular_errors.errors_at(axes);
         self.errors.iter().copied().chain(drawn).chain(asynchronous).chain(angular).collect()
@@ -241,9 +211,7 @@ impl Scene {
         let mut lasting_errors: Vec<ErrorTerm> = self
             .errors
             .iter()
-            .filter(|term| {
-                matches!(term.parameter.shape(), ErrorShape::Location | ErrorShape::Gain)
-            })
+            .filter(|term| matches!(term.parameter.shape(), ErrorShape::Location | ErrorShape::Gain))
             .copied()
             .collect();
         let [u, v, w] = match axis {
@@ -255,8 +223,7 @@ impl Scene {
         let across = stated.map_or(Vector3::zeros(), |line| line.point - w * line.point.dot(&w));
         let about = self.linear_axes_for_stylus(w * along + across);
         lasting_errors.extend(self.angular_errors.errors_at(&Position::from_xyz(about)));
-        let shift =
-            self.linear_errors.deviation_at(about.into()) - self.drift.table_displacement(t_s);
+        let shift = self.linear_errors.deviation_at(about.into()) - self.drift.table_displacement(t_s);
         let moved = |at: Vector2<f64>| {
             let stylus = w * along + u * at.x + v * at.y;
             let turn = self.displacement_in_half_turn(axis, stylus, &lasting_errors, shift);
@@ -264,8 +231,7 @@ impl Scene {
         };
         // The motion is affine in the position: three values give the root exactly.
         let origin = moved(Vector2::zeros());
-        let slope =
-            Matrix2::from_columns(&[Vector2::x(), Vector2::y()].map(|at| moved(at) - origin));
+        let slope = Matrix2::from_columns(&[Vector2::x(), Vector2::y()].map(|at| moved(at) - origin));
         let inverse = slope.try_inverse().filter(|_| slope.determinant().abs() >= 1e-3);
         inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
     }

@@ -70,11 +70,8 @@ impl SimulatedWorld {
     /// Two sensors have the same name, a `[[simulated.sensor]]` names no sensor, or a number is impossible for
     /// a sensor.
     pub fn with_sensors(mut self, sensors: &[Sensor]) -> Result<Self, SimulatedWorldError> {
-        let count_of_name =
-            |name: &str| sensors.iter().filter(|sensor| sensor.name == name).count();
-        if let Some(unknown) =
-            self.sensor_truths.iter().find(|truth| count_of_name(&truth.name) == 0)
-        {
+        let count_of_name = |name: &str| sensors.iter().filter(|sensor| sensor.name == name).count();
+        if let Some(unknown) = self.sensor_truths.iter().find(|truth| count_of_name(&truth.name) == 0) {
             return Err(SimulatedWorldError::UnknownSensor { name: unknown.name.clone() });
         }
         if let Some(duplicate) = sensors.iter().find(|sensor| count_of_name(&sensor.name) > 1) {
@@ -88,13 +85,7 @@ impl SimulatedWorld {
             }
             let clock = SampleClock::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
-            Ok(SimulatedSensor {
-                name: sensor.name.clone(),
-                mount: sensor.mount,
-                beam,
-                clock,
-                sample_count: 0,
-            })
+            Ok(SimulatedSensor { name: sensor.name.clone(), mount: sensor.mount, beam, clock, sample_count: 0 })
         };
         self.sensors = sensors.iter().enumerate().map(sensor).collect::<Result<_, _>>()?;
         Ok(self)

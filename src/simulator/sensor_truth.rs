@@ -99,16 +99,11 @@ impl SensorTruth {
             ("clock_jitter_us", is_non_negative(self.clock_jitter_us)),
             ("clock_late_ms", (0.0..=MAX_LATENCY_MS).contains(&self.clock_late_ms)),
             ("clips_mm", self.clips_mm.is_none_or(|[low, high]| low < high)),
-            (
-                "dazzled_deg",
-                is_non_negative(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg,
-            ),
+            ("dazzled_deg", is_non_negative(self.dazzled_deg) && self.dazzled_deg < self.echo_limit_deg),
         ];
         match rules.into_iter().find(|(_, holds)| !holds) {
             None => Ok(()),
-            Some((key, _)) => {
-                Err(SimulatedWorldError::InvalidSensor { name: self.name.clone(), key })
-            }
+            Some((key, _)) => Err(SimulatedWorldError::InvalidSensor { name: self.name.clone(), key }),
         }
     }
 }

@@ -53,22 +53,16 @@ pub(super) struct SurfaceHit {
 impl SensorView<'_> {
     /// First surface that the line through `origin` along the unit vector `along` (spindle frame) enters
     /// between the distances `reach`; `None` also if the line begins inside a body.
-    pub fn first_hit(
-        &self,
-        origin: Vector3<f64>,
-        along: Vector3<f64>,
-        reach: [f64; 2],
-    ) -> Option<SurfaceHit> {
+    pub fn first_hit(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<SurfaceHit> {
         let [near, far] = reach;
         let length = far - near;
         let start = self.pose.to_table_point(origin + along * near);
         let direction = self.pose.to_table_direction(along);
-        let nearest = |fraction: f64| {
-            self.target.nearest(start + direction * (fraction * length), self.growth, self.t_s)
-        };
+        let nearest =
+            |fraction: f64| self.target.nearest(start + direction * (fraction * length), self.growth, self.t_s);
         // The distance to a surface falls no faster than the line advances.
-        let fraction = first_crossing(|fraction| nearest(fraction).distance, length, 0.0)
-            .filter(|fraction| *fraction > 0.0)?;
+        let fraction =
+            first_crossing(|fraction| nearest(fraction).distance, length, 0.0).filter(|fraction| *fraction > 0.0)?;
         let normal = self.pose.to_spindle_direction(nearest(fraction).normal);
         Some(SurfaceHit { distance: near + fraction * length, normal })
     }

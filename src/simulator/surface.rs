@@ -62,9 +62,7 @@ impl Surface {
             Self::Flank(flank) => flank.nearest(point, growth),
             Self::Balls(balls) => balls.nearest(point, t_s),
             Self::Datum(datum) => datum.nearest(point, growth),
-            Self::Empty => {
-                NearestSurface { distance: EMPTY_TABLE_DISTANCE_MM, normal: Vector3::z() }
-            }
+            Self::Empty => NearestSurface { distance: EMPTY_TABLE_DISTANCE_MM, normal: Vector3::z() },
         }
     }
 }

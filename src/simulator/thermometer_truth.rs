@@ -36,8 +36,7 @@ impl ThermometerTruth {
 
     fn reading_c(&self, t_s: f64, seed: u64, number: usize) -> f64 {
         // The noise changes once per second.
-        let noise =
-            self.noise_k * random_draws::draw_thermometer_noise(seed, number, t_s.max(0.0) as u64);
+        let noise = self.noise_k * random_draws::draw_thermometer_noise(seed, number, t_s.max(0.0) as u64);
         let celsius = self.begins_c + self.warms_k * random_draws::equilibrium_share(t_s) + noise;
         (celsius * COUNTS_PER_K).round() / COUNTS_PER_K
     }
@@ -60,8 +59,7 @@ impl SimulatedWorld {
             return Err(SimulatedWorldError::InvalidThermometer { name: invalid.name.clone() });
         }
         let truth_for_name = |name: &&str| {
-            let default_truth =
-                || ThermometerTruth { name: (*name).to_owned(), ..ThermometerTruth::default() };
+            let default_truth = || ThermometerTruth { name: (*name).to_owned(), ..ThermometerTruth::default() };
             stated.iter().find(|stated| stated.name == *name).cloned().unwrap_or_else(default_truth)
         };
         self.thermometers = names.iter().map(truth_for_name).collect();

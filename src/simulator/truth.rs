@@ -175,8 +175,7 @@ impl MachineTruth {
     pub(super) fn reject_form_keys(&self) -> Result<(), SimulatedWorldError> {
         let form = ("form", !self.form.is_empty());
         let rough = ("roughness_um", self.roughness_um != 0.0);
-        let stated =
-            [form, rough].into_iter().filter(|(_, is_present)| *is_present).map(|(key, _)| key);
+        let stated = [form, rough].into_iter().filter(|(_, is_present)| *is_present).map(|(key, _)| key);
         reject_keys(stated, "cylinder")
     }
 
@@ -184,8 +183,7 @@ impl MachineTruth {
     pub(super) fn check_ball_keys(&self, balls: &Balls) -> Result<(), SimulatedWorldError> {
         self.reject_form_keys()?;
         let referenced_ids = self.ball.iter().map(|ball| &ball.id);
-        let mut referenced_ids =
-            referenced_ids.chain(self.ball_moves.iter().map(|moved| &moved.ball));
+        let mut referenced_ids = referenced_ids.chain(self.ball_moves.iter().map(|moved| &moved.ball));
         match referenced_ids.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {
             None => Ok(()),
             Some(id) => Err(SimulatedWorldError::UnknownBall { id: id.clone() }),
@@ -214,10 +212,7 @@ impl MachineTruth {
     }
 }
 
-fn reject_keys(
-    mut keys: impl Iterator<Item = &'static str>,
-    kind: &'static str,
-) -> Result<(), SimulatedWorldError> {
+fn reject_keys(mut keys: impl Iterator<Item = &'static str>, kind: &'static str) -> Result<(), SimulatedWorldError> {
     keys.next().map_or(Ok(()), |key| Err(SimulatedWorldError::WrongArtefactKind { key, kind }))
 }
 
@@ -227,10 +222,7 @@ fn parse_error_term(key: &str, value: f64) -> Result<ErrorTerm, SimulatedWorldEr
     let (symbol, unit, scale) = units
         .into_iter()
         .find_map(|(unit, scale)| key.strip_suffix(unit).map(|symbol| (symbol, unit, scale)))
-        .ok_or_else(|| SimulatedWorldError::WrongUnit {
-            key: key.to_owned(),
-            unit: "_um, _urad or _um_per_m",
-        })?;
+        .ok_or_else(|| SimulatedWorldError::WrongUnit { key: key.to_owned(), unit: "_um, _urad or _um_per_m" })?;
     let parameter: ErrorParameter = symbol.parse()?;
     let required_unit = match parameter.shape() {
         ErrorShape::Gain => "_um_per_m",

@@ -59,8 +59,7 @@ impl TrueWiring {
         let mut actual = displayed.clone();
         for (drive, position) in displayed.iter() {
             let motor = wiring.motor_of_drive(drive);
-            let travelled =
-                drive.to_mm_or_deg(position - origin.get_or_zero(drive)) * wiring.motor_gain(motor);
+            let travelled = drive.to_mm_or_deg(position - origin.get_or_zero(drive)) * wiring.motor_gain(motor);
             if displayed.get(motor).is_some() {
                 actual.set(motor, origin.get_or_zero(motor) + motor.to_mm_or_rad(travelled));
             }
@@ -120,10 +119,7 @@ mod tests {
     use super::*;
 
     fn wired(wiring: Wiring) -> TrueWiring {
-        TrueWiring::new(
-            &wiring,
-            &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0),
-        )
+        TrueWiring::new(&wiring, &Position::new().with(Axis::X, 0.0).with(Axis::Y, 0.0).with(Axis::Z, 450.0))
     }
 
     #[test]
@@ -138,11 +134,7 @@ mod tests {
         let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
         assert_eq!(truly(gain), displayed.clone().with(Axis::X, 50.8));
         // Both at once: the motor of X is connected to the drive of Y, and turns in the opposite direction.
-        let both = Wiring {
-            swapped: vec![[Axis::X, Axis::Y]],
-            reversed: vec![Axis::X],
-            ..Wiring::default()
-        };
+        let both = Wiring { swapped: vec![[Axis::X, Axis::Y]], reversed: vec![Axis::X], ..Wiring::default() };
         assert_eq!(truly(both), displayed.with(Axis::X, 3.0).with(Axis::Y, 2.0));
     }
 

@@ -39,11 +39,7 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn audit_entries(
-        &self,
-        before: Option<i64>,
-        limit: usize,
-    ) -> Result<Vec<StoredAuditEntry>, StoreError> {
+    pub fn audit_entries(&self, before: Option<i64>, limit: usize) -> Result<Vec<StoredAuditEntry>, StoreError> {
         self.query(|connection| newest_entries(connection, before, limit))
     }
 }

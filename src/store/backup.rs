@@ -35,9 +35,7 @@ pub fn backup(dir: &Path, file: &Path) -> Result<BackupContent, StoreError> {
             Ok(read::select_runs(copy)?.last().map(|run| run.id))
         }
         false if format == 0 => Ok(None),
-        false => Ok(copy
-            .query_row("SELECT max(id) FROM runs", [], |row| row.get::<_, Option<i64>>(0))?
-            .map(RunId)),
+        false => Ok(copy.query_row("SELECT max(id) FROM runs", [], |row| row.get::<_, Option<i64>>(0))?.map(RunId)),
     };
     match snapshot::copy_verified(&source, file, verified) {
         Ok(newest) => Ok(BackupContent { newest, has_checksums }),

@@ -62,10 +62,7 @@ pub(super) fn add_checksum_triggers(connection: &Connection) -> Result<(), Store
     connection.pragma_update(None, "temp_store", "MEMORY")?;
     for table in checksummed_tables(connection)? {
         let ChecksummedTable { name, columns } = &table;
-        let set = format!(
-            "UPDATE {name} SET checksum = {} WHERE rowid = new.rowid; END;",
-            table.checksum_sql()
-        );
+        let set = format!("UPDATE {name} SET checksum = {} WHERE rowid = new.rowid; END;", table.checksum_sql());
         connection.execute_batch(&format!(
             "CREATE TEMP TRIGGER {name}_inserted AFTER INSERT ON main.{name} BEGIN {set}
              CREATE TEMP TRIGGER {name}_changed AFTER UPDATE OF {columns} ON main.{name} BEGIN {set}"
@@ -108,10 +105,7 @@ pub(super) fn verify_estimates(connection: &Connection, runs: &[i64]) -> Result<
 }
 
 /// Verifies rows. `rows` returns the SQL condition of the rows of a table, or `None` for no row.
-fn verify_rows(
-    connection: &Connection,
-    rows: impl Fn(&str) -> Option<String>,
-) -> Result<(), StoreFault> {
+fn verify_rows(connection: &Connection, rows: impl Fn(&str) -> Option<String>) -> Result<(), StoreFault> {
     for table in checksummed_tables(connection)? {
         let Some(rows) = rows(&table.name) else { continue };
         let mut damaged = connection.prepare(&format!(
@@ -135,7 +129,6 @@ fn checksummed_tables(connection: &Connection) -> Result<Vec<ChecksummedTable>, 
          FROM main.sqlite_schema AS tables JOIN pragma_table_info(tables.name, 'main') AS columns
          WHERE tables.type = 'table' GROUP BY tables.name HAVING max(columns.name = 'checksum')",
     )?;
-    let tables = statement
-        .query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, columns: row.get(1)? }))?;
+    let tables = statement.query_map([], |row| Ok(ChecksummedTable { name: row.get(0)?, columns: row.get(1)? }))?;
     Ok(tables.collect::<Result<_, _>>()?)
 }

@@ -16,10 +16,7 @@ pub(super) fn now_text() -> String {
 }
 
 /// JSON that can be read back. A number that is not finite becomes `null`, which cannot be read as a number.
-pub(super) fn to_json<T: Serialize + DeserializeOwned>(
-    what: &str,
-    value: &T,
-) -> Result<String, StoreFault> {
+pub(super) fn to_json<T: Serialize + DeserializeOwned>(what: &str, value: &T) -> Result<String, StoreFault> {
     let not_finite = |_| StoreFault::NotFinite { what: what.to_owned() };
     let text = serde_json::to_string(value).map_err(not_finite)?;
     serde_json::from_str::<T>(&text).map_err(not_finite)?;
@@ -57,9 +54,6 @@ pub(super) fn parse_column<T: FromStr<Err: std::error::Error + Send + Sync + 'st
     text.parse().map_err(|error: T::Err| damaged_column(column, error.into()))
 }
 
-pub(super) fn damaged_column(
-    column: usize,
-    why: Box<dyn std::error::Error + Send + Sync>,
-) -> rusqlite::Error {
+pub(super) fn damaged_column(column: usize, why: Box<dyn std::error::Error + Send + Sync>) -> rusqlite::Error {
     rusqlite::Error::FromSqlConversionFailure(column, Type::Text, why)
 }

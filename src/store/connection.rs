@@ -86,10 +86,7 @@ fn journal_mode(connection: &Connection, mode: &str) -> Result<String, StoreFaul
 
 /// Retries while SQLite reports the file as busy without waiting for `busy_timeout`, which happens when two
 /// connections switch the journal mode at once.
-fn retry_while_busy<T>(
-    timeout: Duration,
-    attempt: impl Fn() -> Result<T, StoreFault>,
-) -> Result<T, StoreFault> {
+fn retry_while_busy<T>(timeout: Duration, attempt: impl Fn() -> Result<T, StoreFault>) -> Result<T, StoreFault> {
     let until = Instant::now() + timeout;
     loop {
         match attempt() {

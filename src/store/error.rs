@@ -34,9 +34,7 @@ pub enum StoreFault {
     Damaged(String),
     #[error("the file is not a journal of trued (application id {mark}, version {format})")]
     NotAJournal { mark: i32, format: i64 },
-    #[error(
-        "a newer version of trued wrote the file (format {found}; this version supports formats up to {known})"
-    )]
+    #[error("a newer version of trued wrote the file (format {found}; this version supports formats up to {known})")]
     NewerFormat { found: i64, known: i64 },
     #[error("the file system does not support a write-ahead log (SQLite selected `{mode}`)")]
     NoWriteAheadLog { mode: String },
@@ -72,9 +70,7 @@ impl StoreError {
             StoreFault::ReadOnly | StoreFault::Io(_) => {
                 "grant this user write permission, or choose another directory with --state"
             }
-            StoreFault::Locked => {
-                "close the other program that uses this journal, then start again"
-            }
+            StoreFault::Locked => "close the other program that uses this journal, then start again",
             StoreFault::Disk(_) => "copy the journal to another disk, and check the faulty disk",
             StoreFault::Damaged(_) => {
                 "keep the damaged file; continue with the newest backup or a new journal in another directory with --state; `sqlite3 FILE .recover` may recover rows"
@@ -89,9 +85,7 @@ impl StoreError {
             StoreFault::JournalMissing => {
                 "set --state to the directory of the journal; the first run creates the journal"
             }
-            StoreFault::FileExists => {
-                "choose another file name; existing files are not overwritten"
-            }
+            StoreFault::FileExists => "choose another file name; existing files are not overwritten",
             StoreFault::RunNotFound(_) => "list the runs with `trued runs`",
             StoreFault::NotFinite { .. }
             | StoreFault::DuplicateTouch { .. }
@@ -103,15 +97,9 @@ impl StoreError {
 
 impl StoreFault {
     /// Converts an error; a violated uniqueness constraint can only mean that this touch exists already.
-    pub(super) fn from_reading_error(
-        run: RunId,
-        step: u32,
-        repeat: u32,
-    ) -> impl Fn(rusqlite::Error) -> StoreFault {
+    pub(super) fn from_reading_error(run: RunId, step: u32, repeat: u32) -> impl Fn(rusqlite::Error) -> StoreFault {
         move |error| match &error {
-            rusqlite::Error::SqliteFailure(code, _)
-                if code.extended_code == SQLITE_CONSTRAINT_UNIQUE =>
-            {
+            rusqlite::Error::SqliteFailure(code, _) if code.extended_code == SQLITE_CONSTRAINT_UNIQUE => {
                 StoreFault::DuplicateTouch { step, repeat }
             }
             _ => StoreFault::from_run_error(run)(error),
@@ -121,9 +109,7 @@ impl StoreFault {
     /// Converts an error; a violated foreign key can only mean that `run` does not exist.
     pub(super) fn from_run_error(run: RunId) -> impl Fn(rusqlite::Error) -> StoreFault {
         move |error| match &error {
-            rusqlite::Error::SqliteFailure(code, _)
-                if code.extended_code == SQLITE_CONSTRAINT_FOREIGNKEY =>
-            {
+            rusqlite::Error::SqliteFailure(code, _) if code.extended_code == SQLITE_CONSTRAINT_FOREIGNKEY => {
                 StoreFault::RunNotFound(run)
             }
             _ => error.into(),
@@ -146,20 +132,14 @@ impl From<rusqlite::Error> for StoreFault {
     fn from(error: rusqlite::Error) -> Self {
         match error.sqlite_error_code() {
             Some(ErrorCode::DiskFull) => StoreFault::DiskFull,
-            Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied | ErrorCode::CannotOpen) => {
-                StoreFault::ReadOnly
-            }
+            Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied | ErrorCode::CannotOpen) => StoreFault::ReadOnly,
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => StoreFault::Locked,
             Some(ErrorCode::SystemIoFailure) => StoreFault::Disk(error.to_string()),
-            Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => {
-                StoreFault::Damaged(error.to_string())
-            }
+            Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => StoreFault::Damaged(error.to_string()),
             _ => match error {
                 rusqlite::Error::FromSqlConversionFailure(..)
                 | rusqlite::Error::InvalidColumnType(..)
-                | rusqlite::Error::IntegralValueOutOfRange(..) => {
-                    StoreFault::Damaged(error.to_string())
-                }
+                | rusqlite::Error::IntegralValueOutOfRange(..) => StoreFault::Damaged(error.to_string()),
                 other => StoreFault::Sql(other),
             },
         }

@@ -26,8 +26,7 @@ pub(super) fn identify_format(connection: &Connection) -> Result<i64, StoreFault
         (APPLICATION_ID, format) if format > schema::CURRENT_FORMAT => {
             return Err(StoreFault::NewerFormat { found: format, known: schema::CURRENT_FORMAT });
         }
-        (APPLICATION_ID, FIRST_FORMAT_WITH_APPLICATION_ID..)
-        | (0, 1..FIRST_FORMAT_WITH_APPLICATION_ID) => {}
+        (APPLICATION_ID, FIRST_FORMAT_WITH_APPLICATION_ID..) | (0, 1..FIRST_FORMAT_WITH_APPLICATION_ID) => {}
         (APPLICATION_ID, _) => {
             return Err(StoreFault::Damaged(format!("the format number {format} is invalid")));
         }
@@ -36,9 +35,7 @@ pub(super) fn identify_format(connection: &Connection) -> Result<i64, StoreFault
     let expected = schema_lines(&schema::empty_journal(format)?)?;
     match expected.difference(&found).next() {
         None => Ok(format),
-        Some(missing) if mark == APPLICATION_ID => {
-            Err(StoreFault::Damaged(format!("missing: {missing}")))
-        }
+        Some(missing) if mark == APPLICATION_ID => Err(StoreFault::Damaged(format!("missing: {missing}"))),
         Some(_) => Err(StoreFault::NotAJournal { mark, format }),
     }
 }

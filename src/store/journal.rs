@@ -14,8 +14,8 @@ use tokio::sync::oneshot;
 
 use super::durable_dir::{self, JOURNAL_FILE_NAME};
 use super::{
-    MachineLock, MeasuredRun, NewRun, RunId, RunProgress, RunState, RunSummary, Signature,
-    StoreError, StoreFault, StoredRun,
+    MachineLock, MeasuredRun, NewRun, RunId, RunProgress, RunState, RunSummary, Signature, StoreError, StoreFault,
+    StoredRun,
 };
 use super::{connection, read, scan, signature, write};
 use machine::record::estimate::Estimate;
@@ -53,9 +53,7 @@ impl<T> Future for PendingWrite<T> {
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         let result = Pin::new(&mut self.result).poll(context);
-        result.map(|result| {
-            result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path))
-        })
+        result.map(|result| result.unwrap_or(Err(StoreFault::WriterEnded)).map_err(StoreError::at(&self.path)))
     }
 }
 
@@ -73,19 +71,12 @@ impl Journal {
     }
 
     /// As [`Self::open`]; `on_job_done` is called on the writer's thread with the duration of each job.
-    pub fn open_timed(
-        dir: &Path,
-        on_job_done: impl Fn(Duration) + Send + 'static,
-    ) -> Result<Self, StoreError> {
+    pub fn open_timed(dir: &Path, on_job_done: impl Fn(Duration) + Send + 'static) -> Result<Self, StoreError> {
         let path = dir.join(JOURNAL_FILE_NAME);
         Self::start(dir, &path, on_job_done).map_err(StoreError::at(&path))
     }
 
-    fn start(
-        dir: &Path,
-        path: &Path,
-        on_job_done: impl Fn(Duration) + Send + 'static,
-    ) -> Result<Self, StoreFault> {
+    fn start(dir: &Path, path: &Path, on_job_done: impl Fn(Duration) + Send + 'static) -> Result<Self, StoreFault> {
         durable_dir::create_dir_durably(dir)?;
         let connection = connection::open_writer(path)?;
         // SQLite syncs the directory as well, but ignores an error.
@@ -212,11 +203,7 @@ impl Drop for Journal {
     }
 }
 
-fn run_writer(
-    mut connection: Connection,
-    job_queue: &mpsc::Receiver<WriterJob>,
-    on_job_done: impl Fn(Duration),
-) {
+fn run_writer(mut connection: Connection, job_queue: &mpsc::Receiver<WriterJob>, on_job_done: impl Fn(Duration)) {
     while let Ok(job) = job_queue.recv() {
         let began = Instant::now();
         job(&mut connection);

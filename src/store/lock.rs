@@ -40,9 +40,7 @@ impl LockError {
         match self {
             Self::Held { .. } => "wait for that run to end, or stop it, then start again",
             Self::Unavailable { source, .. } => match source.kind() {
-                ErrorKind::StorageFull => {
-                    "free space on the disk of the lock file, then start again"
-                }
+                ErrorKind::StorageFull => "free space on the disk of the lock file, then start again",
                 ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
                     "grant this user write permission, or choose another directory with --state"
                 }
@@ -121,8 +119,7 @@ fn open_lock_file(path: &Path) -> io::Result<File> {
 
 /// File name of a lock: readable, valid for any name of a machine, and unique to the name.
 fn lock_file_name(machine: &str) -> String {
-    let readable: String =
-        machine.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(40).collect();
+    let readable: String = machine.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(40).collect();
     let digest: String = sha256_text(machine).chars().take(16).collect();
     format!("{readable}-{digest}.lock")
 }

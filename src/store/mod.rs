@@ -75,15 +75,8 @@ pub enum RunState {
 }
 
 impl RunState {
-    const ALL: [RunState; 7] = [
-        Self::Running,
-        Self::Held,
-        Self::NotIdentified,
-        Self::Finished,
-        Self::Failed,
-        Self::Interrupted,
-        Self::Closed,
-    ];
+    const ALL: [RunState; 7] =
+        [Self::Running, Self::Held, Self::NotIdentified, Self::Finished, Self::Failed, Self::Interrupted, Self::Closed];
 
     pub fn as_str(self) -> &'static str {
         match self {

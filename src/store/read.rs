@@ -4,9 +4,7 @@ use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
 use super::columns::{damaged_column, from_json, parse_column, run_rows};
-use super::{
-    MeasuredRun, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun,
-};
+use super::{MeasuredRun, RunId, RunProgress, RunState, RunSummary, StoreFault, StoredEstimate, StoredRun};
 use super::{checksum, scan, signature};
 use machine::Axis;
 use machine::record::estimate::Parameter;
@@ -28,8 +26,7 @@ pub(super) const SELECT_RUN_SUMMARY: &str = "SELECT id, started, ended, method, 
                                     ORDER BY seq DESC LIMIT 1)
                                ORDER BY seq DESC LIMIT 1) FROM runs";
 
-pub(super) const SELECT_READINGS: &str =
-    "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
+pub(super) const SELECT_READINGS: &str = "SELECT step, repeat, value_mm, sensor, t_s, flag, temperatures_c,
             x_mm, y_mm, z_mm, a_rad, b_rad, c_rad, s_rad, samples FROM readings";
 
 pub(super) fn select_runs(connection: &Connection) -> Result<Vec<RunSummary>, StoreFault> {
@@ -38,11 +35,7 @@ pub(super) fn select_runs(connection: &Connection) -> Result<Vec<RunSummary>, St
     Ok(rows)
 }
 
-pub(super) fn newest_run_of(
-    connection: &Connection,
-    machine: &str,
-    method: &str,
-) -> Result<Option<RunId>, StoreFault> {
+pub(super) fn newest_run_of(connection: &Connection, machine: &str, method: &str) -> Result<Option<RunId>, StoreFault> {
     let text = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
                 AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)";
     let of = params![machine, method, RunState::Finished.as_str()];
@@ -133,10 +126,7 @@ pub(super) fn load_run(connection: &mut Connection, run: RunId) -> Result<Stored
     })
 }
 
-pub(super) fn load_progress(
-    connection: &mut Connection,
-    run: RunId,
-) -> Result<RunProgress, StoreFault> {
+pub(super) fn load_progress(connection: &mut Connection, run: RunId) -> Result<RunProgress, StoreFault> {
     let snapshot = connection.transaction()?;
     Ok(RunProgress {
         plan: plan_without_gaps(&snapshot, run)?,
@@ -158,15 +148,13 @@ fn plan_without_gaps(connection: &Connection, run: RunId) -> Result<Plan, StoreF
         .optional()?
         .ok_or(StoreFault::RunNotFound(run))?;
     let mut statement = connection.prepare("SELECT step FROM steps WHERE run = ?1 ORDER BY id")?;
-    plan.steps =
-        statement.query_map([run.0], |row| from_json(row, 0))?.collect::<Result<_, _>>()?;
+    plan.steps = statement.query_map([run.0], |row| from_json(row, 0))?.collect::<Result<_, _>>()?;
     Ok(plan)
 }
 
 /// Times of the run's interruptions on the readings' clock, each once.
 fn gap_times(connection: &Connection, run: RunId) -> Result<Vec<f64>, StoreFault> {
-    let events =
-        run_rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
+    let events = run_rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
     let mut gaps: Vec<f64> = events
         .into_iter()
         .filter_map(|event| match event {
@@ -186,8 +174,7 @@ pub(super) fn summary_from_row(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
         ended: row.get::<_, Option<String>>(2)?.map(|_| parse_column(row, 2)).transpose()?,
         method: row.get(3)?,
         machine: row.get(4)?,
-        state: RunState::parse(&state)
-            .ok_or_else(|| damaged_column(5, format!("unknown state `{state}`").into()))?,
+        state: RunState::parse(&state).ok_or_else(|| damaged_column(5, format!("unknown state `{state}`").into()))?,
         program_version: row.get(6)?,
         config_sha256: row.get(7)?,
         plan_sha256: row.get(8)?,
@@ -200,8 +187,7 @@ pub(super) fn readings_from_row(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>>
     let (head, samples) = (reading_from_row(row)?, row.get::<_, Option<String>>(SAMPLES_COLUMN)?);
     match samples {
         None => Ok(vec![head]),
-        Some(text) => scan::parse_samples(&head, &text)
-            .map_err(|error| damaged_column(SAMPLES_COLUMN, error.into())),
+        Some(text) => scan::parse_samples(&head, &text).map_err(|error| damaged_column(SAMPLES_COLUMN, error.into())),
     }
 }
 

@@ -33,14 +33,9 @@ impl Journal {
     }
 }
 
-fn runs_with_expired_samples(
-    connection: &Connection,
-    before: Timestamp,
-) -> Result<Vec<RunId>, StoreFault> {
+fn runs_with_expired_samples(connection: &Connection, before: Timestamp) -> Result<Vec<RunId>, StoreFault> {
     let runs = read::select_runs(connection)?.into_iter();
-    let old = runs.filter(|run| {
-        run.state == RunState::Finished && run.ended.is_some_and(|ended| ended < before)
-    });
+    let old = runs.filter(|run| run.state == RunState::Finished && run.ended.is_some_and(|ended| ended < before));
     Ok(old.map(|run| run.id).collect())
 }
 

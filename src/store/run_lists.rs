@@ -4,9 +4,7 @@ use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::Deserialize;
 
-use super::{
-    Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read,
-};
+use super::{Journal, RunId, RunState, RunSummary, StoreError, StoreFault, checksum, columns, read};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::reading::Reading;
 
@@ -46,11 +44,7 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn list_runs(
-        &self,
-        filter: RunFilter<'_>,
-        limit: usize,
-    ) -> Result<Vec<RunSummary>, StoreError> {
+    pub fn list_runs(&self, filter: RunFilter<'_>, limit: usize) -> Result<Vec<RunSummary>, StoreError> {
         self.query(|connection| select_runs(connection, filter, limit))
     }
 
@@ -58,12 +52,7 @@ impl Journal {
     ///
     /// # Errors
     /// The run does not exist, or the journal cannot be read.
-    pub fn list_readings(
-        &self,
-        run: RunId,
-        after: usize,
-        limit: usize,
-    ) -> Result<(usize, Vec<Reading>), StoreError> {
+    pub fn list_readings(&self, run: RunId, after: usize, limit: usize) -> Result<(usize, Vec<Reading>), StoreError> {
         self.query(|connection| select_readings(connection, run, after, limit))
     }
 
@@ -75,8 +64,7 @@ impl Journal {
         self.query(|connection| {
             let snapshot = connection.transaction()?;
             let result = newest_result(&snapshot, machine)?;
-            let newer =
-                select_not_identified(&snapshot, machine, result.as_ref().map(|it| it.run))?;
+            let newer = select_not_identified(&snapshot, machine, result.as_ref().map(|it| it.run))?;
             Ok(NewestRuns { result, not_identified: newer.last().copied() })
         })
     }
@@ -90,11 +78,7 @@ impl Journal {
     }
 }
 
-fn select_runs(
-    connection: &Connection,
-    filter: RunFilter<'_>,
-    limit: usize,
-) -> Result<Vec<RunSummary>, StoreFault> {
+fn select_runs(connection: &Connection, filter: RunFilter<'_>, limit: usize) -> Result<Vec<RunSummary>, StoreFault> {
     let RunFilter { older_than: before, newer_than: after, machine, method, state } = filter;
     let is_ascending = after.is_some() && before.is_none();
     let order = if is_ascending { "ASC" } else { "DESC" };
@@ -126,10 +110,8 @@ fn select_readings(
     let there = snapshot.query_row("SELECT 1 FROM runs WHERE id = ?1", [run.0], |_| Ok(()));
     there.optional()?.ok_or(StoreFault::RunNotFound(run))?;
     let count = "SELECT seq, coalesce(json_array_length(samples), 1) FROM readings";
-    let counts: Vec<(i64, u32)> =
-        columns::run_rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
-    let mut one =
-        snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
+    let counts: Vec<(i64, u32)> = columns::run_rows(&snapshot, count, run, |row| Ok((row.get(0)?, row.get(1)?)))?;
+    let mut one = snapshot.prepare(&format!("{} WHERE run = ?1 AND seq = ?2", read::SELECT_READINGS))?;
     let end = after.saturating_add(limit);
     let (mut all, mut some) = (0, Vec::new());
     for (seq, count) in counts.into_iter().map(|(seq, count)| (seq, count as usize)) {
@@ -142,10 +124,7 @@ fn select_readings(
     Ok((all, some))
 }
 
-fn newest_result(
-    connection: &Connection,
-    machine: &str,
-) -> Result<Option<LatestResult>, StoreFault> {
+fn newest_result(connection: &Connection, machine: &str) -> Result<Option<LatestResult>, StoreFault> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct EstimateSummary {

@@ -26,18 +26,13 @@ fn is_none(flag: &ReadingFlag) -> bool {
     *flag == ReadingFlag::None
 }
 
-pub(super) fn insert_scan(
-    connection: &mut Connection,
-    run: RunId,
-    samples: &[Reading],
-) -> Result<(), StoreFault> {
+pub(super) fn insert_scan(connection: &mut Connection, run: RunId, samples: &[Reading]) -> Result<(), StoreFault> {
     let Some(first) = samples.first() else { return Ok(()) };
     let what = || format!("the scan of step {}", first.step);
     if !samples.iter().all(columns::all_finite) {
         return Err(StoreFault::NotFinite { what: what() });
     }
-    let kept: Vec<StoredSample> =
-        samples.iter().map(|sample| StoredSample::from_reading(sample, first)).collect();
+    let kept: Vec<StoredSample> = samples.iter().map(|sample| StoredSample::from_reading(sample, first)).collect();
     let text = columns::to_json(&what(), &kept)?;
     connection
         .execute(
@@ -59,10 +54,7 @@ pub(super) fn insert_scan(
 }
 
 /// Samples of a row whose other columns are in `row`.
-pub(super) fn parse_samples(
-    row: &Reading,
-    samples: &str,
-) -> Result<Vec<Reading>, serde_json::Error> {
+pub(super) fn parse_samples(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_json::Error> {
     let kept: Vec<StoredSample> = serde_json::from_str(samples)?;
     let reading = |kept: StoredSample| {
         let axes = Axis::ALL.into_iter().zip(kept.at);

@@ -5,9 +5,7 @@ use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 use serde::Serialize;
 
-use super::{
-    AuditEntry, Journal, PendingWrite, RunId, StoreError, StoreFault, audit, columns, write,
-};
+use super::{AuditEntry, Journal, PendingWrite, RunId, StoreError, StoreFault, audit, columns, write};
 
 /// Permission of a person that a cycle may start unattended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -75,17 +73,9 @@ impl Journal {
 
     /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
     /// entry in the audit log.
-    pub fn disarm(
-        &self,
-        machine: &str,
-        cycle: Option<u16>,
-        who: &str,
-        why: &str,
-    ) -> PendingWrite<usize> {
+    pub fn disarm(&self, machine: &str, cycle: Option<u16>, who: &str, why: &str) -> PendingWrite<usize> {
         let [machine, who, why] = [machine, who, why].map(str::to_owned);
-        self.submit_job(move |connection| {
-            end_armings_audited(connection, &machine, cycle, &who, &why)
-        })
+        self.submit_job(move |connection| end_armings_audited(connection, &machine, cycle, &who, &why))
     }
 
     /// The last arming of each cycle of `machine`, whether it is still valid or not.
@@ -133,11 +123,7 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn newest_slots(
-        &self,
-        machine: &str,
-        limit: usize,
-    ) -> Result<Vec<ScheduleSlot>, StoreError> {
+    pub fn newest_slots(&self, machine: &str, limit: usize) -> Result<Vec<ScheduleSlot>, StoreError> {
         self.query(|connection| select_slots(connection, machine, limit))
     }
 }
@@ -186,8 +172,7 @@ fn end_armings(
     why: &str,
 ) -> Result<Vec<Arming>, StoreFault> {
     let all = select_armings(transaction, machine)?.into_iter();
-    let open = all
-        .filter(|arming| arming.ended.is_none() && cycle.is_none_or(|cycle| cycle == arming.cycle));
+    let open = all.filter(|arming| arming.ended.is_none() && cycle.is_none_or(|cycle| cycle == arming.cycle));
     let open: Vec<Arming> = open.collect();
     transaction.execute(
         "UPDATE armings SET ended = ?3, ended_why = ?4
@@ -197,16 +182,9 @@ fn end_armings(
     Ok(open)
 }
 
-fn audit_arming(
-    transaction: &Transaction<'_>,
-    arming: &Arming,
-    what: String,
-) -> Result<(), StoreFault> {
+fn audit_arming(transaction: &Transaction<'_>, arming: &Arming, what: String) -> Result<(), StoreFault> {
     let Arming { machine, who, why, .. } = arming.clone();
-    audit::insert_entry(
-        transaction,
-        &AuditEntry { who, what, why, machine, run: 0, outcome: "done".to_owned() },
-    )
+    audit::insert_entry(transaction, &AuditEntry { who, what, why, machine, run: 0, outcome: "done".to_owned() })
 }
 
 fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, StoreFault> {
@@ -240,11 +218,7 @@ fn select_armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>,
 }
 
 /// Ordered by sequence number, not by a clock that may be set.
-fn broken_run(
-    connection: &Connection,
-    machine: &str,
-    after: i64,
-) -> Result<Option<RunId>, StoreFault> {
+fn broken_run(connection: &Connection, machine: &str, after: i64) -> Result<Option<RunId>, StoreFault> {
     let found = connection.query_row(
         "SELECT runs.id FROM runs WHERE machine = ?1 AND (
              state = 'interrupted'
@@ -309,11 +283,7 @@ fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool,
     Ok(kept > 0)
 }
 
-fn select_slots(
-    connection: &Connection,
-    machine: &str,
-    limit: usize,
-) -> Result<Vec<ScheduleSlot>, StoreFault> {
+fn select_slots(connection: &Connection, machine: &str, limit: usize) -> Result<Vec<ScheduleSlot>, StoreFault> {
     let mut statement = connection.prepare(
         "SELECT schedule, at, cycle, outcome, why, run FROM slots
          WHERE machine = ?1 ORDER BY at DESC, schedule LIMIT ?2",
@@ -330,9 +300,10 @@ fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot>
         schedule: row.get(0)?,
         at: columns::parse_column(row, 1)?,
         cycle: row.get(2)?,
-        outcome: SlotOutcome::ALL.into_iter().find(|known| known.as_str() == outcome).ok_or_else(
-            || columns::damaged_column(3, format!("unknown outcome `{outcome}`").into()),
-        )?,
+        outcome: SlotOutcome::ALL
+            .into_iter()
+            .find(|known| known.as_str() == outcome)
+            .ok_or_else(|| columns::damaged_column(3, format!("unknown outcome `{outcome}`").into()))?,
         why: row.get(4)?,
         run: row.get(5)?,
     })
@@ -344,6 +315,5 @@ fn second_text(at: Timestamp) -> String {
 }
 
 fn whole_second(at: Timestamp) -> Timestamp {
-    at.round(jiff::TimestampRound::new().smallest(Unit::Second).mode(jiff::RoundMode::Floor))
-        .unwrap_or(at)
+    at.round(jiff::TimestampRound::new().smallest(Unit::Second).mode(jiff::RoundMode::Floor)).unwrap_or(at)
 }

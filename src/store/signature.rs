@@ -31,10 +31,7 @@ pub(super) fn insert_signature(
 }
 
 /// Signatures of `run`, oldest first.
-pub(super) fn run_signatures(
-    connection: &Connection,
-    run: RunId,
-) -> Result<Vec<(Timestamp, Signature)>, StoreFault> {
+pub(super) fn run_signatures(connection: &Connection, run: RunId) -> Result<Vec<(Timestamp, Signature)>, StoreFault> {
     let select = "SELECT at, who, remark, estimate_sha256 FROM signatures";
     columns::run_rows(connection, select, run, |row| {
         let (who, remark, estimate_sha256) = (row.get(1)?, row.get(2)?, row.get(3)?);

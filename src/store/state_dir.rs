@@ -10,10 +10,7 @@ pub fn state_dir(given: Option<&Path>) -> Option<PathBuf> {
     resolve_state_dir(given, |name| std::env::var_os(name))
 }
 
-fn resolve_state_dir(
-    given: Option<&Path>,
-    variable: impl Fn(&str) -> Option<OsString>,
-) -> Option<PathBuf> {
+fn resolve_state_dir(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     // The XDG specification requires that a relative path is ignored.
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let systemd = || std::env::split_paths(&variable("STATE_DIRECTORY")?).next();
@@ -29,9 +26,8 @@ mod tests {
     use super::*;
 
     fn with(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
-        let lookup = |name: &str| {
-            variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value))
-        };
+        let lookup =
+            |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
         resolve_state_dir(given.map(Path::new), lookup).map(|path| path.display().to_string())
     }
 
@@ -42,10 +38,7 @@ mod tests {
         assert_eq!(with(None, &all).unwrap(), "/s");
         assert_eq!(with(None, &all[1..]).unwrap(), "/x/trued");
         assert_eq!(with(None, &all[2..]).unwrap(), "/h/.local/state/trued");
-        assert_eq!(
-            with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(),
-            "/h/.local/state/trued"
-        );
+        assert_eq!(with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(), "/h/.local/state/trued");
         assert_eq!(with(None, &[("STATE_DIRECTORY", "")]), None);
     }
 }

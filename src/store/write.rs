@@ -44,10 +44,7 @@ pub(super) fn insert_stage(
 ) -> Result<(), StoreFault> {
     let transaction = begin_transaction(connection)?;
     transaction
-        .execute(
-            "INSERT INTO stages (run, stage) VALUES (?1, ?2)",
-            params![run.0, to_json("the stage", stage)?],
-        )
+        .execute("INSERT INTO stages (run, stage) VALUES (?1, ?2)", params![run.0, to_json("the stage", stage)?])
         .map_err(StoreFault::from_run_error(run))?;
     add_steps(&transaction, run, new_steps)?;
     Ok(transaction.commit()?)
@@ -57,10 +54,7 @@ pub(super) fn insert_stage(
 fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), StoreFault> {
     for step in steps {
         let text = to_json(&format!("step {}", step.id), step)?;
-        transaction.execute(
-            "INSERT INTO steps (run, id, step) VALUES (?1, ?2, ?3)",
-            params![run.0, step.id, text],
-        )?;
+        transaction.execute("INSERT INTO steps (run, id, step) VALUES (?1, ?2, ?3)", params![run.0, step.id, text])?;
     }
     hash_plan(transaction, run)
 }
@@ -71,11 +65,7 @@ fn hash_plan(transaction: &Transaction<'_>, run: RunId) -> Result<(), StoreFault
     Ok(())
 }
 
-pub(super) fn insert_reading(
-    connection: &mut Connection,
-    run: RunId,
-    reading: &Reading,
-) -> Result<(), StoreFault> {
+pub(super) fn insert_reading(connection: &mut Connection, run: RunId, reading: &Reading) -> Result<(), StoreFault> {
     // SQLite would store a NaN as NULL, and JSON has no infinity: both are refused.
     let what = || format!("the reading of step {}", reading.step);
     if !all_finite(reading) {
@@ -110,18 +100,11 @@ pub(super) fn insert_reading(
     Ok(())
 }
 
-pub(super) fn insert_event(
-    connection: &mut Connection,
-    run: RunId,
-    event: &Event,
-) -> Result<(), StoreFault> {
+pub(super) fn insert_event(connection: &mut Connection, run: RunId, event: &Event) -> Result<(), StoreFault> {
     let text = to_json("an event", event)?;
     let transaction = begin_transaction(connection)?;
     transaction
-        .execute(
-            "INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)",
-            params![run.0, now_text(), text],
-        )
+        .execute("INSERT INTO events (run, at, event) VALUES (?1, ?2, ?3)", params![run.0, now_text(), text])
         .map_err(StoreFault::from_run_error(run))?;
     if matches!(event, Event::Resumed { .. }) {
         hash_plan(&transaction, run)?;
@@ -146,20 +129,14 @@ pub(super) fn insert_estimate(
     Ok(hash)
 }
 
-pub(super) fn set_state(
-    connection: &mut Connection,
-    run: RunId,
-    state: RunState,
-) -> Result<(), StoreFault> {
+pub(super) fn set_state(connection: &mut Connection, run: RunId, state: RunState) -> Result<(), StoreFault> {
     let ended = (state != RunState::Running).then(now_text);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
     // The estimates tell whether the run is identified.
     let state = if is_measured { RunState::Finished } else { state };
     let transaction = begin_transaction(connection)?;
-    let changed = transaction.execute(
-        "UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1",
-        params![run.0, state.as_str(), ended],
-    )?;
+    let changed = transaction
+        .execute("UPDATE runs SET state = ?2, ended = ?3 WHERE id = ?1", params![run.0, state.as_str(), ended])?;
     if changed != 1 {
         return Err(StoreFault::RunNotFound(run));
     }
@@ -184,13 +161,9 @@ fn update_mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result
     Ok(())
 }
 
-pub(super) fn mark_interrupted(
-    connection: &mut Connection,
-    machine: &str,
-) -> Result<Vec<RunId>, StoreFault> {
-    let mut statement = connection.prepare(
-        "UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id",
-    )?;
+pub(super) fn mark_interrupted(connection: &mut Connection, machine: &str) -> Result<Vec<RunId>, StoreFault> {
+    let mut statement =
+        connection.prepare("UPDATE runs SET state = ?1, ended = ?2 WHERE machine = ?3 AND state = ?4 RETURNING id")?;
     let (dead, alive) = (RunState::Interrupted.as_str(), RunState::Running.as_str());
     let marked = statement
         .query_map(params![dead, now_text(), machine, alive], |row| row.get(0).map(RunId))?
@@ -199,8 +172,6 @@ pub(super) fn mark_interrupted(
 }
 
 /// Begins an immediate transaction, so that of two writing processes none fails in the middle of a transaction.
-pub(super) fn begin_transaction(
-    connection: &mut Connection,
-) -> Result<Transaction<'_>, StoreFault> {
+pub(super) fn begin_transaction(connection: &mut Connection) -> Result<Transaction<'_>, StoreFault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }

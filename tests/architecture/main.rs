@@ -35,18 +35,11 @@ const UNSEEDED_RANDOM: [&str; 5] =
     ["rand::rng", "rand::random", "rand::make_rng", "rand::rngs::ThreadRng", "rand::rngs::SysRng"];
 
 /// Modules of the package `trued`, lowest layer first. A module imports from lower layers only.
-const LAYERS: [&[&str]; 6] = [
-    &["store", "report"],
-    &["setup", "archive"],
-    &["run"],
-    &["service", "commissioning"],
-    &["cli"],
-    &["main"],
-];
+const LAYERS: [&[&str]; 6] =
+    [&["store", "report"], &["setup", "archive"], &["run"], &["service", "commissioning"], &["cli"], &["main"]];
 
 /// Package and module whose folders must not import each other: each is one method or one driver.
-const SIBLINGS: [(&str, &[&str]); 3] =
-    [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
+const SIBLINGS: [(&str, &[&str]); 3] = [("methods", &[]), ("devices", &["controllers"]), ("devices", &["sensors"])];
 
 /// Folders of `methods` that all methods use. They import no method.
 const SHARED: [&str; 3] = ["ball_measurement", "decision", "identification"];
@@ -133,8 +126,7 @@ fn only_tests_execute_blocks_without_a_proof_of_bodies() {
 #[test]
 fn packages_that_compute_do_no_io() {
     let pure = PACKAGES.iter().filter(|package| PURE.contains(&package.name.as_str()));
-    let breaches: Vec<String> =
-        pure.flat_map(|package| used_paths(package, &IMPURE_PATHS)).collect();
+    let breaches: Vec<String> = pure.flat_map(|package| used_paths(package, &IMPURE_PATHS)).collect();
     assert!(breaches.is_empty(), "\n{}", breaches.join("\n"));
 }
 
@@ -228,11 +220,8 @@ fn used_paths(package: &Package, paths: &[&str]) -> Vec<String> {
 /// Groups of files that import each other: strongly connected components of the files' imports. The file of a
 /// module and the files below it count as one, because the module lists and joins them.
 fn import_circles(package: &Package) -> Vec<String> {
-    let file_of: BTreeMap<&Path, &str> = package
-        .files
-        .iter()
-        .flat_map(|file| file.modules.iter().map(|module| (module, file.file.as_str())))
-        .collect();
+    let file_of: BTreeMap<&Path, &str> =
+        package.files.iter().flat_map(|file| file.modules.iter().map(|module| (module, file.file.as_str()))).collect();
     let mut edges: BTreeMap<&str, BTreeMap<&str, usize>> = BTreeMap::new();
     for (file, line, target) in internal_references(package) {
         let is_family = target.starts_with(&file.module) || file.module.starts_with(&target);
@@ -251,18 +240,14 @@ fn import_circles(package: &Package) -> Vec<String> {
         }
         found
     };
-    let reach: BTreeMap<&str, BTreeSet<&str>> =
-        edges.keys().map(|file| (*file, reachable(file))).collect();
+    let reach: BTreeMap<&str, BTreeSet<&str>> = edges.keys().map(|file| (*file, reachable(file))).collect();
     let (mut circles, mut done) = (Vec::new(), BTreeSet::new());
     for (file, reached) in &reach {
         if !reached.contains(file) || !done.insert(*file) {
             continue;
         }
-        let members: BTreeSet<&str> = reached
-            .iter()
-            .copied()
-            .filter(|other| reach.get(other).is_some_and(|back| back.contains(file)))
-            .collect();
+        let members: BTreeSet<&str> =
+            reached.iter().copied().filter(|other| reach.get(other).is_some_and(|back| back.contains(file))).collect();
         done.extend(&members);
         let mut text = format!("circle of {} files:", members.len());
         for from in &members {
@@ -285,10 +270,10 @@ fn references(package: &Package) -> impl Iterator<Item = (&Imports, &imports::Re
 
 /// File, line and defining module of everything that a file uses of its own package.
 fn internal_references(package: &Package) -> impl Iterator<Item = (&Imports, usize, Path)> {
-    references(package).filter(|(_, reference)| !reference.is_reexport).filter_map(
-        |(file, reference)| match package.resolver.target(&reference.module, &reference.segments)? {
+    references(package).filter(|(_, reference)| !reference.is_reexport).filter_map(|(file, reference)| {
+        match package.resolver.target(&reference.module, &reference.segments)? {
             Target::Module(module) => Some((file, reference.line, module)),
             Target::Outside(_) => None,
-        },
-    )
+        }
+    })
 }

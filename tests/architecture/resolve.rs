@@ -51,9 +51,7 @@ impl Resolver {
                 Some((home, path)) if path != [first.clone()] => {
                     return self.follow(&home, &joined(&path, &segments[1..]), depth - 1, found);
                 }
-                _ if self.modules.contains(&joined(module, &segments[..1])) => {
-                    joined(module, &segments[..1])
-                }
+                _ if self.modules.contains(&joined(module, &segments[..1])) => joined(module, &segments[..1]),
                 _ => return found.push(Target::Outside(segments.to_vec())),
             },
         };
@@ -85,9 +83,7 @@ impl Resolver {
             self.follow(module, glob, depth, &mut targets);
             let Some(Target::Module(source)) = targets.pop() else { return None };
             let inner = joined(&source, &[name.to_owned()]);
-            if self.modules.contains(&inner)
-                || self.items.contains(&(source.clone(), name.to_owned()))
-            {
+            if self.modules.contains(&inner) || self.items.contains(&(source.clone(), name.to_owned())) {
                 return Some((Vec::new(), joined(&["crate".to_owned()], &inner)));
             }
             (source != *module).then(|| self.name(&source, name, depth)).flatten()

@@ -30,11 +30,7 @@ pub fn of_package(folder: &Path) -> Vec<Source> {
     rust_files(folder, &mut files);
     let texts = files.iter().map(|path| {
         let file = path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
-        (
-            file,
-            module_of(path.strip_prefix(folder).unwrap()),
-            std::fs::read_to_string(path).unwrap(),
-        )
+        (file, module_of(path.strip_prefix(folder).unwrap()), std::fs::read_to_string(path).unwrap())
     });
     parse(texts)
 }
@@ -58,8 +54,7 @@ fn root() -> &'static Path {
 
 /// Folders of other packages are left out.
 fn rust_files(folder: &Path, files: &mut Vec<PathBuf>) {
-    let mut entries: Vec<_> =
-        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     entries.sort();
     for path in entries {
         if path.is_dir() && !path.join("Cargo.toml").is_file() {
@@ -72,8 +67,7 @@ fn rust_files(folder: &Path, files: &mut Vec<PathBuf>) {
 
 fn module_of(file: &Path) -> Vec<String> {
     let path = file.with_extension("");
-    let mut module: Vec<String> =
-        path.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
+    let mut module: Vec<String> = path.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
     if module.last().is_some_and(|last| ["mod", "lib"].contains(&last.as_str())) {
         module.pop();
     }
@@ -83,9 +77,7 @@ fn module_of(file: &Path) -> Vec<String> {
 /// `#[cfg(test)] mod x;` of a file.
 fn test_modules(source: &Source) -> Vec<Vec<String>> {
     let declared = source.syntax.items.iter().filter_map(|item| match item {
-        Item::Mod(module) if module.content.is_none() && is_test(&module.attrs) => {
-            Some(module.ident.to_string())
-        }
+        Item::Mod(module) if module.content.is_none() && is_test(&module.attrs) => Some(module.ident.to_string()),
         _ => None,
     });
     declared.map(|name| [source.module.clone(), vec![name]].concat()).collect()

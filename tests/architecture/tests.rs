@@ -65,24 +65,19 @@ fn random_without_a_seed_is_found() {
 
 #[test]
 fn a_module_without_a_layer_is_refused() {
-    let files =
-        [("", "mod run; mod extra;"), ("run", "use crate::extra::x;"), ("extra", "pub fn x() {}")];
+    let files = [("", "mod run; mod extra;"), ("run", "use crate::extra::x;"), ("extra", "pub fn x() {}")];
     assert_eq!(upward_imports(&parsed("trued", &files)).1.len(), 1);
 }
 
 #[test]
 fn a_circle_is_found_and_a_seam_is_none() {
-    let circles = |a: &str, b: &str| {
-        import_circles(&parsed("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]))
-    };
-    let found =
-        circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");
+    let circles =
+        |a: &str, b: &str| import_circles(&parsed("methods", &[("", "pub mod a; pub mod b;"), ("a", a), ("b", b)]));
+    let found = circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(circles("use super::b::B;", "pub struct B;"), Vec::<String>::new());
     // A module that re-exports a type of its child and defines a trait that the child implements.
-    let files = [
-        ("", "mod child; pub use child::C; pub trait T {}"),
-        ("child", "pub struct C; impl super::T for C {}"),
-    ];
+    let files =
+        [("", "mod child; pub use child::C; pub trait T {}"), ("child", "pub struct C; impl super::T for C {}")];
     assert_eq!(import_circles(&parsed("methods", &files)), Vec::<String>::new());
 }

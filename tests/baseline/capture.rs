@@ -77,8 +77,7 @@ struct Link {
 impl Link {
     /// Moves the first request directly before its `ok`.
     fn greeting_first(&mut self) {
-        let place =
-            |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
+        let place = |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
         if let (Some(request), Some(ok)) = (place("> "), place("< ok"))
             && self.kind == "lines"
             && request < ok

@@ -27,8 +27,8 @@ pub fn check_text(name: &str, actual: &str) {
 pub fn check_json(name: &str, actual: &Value) {
     let actual = without_hashes(&json_text(actual));
     let Some(stored) = stored(name, &actual) else { return };
-    let [stored, actual] = [&stored, &actual]
-        .map(|text| serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}")));
+    let [stored, actual] =
+        [&stored, &actual].map(|text| serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}")));
     let mut differences = Differences::default();
     compare_json(&mut differences, "$", &stored, &actual);
     differences.report(name);
@@ -43,9 +43,7 @@ pub fn stored(name: &str, actual: &str) -> Option<String> {
         return None;
     }
     let stored = fs::read_to_string(&file);
-    Some(stored.unwrap_or_else(|error| {
-        panic!("{}: {error}; {WRITE_VARIABLE}=1 writes it", file.display())
-    }))
+    Some(stored.unwrap_or_else(|error| panic!("{}: {error}; {WRITE_VARIABLE}=1 writes it", file.display())))
 }
 
 #[derive(Default)]
@@ -150,9 +148,7 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
             (stored, actual) => (stored.unwrap_or_default(), actual.unwrap_or_default()),
         };
         let is_equal = stored.text == actual.text
-            || stored.is_number
-                && actual.is_number
-                && are_numbers_equal(stored.text, actual.text, ABSOLUTE_TOLERANCE);
+            || stored.is_number && actual.is_number && are_numbers_equal(stored.text, actual.text, ABSOLUTE_TOLERANCE);
         if !is_equal {
             let place = format!("line {line}, column {}", stored.column.max(actual.column));
             differences.add(&place, stored.text, actual.text);
@@ -202,9 +198,7 @@ pub fn tokens(line: &str) -> impl Iterator<Item = Token<'_>> {
         }
         let end = number_end(bytes, start);
         at = end.unwrap_or_else(|| {
-            (start + 1..bytes.len())
-                .find(|&at| number_end(bytes, at).is_some())
-                .unwrap_or(bytes.len())
+            (start + 1..bytes.len()).find(|&at| number_end(bytes, at).is_some()).unwrap_or(bytes.len())
         });
         Some(Token { text: &line[start..at], is_number: end.is_some(), column: start + 1 })
     })
@@ -217,9 +211,7 @@ fn number_end(bytes: &[u8], start: usize) -> Option<usize> {
         (count > 0).then_some(from + count)
     };
     let is_sign = bytes[start] == b'-'
-        && !start
-            .checked_sub(1)
-            .is_some_and(|at| bytes[at].is_ascii_digit() || bytes[at].is_ascii_lowercase());
+        && !start.checked_sub(1).is_some_and(|at| bytes[at].is_ascii_digit() || bytes[at].is_ascii_lowercase());
     let mut end = digits(start + usize::from(is_sign))?;
     let fraction = if bytes.get(end) == Some(&b'.') { digits(end + 1) } else { None };
     let has_fraction = fraction.is_some();
@@ -254,10 +246,9 @@ fn write_json(text: &mut String, value: &Value, depth: usize) {
     }
     let indent = "  ".repeat(depth + 1);
     let entries: Vec<(String, &Value)> = match value {
-        Value::Object(map) => map
-            .iter()
-            .map(|(key, value)| (format!("{}: ", Value::from(key.as_str())), value))
-            .collect(),
+        Value::Object(map) => {
+            map.iter().map(|(key, value)| (format!("{}: ", Value::from(key.as_str())), value)).collect()
+        }
         Value::Array(list) => list.iter().map(|value| (String::new(), value)).collect(),
         _ => {
             text.push_str(&compact);
@@ -315,9 +306,6 @@ fn a_difference_has_a_place() {
     );
     assert_eq!(
         differences.listed,
-        [
-            "  line 2, column 5: stored `2.000`, now `2.001`",
-            "  $.parameters[0].u: stored `1.0`, now `1.1`"
-        ]
+        ["  line 2, column 5: stored `2.000`, now `2.001`", "  $.parameters[0].u: stored `1.0`, now `1.1`"]
     );
 }

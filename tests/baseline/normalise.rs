@@ -41,8 +41,7 @@ pub fn without_times(text: &str) -> String {
 /// `text` with each SHA-256 replaced.
 pub fn without_hashes(text: &str) -> String {
     const DIGITS: usize = 64;
-    let is_hexadecimal =
-        |word: &str| word.len() == DIGITS && word.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let is_hexadecimal = |word: &str| word.len() == DIGITS && word.bytes().all(|byte| byte.is_ascii_hexdigit());
     let words = text.split_inclusive(|letter: char| !letter.is_ascii_alphanumeric());
     let replaced = words.map(|word| {
         let hash = word.trim_end_matches(|letter: char| !letter.is_ascii_alphanumeric());

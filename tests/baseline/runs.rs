@@ -98,11 +98,9 @@ pub fn short(case: &Case) {
     run.check("short", method);
     let workspace = Workspace::with_machine(&case.short_machine());
     let data = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/baseline/short/");
-    let (plan, readings) =
-        (format!("{data}{method}-plan.json"), format!("{data}{method}-readings.csv"));
+    let (plan, readings) = (format!("{data}{method}-plan.json"), format!("{data}{method}-readings.csv"));
     let machine = workspace.path("machine.toml");
-    let arguments =
-        ["identify", method, "--machine", &machine, "--plan", &plan, "--readings", &readings];
+    let arguments = ["identify", method, "--machine", &machine, "--plan", &plan, "--readings", &readings];
     let estimate = workspace.json(&[&arguments[..], &["--json"]].concat());
     check_json(&format!("short/{method}-estimate.json"), &estimate);
 }

@@ -87,8 +87,7 @@ fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
             words.resize(usize::from(count), 0);
             let body: Vec<u8> = words.iter().flat_map(|word| word.to_be_bytes()).collect();
             let length = u8::try_from(body.len()).unwrap();
-            let head =
-                [request[0], request[1], 0, 0, 0, length + 3, request[6], request[7], length];
+            let head = [request[0], request[1], 0, 0, 0, length + 3, request[6], request[7], length];
             let reply = [&head[..], &body].concat();
             request[..2].fill(0);
             log(request.to_vec());
@@ -113,8 +112,7 @@ fn watched(sensor: &str) -> String {
         sample.as_object_mut().unwrap().remove("t_s").unwrap();
         sample
     };
-    let samples: Vec<Value> =
-        String::from_utf8(output.stdout).unwrap().lines().map(sample).collect();
+    let samples: Vec<Value> = String::from_utf8(output.stdout).unwrap().lines().map(sample).collect();
     let period = samples.iter().skip_while(|sample| !sample["value_mm"].is_null());
     period.take(PERIOD as usize).map(|sample| format!("{sample}\n")).collect()
 }
@@ -155,12 +153,9 @@ pub fn lines_of_text_on_request() {
 fn frame(index: u32) -> Vec<u8> {
     let value = distance(index).unwrap_or(i32::MAX).to_be_bytes();
     let body = [&value[..], &[index as u8]].concat();
-    let crc =
-        body.iter().fold(0xFFFF_u16, |crc, byte| {
-            (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
-                if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 }
-            })
-        });
+    let crc = body.iter().fold(0xFFFF_u16, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
+    });
     [&[0xAA, 0x55][..], &body, &crc.to_le_bytes()].concat()
 }
 

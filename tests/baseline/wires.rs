@@ -8,8 +8,7 @@ use super::workspace::{Workspace, replace_lines};
 /// A short measurement over the wire.
 fn check_control(name: &str, keys: &str) {
     let machine = replace_lines(SELF_CALIBRATION, &[("wire = \"memory\"\n", keys)]);
-    Run::of("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n"))
-        .check("wires", name);
+    Run::of("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n")).check("wires", name);
 }
 
 pub fn grbl_in_memory() {
@@ -42,8 +41,7 @@ fn check_sensor(name: &str, keys: &str) {
     let from = "speaks = \"can\"\nwire = \"memory\"\n";
     let machine = replace_lines(LASER, &[(from, keys)]);
     let case = &CASES[1];
-    Run::of(case.method, &with_method(&machine, case.method, case.short_settings))
-        .check("wires", name);
+    Run::of(case.method, &with_method(&machine, case.method, case.short_settings)).check("wires", name);
 }
 
 pub fn serial_sensor_in_memory() {
@@ -63,10 +61,8 @@ pub fn modbus_sensor_on_tcp() {
 pub fn replay_of_linuxcnc() {
     let machine = include_str!("../data/linuxcnc/machine.toml");
     let workspace = Workspace::with_machine(&format!("{machine}monte_carlo_trials = 1000\n"));
-    let capture =
-        concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/self-calibration.capture");
+    let capture = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/self-calibration.capture");
     let machine = workspace.path("machine.toml");
-    let arguments =
-        ["run", "self-calibration", "--machine", &machine, "--replay", capture, "--json"];
+    let arguments = ["run", "self-calibration", "--machine", &machine, "--replay", capture, "--json"];
     check_json("replays/linuxcnc-self-calibration.json", &workspace.json(&arguments));
 }

@@ -76,12 +76,7 @@ fn exact() -> Changes {
         "simulated.ball_diameter_um",
         "simulated.ball_form_um",
     ];
-    let fine = [
-        "axes.X.resolution_um",
-        "axes.Y.resolution_um",
-        "axes.Z.resolution_um",
-        "probe.repeatability_um",
-    ];
+    let fine = ["axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um", "probe.repeatability_um"];
     let nothing = nothing.map(|path| (path, Value::Float(0.0)));
     nothing.into_iter().chain(fine.map(|path| (path, Value::Float(0.001)))).collect()
 }
@@ -109,8 +104,7 @@ fn a_dome_is_longer_where_it_is_warm() {
         let n1 = estimate.parameters.into_iter().find(|own| own.symbol == "N1_mean").unwrap();
         (n1.value, n1.u)
     };
-    let ((stated, _), (wrong, _), (unknown, u)) =
-        (n1(&at(22.0, 0.0)), n1(&at(20.0, 0.0)), n1(&at(20.0, 2.0)));
+    let ((stated, _), (wrong, _), (unknown, u)) = (n1(&at(22.0, 0.0)), n1(&at(20.0, 0.0)), n1(&at(20.0, 2.0)));
     println!("N1_mean {stated:.2}, {wrong:.2} and {unknown:.2} µm, u {u:.2}");
     // The standard deviation of |1 + z| is 0.80 for a standard normal z.
     assert!(stated < 0.1 && (2.0..4.0).contains(&wrong) && (0.7..0.9).contains(&(u / wrong)));
@@ -124,8 +118,7 @@ fn u_is_true() {
     let of_seed = |seed: u64| {
         // Without drift, because the drift up to then is part of every stylus.
         let still = [("machine.drift_um_per_h", Value::Float(0.0))];
-        let (measured, truth) =
-            (both(seed, str::to_owned, &still), both(seed, str::to_owned, &exact()));
+        let (measured, truth) = (both(seed, str::to_owned, &still), both(seed, str::to_owned, &exact()));
         let parameters = measured.parameters.iter().zip(&truth.parameters);
         let ratio = |(own, truth): (&Parameter, &Parameter)| {
             assert_eq!(own.symbol, truth.symbol);
@@ -159,8 +152,7 @@ fn is_contradicted(estimate: &Estimate) -> bool {
 #[test]
 fn the_calibrated_machine_is_as_good_as_declared() {
     let seeds = if is_full() { 40 } else { 2 };
-    let estimates: Vec<Estimate> =
-        (1..=seeds).into_par_iter().map(|seed| both(seed, str::to_owned, &[])).collect();
+    let estimates: Vec<Estimate> = (1..=seeds).into_par_iter().map(|seed| both(seed, str::to_owned, &[])).collect();
     estimates.iter().for_each(falls);
     let mean = estimates.iter().map(|e| e.chi2_per_dof).sum::<f64>() / seeds as f64;
     let contradicted = estimates.iter().filter(|estimate| is_contradicted(estimate)).count();
@@ -173,10 +165,8 @@ fn the_calibrated_machine_is_as_good_as_declared() {
 #[test]
 fn a_dome_that_gives_way_is_noticed() {
     let sag: Table = "axis = \"B\"\nlaw = \"sin\"\num = [5.5, 0.0, 7.4]".parse().unwrap();
-    let changes: Changes = vec![
-        ("simulated.sag", Value::Array(vec![sag.into()])),
-        ("simulated.ball_offset_mm", Value::Float(0.0027)),
-    ];
+    let changes: Changes =
+        vec![("simulated.sag", Value::Array(vec![sag.into()])), ("simulated.ball_offset_mm", Value::Float(0.0027))];
     let samba = machine(SAMBA, 1, &[]);
     let dome = machine(DOME, 1, &changes);
     let estimate = estimate("ball-dome", &dome, vec![estimate("samba", &samba, Vec::new())]);
@@ -220,12 +210,9 @@ fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRe
         ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
     ];
     let mut world = setup::build_world(&machine(DOME, 1, &changes)).unwrap();
-    let declared: Changes =
-        changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
-    let (method, header) =
-        setup::plan_header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
-    plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone)
-        .map(|(_, readings)| readings)
+    let declared: Changes = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
+    let (method, header) = setup::plan_header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
+    plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone).map(|(_, readings)| readings)
 }
 
 /// A table with the declared drift is monitored for four minutes or slightly longer. With ten times the drift it is
@@ -239,10 +226,7 @@ fn a_machine_that_is_not_at_rest_is_watched() {
     assert!((240.0..900.0).contains(&last_s));
     let short = watched(2.0, 0.1).unwrap_err();
     println!("{short}");
-    assert!(
-        short.remedy.contains("then resume the run") && short.remedy.contains("raise watch_min"),
-        "{short}"
-    );
+    assert!(short.remedy.contains("then resume the run") && short.remedy.contains("raise watch_min"), "{short}");
     let why = watched(40.0, 4.0).unwrap_err().reason;
     println!("{why}");
     assert!(why.starts_with("the machine is not confirmed at rest: after 24 min"), "{why}");

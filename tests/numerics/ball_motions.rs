@@ -9,8 +9,8 @@ use methods::{NextStage, PositionSource};
 use planning::gcode::{Dialect, ProgramHeader};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{
-    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes,
-    end_position, machine_time_s, plan_blocks, touch_block,
+    BallApproach, BallTask, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes, end_position,
+    machine_time_s, plan_blocks, touch_block,
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
@@ -76,8 +76,7 @@ fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
             .into_iter()
             .map(|(axis, degrees)| (axis, axis.to_mm_or_rad(degrees)))
             .collect();
-        let free =
-            |ball: &usize| access.accessible_touches(&task(plan, *ball, &rotary, SEARCH)).is_ok();
+        let free = |ball: &usize| access.accessible_touches(&task(plan, *ball, &rotary, SEARCH)).is_ok();
         // A different ball is left out each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
@@ -94,22 +93,12 @@ fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
 const SEARCH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
 const SLOW: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
-fn task<'a>(
-    plan: &'a Plan,
-    ball: usize,
-    rotary: &'a Position,
-    approach: BallApproach,
-) -> BallTask<'a> {
+fn task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: BallApproach) -> BallTask<'a> {
     BallTask { ball: &balls(plan).balls[ball], rotary, approach, touches: 5 }
 }
 
 /// Steps of the visits in this order.
-fn steps(
-    plan: &Plan,
-    access: &TouchAccess,
-    visits: &[(Position, Vec<usize>)],
-    passes: &[BallApproach],
-) -> Vec<Step> {
+fn steps(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)], passes: &[BallApproach]) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     for (number, (rotary, balls)) in visits.iter().enumerate() {
         for ball in balls {
@@ -126,11 +115,7 @@ fn steps(
 }
 
 /// Order by tilt, C forward at one tilt and back at the next; the balls of each indexation in a short order.
-fn in_order(
-    plan: &Plan,
-    access: &TouchAccess,
-    visits: &[(Position, Vec<usize>)],
-) -> Vec<(Position, Vec<usize>)> {
+fn in_order(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)]) -> Vec<(Position, Vec<usize>)> {
     let mut visits = visits.to_vec();
     let at = |visit: &(Position, Vec<usize>), axis| visit.0.get_or_zero(axis);
     visits.sort_by(|a, b| {
@@ -143,8 +128,7 @@ fn in_order(
     for (rotary, list) in &mut visits {
         let place = |ball: &usize| access.centre(&balls(plan).balls[*ball], rotary).unwrap();
         let places: Vec<Position> = list.iter().map(place).collect();
-        let order = TravelTimes::from_xy_positions(&places, stands.as_ref(), &plan.machine)
-            .visiting_order(1);
+        let order = TravelTimes::from_xy_positions(&places, stands.as_ref(), &plan.machine).visiting_order(1);
         stands = order.last().map(|last| places[*last].clone());
         *list = order.iter().map(|place| list[*place]).collect();
     }
@@ -185,13 +169,11 @@ fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
     let (method, mut plan) = trued::setup::plan_header(&file, "samba", None).unwrap();
     let (mut stages, mut done, mut found) = (Vec::new(), Vec::new(), None);
-    while let NextStage::Stage { stage, new_steps } =
-        method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
+    while let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &done, PositionSource::Nominal).unwrap()
     {
         plan.steps.extend(new_steps);
         found = stage.found.clone().or(found);
-        let clearance =
-            SafeHeights::above_artefact(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
+        let clearance = SafeHeights::above_artefact(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
         stages.push(Planned { stage: stage.clone(), found: found.clone(), clearance });
         done.push(stage);
     }
@@ -254,9 +236,7 @@ fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naiv
 /// Every touch that the design considers accessible is proven, stage by stage, as in a run before it moves.
 #[test]
 fn every_named_design_of_the_built_in_machine_is_proven() {
-    for settings in
-        ["", "criterion = \"A\"", "design = \"paper\"", "design = \"paper\"\nfind = \"once\""]
-    {
+    for settings in ["", "criterion = \"A\"", "design = \"paper\"", "design = \"paper\"\nfind = \"once\""] {
         let (plan, stages) = built_in(settings);
         let mut stands = None;
         for planned in &stages {
@@ -277,8 +257,7 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
     let mut stands = Position::new();
     let (mut touching, mut balls, mut round) = (0.0, 0.0, 0.0);
     for (block, step) in blocks.iter().zip(&plan.steps) {
-        let touch =
-            |motion: &&Motion| matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. });
+        let touch = |motion: &&Motion| matches!(motion, Motion::Probe { .. } | Motion::BackOff { .. });
         let motions = block.motions.iter().filter(touch).cloned().collect();
         let touch_s = machine_time_s(&Block { motions, ..*block }, &step.from, &plan.machine);
         let way_s = machine_time_s(block, &stands, &plan.machine) - touch_s;
@@ -286,9 +265,7 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
         *(if step.label.ends_with("+45") { &mut balls } else { &mut round }) += way_s / 60.0;
         stands = end_position(&block.motions, &stands);
     }
-    println!(
-        "touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min"
-    );
+    println!("touching {touching:.1} min, ball to ball {balls:.1} min, touch to touch {round:.1} min");
 }
 
 /// A slower touch (30 mm/min), a lower Z and other balls. With slow touches alone the limit is only just met: of
@@ -301,8 +278,8 @@ fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
     let ordered = in_order(&plan, &access, &visits);
     // The slow touches start from found ball positions, as in a run.
     let found = Artefact::Balls(Balls { uncertainty_mm: 0.25, ..balls(&plan).clone() });
-    let [searched, known] = [&plan.artefact, &found]
-        .map(|artefact| SafeHeights::above_artefact(&plan, artefact).unwrap());
+    let [searched, known] =
+        [&plan.artefact, &found].map(|artefact| SafeHeights::above_artefact(&plan, artefact).unwrap());
     let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
     for (name, passes) in [("find and slow", &[SEARCH, SLOW][..]), ("slow", &[SLOW])] {
         let list = steps(&plan, &access, &visits, passes);
@@ -321,34 +298,19 @@ fn regress_the_motions_are_proven() {
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let ordered = in_order(&plan, &access, &design(&plan, &access));
     plan.steps = steps(&plan, &access, &ordered, &[SEARCH]);
-    let (blocks, _) =
-        plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
+    let (blocks, _) = plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
     proven(&plan, &[StageSteps { steps: &ids, found_artefact: None }], None, &blocks).unwrap();
 }
 
 /// `Err`: the refusal, and the lines around it.
-fn proven(
-    plan: &Plan,
-    stages: &[StageSteps<'_>],
-    stands: Option<&Position>,
-    blocks: &[Block],
-) -> Result<(), String> {
+fn proven(plan: &Plan, stages: &[StageSteps<'_>], stands: Option<&Position>, blocks: &[Block]) -> Result<(), String> {
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let dialect = Dialect::from_name("linuxcnc").unwrap();
-    let text = dialect
-        .render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, blocks)
-        .unwrap();
+    let text = dialect.render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, blocks).unwrap();
     let (confirmed, dialect) = (confirmed(stands), &dialect);
     let programs = std::slice::from_ref(&text);
-    let proof = prove_programs(&ProofRequest {
-        plan,
-        stages,
-        position: stands,
-        confirmed,
-        dialect,
-        programs,
-    });
+    let proof = prove_programs(&ProofRequest { plan, stages, position: stands, confirmed, dialect, programs });
     let refused = |refusal: planning::proof::ProofRefusal| {
         let around = text.lines().skip(refusal.line.saturating_sub(6)).take(8);
         format!("{refusal}\n{}", around.collect::<Vec<_>>().join("\n"))

@@ -101,9 +101,7 @@ impl Rig {
         let (_, machine_s) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
         let table: Table = file.text().parse().unwrap();
         let term = |term: &Value| {
-            let value = |keys: [&str; 2]| -> f64 {
-                keys.iter().filter_map(|key| term.get(*key)?.as_float()).sum()
-            };
+            let value = |keys: [&str; 2]| -> f64 { keys.iter().filter_map(|key| term.get(*key)?.as_float()).sum() };
             Term {
                 symbol: term["symbol"].as_str().unwrap().to_owned(),
                 harmonic: term["harmonic"].as_integer().unwrap() as f64,
@@ -135,12 +133,7 @@ impl Rig {
     }
 
     /// `play`: makes a touch, with or without the paths between touches.
-    fn estimate_by(
-        &self,
-        seed: u64,
-        missing: f64,
-        play: fn(&mut SimulatedWorld, &Step, u32) -> Reading,
-    ) -> Estimate {
+    fn estimate_by(&self, seed: u64, missing: f64, play: fn(&mut SimulatedWorld, &Step, u32) -> Reading) -> Estimate {
         let mut world = self.world(seed);
         let mut random = seeded_stream(seed, &[MISSING]);
         let (mut visit, mut is_missing) = (String::new(), false);
@@ -161,9 +154,7 @@ impl Rig {
         MOTIONS.map(|symbol| {
             let curve = function(estimate, symbol);
             let points = curve.x.iter().zip(&curve.y).zip(&curve.u);
-            let is_held = |((x, y), u): &((&f64, &f64), &f64)| {
-                (*y - self.truth(symbol, **x)).abs() <= 2.0 * **u
-            };
+            let is_held = |((x, y), u): &((&f64, &f64), &f64)| (*y - self.truth(symbol, **x)).abs() <= 2.0 * **u;
             let count = points.len();
             assert!(count >= self.plan.settings["positions"].as_u64().unwrap() as usize);
             points.filter(is_held).count() as f64 / count as f64
@@ -192,9 +183,7 @@ fn covers(name: &str, changes: Changes, missing: f64) {
     let of_motion = |k: usize| mean(all.iter().map(|(covered, _)| covered[k]));
     let covered: [f64; 6] = std::array::from_fn(of_motion);
     let chi2 = mean(all.iter().map(|(_, chi2)| *chi2));
-    println!(
-        "{name}: {covered:.4?} of the points of {MOTIONS:?} within U, χ² {chi2:.3} of what is expected"
-    );
+    println!("{name}: {covered:.4?} of the points of {MOTIONS:?} within U, χ² {chi2:.3} of what is expected");
     assert!(covered.iter().all(|share| shares.contains(share)), "{name}: {covered:?}");
 }
 
@@ -205,10 +194,7 @@ fn u_is_true_on_the_built_in_machine() {
 
 #[test]
 fn u_is_true_on_a_poor_machine_with_a_twentieth_of_the_visits_missing() {
-    let changes = vec![
-        ("probe.repeatability_um", Value::Float(1.0)),
-        ("machine.drift_um_per_h", Value::Float(20.0)),
-    ];
+    let changes = vec![("probe.repeatability_um", Value::Float(1.0)), ("machine.drift_um_per_h", Value::Float(20.0))];
     covers("poor, 5 % missing", changes, 0.05);
 }
 
@@ -236,10 +222,8 @@ fn sub_harmonics_are_drawn_over_all_revolutions() {
 /// Compares the largest forecast U of each curve with that of a run. In the second world most of it is drift.
 #[test]
 fn u_is_foretold_before_motion() {
-    let drift = vec![
-        ("machine.drift_um_per_h", Value::Float(40.0)),
-        ("method.ball-plate.drift_order", Value::Integer(0)),
-    ];
+    let drift =
+        vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
     for (name, changes) in [("as shipped", Vec::new()), ("drift", [small(), drift].concat())] {
         let rig = Rig::new(changes);
         let lines = rig.method.forecast(&rig.plan, rig.machine_s).unwrap();
@@ -285,12 +269,10 @@ fn single_revolutions_show_what_does_not_repeat() {
     ];
     let rig = Rig::new([small(), two_revolutions(), changes].concat());
     let (estimate, world) = (rig.estimate(1, 0.0), rig.world(1));
-    for (symbol, along) in [("EXC_stops", Axis::X), ("EYC_stops", Axis::Y), ("EZC_stops", Axis::Z)]
-    {
+    for (symbol, along) in [("EXC_stops", Axis::X), ("EYC_stops", Axis::Y), ("EZC_stops", Axis::Z)] {
         let stops = function(&estimate, symbol);
         assert_eq!((stops.x.len(), stops.x[23].round()), (24, 690.0));
-        let at =
-            |degrees: f64| 1e3 * world.true_rotary_motion(Axis::C, along, degrees.to_radians());
+        let at = |degrees: f64| 1e3 * world.true_rotary_motion(Axis::C, along, degrees.to_radians());
         let errors = (0..12).map(|i| {
             let found = stops.y[i + 12] - stops.y[i];
             found - (at(stops.x[i + 12]) - at(stops.x[i]))
@@ -317,12 +299,7 @@ fn a_ball_that_comes_loose_is_named() {
         let begins = format!("ball {ball} is displaced ");
         estimate.warnings.iter().filter(|line| line.starts_with(&begins)).count()
     };
-    assert_eq!(
-        ["1", "2", "3", "4", "5", "6"].map(named),
-        [0, 0, 0, 1, 0, 0],
-        "{:?}",
-        estimate.warnings
-    );
+    assert_eq!(["1", "2", "3", "4", "5", "6"].map(named), [0, 0, 0, 1, 0, 0], "{:?}", estimate.warnings);
     assert!(estimate.warnings.iter().any(|line| line.contains("does not explain")));
 }
 
@@ -336,10 +313,7 @@ fn refused(changes: &[(&'static str, Value)]) -> String {
 #[test]
 fn balls_at_equal_angles_are_refused_with_a_better_layout() {
     let refused = refused(&layout(&[0, 6, 12, 18, 24, 30], 36, 8));
-    assert!(
-        refused.contains("the harmonics 6 of the error motions are not determined"),
-        "{refused}"
-    );
+    assert!(refused.contains("the harmonics 6 of the error motions are not determined"), "{refused}");
     assert!(refused.contains("degrees from the first ball"), "{refused}");
 }
 

@@ -28,12 +28,7 @@ impl Method for FirstRound {
         self.0.settings()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if done.len() == 2 {
             return Ok(NextStage::Done);
         }
@@ -89,10 +84,7 @@ fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     for (section, z_mm) in SECTIONS_MM.into_iter().enumerate() {
         for k in [0, 1] {
             let truly = OFFSET_MM[k] + TILT_URAD[k] * 1e-6 * z_mm;
-            assert!(
-                (told[section][k] + truly).abs() < 3e-3,
-                "{told:?}, section {section}: {truly}"
-            );
+            assert!((told[section][k] + truly).abs() < 3e-3, "{told:?}, section {section}: {truly}");
         }
     }
 
@@ -110,11 +102,7 @@ fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
             continue;
         };
         let off_um = (mean_mm(&mut centred, name) - target_mm) * 1e3;
-        println!(
-            "{name}: {:+.2} um from its target, {:+.1} before",
-            off_um,
-            (before - target_mm) * 1e3
-        );
+        println!("{name}: {:+.2} um from its target, {:+.1} before", off_um, (before - target_mm) * 1e3);
         assert!(off_um.abs() < 0.5, "{name}: {off_um} um from its target");
     }
 }

@@ -30,12 +30,10 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
     let (mut held, mut count, mut points_held, mut points) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..worlds {
         let file = machine(seed);
-        let (method, header) =
-            setup::plan_header(&file, "self-calibration", None).expect("settings");
+        let (method, header) = setup::plan_header(&file, "self-calibration", None).expect("settings");
         let mut world = setup::build_world(&file).expect("a world");
         let [first, second] = [(); 2].map(|()| {
-            let (plan, readings) =
-                plan_player::measure(&mut world, method.as_ref(), header.clone());
+            let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header.clone());
             method.identify(&plan, &readings).expect("an estimate")
         });
         let common = common_sources(&first, &second);
@@ -53,9 +51,7 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
         }
     }
     let (share, of_points) = (held / count, points_held / points);
-    println!(
-        "{share:.4} of the parameters and {of_points:.4} of the points agree, {worlds} worlds"
-    );
+    println!("{share:.4} of the parameters and {of_points:.4} of the points agree, {worlds} worlds");
     assert!(shares.contains(&share), "{share}");
     // The u of the points are treated as independent, although they are not: U is too large.
     assert!(of_points >= *shares.start(), "{of_points}");

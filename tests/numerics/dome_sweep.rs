@@ -108,8 +108,7 @@ impl Bodies {
     fn look(&self, kind: Kind, at: Axes) -> (Option<String>, f64) {
         let [tilted, table] = kind.carriers(at);
         let datum = kind.spindle(at);
-        let seen =
-            |from: &Matrix, p: Point| unmapped(from, std::array::from_fn(|i| datum[i] + p[i]));
+        let seen = |from: &Matrix, p: Point| unmapped(from, std::array::from_fn(|i| datum[i] + p[i]));
         let hit = |frame: &Matrix, solids: &[Solid]| {
             solids.iter().position(|solid| {
                 let (middle, bound) = (solid.middle(), solid.bound());
@@ -184,8 +183,7 @@ fn ways(text: &str) -> Vec<Way<'_>> {
                 stands.insert(name, value.parse().unwrap());
             }
         }
-        let is_touch =
-            line.contains(" G38.3 ") && moves.get(k + 1).is_some_and(|next| is_back(&next));
+        let is_touch = line.contains(" G38.3 ") && moves.get(k + 1).is_some_and(|next| is_back(&next));
         let ends = axes(&before).zip(axes(&stands));
         ways.extend(ends.map(|(from, to)| Way { line, from, to, is_touch }));
         if is_touch {
@@ -201,8 +199,7 @@ fn program(file: &Table) -> String {
     let (blocks, _) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
     let axes: Vec<_> = plan.machine.axes.keys().copied().collect();
     let program = ProgramHeader { title: "dome", axes: &axes, log: None };
-    let dialect =
-        Dialect::from_name("grbl").unwrap().with_options(&plan.machine, &plan.probe).unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap().with_options(&plan.machine, &plan.probe).unwrap();
     dialect.render_program(&program, &blocks).unwrap()
 }
 

@@ -4,9 +4,7 @@
 use machine::Position;
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step};
-use planning::{
-    BlockStart, ConfirmedDirections, MachineTime, SafeHeights, end_position, step_blocks,
-};
+use planning::{BlockStart, ConfirmedDirections, MachineTime, SafeHeights, end_position, step_blocks};
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
@@ -40,9 +38,8 @@ fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tou
     let steps: Vec<&Step> = steps.collect();
     let end = |step: &&&Step| way_to(plan, &step.from, step, &clearance).1;
     let ends: Vec<Position> = steps.par_iter().map(|step| end(&step)).collect();
-    let row = |from: &Position| -> Vec<f64> {
-        steps.iter().map(|step| way_to(plan, from, step, &clearance).0).collect()
-    };
+    let row =
+        |from: &Position| -> Vec<f64> { steps.iter().map(|step| way_to(plan, from, step, &clearance).0).collect() };
     let first = stands.as_ref().map_or(vec![0.0; steps.len()], row);
     *stands = ends.last().cloned();
     let ways = std::iter::once(first).chain(ends.par_iter().map(row).collect::<Vec<_>>());

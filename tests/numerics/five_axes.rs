@@ -78,13 +78,11 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
         for (step, (pose, ball)) in TOUCHES.into_iter().enumerate() {
             let block = block(&file, step as u32, pose, ball);
             let expected = direct(&mut world, &block);
-            let outcome =
-                devices.controller.execute(proven_block(&file, &devices, &block)).await.unwrap();
+            let outcome = devices.controller.execute(proven_block(&file, &devices, &block)).await.unwrap();
             let found = outcome.touch.unwrap();
             for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
                 // Moves are written to 0.1 µm; contacts are reported with the resolution of Z, 1 µm.
-                let off =
-                    axis.to_mm_or_deg(found.get_or_zero(axis) - expected.get_or_zero(axis)).abs();
+                let off = axis.to_mm_or_deg(found.get_or_zero(axis) - expected.get_or_zero(axis)).abs();
                 assert!(off <= 1.001e-3, "{axis} at {pose:?}: {off}");
             }
         }

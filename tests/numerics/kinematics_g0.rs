@@ -10,10 +10,8 @@ use machine::{Axis, Position, frame::Point, frame::SpindleFrame};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use rand::{Rng, RngExt};
 
-const LOCATIONS_AND_GAINS_13: [&str; 13] = [
-    "EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1",
-    "EZZ1",
-];
+const LOCATIONS_AND_GAINS_13: [&str; 13] =
+    ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1", "EZZ1"];
 
 /// Axes in `reversed` turn against ISO 841; rotary axes pass through points off the origin.
 fn machine(topology: &str, reversed: &[Axis]) -> Machine {
@@ -76,10 +74,7 @@ fn errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<ErrorTerm
         };
         scale * uniform(random)
     };
-    parameters
-        .iter()
-        .map(|p| ErrorTerm { parameter: *p, value: value(&p.to_string(), random) })
-        .collect()
+    parameters.iter().map(|p| ErrorTerm { parameter: *p, value: value(&p.to_string(), random) }).collect()
 }
 
 /// Uniform in [-1, 1].
@@ -207,8 +202,7 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
     let mut worst: f64 = 0.0;
     for round in 0..200 {
         let scale = if round % 2 == 0 { 1.0 } else { 1000.0 };
-        let [dx, dy, dz, dx_cb] =
-            [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform(&mut random));
+        let [dx, dy, dz, dx_cb] = [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform(&mut random));
         let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform(&mut random));
         let names = ["EX0B", "EY0B", "EZ0B", "EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
         let values = [dx, dy, dz, a, b, c, dx_cb, a_cb];
@@ -220,10 +214,8 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
             .map(|(parameter, value)| ErrorTerm { parameter, value })
             .collect();
         let pose = pose(&mut random);
-        let product =
-            d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.get_or_zero(Axis::B));
-        let product =
-            product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.get_or_zero(Axis::C));
+        let product = d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.get_or_zero(Axis::B));
+        let product = product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.get_or_zero(Axis::C));
         let point = Vector3::new(80.0, -60.0, 60.0);
         let expected = product.transform_point(&point.into()).coords;
         let actual = chain.machine_from_table(&pose, &errors).transform_point(&point.into()).coords;
@@ -238,10 +230,7 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
 #[test]
 fn paper_4_machine_as_plain_matrix_products() {
     let chain = KinematicChain::new(&machine("wCBXFZYSt", &[])).unwrap();
-    let values = [
-        -11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6,
-        21e-6,
-    ];
+    let values = [-11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6, 21e-6];
     let errors: Vec<ErrorTerm> = parameters(&LOCATIONS_AND_GAINS_13)
         .into_iter()
         .zip(values)
@@ -258,19 +247,11 @@ fn paper_4_machine_as_plain_matrix_products() {
         let tool = (d_b(eb0z) * d_xyz(0.0, 0.0, q(Axis::Z) * (1.0 + ezz1)))
             * (d_a(ea0y) * d_c(ec0y) * d_xyz(0.0, q(Axis::Y) * (1.0 + eyy1), 0.0))
             * (d_xyz(ex0s, ey0s, 0.0) * d_c(q(Axis::S)));
-        let expected = workpiece
-            .try_inverse()
-            .unwrap()
-            .transform_point(&tool.transform_point(&tip.mm.into()))
-            .coords;
+        let expected = workpiece.try_inverse().unwrap().transform_point(&tool.transform_point(&tip.mm.into())).coords;
         let actual = chain.tip_in_table(&pose, tip, &errors).mm;
         // The general matrix inverse of the independent construction has larger rounding errors than the chain
         // itself.
-        assert!(
-            actual.metric_distance(&expected) <= 5e-12,
-            "{:e}",
-            actual.metric_distance(&expected)
-        );
+        assert!(actual.metric_distance(&expected) <= 5e-12, "{:e}", actual.metric_distance(&expected));
     }
 }
 

@@ -35,8 +35,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
 
 /// Motions of C in all components to order 20, and no other disturbance.
 fn quiet_machine(changes: &[(&str, Value)]) -> MachineFile {
-    let motion: Table =
-        "axis = \"C\"\nlinear_um = 4.0\nangular_urad = 40.0\nmax_order = 20".parse().unwrap();
+    let motion: Table = "axis = \"C\"\nlinear_um = 4.0\nangular_urad = 40.0\nmax_order = 20".parse().unwrap();
     let mut all = vec![
         ("simulated.rotary_motion", Value::Array(vec![motion.into()])),
         ("simulated.centre_offset_mm", vec![0.1, -0.05].into()),
@@ -69,8 +68,7 @@ struct Prior {
     seed: u64,
 }
 
-const EXACT: Prior =
-    Prior { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
+const EXACT: Prior = Prior { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
 
 impl Prior {
     fn estimate(self, world: &SimulatedWorld) -> Estimate {
@@ -117,11 +115,9 @@ impl Prior {
     /// Cosine and sine parts of the orders from 1 on, in the unit of the estimate.
     fn coefficients(self, world: &SimulatedWorld, component: Axis, scale: f64) -> Vec<[f64; 2]> {
         let angles: Vec<f64> = (0..SAMPLES).map(|i| TAU * i as f64 / SAMPLES as f64).collect();
-        let values: Vec<f64> =
-            angles.iter().map(|q| world.true_rotary_motion(Axis::C, component, *q)).collect();
+        let values: Vec<f64> = angles.iter().map(|q| world.true_rotary_motion(Axis::C, component, *q)).collect();
         let key = [PRIOR_ERRORS, component as u64];
-        let errors = DrawStream::from_key(self.seed, &key)
-            .unit_draws(2 * MAX_ORDER, &[DrawDistribution::Normal]);
+        let errors = DrawStream::from_key(self.seed, &key).unit_draws(2 * MAX_ORDER, &[DrawDistribution::Normal]);
         let part = |order: usize, of: fn(f64) -> f64, error: f64| {
             let sum: f64 = angles.iter().zip(&values).map(|(q, v)| v * of(order as f64 * q)).sum();
             self.sign * scale * sum * 2.0 / SAMPLES as f64 + self.u_um * error
@@ -155,8 +151,7 @@ fn off(estimate: &Estimate, truth: [f64; 2]) -> f64 {
 
 /// Largest |value| of the error motions that self-calibration reports, um.
 fn largest_motion(estimate: &Estimate) -> f64 {
-    let is_motion =
-        |f: &&EstimatedFunction| f.symbol.starts_with("EXC@") || f.symbol.starts_with("EYC@");
+    let is_motion = |f: &&EstimatedFunction| f.symbol.starts_with("EXC@") || f.symbol.starts_with("EYC@");
     let own = estimate.functions.iter().filter(is_motion).flat_map(|f| &f.y);
     own.map(|value| value.abs()).fold(0.0, f64::max)
 }
@@ -227,12 +222,9 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
         };
         let expanded = |i: usize| found[i].parameters[0].expanded;
         assert!(expanded(1) < 0.7 * expanded(0), "U {} without, {} with", expanded(0), expanded(1));
-        let lines = |i: usize| -> Vec<&str> {
-            found[i].parameters[0].budget.iter().map(|line| line.source.as_str()).collect()
-        };
-        assert!(
-            lines(0).contains(&"error motions of C") && !lines(1).contains(&"error motions of C")
-        );
+        let lines =
+            |i: usize| -> Vec<&str> { found[i].parameters[0].budget.iter().map(|line| line.source.as_str()).collect() };
+        assert!(lines(0).contains(&"error motions of C") && !lines(1).contains(&"error motions of C"));
         assert!(lines(1).contains(&"estimate of ball-plate"));
         found.iter().map(squares).collect::<Vec<[f64; 2]>>()
     };
@@ -272,9 +264,7 @@ fn regress_u_of_known_motions_keeps_their_correlation() {
         let lines = &parameter(&estimate, location).budget;
         lines.iter().find(|line| line.source == "estimate of ball-plate").map_or(0.0, |line| line.u)
     };
-    for (location, motion, angular, sign) in
-        [("EX0C", "EXC_c8", "EBC_c8", 1.0), ("EY0C", "EYC_c8", "EAC_c8", -1.0)]
-    {
+    for (location, motion, angular, sign) in [("EX0C", "EXC_c8", "EBC_c8", 1.0), ("EY0C", "EYC_c8", "EAC_c8", -1.0)] {
         let added = u_of_prior(location, [(motion, 1.0), (angular, sign * 20.0)]);
         let cancelled = u_of_prior(location, [(motion, 1.0), (angular, -sign * 20.0)]);
         assert!((added - 2.0).abs() < 0.02 && cancelled < 0.02, "{location}: {added}, {cancelled}");

@@ -9,8 +9,7 @@ use testing::population::{population, ratio_bounds};
 
 const METHOD: &str = "laser-r-test";
 /// Paper 2, Table 5, as in [simulated.errors] of the built-in machine: symbol, value.
-const TRUTH: [(&str, f64); 5] =
-    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+const TRUTH: [(&str, f64); 5] = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
 /// The built-in machine with another seed, its text changed by `change`, and these settings.
 fn machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> MachineFile {
@@ -46,8 +45,7 @@ fn chi2(estimate: &Estimate) -> f64 {
     };
     let at: Vec<usize> = TRUTH.iter().map(|(symbol, _)| place(symbol)).collect();
     let off = faer::Col::from_fn(at.len(), |i| errors(estimate)[i].0);
-    let matrix =
-        faer::Mat::from_fn(at.len(), at.len(), |i, j| estimate.covariance.rows[at[i]][at[j]]);
+    let matrix = faer::Mat::from_fn(at.len(), at.len(), |i, j| estimate.covariance.rows[at[i]][at[j]]);
     let solved = faer::linalg::solvers::Solve::solve(&matrix.partial_piv_lu(), &off);
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
@@ -129,8 +127,7 @@ const FORM_UM: f64 = 0.4;
 
 fn with_form(text: String) -> String {
     // In addition to a small undeclared form.
-    let told =
-        text.replace("ball_form_um = 0.05\n", &format!("ball_form_um = {}\n", FORM_UM + 0.05));
+    let told = text.replace("ball_form_um = 0.05\n", &format!("ball_form_um = {}\n", FORM_UM + 0.05));
     assert_ne!(told, text);
     told
 }

@@ -6,17 +6,14 @@ use trued::setup::MachineFile;
 /// Sets the value at `path`, keys joined by dots; missing tables are created.
 pub fn set(table: &mut Table, path: &str, value: Value) {
     let (tables, key) = path.rsplit_once('.').unwrap();
-    let inner = tables.split('.').fold(table, |table, key| {
-        table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-    });
+    let inner = tables
+        .split('.')
+        .fold(table, |table, key| table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap());
     inner.insert(key.to_owned(), value);
 }
 
 /// The machine file `text` with other values.
-pub fn changed<'c>(
-    text: &str,
-    changes: impl IntoIterator<Item = &'c (&'c str, Value)>,
-) -> MachineFile {
+pub fn changed<'c>(text: &str, changes: impl IntoIterator<Item = &'c (&'c str, Value)>) -> MachineFile {
     let mut table: Table = text.parse().unwrap();
     changes.into_iter().for_each(|(path, value)| set(&mut table, path, value.clone()));
     parsed(&table)

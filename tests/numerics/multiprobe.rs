@@ -28,8 +28,7 @@ const SENSORS: usize = 7;
 /// The built-in machine with drawn motions, forms and errors; `path`: keys joined by dots.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     let mut table: Table = include_str!("../../config/multiprobe.toml").parse().unwrap();
-    let motion: Table =
-        "axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 20".parse().unwrap();
+    let motion: Table = "axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 20".parse().unwrap();
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("simulated.rotary_motion", Value::Array(vec![motion.into()])),
@@ -58,8 +57,8 @@ fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
     let mut truths = Vec::new();
     for (sensor, drawn_of) in sensors.iter_mut().zip(drawn[2..].chunks(2)) {
         let name = sensor["name"].as_str().unwrap().to_owned();
-        let [mut zero, mut direction] = ["zero_mm", "direction"]
-            .map(|key| -> Vec<f64> { sensor[key].clone().try_into().unwrap() });
+        let [mut zero, mut direction] =
+            ["zero_mm", "direction"].map(|key| -> Vec<f64> { sensor[key].clone().try_into().unwrap() });
         if name == "z1" {
             zero[0] += 0.1 * drawn[0];
         } else {
@@ -74,9 +73,8 @@ fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
         table.insert("zero_mm".to_owned(), zero.into());
         table.insert("direction".to_owned(), direction.into());
         let truth = [("name", name.into()), ("gain", (1.0 + 1e-3 * drawn_of[1]).into())];
-        truths.push(Value::Table(
-            truth.map(|(key, value): (&str, Value)| (key.to_owned(), value)).into_iter().collect(),
-        ));
+        truths
+            .push(Value::Table(truth.map(|(key, value): (&str, Value)| (key.to_owned(), value)).into_iter().collect()));
     }
     set(&mut table, "simulated.sensor", truths.into());
     MachineFile::parse("truth.toml", toml::to_string(&table).unwrap()).unwrap()
@@ -105,9 +103,7 @@ impl Played {
     /// order of (X, Y) and (A, B), and without the harmonics `lost`.
     fn truth(&self, world: &SimulatedWorld, symbol: &str, lost: &[f64]) -> Vec<f64> {
         let component: Axis = symbol[1..2].parse().unwrap();
-        let motion = |of: Axis| {
-            angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>()
-        };
+        let motion = |of: Axis| angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>();
         let mut values = motion(component);
         let pair = match component {
             Axis::X | Axis::Y => Some((Axis::X, Axis::Y)),
@@ -194,12 +190,7 @@ fn multiples(plan: &Plan) -> Vec<f64> {
 }
 
 /// Checks each curve by the coverage standard of METHODS section 6, or by other `seeds` and bounds.
-fn covers(
-    name: &str,
-    changes: &[(&str, Value)],
-    missing: f64,
-    (seeds, shares): (u64, RangeInclusive<f64>),
-) {
+fn covers(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): (u64, RangeInclusive<f64>)) {
     // A small layout in the gate: many seeds are better evidence than many mountings.
     let changes = if is_full() { changes.to_vec() } else { [&small()[..], changes].concat() };
     let one = |seed: u64| {
@@ -224,14 +215,9 @@ fn covers(
         all.iter().map(|curves| of(&curves[curve])).sum::<f64>() / seeds as f64
     };
     let curves = 0..MOTIONS.len();
-    let each: Vec<String> = curves
-        .clone()
-        .map(|i| format!("{} {:.3} ({:.2})", MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1)))
-        .collect();
-    println!(
-        "{name}, {seeds} seeds: share of the points within U (mean of (error/u)²): {}",
-        each.join(", ")
-    );
+    let each: Vec<String> =
+        curves.clone().map(|i| format!("{} {:.3} ({:.2})", MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1))).collect();
+    println!("{name}, {seeds} seeds: share of the points within U (mean of (error/u)²): {}", each.join(", "));
     for curve in curves {
         let share = mean(curve, |of| of.0);
         assert!(shares.contains(&share), "{name}: {} {share}", MOTIONS[curve]);
@@ -246,17 +232,13 @@ fn gains_and_angles_are_found_from_the_turns() {
     for seed in 0..8 {
         let played = played(machine(seed, &small()), seed);
         let estimate = played.estimate().unwrap();
-        let drawn = DrawStream::from_key(seed, &[0x7365_6e73])
-            .unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
-        for (quantity, place, declared) in
-            [("gain", 1, 1e3), ("angle", 0, 0.1_f64.to_radians() * 1e6)]
-        {
+        let drawn = DrawStream::from_key(seed, &[0x7365_6e73]).unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
+        for (quantity, place, declared) in [("gain", 1, 1e3), ("angle", 0, 0.1_f64.to_radians() * 1e6)] {
             for section in [["x1", "y1", "r1"], ["x2", "y2", "r2"]] {
                 let error = |name: &str| {
                     let symbol = format!("{quantity}_{name}");
                     let found = estimate.parameters.iter().find(|p| p.symbol == symbol).unwrap();
-                    let number =
-                        ["x1", "y1", "r1", "x2", "y2", "r2"].iter().position(|n| *n == name);
+                    let number = ["x1", "y1", "r1", "x2", "y2", "r2"].iter().position(|n| *n == name);
                     let truth = declared * drawn[2 + 2 * number.unwrap() + place];
                     (found.value - truth, found.u)
                 };
@@ -342,16 +324,11 @@ fn table(toml: &str) -> Value {
 fn a_wrong_index_is_named_and_left_out() {
     let fault = table("mounting = 3\noff_deg = 12.0");
     let found = faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
-    let named = |line: &String| {
-        line.contains("not used: the artefact was mounted 1") && line.contains("at mounting 4;")
-    };
+    let named =
+        |line: &String| line.contains("not used: the artefact was mounted 1") && line.contains("at mounting 4;");
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
     let right = faulty(&[]).unwrap();
-    assert!(
-        !right.warnings.iter().any(|line| line.contains("not used: the artefact")),
-        "{:#?}",
-        right.warnings
-    );
+    assert!(!right.warnings.iter().any(|line| line.contains("not used: the artefact")), "{:#?}", right.warnings);
 }
 
 /// Clockwise seen from the tip, by 72° each time: from the planned angle by −144°, −288° and so on.
@@ -462,8 +439,7 @@ fn a_fast_clock_is_named() {
 #[test]
 fn what_a_layout_loses_is_refused_with_a_better_one() {
     let refusal = |changes: &[(&str, Value)]| {
-        let (method, header) =
-            setup::plan_header(&machine(1, changes), "multiprobe", None).unwrap();
+        let (method, header) = setup::plan_header(&machine(1, changes), "multiprobe", None).unwrap();
         let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
         format!("{} -> {}", refused.reason, refused.remedy)
     };
@@ -489,10 +465,7 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
     let file = MachineFile::parse("opposed.toml", toml::to_string(&file).unwrap()).unwrap();
     let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
-    assert!(
-        refused.reason.contains("opposed") && refused.remedy.contains("move y1"),
-        "{refused:?}"
-    );
+    assert!(refused.reason.contains("opposed") && refused.remedy.contains("move y1"), "{refused:?}");
 }
 
 /// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
@@ -511,8 +484,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
         }
     }
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
-    let (plan, readings) =
-        plan_player::measure(&mut setup::build_world(&truth).unwrap(), method.as_ref(), header);
+    let (plan, readings) = plan_player::measure(&mut setup::build_world(&truth).unwrap(), method.as_ref(), header);
     method.identify(&plan, &readings).unwrap()
 }
 
@@ -545,10 +517,8 @@ fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
 /// backward.
 #[test]
 fn stability_is_in_the_order_of_time() {
-    let changes = [
-        ("method.multiprobe.revolutions", Value::Integer(2)),
-        ("machine.drift_um_per_h", Value::Float(30.0)),
-    ];
+    let changes =
+        [("method.multiprobe.revolutions", Value::Integer(2)), ("machine.drift_um_per_h", Value::Float(30.0))];
     let estimate = played(machine(1, &[&small()[..], &changes].concat()), 1).estimate().unwrap();
     let stability = estimate.functions.iter().find(|f| f.symbol == "stability_x1").unwrap();
     assert_eq!(stability.y.len(), 5 * 4);

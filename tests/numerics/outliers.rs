@@ -27,25 +27,18 @@ struct Case {
 }
 
 const CASES: [Case; 4] = [
-    Case {
-        method: "samba",
-        file: |seed| built_in("samba", include_str!("../../config/samba.toml"), seed),
-    },
+    Case { method: "samba", file: |seed| built_in("samba", include_str!("../../config/samba.toml"), seed) },
     Case { method: "ball-plate", file: |seed| ball_plate::machine(seed, &ball_plate::small()) },
     Case {
         method: "laser-r-test",
         file: |seed| built_in("laser-r-test", include_str!("../../config/laser.toml"), seed),
     },
-    Case {
-        method: "r-test",
-        file: |seed| built_in("r-test", include_str!("../../config/r-test.toml"), seed),
-    },
+    Case { method: "r-test", file: |seed| built_in("r-test", include_str!("../../config/r-test.toml"), seed) },
 ];
 
 fn built_in(method: &str, text: &str, seed: u64) -> MachineFile {
     let trials = format!("method.{method}.monte_carlo_trials");
-    let fixed =
-        [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
+    let fixed = [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
     changed(text, &fixed)
 }
 
@@ -80,8 +73,7 @@ impl Measured {
     /// point of a path, by the vector's length.
     fn displace(&mut self, label: &str, by: Vector3<f64>) {
         let steps = &self.plan.steps;
-        let step_of =
-            |reading: &Reading| steps.iter().find(|step| step.id == reading.step).unwrap();
+        let step_of = |reading: &Reading| steps.iter().find(|step| step.id == reading.step).unwrap();
         let of_place = |step: &str| step == label || step.starts_with(&format!("{label}/"));
         for reading in self.readings.iter_mut().filter(|reading| reading.repeat == 0) {
             let step = step_of(reading);
@@ -95,8 +87,8 @@ impl Measured {
             let distance = |at: &machine::Position| -> f64 {
                 at.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
             };
-            let nearest = (0..scan.path.len())
-                .min_by(|a, b| distance(&scan.path[*a]).total_cmp(&distance(&scan.path[*b])));
+            let nearest =
+                (0..scan.path.len()).min_by(|a, b| distance(&scan.path[*a]).total_cmp(&distance(&scan.path[*b])));
             let own = format!("{}/{}/{}", step.label, nearest.unwrap() + 1, reading.sensor);
             if own == label {
                 reading.value_mm = reading.value_mm.map(|mm| mm + by.norm());
@@ -160,8 +152,7 @@ fn a_measurement_that_is_off_is_named() {
             let mut measured = case.measured(seed);
             let sound = measured.estimate();
             let random = &mut seeded_stream(seed, &[0x6f66_6600]);
-            let checked: Vec<_> =
-                sound.smallest_found.iter().filter(|one| one.deviation_um.is_some()).collect();
+            let checked: Vec<_> = sound.smallest_found.iter().filter(|one| one.deviation_um.is_some()).collect();
             let one = checked[random.random_range(0..checked.len())];
             let mut component = || random.random_range(-1.0..1.0);
             let towards = Vector3::new(component(), component(), component());
@@ -169,8 +160,7 @@ fn a_measurement_that_is_off_is_named() {
             measured.displace(&one.label, by);
             let off = measured.estimate();
             let mut candidates = off.outliers.iter().flat_map(|outlier| &outlier.candidates);
-            candidates.any(|candidate| candidate.label == one.label)
-                && off.verdict == Verdict::UndecidedModel
+            candidates.any(|candidate| candidate.label == one.label) && off.verdict == Verdict::UndecidedModel
         };
         let seeds = (3000..3000 + worlds).into_par_iter();
         let named = seeds.filter(|seed| is_named(*seed)).count() as u64;
@@ -224,8 +214,7 @@ fn played(
 ) -> (Estimate, Vec<Reading>, SimulatedWorld) {
     let (method, header) = setup::plan_header(file, method, None).unwrap();
     let mut world = setup::build_world(file).unwrap();
-    let (plan, readings) =
-        plan_player::try_measure(&mut world, method.as_ref(), header, play).unwrap();
+    let (plan, readings) = plan_player::try_measure(&mut world, method.as_ref(), header, play).unwrap();
     (method.identify(&plan, &readings).unwrap(), readings, world)
 }
 
@@ -254,9 +243,7 @@ fn what_is_off_is_measured_again_and_listed() {
         // At most two repetitions.
         let (estimate, readings, _) = played(method, &file, chip);
         assert_eq!(estimate.verdict, Verdict::UndecidedModel, "{method}");
-        let still = |outlier: &Outlier| {
-            outlier.resolution.as_deref() == Some("measured again: still an outlier")
-        };
+        let still = |outlier: &Outlier| outlier.resolution.as_deref() == Some("measured again: still an outlier");
         assert!(estimate.outliers.iter().any(still), "{method}: {:?}", estimate.outliers);
         assert!(readings.iter().all(|reading| reading.repeat < 510), "{method}");
     }

@@ -140,10 +140,7 @@ fn a_bowed_z_axis_is_in_the_budget_of_the_tilt() {
     };
     let case = Case {
         common: &[two_heights()],
-        declared: &[
-            ("axes.Z.error_motion_um", 2.0.into()),
-            ("axes.Z.error_wavelength_mm", 100.0.into()),
-        ],
+        declared: &[("axes.Z.error_motion_um", 2.0.into()), ("axes.Z.error_wavelength_mm", 100.0.into())],
         world: &[("axes.Z.error_motion_um", 0.0.into())],
         deviation: bow,
     };
@@ -165,10 +162,8 @@ fn an_error_motion_at_the_order_of_the_grid_is_in_the_budget() {
     case(&total).is_covered(300, &LOCATION);
     assert_u_at_most_twice(&case(&total), &case(&orders), &["EX0C", "EY0C"]);
     // Orders that the grid separates do not contribute.
-    let separated =
-        [total[0].clone(), ("axes.C.error_motion_orders", vec![Value::Integer(2)].into())];
-    let [by_total, without] =
-        [&total, &separated[..]].map(|declared| case(declared).expanded("EX0C"));
+    let separated = [total[0].clone(), ("axes.C.error_motion_orders", vec![Value::Integer(2)].into())];
+    let [by_total, without] = [&total, &separated[..]].map(|declared| case(declared).expanded("EX0C"));
     assert!(without < 0.7 * by_total, "{without} {by_total}");
 }
 
@@ -180,8 +175,7 @@ fn lobed(lobes: f64, size_mm: f64, step: &Step, random: &mut dyn FnMut() -> f64)
 
 #[test]
 fn a_probe_with_three_lobes_is_in_the_budget() {
-    let total =
-        [("probe.lobing_um", 2.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
+    let total = [("probe.lobing_um", 2.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
     let orders = [total[0].clone(), ("probe.lobing_orders", vec![Value::Integer(3)].into())];
     let world = [("probe.lobing_um", 0.0.into())];
     let case = |declared| Case {
@@ -196,8 +190,7 @@ fn a_probe_with_three_lobes_is_in_the_budget() {
 
 #[test]
 fn a_probe_with_two_lobes_is_in_the_budget() {
-    let total =
-        [("probe.lobing_um", 1.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
+    let total = [("probe.lobing_um", 1.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
     let orders = [total[0].clone(), ("probe.lobing_orders", vec![Value::Integer(2)].into())];
     let world = [("probe.lobing_um", 0.0.into())];
     let case = |declared| Case {
@@ -256,8 +249,7 @@ fn assert_flagged(case: &Case<'_>, lobing_um: f64, first: u64) {
 #[test]
 fn two_lobes_beyond_what_is_declared_are_flagged() {
     let world = [("probe.lobing_um", 0.0.into())];
-    let deviation =
-        |step: &Step, _: &Reading, random: &mut dyn FnMut() -> f64| lobed(2.0, 1e-3, step, random);
+    let deviation = |step: &Step, _: &Reading, random: &mut dyn FnMut() -> f64| lobed(2.0, 1e-3, step, random);
     let case = Case { common: &[], declared: &[], world: &world, deviation };
     assert_flagged(&case, 0.3, 1100);
 }
@@ -288,8 +280,7 @@ fn a_touch_that_is_off_is_named() {
             let (file, plan, mut readings, _) = case.measured(seed);
             let (method, _) = setup::plan_header(&file, "self-calibration", None).unwrap();
             // The first five touches locate the part; those on its top are not used in the identification.
-            let step_of =
-                |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
+            let step_of = |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
             let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;
             let mut radial: Vec<_> = readings.iter_mut().skip(5).filter(is_radial).collect();
             let number = seeded_stream(seed, &[0x6368_6970]).random_range(0..radial.len());

@@ -42,19 +42,13 @@ fn machine(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
 
 /// A world without lobes and without rounding: [`measured`] adds them.
 fn world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
-    let none =
-        ["probe.lobing_um", "axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
+    let none = ["probe.lobing_um", "axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
     let none = none.map(|key| (key, Value::Float(0.0)));
     machine(text, turns, &[changes, &none].concat())
 }
 
 /// Played in the world of `world`, with the deviation added to the displayed position.
-fn measured(
-    method: &str,
-    file: &MachineFile,
-    world: &MachineFile,
-    deviation: Deviation<'_>,
-) -> (Plan, Vec<Reading>) {
+fn measured(method: &str, file: &MachineFile, world: &MachineFile, deviation: Deviation<'_>) -> (Plan, Vec<Reading>) {
     let (method, header) = setup::plan_header(file, method, None).unwrap();
     let mut world = setup::build_world(world).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
@@ -119,16 +113,12 @@ fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
         in_spindle * (lobes(&map, in_spindle) + lobes(&form, in_machine)) - offset
     };
     let (plan, readings) = measured("probe-qualification", &file, &world, &deviation);
-    let truth = map.iter().flat_map(|(k, [c, s])| {
-        [(format!("E_probe_c{k}"), c * 1e3), (format!("E_probe_s{k}"), s * 1e3)]
-    });
+    let truth =
+        map.iter().flat_map(|(k, [c, s])| [(format!("E_probe_c{k}"), c * 1e3), (format!("E_probe_s{k}"), s * 1e3)]);
     let mut truth: Vec<(String, f64)> = truth.collect();
     truth.push(("s_touch".to_owned(), 0.3));
     match turns {
-        true => truth.extend([
-            ("x_stylus".to_owned(), offset.x * 1e3),
-            ("y_stylus".to_owned(), offset.y * 1e3),
-        ]),
+        true => truth.extend([("x_stylus".to_owned(), offset.x * 1e3), ("y_stylus".to_owned(), offset.y * 1e3)]),
         // The second order is not corrected.
         false => drop(truth.drain(..2)),
     }
@@ -141,8 +131,7 @@ fn the_map_is_within_its_uncertainty() {
     const FULL: u64 = 1000;
     for turns in [true, false] {
         let worlds = population(FULL).max(50);
-        let all: Vec<_> =
-            (0..worlds).into_par_iter().map(|seed| qualified(8000 + seed, turns)).collect();
+        let all: Vec<_> = (0..worlds).into_par_iter().map(|seed| qualified(8000 + seed, turns)).collect();
         let is_flagged = |e: &Estimate| e.verdict != Verdict::None || !e.warnings.is_empty();
         let flagged = all.iter().filter(|(e, _)| is_flagged(e)).count();
         println!("turned {turns}: {flagged} of {worlds} flagged");
@@ -155,11 +144,7 @@ fn the_map_is_within_its_uncertainty() {
             };
             let within = all.iter().map(deviation).filter(|(off, u)| off <= u).count();
             let part = within as f64 / worlds as f64;
-            println!(
-                "{symbol}: {:.1} %, U {:.3}",
-                part * 100.0,
-                parameter(&all[0].0, symbol).expanded
-            );
+            println!("{symbol}: {:.1} %, U {:.3}", part * 100.0, parameter(&all[0].0, symbol).expanded);
             if is_full() {
                 assert!((0.93..=0.985).contains(&part), "{symbol}: {part}");
             }
@@ -205,9 +190,8 @@ fn the_map_takes_off_the_bias_by_three_lobes() {
         plan.priors = vec![map];
         let corrected = identified(&part, &plan, &readings);
         assert!(corrected.gauge.iter().any(|line| line.contains("orders 3, 4, 5, 6; order 2")));
-        let off = |estimate: &Estimate, symbol: &str| {
-            parameter(estimate, symbol).value - parameter(&reference, symbol).value
-        };
+        let off =
+            |estimate: &Estimate, symbol: &str| parameter(estimate, symbol).value - parameter(&reference, symbol).value;
         let bias = |estimate: &Estimate| off(estimate, "EX0C").hypot(off(estimate, "EY0C"));
         let u = |estimate: &Estimate| parameter(estimate, "EX0C").u;
         ([bias(&biased), bias(&corrected)], [u(&biased), u(&corrected)])
@@ -302,12 +286,8 @@ fn a_touch_that_is_off_is_named() {
         readings[number].position.set(axis, *value);
     }
     let estimate = identified(&file, &plan, &readings);
-    let named: Vec<&str> = estimate
-        .outliers
-        .iter()
-        .flat_map(|one| &one.candidates)
-        .map(|one| one.label.as_str())
-        .collect();
+    let named: Vec<&str> =
+        estimate.outliers.iter().flat_map(|one| &one.candidates).map(|one| one.label.as_str()).collect();
     assert_eq!((named, estimate.verdict), (vec![step.label.as_str()], Verdict::UndecidedModel));
 }
 

@@ -93,9 +93,7 @@ fn u_is_true_on_the_built_in_machine() {
         let table = machine(seed);
         let (estimate, axis) = measured(&table, "r-test");
         let axis = axis * 1e3;
-        for (parameter, truth) in
-            estimate.parameters.iter().filter(|p| p.symbol.ends_with("0C")).zip(axis.iter())
-        {
+        for (parameter, truth) in estimate.parameters.iter().filter(|p| p.symbol.ends_with("0C")).zip(axis.iter()) {
             held[0] += f64::from(u8::from((parameter.value - truth).abs() <= parameter.expanded));
             count[0] += 1.0;
         }
@@ -158,8 +156,7 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     declare(&mut sensors[1], zero_a, a);
     let (method, header) = setup::plan_header(&parsed(&table), "r-test", None).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
-    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play)
-        .unwrap_err();
+    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play).unwrap_err();
     assert!(refused.reason.contains("along the direction of b"), "{refused:?}");
 }
 

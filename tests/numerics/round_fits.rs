@@ -34,15 +34,13 @@ fn table() -> Vec<Case> {
 fn fitted(case: &Case) -> Fitted {
     match case.centre.len() {
         2 => {
-            let plane: Vec<[f64; 2]> =
-                case.points.iter().map(|p| p.as_slice().try_into().unwrap()).collect();
+            let plane: Vec<[f64; 2]> = case.points.iter().map(|p| p.as_slice().try_into().unwrap()).collect();
             let circle = fit_circle(&plane).unwrap();
             let (centre, radius) = (circle.centre.to_vec(), circle.radius);
             Fitted { centre, radius, covariance: None, residuals: None }
         }
         3 => {
-            let points: Vec<[f64; 3]> =
-                case.points.iter().map(|p| p.as_slice().try_into().unwrap()).collect();
+            let points: Vec<[f64; 3]> = case.points.iter().map(|p| p.as_slice().try_into().unwrap()).collect();
             let sphere = fit_sphere(&points).unwrap();
             Fitted {
                 centre: sphere.centre.to_vec(),

@@ -31,21 +31,14 @@ const fn source(line: &'static str, keys: &'static [&'static str], on: f64) -> S
     Source { line, keys, on, off: 0.0 }
 }
 
-const LINEAR: [&str; 3] =
-    ["axes.X.error_motion_um", "axes.Y.error_motion_um", "axes.Z.error_motion_um"];
-const ANGULAR: [&str; 3] =
-    ["axes.X.angular_motion_urad", "axes.Y.angular_motion_urad", "axes.Z.angular_motion_urad"];
-const RESOLUTION: [&str; 3] =
-    ["axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
+const LINEAR: [&str; 3] = ["axes.X.error_motion_um", "axes.Y.error_motion_um", "axes.Z.error_motion_um"];
+const ANGULAR: [&str; 3] = ["axes.X.angular_motion_urad", "axes.Y.angular_motion_urad", "axes.Z.angular_motion_urad"];
+const RESOLUTION: [&str; 3] = ["axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
 const ROTARY: [&str; 2] = ["axes.B.error_motion_um", "axes.C.error_motion_um"];
 
 /// A declared repeatability cannot be 0.
-const REPEATABILITY: Source = Source {
-    line: "repeatability of a touch",
-    keys: &["probe.repeatability_um"],
-    on: 1.0,
-    off: 1e-6,
-};
+const REPEATABILITY: Source =
+    Source { line: "repeatability of a touch", keys: &["probe.repeatability_um"], on: 1.0, off: 1e-6 };
 const LOBING: Source = source("probe lobing", &["probe.lobing_um"], 1.0);
 const STYLUS: Source = source("stylus offset", &["probe.stylus_offset_um"], 1.0);
 /// Lost motion is never negative. It is tested for one axis alone, because the lags of two axes are not independent
@@ -71,12 +64,7 @@ const CASES: [Case; 5] = [
         file: |seed, changes| {
             let orders = ("axes.C.error_motion_orders", Value::Array(vec![Value::Integer(8)]));
             let changes = [changes, &[orders]].concat();
-            built_in(
-                "self-calibration",
-                include_str!("../../config/simulated.toml"),
-                seed,
-                &changes,
-            )
+            built_in("self-calibration", include_str!("../../config/simulated.toml"), seed, &changes)
         },
         sources: &[
             REPEATABILITY,
@@ -97,15 +85,7 @@ const CASES: [Case; 5] = [
             let changes = [&small, changes].concat();
             built_in("samba", include_str!("../../config/samba.toml"), seed, &changes)
         },
-        sources: &[
-            REPEATABILITY,
-            LOBING,
-            BACKLASH_OF_Z,
-            LINEAR_MOTIONS,
-            ANGULAR_MOTIONS,
-            ROTARY_MOTIONS,
-            DRIFT,
-        ],
+        sources: &[REPEATABILITY, LOBING, BACKLASH_OF_Z, LINEAR_MOTIONS, ANGULAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
     },
     Case {
         method: "ball-plate",
@@ -114,24 +94,19 @@ const CASES: [Case; 5] = [
     },
     Case {
         method: "laser-r-test",
-        file: |seed, changes| {
-            built_in("laser-r-test", include_str!("../../config/laser.toml"), seed, changes)
-        },
+        file: |seed, changes| built_in("laser-r-test", include_str!("../../config/laser.toml"), seed, changes),
         sources: &[BACKLASH_OF_X, LINEAR_MOTIONS, ANGULAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
     },
     Case {
         method: "r-test",
-        file: |seed, changes| {
-            built_in("r-test", include_str!("../../config/r-test.toml"), seed, changes)
-        },
+        file: |seed, changes| built_in("r-test", include_str!("../../config/r-test.toml"), seed, changes),
         sources: &[STYLUS, BACKLASH_OF_X, LINEAR_MOTIONS],
     },
 ];
 
 fn built_in(method: &str, text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let trials = format!("method.{method}.monte_carlo_trials");
-    let fixed =
-        [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
+    let fixed = [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
     changed(text, fixed.iter().chain(changes))
 }
 

@@ -47,8 +47,7 @@ fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
 fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
     let symbols = ["EX0C", "EY0C", "EYY1-EXX1", "EC0Y"];
     assert_eq!(estimate.covariance.symbols, symbols);
-    let off: Vec<f64> =
-        estimate.parameters.iter().zip(truth).take(4).map(|(p, t)| p.value - t).collect();
+    let off: Vec<f64> = estimate.parameters.iter().zip(truth).take(4).map(|(p, t)| p.value - t).collect();
     let rows = &estimate.covariance.rows;
     let matrix = Matrix4::from_fn(|i, j| rows[i][j]);
     let off = Vector4::from_column_slice(&off);
@@ -148,12 +147,10 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
 fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
     let found = |spindle: &str| {
         let changes = [("seed", "77"), ("stylus_offset_um", "20.0"), ("lobing_um", "8.0")];
-        let text = machine(&changes).text().replace(
-            "[method.self-calibration]\n",
-            &format!("[method.self-calibration]\nspindle = \"{spindle}\"\n"),
-        );
-        let (estimate, truth) =
-            estimate(&MachineFile::parse("follow.toml", text).expect("a sound machine file"));
+        let text = machine(&changes)
+            .text()
+            .replace("[method.self-calibration]\n", &format!("[method.self-calibration]\nspindle = \"{spindle}\"\n"));
+        let (estimate, truth) = estimate(&MachineFile::parse("follow.toml", text).expect("a sound machine file"));
         let off = |i: usize| estimate.parameters[i].value - truth[i];
         (off(0).hypot(off(1)), estimate.parameters[0].u)
     };
@@ -178,15 +175,12 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
         moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine(&moved)
     });
-    let (method, mut plan) =
-        setup::plan_header(&before, "self-calibration", None).expect("settings");
+    let (method, mut plan) = setup::plan_header(&before, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(&before).expect("a world");
     let mut readings = Vec::new();
     let mut done = Vec::new();
     for (pass, count) in [5, kept].into_iter().enumerate() {
-        let next = method
-            .next_stage(&plan, &done, PositionSource::Measured(&readings))
-            .expect("well-posed");
+        let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings)).expect("well-posed");
         let NextStage::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
         let played = new_steps.iter().take(count);
         readings.extend(played.map(|step| plan_player::play(&mut world, step, 0)));

@@ -21,10 +21,7 @@ fn refused(machine: &str) -> (Option<i32>, String) {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
     std::fs::write(&file, machine).unwrap();
-    let output = trued(
-        &state,
-        &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"],
-    );
+    let output = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"]);
     assert!(output.stdout.is_empty(), "an estimate in spite of everything");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
@@ -49,23 +46,18 @@ fn regress_a_wrong_unit_names_the_right_one() {
 }
 
 fn regress_a_rank_deficient_design_names_a_better_one() {
-    let machine = format!(
-        "{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n"
-    );
+    let machine = format!("{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
     let (code, said) = refused(&machine);
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("[0, 22.5]"), "{said}");
 }
 
 fn with_controller(lines: &str) -> String {
-    MACHINE
-        .replace("kind = \"simulated\"\n", &format!("{lines}\n"))
-        .replace("wire = \"memory\"\n", "")
+    MACHINE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
 }
 
 fn regress_a_missing_port_says_so() {
-    let (code, said) =
-        refused(&with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
+    let (code, said) = refused(&with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
 }
@@ -85,8 +77,7 @@ fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
                 }
             }
         });
-        let (code, said) =
-            refused(&with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
+        let (code, said) = refused(&with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
         assert_eq!(code, Some(1), "{said}");
         assert!(said.contains(named), "{said}");
         server.join().unwrap();
@@ -103,8 +94,7 @@ fn regress_usage_errors_end_with_2() {
 }
 
 fn regress_a_part_that_lies_down_is_refused() {
-    let (code, said) =
-        refused(&MACHINE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
+    let (code, said) = refused(&MACHINE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
 }
@@ -112,9 +102,8 @@ fn regress_a_part_that_lies_down_is_refused() {
 fn regress_a_limit_that_nothing_answers_to_is_named() {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
-    let machine = format!(
-        "{MACHINE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n"
-    );
+    let machine =
+        format!("{MACHINE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n");
     std::fs::write(&file, machine).unwrap();
     let run = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
     assert_eq!(run.status.code(), Some(4));

@@ -100,12 +100,7 @@ fn a_plan_by_hand_is_understood() {
     assert_eq!(plan.keepout[0].max_mm, [4.0, 5.0, 6.0]);
     let is_the_one = matches!(
         plan.artefact,
-        Artefact::Cylinder(Cylinder {
-            centre_mm: [0.3, 0.1, 50.0],
-            axis: [0.0, 0.0, 1.0],
-            radius_mm: 45.0,
-            ..
-        })
+        Artefact::Cylinder(Cylinder { centre_mm: [0.3, 0.1, 50.0], axis: [0.0, 0.0, 1.0], radius_mm: 45.0, .. })
     );
     assert!(is_the_one, "{:?}", plan.artefact);
     let [step] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
@@ -169,8 +164,7 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
     let units = [Unit::Um, Unit::Urad, Unit::UmPerM, Unit::Mm];
     let units = units.map(|unit| text(serde_json::to_value(unit).unwrap()));
     assert_eq!(units, ["um", "urad", "um/m", "mm"]);
-    let verdicts =
-        [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
+    let verdicts = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
     let verdicts = verdicts.map(|verdict| text(serde_json::to_value(verdict).unwrap()));
     assert_eq!(verdicts, ["pass", "fail", "undecided", "undecided (model)", "none"]);
 }

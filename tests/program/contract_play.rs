@@ -27,8 +27,7 @@ fn number(value: &Value, path: &[&str]) -> f64 {
 fn contact(plan: &Value, step: &Value) -> [f64; 3] {
     let height = number(step, &["from", "Z"]);
     if number(&step["normal"][2], &[]) > 0.5 {
-        let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]]
-            .map(|path| number(plan, &path));
+        let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]].map(|path| number(plan, &path));
         let z = top + ball - plan["machine"]["tool_mm"][2].as_f64().unwrap();
         assert!(number(step, &["to", "Z"]) < z && z < height, "step {} misses", step["id"]);
         return [number(step, &["from", "X"]), number(step, &["from", "Y"]), z];
@@ -42,12 +41,9 @@ fn contact(plan: &Value, step: &Value) -> [f64; 3] {
     // C positive turns the part clockwise seen from +Z (ISO 841, workpiece side).
     let (dx, dy) = (PART[0] - AXIS[0], PART[1] - AXIS[1]);
     let centre = [AXIS[0] + c.cos() * dx + c.sin() * dy, AXIS[1] - c.sin() * dx + c.cos() * dy];
-    let reach =
-        number(plan, &["artefact", "radius_mm"]) + number(plan, &["probe", "ball_radius_mm"]);
-    let start: Vec<f64> =
-        ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["from", a]) + t).collect();
-    let end: Vec<f64> =
-        ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["to", a]) + t).collect();
+    let reach = number(plan, &["artefact", "radius_mm"]) + number(plan, &["probe", "ball_radius_mm"]);
+    let start: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["from", a]) + t).collect();
+    let end: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["to", a]) + t).collect();
     let way = [end[0] - start[0], end[1] - start[1]];
     let off = [start[0] - centre[0], start[1] - centre[1]];
     let a = way[0] * way[0] + way[1] * way[1];
@@ -88,15 +84,7 @@ fn regress_another_program_plays_the_plan_and_feeds_identify() {
 
     let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
     let csv_file = written(folder.path(), "readings.csv", &readings(&plan));
-    let identified = trued(&[
-        "identify",
-        "self-calibration",
-        "--plan",
-        &plan_file,
-        "--readings",
-        &csv_file,
-        "--json",
-    ]);
+    let identified = trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file, "--json"]);
     assert!(identified.status.success(), "{}", String::from_utf8_lossy(&identified.stderr));
     let estimate: Value = serde_json::from_slice(&identified.stdout).unwrap();
     for (symbol, truth) in [("EX0C", AXIS[0]), ("EY0C", AXIS[1])] {
@@ -118,15 +106,7 @@ fn quick_plan(folder: &Path) -> Output {
 
 fn identified(folder: &Path, plan_file: &str, csv: &str) -> (Output, Value) {
     let csv_file = written(folder, "other.csv", csv);
-    let output = trued(&[
-        "identify",
-        "self-calibration",
-        "--plan",
-        plan_file,
-        "--readings",
-        &csv_file,
-        "--json",
-    ]);
+    let output = trued(&["identify", "self-calibration", "--plan", plan_file, "--readings", &csv_file, "--json"]);
     let estimate = serde_json::from_slice(&output.stdout).unwrap_or_default();
     (output, estimate)
 }
@@ -200,8 +180,7 @@ fn regress_bad_readings_are_refused_by_name() {
     ];
     for (what, csv, named) in cases {
         let csv_file = written(folder.path(), "bad.csv", &csv);
-        let refused =
-            trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file]);
+        let refused = trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file]);
         let said = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(1), "{what}: {said}");
         assert!(said.contains(named), "{what}: {said}");

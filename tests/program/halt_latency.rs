@@ -51,16 +51,13 @@ fn peer(tell: Sender<Seen>) {
                     if state == "Run" {
                         let _ = tell.send(Seen::Polled);
                     }
-                    format!(
-                        "<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n"
-                    )
+                    format!("<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n")
                 }
                 b'\n' => match std::mem::take(&mut line).as_str() {
                     "$I" => "[OPT:VNML+,100,1024,5,0]\r\n[AXS:5:XYZBC]\r\nok\r\n".to_owned(),
                     "$$" => "$10=511\r\n$20=1\r\n$22=35\r\nok\r\n".to_owned(),
                     "$G" => "[GC:G0 G59 G17 G21 G90 G94]\r\nok\r\n".to_owned(),
-                    "$#" => "[G59:0.000,0.000]\r\n[G92:0.000,0.000]\r\n[HOME:0.000:31]\r\nok\r\n"
-                        .to_owned(),
+                    "$#" => "[G59:0.000,0.000]\r\n[G92:0.000,0.000]\r\n[HOME:0.000:31]\r\nok\r\n".to_owned(),
                     moves if moves.contains("G53") => {
                         state = "Run";
                         continue;

@@ -15,15 +15,13 @@ fn trued(state: &std::path::Path, arguments: &[&str]) -> Output {
 /// Estimate of a run of the built-in machine with `wire` in place of its own and with the additional `truth`.
 fn run(wire: &str, truth: &str) -> Value {
     let folder = tempfile::tempdir().unwrap();
-    let machine = MACHINE
-        .replace("wire = \"memory\"", wire)
-        .replace("[simulated]\n", &format!("[simulated]\n{truth}\n"));
+    let machine =
+        MACHINE.replace("wire = \"memory\"", wire).replace("[simulated]\n", &format!("[simulated]\n{truth}\n"));
     let file = folder.path().join("machine.toml");
     std::fs::write(&file, machine).unwrap();
     let report = folder.path().join("report.html");
     let report = report.to_str().unwrap();
-    let arguments =
-        ["run", "latch-delay", "--machine", file.to_str().unwrap(), "--json", "--report", report];
+    let arguments = ["run", "latch-delay", "--machine", file.to_str().unwrap(), "--json", "--report", report];
     let ran = trued(folder.path(), &arguments);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let page = std::fs::read_to_string(report).unwrap();

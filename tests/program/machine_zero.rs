@@ -69,9 +69,7 @@ fn corner_machine(stated: [f64; 2]) -> Table {
     machine["controller"] = Table::from_iter([("kind".into(), "simulated".into())]).into();
     let point = [stated[0], stated[1], -265.0].map(toml::Value::from).to_vec();
     machine["axes"]["C"]["point_mm"] = point.into();
-    for (key, true_mm, stated_mm) in
-        [("EX0C_um", -149.95, stated[0]), ("EY0C_um", -100.03, stated[1])]
-    {
+    for (key, true_mm, stated_mm) in [("EX0C_um", -149.95, stated[0]), ("EY0C_um", -100.03, stated[1])] {
         machine["simulated"]["errors"][key] = ((true_mm - stated_mm) * 1e3).into();
     }
     machine
@@ -99,9 +97,7 @@ fn the_axis_is_measured_against_its_stated_place() {
 /// The machine with its zero moved by `zero` (X, Y, Z): positions on the table count from the new zero.
 fn zero_moved(machine: &str, zero: [f64; 3]) -> Table {
     let mut machine: Table = machine.parse().unwrap();
-    let number = |value: &toml::Value| {
-        value.as_float().or(value.as_integer().map(|integer| integer as f64)).unwrap()
-    };
+    let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|integer| integer as f64)).unwrap();
     let shifted = |point: Option<&toml::Value>| -> toml::Value {
         let old = |i: usize| point.map_or(0.0, |point| number(&point[i]));
         let new: Vec<toml::Value> = (0..3).map(|i| (old(i) - zero[i]).into()).collect();
@@ -142,9 +138,8 @@ fn a_plan_moves_with_the_zero() {
     ];
     for (method, machine, corner) in cases {
         let arguments = ["plan", method, "--json"];
-        let [middle, moved] = [[0.0; 3], corner].map(|zero| {
-            json(&zero_moved(machine, zero), &arguments)["steps"].as_array().unwrap().clone()
-        });
+        let [middle, moved] = [[0.0; 3], corner]
+            .map(|zero| json(&zero_moved(machine, zero), &arguments)["steps"].as_array().unwrap().clone());
         assert_eq!(middle.len(), moved.len(), "{method}");
         for (one, other) in middle.iter().zip(&moved) {
             assert_eq!(one["label"], other["label"], "{method}");

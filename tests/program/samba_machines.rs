@@ -22,11 +22,7 @@ impl Other<'_> {
             let (key, tables) = path.split_last().unwrap();
             let mut at = &mut file;
             for name in tables {
-                at = at
-                    .entry(*name)
-                    .or_insert_with(|| Value::Table(Table::new()))
-                    .as_table_mut()
-                    .unwrap();
+                at = at.entry(*name).or_insert_with(|| Value::Table(Table::new())).as_table_mut().unwrap();
             }
             match value {
                 Some(value) => drop(at.insert((*key).to_owned(), value)),
@@ -213,8 +209,7 @@ fn regress_four_axes_with_a_table_that_tilts() {
     ] {
         let errors = [&own[..], &linear].concat();
         let angles = errors.iter().filter(|(name, _)| name.ends_with("urad"));
-        let mut expected: Vec<_> =
-            angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
+        let mut expected: Vec<_> = angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
         expected.extend(gains);
         let topology = format!("w-{axis}-F-X-Y-Z-t");
         let four = Other { topology: &topology, turning: &[(axis, 110.0)], errors: &errors };

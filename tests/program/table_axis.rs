@@ -102,10 +102,7 @@ fn a_part_that_is_not_upright_where_it_is_measured_is_refused() {
     let output = trued(folder.path(), &machine, &["plan", "self-calibration"]);
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(
-        message.contains("the axis of the part is along [0, 1, 0] of the machine"),
-        "{message}"
-    );
+    assert!(message.contains("the axis of the part is along [0, 1, 0] of the machine"), "{message}");
 }
 
 pub fn trials() -> Trials {

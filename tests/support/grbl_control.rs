@@ -71,8 +71,7 @@ impl GrblControl {
         let machine = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
         let shared = session.clone();
         std::thread::spawn(move || {
-            let runtime =
-                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
@@ -110,8 +109,7 @@ impl GrblControl {
     pub fn become_another(&self, file: &str) {
         let file = parsed(file);
         *self.world.lock().unwrap() = world(&file);
-        let firmware =
-            Firmware::new(self.world.clone(), SimulatedGrblOptions::of(&file.machine, self.pace));
+        let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::of(&file.machine, self.pace));
         self.wish(Wish::Become(Box::new(firmware)));
     }
 

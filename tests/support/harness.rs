@@ -68,13 +68,7 @@ struct Entry {
 pub struct Trials(Vec<Entry>);
 
 impl Trials {
-    pub fn push(
-        &mut self,
-        (module, path): (&str, &str),
-        pool: Pool,
-        typical_s: u32,
-        run: fn() -> Result<(), Failed>,
-    ) {
+    pub fn push(&mut self, (module, path): (&str, &str), pool: Pool, typical_s: u32, run: fn() -> Result<(), Failed>) {
         let path = format!("{module}::{path}");
         // The path without the name of the binary.
         let name = path.split_once("::").map_or(path.as_str(), |(_, name)| name).to_owned();
@@ -122,8 +116,7 @@ impl Trials {
 
 /// Whether `PATH` has this command.
 pub fn is_command(name: &str) -> bool {
-    std::env::var_os("PATH")
-        .is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
+    std::env::var_os("PATH").is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(name).is_file()))
 }
 
 /// Result of a trial function: it panics, or it returns a failure.
@@ -171,8 +164,7 @@ pub fn run(trials: Trials) -> ! {
 }
 
 fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
-    let Entry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } =
-        entry;
+    let Entry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } = entry;
     let admission = Arc::clone(admission);
     let unfinished = (pool != Pool::Alone).then(|| Unfinished::new(&admission));
     let limit = if ignored || is_full() { LONG_LIMIT } else { GATE_LIMIT };
@@ -191,10 +183,7 @@ fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
     trial.with_ignored_flag(ignored)
 }
 
-fn repeated(
-    run: fn() -> Result<(), Failed>,
-    repeated_if: fn(&Failed) -> bool,
-) -> Result<(), Failed> {
+fn repeated(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -> Result<(), Failed> {
     let mut result = run();
     for _ in 1..MAX_REPEATS {
         match &result {

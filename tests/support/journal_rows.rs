@@ -9,15 +9,12 @@ use rusqlite::types::ValueRef;
 /// CRC-32C bit by bit (RFC 3720, 12.1; reflected polynomial 0x82F63B78).
 fn crc32c(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(u32::MAX, |crc, byte| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
-            (crc >> 1) ^ if crc & 1 == 1 { 0x82f6_3b78 } else { 0 }
-        })
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ if crc & 1 == 1 { 0x82f6_3b78 } else { 0 })
     })
 }
 
 fn bytes_of(value: ValueRef<'_>) -> Vec<u8> {
-    let long =
-        |kind: u8, bytes: &[u8]| [&[kind], &(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
+    let long = |kind: u8, bytes: &[u8]| [&[kind], &(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
     match value {
         ValueRef::Null => vec![0],
         ValueRef::Integer(value) => [&[1], &value.to_le_bytes()[..]].concat(),

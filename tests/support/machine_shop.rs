@@ -131,11 +131,7 @@ impl MachineShop {
         self.serve_as(&[&["--machine", &self.machine()], arguments].concat(), |_| {})
     }
 
-    pub fn serve_as(
-        &self,
-        arguments: &[&str],
-        prepare: impl FnOnce(&mut Command),
-    ) -> DaemonProcess {
+    pub fn serve_as(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> DaemonProcess {
         let mut command = self.command(&["serve"]);
         command.args(arguments);
         prepare(&mut command);

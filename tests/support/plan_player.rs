@@ -9,11 +9,7 @@ use simulator::{SensorOutput, SimulatedWorld, Speed};
 /// Plays one step: over the part, down, touch, back, up.
 pub fn play(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     let rapid = |world: &mut SimulatedWorld, to: &Position| {
-        assert!(
-            !world.travel(to, Speed::Rapid).has_touched,
-            "touched on the way to {}",
-            step.label
-        );
+        assert!(!world.travel(to, Speed::Rapid).has_touched, "touched on the way to {}", step.label);
     };
     let over = step.from.get_or_zero(Axis::Z) + 60.0;
     rapid(world, &Position::new().with(Axis::Z, over.max(250.0)));
@@ -62,8 +58,7 @@ fn look(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Ve
                     // Each sensor measures the same motion.
                     *world = start.clone();
                     let passing = world.sample_during_move(name, point, speed, 1.0 / rate_hz);
-                    let of_sensor =
-                        passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.output));
+                    let of_sensor = passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.output));
                     readings.extend(of_sensor);
                 }
                 // No noise value of this path repeats.
@@ -88,11 +83,7 @@ fn look(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Ve
 }
 
 /// Measures a whole method on `world`; the plan grows with its stages.
-pub fn measure(
-    world: &mut SimulatedWorld,
-    method: &dyn Method,
-    plan: Plan,
-) -> (Plan, Vec<Reading>) {
+pub fn measure(world: &mut SimulatedWorld, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
     try_measure(world, method, plan, play).expect("well-posed")
 }
 

@@ -66,9 +66,7 @@ impl Record {
 /// The largest N word at the beginning of a line of `told`.
 pub fn begun(told: &[u8]) -> usize {
     let told = String::from_utf8_lossy(told);
-    let number = |line: &str| {
-        line.trim_start_matches('?').strip_prefix('N')?.split(' ').next()?.parse().ok()
-    };
+    let number = |line: &str| line.trim_start_matches('?').strip_prefix('N')?.split(' ').next()?.parse().ok();
     told.lines().filter_map(number).max().unwrap_or(0)
 }
 
@@ -108,8 +106,7 @@ impl RecordingControl {
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
         let server = std::thread::spawn(move || {
-            let runtime =
-                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
@@ -165,11 +162,7 @@ async fn serve(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &Sh
 }
 
 /// Copies until the source ends; bytes without a receiver are still read.
-async fn pass(
-    mut from: impl AsyncRead + Unpin,
-    mut to: impl AsyncWrite + Unpin,
-    mut seen: impl FnMut(&[u8]),
-) {
+async fn pass(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, mut seen: impl FnMut(&[u8])) {
     let mut buffer = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut buffer).await {
         seen(&buffer[..count]);

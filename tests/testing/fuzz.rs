@@ -208,8 +208,7 @@ fn apply(spoil: Spoil, text: &mut Vec<u8>) {
             text.splice(from..to, token);
         }
         Spoil::DropLine(_) | Spoil::DoubleLine(_) | Spoil::SwapLines(..) => {
-            let mut lines: Vec<Vec<u8>> =
-                text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
+            let mut lines: Vec<Vec<u8>> = text.split_inclusive(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect();
             shuffle(spoil, &mut lines);
             *text = lines.concat();
         }

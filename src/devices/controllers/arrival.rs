@@ -25,11 +25,9 @@ pub(in crate::controllers) fn deviation_error(
     actual: &Position,
     tolerance: impl Fn(Axis) -> f64,
 ) -> Option<ControllerError> {
-    let relative_deviation =
-        |(axis, value): &(Axis, f64)| (value - actual.get_or_zero(*axis)).abs() / tolerance(*axis);
-    let (axis, expected) = target
-        .iter()
-        .max_by(|a, other| relative_deviation(a).total_cmp(&relative_deviation(other)))?;
+    let relative_deviation = |(axis, value): &(Axis, f64)| (value - actual.get_or_zero(*axis)).abs() / tolerance(*axis);
+    let (axis, expected) =
+        target.iter().max_by(|a, other| relative_deviation(a).total_cmp(&relative_deviation(other)))?;
     // A position of NaN must not count as arrival.
     if relative_deviation(&(axis, expected)) <= 1.0 {
         return None;
@@ -64,10 +62,7 @@ pub(in crate::controllers) fn describe_braking_distances(machine: &Machine) -> S
         format!("{axis} {:.1} {unit}", speed * speed / (2.0 * spec.acceleration_per_s2))
     });
     let braking: Vec<String> = braking.collect();
-    format!(
-        "the machine decelerates along the path and stays; braking distance at most {}",
-        braking.join(", ")
-    )
+    format!("the machine decelerates along the path and stays; braking distance at most {}", braking.join(", "))
 }
 
 /// Converts `WrongPosition` to `NotReady`: between two blocks only a person or another program moves the machine.
@@ -75,8 +70,7 @@ pub(in crate::controllers) fn into_moved_by_hand(error: ControllerError) -> Cont
     match error {
         ControllerError::WrongPosition { expected, actual } => ControllerError::NotReady {
             state: format!("the machine was moved by hand: it is at {actual}, not at {expected}"),
-            remedy: "do not move the machine and do not run other programs during a measurement"
-                .to_owned(),
+            remedy: "do not move the machine and do not run other programs during a measurement".to_owned(),
         },
         other => other,
     }

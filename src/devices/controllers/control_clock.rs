@@ -22,20 +22,15 @@ impl ControlClock {
     ///
     /// # Errors
     /// One of the times cannot be a time of this clock.
-    pub fn check_time(
-        &mut self,
-        contact: ReportedTime,
-        now: ReportedTime,
-    ) -> Result<Option<f64>, ControllerError> {
+    pub fn check_time(&mut self, contact: ReportedTime, now: ReportedTime) -> Result<Option<f64>, ControllerError> {
         contact.check_after(self.last_s)?;
         now.check_after(self.last_s)?;
         if let (Some(contact_s), Some(now_s)) = (contact.t_s, now.t_s)
             && contact_s > now_s + MAX_CLOCK_RESOLUTION_S
         {
-            return Err(contact.invalid_timestamp(
-                contact_s,
-                format!("later than the clock of the control, {now_s:?} s"),
-            ));
+            return Err(
+                contact.invalid_timestamp(contact_s, format!("later than the clock of the control, {now_s:?} s"))
+            );
         }
         self.last_s = now.t_s.or(contact.t_s).or(self.last_s);
         Ok(contact.t_s.or(now.t_s))
@@ -56,16 +51,12 @@ impl ReportedTime {
     fn check_after(self, last_s: Option<f64>) -> Result<(), ControllerError> {
         let Some(t_s) = self.t_s else { return Ok(()) };
         if !(0.0..=MAX_CLOCK_TIME_S).contains(&t_s) {
-            return Err(
-                self.invalid_timestamp(t_s, "outside the range of a clock, 0 to 1e11 s".to_owned())
-            );
+            return Err(self.invalid_timestamp(t_s, "outside the range of a clock, 0 to 1e11 s".to_owned()));
         }
         let step_s = last_s.map_or(0.0, |last_s| t_s - last_s);
         if !(-MAX_CLOCK_RESOLUTION_S..=MAX_TIME_STEP_S).contains(&step_s) {
             let last_s = last_s.unwrap_or_default();
-            return Err(
-                self.invalid_timestamp(t_s, format!("the time reported before was {last_s:?} s"))
-            );
+            return Err(self.invalid_timestamp(t_s, format!("the time reported before was {last_s:?} s")));
         }
         Ok(())
     }
@@ -79,11 +70,7 @@ impl ReportedTime {
 mod tests {
     use super::*;
 
-    fn check_time(
-        clock: &mut ControlClock,
-        stamp_s: f64,
-        now_s: f64,
-    ) -> Result<Option<f64>, String> {
+    fn check_time(clock: &mut ControlClock, stamp_s: f64, now_s: f64) -> Result<Option<f64>, String> {
         // As in the window of registers: 0 means no time.
         let told = |t_s: f64| (t_s != 0.0).then_some(t_s);
         let contact = ReportedTime { name: "latch", t_s: told(stamp_s) };

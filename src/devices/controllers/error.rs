@@ -23,15 +23,11 @@ pub enum ControllerError {
     SwitchedOff { message: String },
     #[error("the program is paused at the control: {reason}")]
     Paused { reason: String },
-    #[error(
-        "the control has stopped working: the control accepts no command, and its status is out of date"
-    )]
+    #[error("the control has stopped working: the control accepts no command, and its status is out of date")]
     Frozen,
     #[error("step {step}: the target is outside the travel limits of the control: {message}")]
     OutOfTravel { step: u32, message: String },
-    #[error(
-        "step {step}: the motion task of the control was late, and the control stopped the program: {message}"
-    )]
+    #[error("step {step}: the motion task of the control was late, and the control stopped the program: {message}")]
     MotionLate { step: u32, message: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
@@ -55,9 +51,7 @@ pub enum ControllerError {
     UnexpectedReply { reply: String },
     #[error("the machine is at {actual}, not at {expected}")]
     WrongPosition { expected: String, actual: String },
-    #[error(
-        "step {step}: the control reports one touch with two results, `{first}` and `{second}`"
-    )]
+    #[error("step {step}: the control reports one touch with two results, `{first}` and `{second}`")]
     TouchMismatch { step: u32, first: String, second: String },
     #[error("held at the machine: the control reports {state}")]
     HeldAtControl { state: String },
@@ -75,9 +69,7 @@ pub enum ControllerError {
     RenderFailed { step: u32, reason: String },
     #[error(transparent)]
     BlockAltered(#[from] AlteredBlock),
-    #[error(
-        "step {step}: the block was checked for another form of transmission than this control uses"
-    )]
+    #[error("step {step}: the block was checked for another form of transmission than this control uses")]
     WrongTransmission { step: u32 },
     #[error("unreadable reply from the control: `{text}`")]
     UnreadableReply { text: String },
@@ -188,9 +180,7 @@ impl ControllerError {
             Self::EmergencyStop => {
                 "inspect the machine; release the emergency stop, switch the machine on, home it if the control requires it"
             }
-            Self::SwitchedOff { .. } => {
-                "inspect the machine; switch it on, home it if the control requires it"
-            }
+            Self::SwitchedOff { .. } => "inspect the machine; switch it on, home it if the control requires it",
             Self::Paused { .. } => {
                 "the program was aborted: release the pause at the control, then start again; nothing continues by itself"
             }
@@ -207,9 +197,7 @@ impl ControllerError {
             Self::Alarm { .. } => {
                 "inspect the machine, clear the alarm at the control, home the machine if the control requires it, start again"
             }
-            Self::Reset { .. } => {
-                "the position of the machine may be lost: home the machine, then start again"
-            }
+            Self::Reset { .. } => "the position of the machine may be lost: home the machine, then start again",
             _ => BUG_REPORT_REMEDY,
         }
     }
@@ -231,9 +219,7 @@ impl ControllerError {
                 "press the emergency stop; check the link and the control: do not measure before the control \
                  executes a hold; home the machine"
             }
-            Self::OutOfTravel { .. } => {
-                "set [axes] min and max to the limits of the control, or move the part"
-            }
+            Self::OutOfTravel { .. } => "set [axes] min and max to the limits of the control, or move the part",
             Self::MotionLate { .. } => {
                 "no reading is lost: start again. If this error occurs again, the computer of the control is too \
                  slow for its servo thread: run latency-test there, use a realtime kernel, close other programs"

@@ -46,12 +46,7 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     fn describe_address(&self) -> String;
     /// Opens the control's links and starts its task. Timestamps have the time of `clock`, unless the
     /// control has a clock of its own. Nothing is commanded yet. Call inside a tokio runtime.
-    fn open<'a>(
-        &'a self,
-        machine: &'a Machine,
-        modes: ProvenModes,
-        clock: Arc<dyn Clock>,
-    ) -> OpenFuture<'a>;
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a>;
     /// Possible causes why the control could not be opened or prepared, which has failed with `failure`; the
     /// most likely first, none if nothing is found. It opens its own links: earlier links must be closed.
     /// Nothing moves. Call inside a tokio runtime.
@@ -63,8 +58,7 @@ pub trait ControllerConfig: fmt::Debug + Send + Sync {
     ) -> DiagnosisFuture<'a>;
 }
 
-pub type OpenFuture<'a> =
-    Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
+pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
 pub type DiagnosisFuture<'a> = Pin<Box<dyn Future<Output = Vec<Diagnosis>> + Send + 'a>>;
 
@@ -98,25 +92,16 @@ pub trait Driver: Send + 'static {
     /// As [`prepare`](Self::prepare), but a closed probe is accepted: while it reads closed, only a block
     /// that begins with a back-off is executed. A control whose `prepare` does not read the probe uses this
     /// default.
-    fn prepare_in_contact(
-        &mut self,
-    ) -> impl Future<Output = Result<PreparedControl, ControllerError>> + Send {
+    fn prepare_in_contact(&mut self) -> impl Future<Output = Result<PreparedControl, ControllerError>> + Send {
         self.prepare()
     }
     /// Executes one block; returns when the machine is at rest and the result is known. Refuses the block
     /// if the machine is not where the block begins, or if the block is not the one that was proven.
-    fn execute(
-        &mut self,
-        block: ProvenBlock,
-    ) -> impl Future<Output = Result<BlockOutcome, ControllerError>> + Send;
+    fn execute(&mut self, block: ProvenBlock) -> impl Future<Output = Result<BlockOutcome, ControllerError>> + Send;
     /// Reads the present state. Nothing moves.
-    fn read_snapshot(
-        &mut self,
-    ) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
+    fn read_snapshot(&mut self) -> impl Future<Output = Result<MachineSnapshot, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
-    fn identify_device(
-        &mut self,
-    ) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
+    fn identify_device(&mut self) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
     /// Whether the outcome of a block with a feed motion has the track of that motion.
     fn can_record_track(&self) -> bool {
         false
@@ -229,17 +214,13 @@ async fn run_driver(mut driver: impl Driver, mut inbox: mpsc::Receiver<DriverReq
     };
     while let Some(request) = inbox.recv().await {
         match request {
-            DriverRequest::Prepare(answer) => {
-                drop(answer.send(driver.prepare().await.map_err(held)))
-            }
+            DriverRequest::Prepare(answer) => drop(answer.send(driver.prepare().await.map_err(held))),
             DriverRequest::PrepareInContact(answer) => {
                 drop(answer.send(driver.prepare_in_contact().await.map_err(held)));
             }
             DriverRequest::Execute(block, answer) => drop(answer.send(driver.execute(block).await)),
             DriverRequest::ReadSnapshot(answer) => drop(answer.send(driver.read_snapshot().await)),
-            DriverRequest::IdentifyDevice(answer) => {
-                drop(answer.send(driver.identify_device().await))
-            }
+            DriverRequest::IdentifyDevice(answer) => drop(answer.send(driver.identify_device().await)),
             DriverRequest::Finish(answer) => drop(answer.send(driver.finish().await)),
         }
     }

@@ -18,9 +18,7 @@ pub(in crate::controllers) struct MotionLines<'a> {
 
 /// # Errors
 /// The block differs from the proven one, or was proven for another transmission.
-pub(in crate::controllers) fn motion_lines(
-    block: &ProvenBlock,
-) -> Result<Vec<MotionLines<'_>>, ControllerError> {
+pub(in crate::controllers) fn motion_lines(block: &ProvenBlock) -> Result<Vec<MotionLines<'_>>, ControllerError> {
     let step = block.step();
     if !matches!(block.transmission(), Transmission::Lines { .. }) {
         return Err(ControllerError::WrongTransmission { step });

@@ -13,13 +13,8 @@ use link::{LinkConfig, LinkError, PORTS_BY_ID_DIR};
 const SERIAL_PORT_PREFIXES: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
 /// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
-pub(in crate::controllers) fn diagnose_open_failure(
-    at: &LinkConfig,
-    failure: &ControllerError,
-) -> Vec<Diagnosis> {
-    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) =
-        failure
-    else {
+pub(in crate::controllers) fn diagnose_open_failure(at: &LinkConfig, failure: &ControllerError) -> Vec<Diagnosis> {
+    let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failure else {
         return Vec::new();
     };
     let diagnosis = match (error, at) {
@@ -28,29 +23,19 @@ pub(in crate::controllers) fn diagnose_open_failure(
         (LinkError::NoUniquePort { id, available }, _) => no_port_with_id_diagnosis(id, available),
         (LinkError::Denied { address }, _) => permission_denied_diagnosis(address),
         (LinkError::Busy { address }, _) => port_in_use_diagnosis(address),
-        (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => {
-            host_unreachable_diagnosis(address, source)
-        }
+        (LinkError::OpenFailed { address, source }, LinkConfig::Tcp(_)) => host_unreachable_diagnosis(address, source),
         _ => return Vec::new(),
     };
     vec![diagnosis]
 }
 
 fn confirmed_diagnosis(cause: String, evidence: String, remedy: &str) -> Diagnosis {
-    Diagnosis {
-        is_confirmed: true,
-        needs_active_search: false,
-        cause,
-        evidence,
-        remedy: remedy.to_owned(),
-    }
+    Diagnosis { is_confirmed: true, needs_active_search: false, cause, evidence, remedy: remedy.to_owned() }
 }
 
 fn connection_refused_diagnosis(address: &str) -> Diagnosis {
     confirmed_diagnosis(
-        format!(
-            "wrong port, or the control's server is not running: no server answers at {address}"
-        ),
+        format!("wrong port, or the control's server is not running: no server answers at {address}"),
         "the computer refuses the connection".to_owned(),
         "start the server on that computer, or set [controller] tcp = \"host:port\" in the machine file to \
          the port in the control's manual",
@@ -83,8 +68,7 @@ fn port_missing_diagnosis(address: &str, devices: &Path) -> Diagnosis {
         there => format!("serial ports present: {}", there.join(", ")),
     };
     let remedy = match there.as_slice() {
-        [] => "plug the device in and switch it on; `dmesg` shows whether the system detects it"
-            .to_owned(),
+        [] => "plug the device in and switch it on; `dmesg` shows whether the system detects it".to_owned(),
         [only] => format!("if that port is the control, set [controller] serial = \"{only}\""),
         _ => format!(
             "set [controller] serial, or better serial_id with a name from {PORTS_BY_ID_DIR}: these names do not change"
@@ -97,8 +81,7 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
     let entries = fs::read_dir(devices).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
     let is_port = |name: &String| SERIAL_PORT_PREFIXES.iter().any(|kind| name.starts_with(kind));
-    let mut all: Vec<String> =
-        names.filter(is_port).map(|name| devices.join(name).display().to_string()).collect();
+    let mut all: Vec<String> = names.filter(is_port).map(|name| devices.join(name).display().to_string()).collect();
     all.sort();
     all
 }
@@ -106,9 +89,7 @@ fn list_serial_ports(devices: &Path) -> Vec<String> {
 fn no_port_with_id_diagnosis(id: &str, there: &[String]) -> Diagnosis {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
     confirmed_diagnosis(
-        format!(
-            "wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"
-        ),
+        format!("wrong name, or the device is not plugged in: `{id}` does not match exactly one serial port"),
         format!("{PORTS_BY_ID_DIR} contains {names}"),
         "set [controller] serial_id to a name from that directory, or to a part that occurs in one name only",
     )
@@ -136,10 +117,9 @@ fn read_group_name(id: u32) -> Option<String> {
 
 fn port_in_use_diagnosis(address: &str) -> Diagnosis {
     let (evidence, remedy) = match find_port_owner(Path::new(address)) {
-        Some((process, name)) => (
-            format!("`{name}` (process {process}) has the port open"),
-            "close that program".to_owned(),
-        ),
+        Some((process, name)) => {
+            (format!("`{name}` (process {process}) has the port open"), "close that program".to_owned())
+        }
         None => (
             "a program of another user has the port open; this user cannot see its name".to_owned(),
             format!(

@@ -11,8 +11,7 @@ use tokio::time::Instant;
 
 use super::{Diagnosis, grbl, linuxcnc, modbus};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity,
-    RegisterRange, RegisterSpace,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
 use link::{Address, LineEvent, LinkConfig};
 
@@ -29,13 +28,8 @@ const DEFAULT_TCP_UNIT: u8 = 255;
 const DEFAULT_RTU_UNIT: u8 = 1;
 
 /// Searches for a control of another kind than `configured_kind` at a serial port, at `baud` or another usual rate.
-pub(in crate::controllers) async fn scan_serial(
-    path: &str,
-    baud: u32,
-    configured_kind: &str,
-) -> Option<Diagnosis> {
-    let baud_rates =
-        || std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(move |rate| *rate != baud));
+pub(in crate::controllers) async fn scan_serial(path: &str, baud: u32, configured_kind: &str) -> Option<Diagnosis> {
+    let baud_rates = || std::iter::once(baud).chain(BAUD_RATES.into_iter().filter(move |rate| *rate != baud));
     if configured_kind != grbl::CONTROL_KIND {
         for baud in baud_rates() {
             let address = Address::Serial { path: path.to_owned(), baud };
@@ -70,21 +64,13 @@ pub(in crate::controllers) async fn scan_serial(
 }
 
 /// Searches for a control of another kind than `configured_kind` behind a TCP port.
-pub(in crate::controllers) async fn scan_tcp(
-    at: &LinkConfig,
-    configured_kind: &str,
-) -> Option<Diagnosis> {
+pub(in crate::controllers) async fn scan_tcp(at: &LinkConfig, configured_kind: &str) -> Option<Diagnosis> {
     let address = at.address().ok()?;
     let keys = format!("tcp = \"{address}\"");
     if configured_kind != modbus::CONTROL_KIND {
         for line in modbus_lines(at) {
             if has_modbus_unit(&line, DEFAULT_TCP_UNIT).await {
-                return Some(wrong_kind_diagnosis(
-                    configured_kind,
-                    modbus::CONTROL_KIND,
-                    "a reply",
-                    &keys,
-                ));
+                return Some(wrong_kind_diagnosis(configured_kind, modbus::CONTROL_KIND, "a reply", &keys));
             }
         }
     }
@@ -101,12 +87,7 @@ pub(in crate::controllers) async fn scan_tcp(
     if configured_kind != grbl::CONTROL_KIND
         && let Some(reply) = query_grbl(&address).await
     {
-        return Some(wrong_kind_diagnosis(
-            configured_kind,
-            grbl::CONTROL_KIND,
-            &format!("the reply `{reply}`"),
-            &keys,
-        ));
+        return Some(wrong_kind_diagnosis(configured_kind, grbl::CONTROL_KIND, &format!("the reply `{reply}`"), &keys));
     }
     None
 }
@@ -115,9 +96,7 @@ fn wrong_kind_diagnosis(configured_kind: &str, kind: &str, reply: &str, keys: &s
     Diagnosis {
         is_confirmed: true,
         needs_active_search: false,
-        cause: format!(
-            "wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"
-        ),
+        cause: format!("wrong kind of control: the device is of kind `{kind}`, not `{configured_kind}`"),
         evidence: format!("a request in the protocol of `{kind}` got {reply}"),
         remedy: format!("in the machine file, set [controller] kind = \"{kind}\" with {keys}"),
     }
@@ -148,11 +127,7 @@ pub(in crate::controllers) async fn query_linuxcncrsh(address: &Address) -> Opti
 }
 
 /// Returns the first line for which `is_match` is true; repeats the request while nothing comes.
-async fn query_line(
-    address: &Address,
-    request: &[u8],
-    is_match: impl Fn(&str) -> bool,
-) -> Option<String> {
+async fn query_line(address: &Address, request: &[u8], is_match: impl Fn(&str) -> bool) -> Option<String> {
     let mut link = link::open_line_link(address).await.ok()?;
     let deadline = Instant::now() + GREETING_TIMEOUT;
     while Instant::now() < deadline {
@@ -173,11 +148,8 @@ async fn query_line(
 /// Whether a Modbus device answers as `unit`, even if with a refusal.
 pub(in crate::controllers) async fn has_modbus_unit(line: &ModbusLine, unit: u8) -> bool {
     let read = vec![RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 }];
-    let settings = DeviceSettings {
-        unit,
-        timeout: MODBUS_REPLY_TIMEOUT,
-        allowed: AccessList { read, write: Vec::new() },
-    };
+    let settings =
+        DeviceSettings { unit, timeout: MODBUS_REPLY_TIMEOUT, allowed: AccessList { read, write: Vec::new() } };
     let Ok(modbus) = ModbusClient::open(line.clone(), settings).await else { return false };
     let reply = modbus.read(RegisterSpace::Input, 0, 1).await;
     matches!(reply, Ok(_) | Err(ModbusError::ExceptionReply { .. }))
@@ -188,9 +160,9 @@ fn modbus_lines(at: &LinkConfig) -> Vec<ModbusLine> {
     let default_line = ModbusLine::with_defaults(at.clone());
     match default_line.framing {
         Framing::Tcp => vec![default_line],
-        Framing::Rtu => [Parity::Even, Parity::None]
-            .map(|parity| ModbusLine { parity, ..default_line.clone() })
-            .to_vec(),
+        Framing::Rtu => {
+            [Parity::Even, Parity::None].map(|parity| ModbusLine { parity, ..default_line.clone() }).to_vec()
+        }
     }
 }
 

@@ -66,15 +66,12 @@ pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<S
         match request {
             SensorRequest::StartCapture(_) => {}
             SensorRequest::Prepare(reply) => {
-                let info =
-                    replay_lines(&capture, PREPARE_REQUEST, parse_info).and_then(first_or_error);
+                let info = replay_lines(&capture, PREPARE_REQUEST, parse_info).and_then(first_or_error);
                 drop(reply.send(info));
             }
             SensorRequest::Take(count, reply) => {
                 let samples = replay_lines(&capture, &take_line(count), parse_sample);
-                let non_empty = samples.and_then(|all| {
-                    if all.is_empty() { Err(capture_exhausted()) } else { Ok(all) }
-                });
+                let non_empty = samples.and_then(|all| if all.is_empty() { Err(capture_exhausted()) } else { Ok(all) });
                 drop(reply.send(non_empty));
             }
             SensorRequest::Watch(is_good, on_rejection, started) => {
@@ -87,21 +84,14 @@ pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<S
             // A capture has no counts.
             SensorRequest::Counters(reply) => drop(reply.send(Ok(SampleCounters::default()))),
             SensorRequest::Current(reply) => drop(reply.send(Err(capture_exhausted()))),
-            SensorRequest::EndWatch(reply) => {
-                drop(reply.send(std::mem::replace(&mut rejected, Ok(None))))
-            }
+            SensorRequest::EndWatch(reply) => drop(reply.send(std::mem::replace(&mut rejected, Ok(None)))),
         }
     }
 }
 
 /// Returns the first sample of the watch that was not good.
-fn first_rejected(
-    capture: &RequestCapture,
-    is_good: &SamplePredicate,
-) -> Result<Option<Sample>, SensorError> {
-    Ok(replay_lines(capture, WATCH_REQUEST, parse_sample)?
-        .into_iter()
-        .find(|sample| !is_good(sample)))
+fn first_rejected(capture: &RequestCapture, is_good: &SamplePredicate) -> Result<Option<Sample>, SensorError> {
+    Ok(replay_lines(capture, WATCH_REQUEST, parse_sample)?.into_iter().find(|sample| !is_good(sample)))
 }
 
 fn first_or_error<T>(all: Vec<T>) -> Result<T, SensorError> {
@@ -136,13 +126,8 @@ mod tests {
     fn a_sample_comes_back_to_the_last_bit() {
         for flag in ReadingFlag::ALL {
             for value_mm in [None, Some(-0.1 - 0.2), Some(1e-9), Some(-0.0)] {
-                let one = Sample {
-                    t_s: 1.0 / 3.0,
-                    value_mm,
-                    flag,
-                    missing: 7,
-                    encoder_count: value_mm.map(|_| u32::MAX),
-                };
+                let one =
+                    Sample { t_s: 1.0 / 3.0, value_mm, flag, missing: 7, encoder_count: value_mm.map(|_| u32::MAX) };
                 assert_eq!(parse_sample(&sample_line(&one)), Some(one));
             }
         }

@@ -32,15 +32,7 @@ impl CounterTracker {
     pub fn new(modulus: Option<u64>) -> Self {
         let (last_count, data_lost, skips_gap) = (None, false, true);
         let (is_unchanged, may_have_wrapped, unrequested_count) = (false, false, 0);
-        Self {
-            modulus,
-            last_count,
-            data_lost,
-            skips_gap,
-            is_unchanged,
-            may_have_wrapped,
-            unrequested_count,
-        }
+        Self { modulus, last_count, data_lost, skips_gap, is_unchanged, may_have_wrapped, unrequested_count }
     }
 
     /// Records that samples may be missing before the next one.
@@ -87,8 +79,7 @@ impl CounterTracker {
             return Sample::stale(t_s);
         };
         let data_lost = std::mem::take(&mut self.data_lost) || missing > 0;
-        let flag =
-            value.err().unwrap_or(if data_lost { ReadingFlag::Gap } else { ReadingFlag::None });
+        let flag = value.err().unwrap_or(if data_lost { ReadingFlag::Gap } else { ReadingFlag::None });
         Sample { t_s, value_mm: value.ok(), flag, missing, encoder_count }
     }
 
@@ -107,9 +98,7 @@ impl CounterTracker {
                 self.unrequested_count += steps - 1;
                 CounterStep::Advanced { missing: 0 }
             }
-            steps => {
-                CounterStep::Advanced { missing: u32::try_from(steps - 1).unwrap_or(u32::MAX) }
-            }
+            steps => CounterStep::Advanced { missing: u32::try_from(steps - 1).unwrap_or(u32::MAX) },
         }
     }
 }

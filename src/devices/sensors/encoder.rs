@@ -14,9 +14,9 @@ pub(super) fn modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64
     match declared {
         None => Ok(max_modulus),
         Some(modulus) if (2..=max_modulus).contains(&modulus) => Ok(modulus),
-        Some(modulus) => Err(format!(
-            "`{key}.round` is {modulus}; permitted: 2 to {max_modulus} (counts until the count restarts)"
-        )),
+        Some(modulus) => {
+            Err(format!("`{key}.round` is {modulus}; permitted: 2 to {max_modulus} (counts until the count restarts)"))
+        }
     }
 }
 

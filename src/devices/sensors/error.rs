@@ -37,8 +37,7 @@ impl SensorError {
             // The link's own message concerns the machine, whose state is not in doubt here.
             Self::Link(LinkError::Lost { .. })
             | Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) => {
-                "check the sensor's power and cable; use serial_id for a port whose device name changes"
-                    .to_owned()
+                "check the sensor's power and cable; use serial_id for a port whose device name changes".to_owned()
             }
             Self::Link(error) | Self::Modbus(ModbusError::Link(error)) => {
                 format!("{}; for the sensor: the keys of its table in [[sensor]]", error.remedy())
@@ -53,8 +52,7 @@ impl SensorError {
             }
             Self::Can(error) => error.remedy(),
             Self::Silent { .. } => {
-                "check the sensor's power and cable, and that the sensor is set to send data"
-                    .to_owned()
+                "check the sensor's power and cable, and that the sensor is set to send data".to_owned()
             }
             Self::CounterFrozen => "check that the sensor measures (trigger, hold input); then compare `counter` of \
                              its table in [[sensor]] with its manual: position, width, order"

@@ -40,9 +40,7 @@ impl BitField {
         let least = if signed { 2 } else { 1 };
         if !(least..=MAX_FIELD_BITS).contains(&width) {
             let kind = if signed { "a signed number has" } else { "a number has" };
-            return Err(format!(
-                "`{name}.width` is {width}; {kind} {least} to {MAX_FIELD_BITS} bits"
-            ));
+            return Err(format!("`{name}.width` is {width}; {kind} {least} to {MAX_FIELD_BITS} bits"));
         }
         if bit > 7 {
             return Err(format!("`{name}.bit` is {bit}; permitted: 0 to 7 (bit within a byte)"));
@@ -127,10 +125,7 @@ mod tests {
         assert_eq!(field(0, 4, 12, Endianness::Little, false).extract(&[0xA5, 0xCB]), Some(0xCBA));
         // Big: byte 0 has the highest digits, the upper half of byte 1 the lowest.
         assert_eq!(field(0, 4, 12, Endianness::Big, false).extract(&[0xA5, 0xCB]), Some(0xA5C));
-        assert_eq!(
-            field(0, 4, 12, Endianness::Big, true).extract(&[0xA5, 0xCB]),
-            Some(0xA5C - 0x1000)
-        );
+        assert_eq!(field(0, 4, 12, Endianness::Big, true).extract(&[0xA5, 0xCB]), Some(0xA5C - 0x1000));
     }
 
     #[test]
@@ -140,10 +135,7 @@ mod tests {
         assert_eq!(signed.extract(&least), Some(i128::from(i64::MIN)));
         let unsigned = field(0, 0, 64, Endianness::Little, false);
         assert_eq!(unsigned.extract(&[0xFF; 8]), Some(i128::from(u64::MAX)));
-        assert_eq!(
-            field(0, 3, 64, Endianness::Little, false).extract(&[0xFF; 9]),
-            Some(i128::from(u64::MAX))
-        );
+        assert_eq!(field(0, 3, 64, Endianness::Little, false).extract(&[0xFF; 9]), Some(i128::from(u64::MAX)));
         assert_eq!(unsigned.extract(&[0xFF; 7]), None);
     }
 

@@ -104,8 +104,7 @@ impl Location for BitField {
     }
 
     fn read_integer(self, frame: &[u8]) -> Result<i128, FrameTooShort> {
-        self.extract(frame)
-            .ok_or(FrameTooShort { expected_bytes: self.end_byte(), received_bytes: frame.len() })
+        self.extract(frame).ok_or(FrameTooShort { expected_bytes: self.end_byte(), received_bytes: frame.len() })
     }
 
     fn is_met((field, expected): &FieldCondition, frame: &[u8]) -> bool {
@@ -131,9 +130,7 @@ impl FrameLayout {
         let ValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
         let value = BitField::new("value", byte, bit, width, signed, value.order.or(order))?;
         check_scale(scale_mm, offset_mm)?;
-        let code = |code: &CodeKeys| {
-            Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()))
-        };
+        let code = |code: &CodeKeys| Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()));
         let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
         let counter = counter.map(|keys| counter_field(&keys, order)).transpose()?;
         let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
@@ -141,9 +138,8 @@ impl FrameLayout {
         let fields = [("value".to_owned(), value)].into_iter();
         let fields = fields.chain(counter.map(|(field, _)| ("counter".to_owned(), field)));
         let fields = fields.chain(encoder.map(|(field, _)| ("encoder_count".to_owned(), field)));
-        let is_first = |index: usize, field: BitField| {
-            !flags.iter().take(index).any(|((earlier, _), _)| *earlier == field)
-        };
+        let is_first =
+            |index: usize, field: BitField| !flags.iter().take(index).any(|((earlier, _), _)| *earlier == field);
         let status = status_names().zip(flags.iter().map(|((field, _), _)| *field)).enumerate();
         let status = status.filter(|(index, (_, field))| is_first(*index, *field));
         let min_bytes = check_overlap(fields.chain(status.map(|(_, named)| named)), length)?;
@@ -156,10 +152,7 @@ impl FrameLayout {
     /// The frame is too short for the layout.
     pub fn decode(&self, frame: &[u8]) -> Result<DecodedSample, FrameTooShort> {
         if frame.len() < self.min_bytes {
-            return Err(FrameTooShort {
-                expected_bytes: self.min_bytes,
-                received_bytes: frame.len(),
-            });
+            return Err(FrameTooShort { expected_bytes: self.min_bytes, received_bytes: frame.len() });
         }
         self.sample.decode(frame)
     }
@@ -181,10 +174,7 @@ fn counter_field(keys: &CounterKeys, order: Option<Endianness>) -> Result<(BitFi
     Ok((field, 1 << width))
 }
 
-fn encoder_field(
-    keys: &EncoderCountKeys,
-    order: Option<Endianness>,
-) -> Result<(BitField, u64), String> {
+fn encoder_field(keys: &EncoderCountKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
     let EncoderCountKeys { byte, bit, width, .. } = *keys;
     let field = BitField::new("encoder_count", byte, bit, width, false, keys.order.or(order))?;
     Ok((field, encoder::modulus("encoder_count", keys.round, width)?))
@@ -232,10 +222,7 @@ fn status_names() -> impl Iterator<Item = String> {
 
 /// Checks that no bit is used twice and none is beyond `length`; returns the number of bytes that are
 /// needed.
-fn check_overlap(
-    fields: impl Iterator<Item = (String, BitField)>,
-    length: usize,
-) -> Result<usize, String> {
+fn check_overlap(fields: impl Iterator<Item = (String, BitField)>, length: usize) -> Result<usize, String> {
     let mut taken = BTreeMap::new();
     let mut expected_bytes = 0;
     for (name, field) in fields {

@@ -5,9 +5,7 @@ use serde::Deserialize;
 use super::Sample;
 use super::counter_tracker::CounterTracker;
 use super::field::Endianness;
-use super::frame_layout::{
-    CounterKeys, EncoderCountKeys, FrameLayout, FrameTooShort, StatusKeys, ValueKeys,
-};
+use super::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, FrameTooShort, StatusKeys, ValueKeys};
 use machine::record::reading::ReadingFlag;
 
 #[derive(Deserialize)]
@@ -102,10 +100,7 @@ fn the_counter_tells_what_is_missing_and_what_came_before() {
     follower.1.skip_gap();
     assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(one, ReadingFlag::None, 0));
     follower.1.skip_gap();
-    assert_eq!(
-        follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(),
-        sample(None, ReadingFlag::Stale, 0)
-    );
+    assert_eq!(follower.sample(1.0, &[1, 0, 0, 99, 0]).unwrap(), sample(None, ReadingFlag::Stale, 0));
 }
 
 #[test]
@@ -118,14 +113,8 @@ fn what_cannot_be_is_refused_with_its_key() {
         ("value = { byte = 0, bit = 8, width = 8, scale_mm = 1.0 }", "`value.bit` is 8"),
         ("value = { byte = 0, width = 16, scale_mm = 0.0 }", "`value.scale_mm` is 0"),
         ("value = { byte = 6, width = 24, scale_mm = 1.0 }", "`value` extends to byte 8"),
-        (
-            "value = { byte = 65535, width = 64, scale_mm = 1.0 }",
-            "the frame has the 8 bytes 0 to 7",
-        ),
-        (
-            "value = { byte = 0, width = 65535, bit = 65535, scale_mm = 1.0 }",
-            "`value.width` is 65535",
-        ),
+        ("value = { byte = 65535, width = 64, scale_mm = 1.0 }", "the frame has the 8 bytes 0 to 7"),
+        ("value = { byte = 0, width = 65535, bit = 65535, scale_mm = 1.0 }", "`value.width` is 65535"),
         (
             "value = { byte = 0, width = 24, scale_mm = 1.0 }\ncounter = { byte = 2, width = 8 }",
             "`value` and `counter` overlap at byte 2, bit 0",
@@ -152,10 +141,7 @@ fn what_cannot_be_is_refused_with_its_key() {
             "value = { byte = 0, width = 8, scale_mm = 1.0, codes = [{ is = 256, means = \"range\" }] }",
             "`value` can never be 256: 8 bits hold 0 to 255",
         ),
-        (
-            "value = { byte = \"first\", width = 8, scale_mm = 1.0 }",
-            "invalid type: string \"first\"",
-        ),
+        ("value = { byte = \"first\", width = 8, scale_mm = 1.0 }", "invalid type: string \"first\""),
         ("value = { byte = 0, width = 8, scale = 1.0 }", "unknown field `scale`"),
     ];
     for (keys, why) in refused {
@@ -181,10 +167,7 @@ fn the_count_of_an_encoder_is_read_beside_the_value() {
     assert_eq!(read("width = 24, order = \"little\"", &frame).1, Some(0x01_FEFF));
     let one_turn = read("width = 16, order = \"big\", round = 36000", &[0, 1, 0x8C, 0x9F]);
     assert_eq!(one_turn, (Some(36_000), Some(35_999)));
-    assert_eq!(
-        read("width = 32, order = \"big\"", &[0, 1, 0, 0, 1, 0]),
-        (Some(1 << 32), Some(256))
-    );
+    assert_eq!(read("width = 32, order = \"big\"", &[0, 1, 0, 0, 1, 0]), (Some(1 << 32), Some(256)));
     let keys = "order = \"big\"\nvalue = { byte = 0, width = 16, scale_mm = 1e-3 }\n";
     for (encoder, words) in [
         ("byte = 1, width = 16", "`value` and `encoder_count` overlap at byte 1"),

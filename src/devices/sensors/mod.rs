@@ -55,12 +55,7 @@ pub trait SensorConfig: fmt::Debug + Send + Sync {
     }
     /// Opens the sensor's link, or shares one of `ports`, and starts its task. Its samples have the time of
     /// `clock`. Call inside a tokio runtime.
-    fn open<'a>(
-        &'a self,
-        sensor: &'a sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        ports: &'a SharedPorts,
-    ) -> OpenFuture<'a>;
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a>;
 }
 
 pub type OpenFuture<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
@@ -161,10 +156,7 @@ impl Sensor {
     /// # Errors
     /// The sensor's task has ended.
     pub async fn with_capture(self, capture: RequestCapture) -> Result<Self, SensorError> {
-        self.requests
-            .send(SensorRequest::StartCapture(capture))
-            .await
-            .map_err(|_| SensorError::TaskEnded)?;
+        self.requests.send(SensorRequest::StartCapture(capture)).await.map_err(|_| SensorError::TaskEnded)?;
         Ok(self)
     }
 
@@ -189,10 +181,7 @@ impl Sensor {
         is_good: impl Fn(&Sample) -> bool + Send + 'static,
         on_rejection: impl Fn() + Send + 'static,
     ) -> Result<(), SensorError> {
-        self.request(|started| {
-            SensorRequest::Watch(Box::new(is_good), Box::new(on_rejection), started)
-        })
-        .await
+        self.request(|started| SensorRequest::Watch(Box::new(is_good), Box::new(on_rejection), started)).await
     }
 
     /// Ends the watch; returns the sample that was not good, if there was one.
@@ -222,8 +211,7 @@ impl Sensor {
 
 /// Task of the driver: handles requests one after the other until the handle is dropped.
 async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver<SensorRequest>) {
-    let (mut rejected, mut capture, mut counters) =
-        (Ok(None), RequestCapture::disabled(), SampleCounters::default());
+    let (mut rejected, mut capture, mut counters) = (Ok(None), RequestCapture::disabled(), SampleCounters::default());
     while let Some(request) = inbox.recv().await {
         match request {
             SensorRequest::StartCapture(recorder) => capture = recorder,
@@ -237,10 +225,7 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 capture.record_request(&capture_format::take_line(count));
                 let samples = take_samples(&mut driver, count).await;
                 samples.iter().flatten().for_each(|sample| counters.add(sample));
-                samples
-                    .iter()
-                    .flatten()
-                    .for_each(|sample| capture.record_reply(&capture_format::sample_line(sample)));
+                samples.iter().flatten().for_each(|sample| capture.record_reply(&capture_format::sample_line(sample)));
                 drop(reply.send(samples));
             }
             SensorRequest::Watch(is_good, on_rejection, started) => {
@@ -249,31 +234,21 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 let is_watched = matches!(watch_ready, Ok(true));
                 drop(started.send(watch_ready.map(|_| ())));
                 if is_watched {
-                    rejected = watch_samples(
-                        &mut driver,
-                        &inbox,
-                        (is_good, on_rejection),
-                        (&capture, &mut counters),
-                    )
-                    .await;
+                    rejected =
+                        watch_samples(&mut driver, &inbox, (is_good, on_rejection), (&capture, &mut counters)).await;
                 }
             }
             SensorRequest::Counters(reply) => {
                 let unrequested_count = driver.unrequested_count();
                 drop(reply.send(Ok(SampleCounters { unrequested_count, ..counters })));
             }
-            SensorRequest::EndWatch(reply) => {
-                drop(reply.send(std::mem::replace(&mut rejected, Ok(None))))
-            }
+            SensorRequest::EndWatch(reply) => drop(reply.send(std::mem::replace(&mut rejected, Ok(None)))),
             SensorRequest::Current(reply) => drop(reply.send(current_sample(&mut driver).await)),
         }
     }
 }
 
-async fn take_samples(
-    driver: &mut impl SensorDriver,
-    count: u32,
-) -> Result<Vec<Sample>, SensorError> {
+async fn take_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<Sample>, SensorError> {
     driver.discard_old_samples().await?;
     let (mut samples, mut silence_count) = (Vec::new(), 0);
     for _ in 0..count {

@@ -112,9 +112,8 @@ pub fn check_scale(scale_mm: f64, offset_mm: f64) -> Result<(), String> {
 impl DecodedSample {
     /// Replaces a value beyond the sensor's range by the flag `Range`.
     pub fn flag_out_of_range(self, [least, greatest]: [f64; 2]) -> Self {
-        let value = self.value.and_then(|mm| {
-            if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(ReadingFlag::Range) }
-        });
+        let value =
+            self.value.and_then(|mm| if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(ReadingFlag::Range) });
         Self { value, ..self }
     }
 }

@@ -64,8 +64,7 @@ async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, Sens
 #[tokio::test]
 async fn whatever_is_not_good_holds_the_machine_once() {
     for flag in [ReadingFlag::Range, ReadingFlag::Saturated, ReadingFlag::Stale] {
-        let (times, ended) =
-            held(&sensor(&[ReadingFlag::None, ReadingFlag::None, flag], false), true).await;
+        let (times, ended) = held(&sensor(&[ReadingFlag::None, ReadingFlag::None, flag], false), true).await;
         assert_eq!((times, ended.unwrap().map(|sample| sample.flag)), (1, Some(flag)));
     }
     let good = [ReadingFlag::None; 10_000];
@@ -90,10 +89,8 @@ async fn a_watch_that_cannot_stand_is_refused_before_anything_moves() {
 
 #[tokio::test]
 async fn silence_is_not_waited_for_again_and_again() {
-    let taken = sensor(&[ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::None], false)
-        .read_samples(100)
-        .await
-        .unwrap();
+    let taken =
+        sensor(&[ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::None], false).read_samples(100).await.unwrap();
     let flags: Vec<ReadingFlag> = taken.iter().map(|sample| sample.flag).collect();
     use ReadingFlag::{None, Stale};
     assert_eq!(flags, [None, Stale, None, Stale, Stale, Stale]);

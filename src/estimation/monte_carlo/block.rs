@@ -87,8 +87,7 @@ impl JoinedBlocks {
         let total = before + added;
         let shift: Vec<f64> = block.mean.iter().zip(&self.mean).map(|(b, m)| b - m).collect();
         let weight = before * added / total;
-        self.scatter += &block.scatter
-            + Mat::from_fn(shift.len(), shift.len(), |i, j| weight * shift[i] * shift[j]);
+        self.scatter += &block.scatter + Mat::from_fn(shift.len(), shift.len(), |i, j| weight * shift[i] * shift[j]);
         for (mean, shift) in self.mean.iter_mut().zip(&shift) {
             *mean += shift * added / total;
         }

@@ -97,13 +97,7 @@ pub fn propagate_distributions(
         let numbered = sizes.par_iter().enumerate();
         let blocks: Vec<TrialBlock> = numbered
             .map(|(i, size)| {
-                compute_block(
-                    seed,
-                    (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64,
-                    *size,
-                    outputs,
-                    &compute,
-                )
+                compute_block(seed, (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64, *size, outputs, &compute)
             })
             .collect();
         blocks.into_iter().for_each(|block| joined.push(block));
@@ -145,11 +139,7 @@ fn compute_block(
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.
 pub fn numerical_tolerance(u: f64, digits: u32) -> f64 {
-    if u > 0.0 && u.is_finite() {
-        0.5 * 10_f64.powi(u.log10().floor() as i32 + 1 - digits as i32)
-    } else {
-        0.0
-    }
+    if u > 0.0 && u.is_finite() { 0.5 * 10_f64.powi(u.log10().floor() as i32 + 1 - digits as i32) } else { 0.0 }
 }
 
 #[cfg(test)]

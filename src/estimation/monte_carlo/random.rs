@@ -133,8 +133,7 @@ fn ln(x: f64) -> f64 {
     const SQRT_HALF_BITS: u64 = 0x3FE6_A09E_667F_3BCD;
     let bits = x.to_bits() + (ONE_BITS - SQRT_HALF_BITS);
     // The biased exponent as a number, computed through the mantissa of 2⁵².
-    let exponent =
-        f64::from_bits((bits >> 52) | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1023.0);
+    let exponent = f64::from_bits((bits >> 52) | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1023.0);
     let mantissa = f64::from_bits((bits & 0x000F_FFFF_FFFF_FFFF) + SQRT_HALF_BITS);
     let s = (mantissa - 1.0) / (mantissa + 1.0);
     let q = s * s;
@@ -258,12 +257,9 @@ mod tests {
         let root = (COUNT as f64).sqrt();
         let average = |f: &dyn Fn(usize) -> f64| (0..COUNT).map(f).sum::<f64>() / COUNT as f64;
         // Moments 1 to 4 are within four of their standard deviations 1, √2, √15, √96.
-        for (power, expected, deviation) in [
-            (1, 0.0, 1.0),
-            (2, 1.0, 2_f64.sqrt()),
-            (3, 0.0, 15_f64.sqrt()),
-            (4, 3.0, 96_f64.sqrt()),
-        ] {
+        for (power, expected, deviation) in
+            [(1, 0.0, 1.0), (2, 1.0, 2_f64.sqrt()), (3, 0.0, 15_f64.sqrt()), (4, 3.0, 96_f64.sqrt())]
+        {
             let moment = average(&|i| values[i].powi(power));
             assert!((moment - expected).abs() < 4.0 * deviation / root, "{power}: {moment}");
         }
@@ -271,12 +267,8 @@ mod tests {
         // squares.
         for lag in [1, LANE_COUNT, PAIRS_PER_BATCH, 2 * PAIRS_PER_BATCH] {
             let plain = average(&|i| values[i] * values[(i + lag) % COUNT]);
-            let squared =
-                average(&|i| (values[i].powi(2) - 1.0) * (values[(i + lag) % COUNT].powi(2) - 1.0));
-            assert!(
-                plain.abs() < 4.0 / root && squared.abs() < 8.0 / root,
-                "{lag}: {plain} {squared}"
-            );
+            let squared = average(&|i| (values[i].powi(2) - 1.0) * (values[(i + lag) % COUNT].powi(2) - 1.0));
+            assert!(plain.abs() < 4.0 / root && squared.abs() < 8.0 / root, "{lag}: {plain} {squared}");
         }
         values.truncate(COUNT);
         is_distributed(values, &Normal::standard());
@@ -285,8 +277,7 @@ mod tests {
     #[test]
     fn regress_rectangular_deviates_are_rectangular_and_independent() {
         const COUNT: usize = 400_000;
-        let mut values =
-            DrawStream::from_key(7, &[2]).unit_draws(COUNT + 3, &[DrawDistribution::Rectangular]);
+        let mut values = DrawStream::from_key(7, &[2]).unit_draws(COUNT + 3, &[DrawDistribution::Rectangular]);
         let root = (COUNT as f64).sqrt();
         for lag in [1, LANE_COUNT, PAIRS_PER_BATCH] {
             let products = (0..COUNT).map(|i| values[i] * values[(i + lag) % COUNT]);
@@ -301,9 +292,10 @@ mod tests {
     fn is_distributed(mut values: Vec<f64>, expected: &impl ContinuousCDF<f64, f64>) {
         let count = values.len() as f64;
         values.sort_by(f64::total_cmp);
-        let distance = values.iter().enumerate().fold(0.0, |worst: f64, (i, value)| {
-            worst.max((expected.cdf(*value) - i as f64 / count).abs())
-        });
+        let distance = values
+            .iter()
+            .enumerate()
+            .fold(0.0, |worst: f64, (i, value)| worst.max((expected.cdf(*value) - i as f64 / count).abs()));
         assert!(distance * count.sqrt() < 1.95, "{}", distance * count.sqrt());
     }
 }

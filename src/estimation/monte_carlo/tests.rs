@@ -4,8 +4,7 @@ use super::*;
 
 /// Outputs 3 + a/2 and 2a + b of a normal draw a and a rectangular draw b, both of unit variance.
 fn two_outputs(random: &mut DrawStream, trials: usize) -> Mat<f64> {
-    let units =
-        random.unit_draws(trials, &[DrawDistribution::Normal, DrawDistribution::Rectangular]);
+    let units = random.unit_draws(trials, &[DrawDistribution::Normal, DrawDistribution::Rectangular]);
     let (a, b) = units.split_at(trials);
     Mat::from_fn(trials, 2, |i, j| [3.0 + 0.5 * a[i], 2.0 * a[i] + b[i]][j])
 }
@@ -35,18 +34,12 @@ fn regress_interval_of_a_rectangle() {
         Mat::from_fn(trials, 1, |i, _| units[i] / 3_f64.sqrt())
     })
     .unwrap();
-    assert!(
-        (found.symmetric_interval[0][0] + 0.9545).abs() < 0.005,
-        "{:?}",
-        found.symmetric_interval
-    );
+    assert!((found.symmetric_interval[0][0] + 0.9545).abs() < 0.005, "{:?}", found.symmetric_interval);
     assert!((found.symmetric_interval[0][1] - 0.9545).abs() < 0.005);
     // Four standard deviations of the trials' scatter are 0.9 % of u. Half a unit of the second digit is 0.87 %.
     let u = 1.0 / 3_f64.sqrt();
     assert!(!found.contradicts_uncertainty(0, u) && !found.contradicts_uncertainty(0, 1.006 * u));
-    assert!(
-        found.contradicts_uncertainty(0, 1.03 * u) && found.contradicts_uncertainty(0, 0.97 * u)
-    );
+    assert!(found.contradicts_uncertainty(0, 1.03 * u) && found.contradicts_uncertainty(0, 0.97 * u));
 }
 
 /// JCGM 101, 9.2.2 to 9.2.4: sums of four quantities; u and the half-width of the shortest interval of 95 %.
@@ -75,9 +68,7 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
 fn regress_threads_do_not_change_a_bit() {
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            propagate_distributions(TrialCount::Fixed(23_457), 5, 2, two_outputs).unwrap()
-        })
+        pool.install(|| propagate_distributions(TrialCount::Fixed(23_457), 5, 2, two_outputs).unwrap())
     };
     let (one, three) = (with_threads(1), with_threads(3));
     assert_eq!(one.mean, three.mean);

@@ -48,8 +48,7 @@ impl Damping {
             if let Some(step) = self.accelerated_step(model, point, &damped, &velocity) {
                 let next = model.stepped(point, &step);
                 // Decrease of χ² predicted by the linearised model.
-                let predicted_decrease =
-                    square_sum(&coordinates) + self.lambda * self.scaled_norm(&velocity).powi(2);
+                let predicted_decrease = square_sum(&coordinates) + self.lambda * self.scaled_norm(&velocity).powi(2);
                 let gain = (point.chi2 - next.chi2) / predicted_decrease;
                 // The comparison rejects NaN.
                 if gain > MIN_GAIN_RATIO {
@@ -86,16 +85,11 @@ impl Damping {
             let part: Vec<f64> = velocity.iter().map(|v| by * v).collect();
             model.stepped(point, &part).residuals
         };
-        let sides = probe(CURVATURE_PROBE_STEP)
-            .into_iter()
-            .zip(probe(-CURVATURE_PROBE_STEP))
-            .zip(&point.residuals);
-        let second: Vec<f64> = sides
-            .map(|((ahead, behind), r)| (ahead - 2.0 * r + behind) / CURVATURE_PROBE_STEP.powi(2))
-            .collect();
+        let sides = probe(CURVATURE_PROBE_STEP).into_iter().zip(probe(-CURVATURE_PROBE_STEP)).zip(&point.residuals);
+        let second: Vec<f64> =
+            sides.map(|((ahead, behind), r)| (ahead - 2.0 * r + behind) / CURVATURE_PROBE_STEP.powi(2)).collect();
         let acceleration = damped.solve_damped(&second);
-        let mild = 2.0 * self.scaled_norm(&acceleration)
-            <= MAX_CURVATURE_RATIO * self.scaled_norm(velocity);
+        let mild = 2.0 * self.scaled_norm(&acceleration) <= MAX_CURVATURE_RATIO * self.scaled_norm(velocity);
         mild.then(|| velocity.iter().zip(&acceleration).map(|(v, a)| v + 0.5 * a).collect())
     }
 

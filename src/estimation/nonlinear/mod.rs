@@ -131,8 +131,7 @@ fn accepts_undamped_step(size: f64, last: f64, point: &ModelPoint, next: &ModelP
     let predicted_decrease = size * size;
     let near = predicted_decrease <= NEAR_MINIMUM_DECREASE * NEAR_MINIMUM_DECREASE * point.chi2
         && size < MAX_STEP_RATIO * last;
-    point.chi2 - next.chi2 >= MIN_ACCEPTED_GAIN_RATIO * predicted_decrease
-        || (near && next.chi2.is_finite())
+    point.chi2 - next.chi2 >= MIN_ACCEPTED_GAIN_RATIO * predicted_decrease || (near && next.chi2.is_finite())
 }
 
 /// Whether the error that remains after a step of this size from `point` is negligible, assuming that steps continue
@@ -143,12 +142,9 @@ fn is_converged(size: f64, last: f64, point: &ModelPoint, factored: &BlockFactor
     let remaining = if last < f64::INFINITY { size * size / (last - size).max(0.0) } else { size };
     let rounding = || {
         let terms = factored.column_norms().into_iter().zip(&point.x);
-        RESIDUAL_ROUNDING_EPSILONS
-            * f64::EPSILON
-            * terms.map(|(norm, x)| (norm * x).powi(2)).sum::<f64>().sqrt()
+        RESIDUAL_ROUNDING_EPSILONS * f64::EPSILON * terms.map(|(norm, x)| (norm * x).powi(2)).sum::<f64>().sqrt()
     };
-    remaining <= STEP_TOLERANCE * residual_sd.min(1.0)
-        || (size <= STEP_TOLERANCE && size <= rounding())
+    remaining <= STEP_TOLERANCE * residual_sd.min(1.0) || (size <= STEP_TOLERANCE && size <= rounding())
 }
 
 fn square_sum(values: &[f64]) -> f64 {

@@ -83,9 +83,8 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
     let times: Vec<f64> = (1..8).map(|i| f64::from(i) * 0.2).collect();
     let noise = |block: usize, i: usize| 1e-3 * ((block * 7 + i) as f64 * 1.7).sin();
     // The product needs a second observation of x[1]: the last row of each block.
-    let values = |x: &[f64], block: usize| -> Vec<f64> {
-        times.iter().map(|t| model(x, block, *t)).chain([x[1]]).collect()
-    };
+    let values =
+        |x: &[f64], block: usize| -> Vec<f64> { times.iter().map(|t| model(x, block, *t)).chain([x[1]]).collect() };
     let residuals = |x: &[f64]| -> Vec<f64> {
         (0..2)
             .flat_map(|block| {
@@ -102,8 +101,7 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
         let mut blocks = vec![BlockRows::zeros(16 / blocks, own, common); blocks];
         for (row, y) in y.iter().enumerate() {
             let (block, i) = (row / 8, row % 8);
-            let (rows, row) =
-                if own == 1 { (&mut blocks[block], i) } else { (&mut blocks[0], row) };
+            let (rows, row) = if own == 1 { (&mut blocks[block], i) } else { (&mut blocks[0], row) };
             rows.set_value(row, *y);
             let Some(t) = times.get(i) else {
                 rows.set_common(row, 1, 1.0);
@@ -118,9 +116,8 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
         }
         blocks
     };
-    let [found, dense] = [1, 0].map(|own| {
-        minimise_squares(vec![1.3, 0.9, 1.5, -0.5], |x| rows(x, own), residuals).unwrap()
-    });
+    let [found, dense] =
+        [1, 0].map(|own| minimise_squares(vec![1.3, 0.9, 1.5, -0.5], |x| rows(x, own), residuals).unwrap());
     let [covariance, of_dense] = [&found, &dense].map(|minimum| minimum.factored.covariance());
     for j in 0..4 {
         assert!((found.x[j] / dense.x[j] - 1.0).abs() < 1e-10, "{j}");

@@ -15,9 +15,7 @@ const FINAL_STEP_TOLERANCE: f64 = 1e-9;
 
 /// Fits by an algebraic initial value (Kåsa 1976), then Gauss–Newton with each step halved until the deviations
 /// decrease.
-pub(super) fn fit_gauss_newton<const D: usize>(
-    points: &[[f64; D]],
-) -> Result<RadialFit<D>, RadialError> {
+pub(super) fn fit_gauss_newton<const D: usize>(points: &[[f64; D]]) -> Result<RadialFit<D>, RadialError> {
     if points.len() <= D {
         return Err(RadialError::TooFew(points.len()));
     }
@@ -26,8 +24,7 @@ pub(super) fn fit_gauss_newton<const D: usize>(
     }
     // The differences of neighbouring points are exact, wherever the points are.
     let origin = points[0];
-    let local: Vec<[f64; D]> =
-        points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
+    let local: Vec<[f64; D]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
     let centre = algebraic_centre(&local)?;
     let (at, step) = iterate_to_convergence(&local, PolarPoints::new(&local, centre))?;
     Ok(RadialFit {
@@ -73,16 +70,14 @@ fn step_in_uncertainties(step: &LinearSolution) -> f64 {
 /// Minimiser of Σ(|p − c|² − r²)², for points relative to their mean.
 fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], RadialError> {
     let count = points.len();
-    let mean: [f64; D] =
-        std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);
+    let mean: [f64; D] = std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / count as f64);
     let mut a = Mat::from_fn(count, D, |i, k| points[i][k] - mean[k]);
     let spread = a.singular_values().map_err(|_| RadialError::NotConverged)?;
     if spread[D - 1] <= MAX_FLATNESS_RATIO * spread[0] {
         return Err(RadialError::Flat);
     }
     a.resize_with(count, D + 1, |_, _| spread[0]);
-    let half: Vec<f64> =
-        (0..count).map(|i| 0.5 * (0..D).map(|k| a[(i, k)] * a[(i, k)]).sum::<f64>()).collect();
+    let half: Vec<f64> = (0..count).map(|i| 0.5 * (0..D).map(|k| a[(i, k)] * a[(i, k)]).sum::<f64>()).collect();
     let offset = solve_unweighted(&a, &half).ok_or(RadialError::Flat)?.x;
     Ok(std::array::from_fn(|k| mean[k] + offset[k]))
 }
@@ -90,14 +85,7 @@ fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], Rad
 fn solve_unweighted(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
     let sigma = vec![1.0; y.len()];
     let a = a.as_ref();
-    solve_least_squares(&LinearProblem {
-        a,
-        y,
-        sigma: &sigma,
-        constraints: None,
-        rank_threshold: 1e-14,
-    })
-    .ok()
+    solve_least_squares(&LinearProblem { a, y, sigma: &sigma, constraints: None, rank_threshold: 1e-14 }).ok()
 }
 
 /// The points relative to a centre, in polar form.
@@ -120,9 +108,7 @@ impl<const D: usize> PolarPoints<D> {
     }
 
     fn step(&self) -> Option<LinearSolution> {
-        let a = Mat::from_fn(self.directions.len(), D + 1, |i, k| {
-            self.directions[i].get(k).copied().unwrap_or(1.0)
-        });
+        let a = Mat::from_fn(self.directions.len(), D + 1, |i, k| self.directions[i].get(k).copied().unwrap_or(1.0));
         solve_unweighted(&a, &self.residuals)
     }
 

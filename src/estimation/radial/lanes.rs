@@ -30,10 +30,7 @@ pub(super) struct PointSums<const D: usize> {
 /// Number of points per vector register.
 const LANE_COUNT: usize = 4;
 
-pub(super) fn sum_points<const D: usize>(
-    points: &[[f64; D]],
-    frame: &StepFrame<D>,
-) -> PointSums<D> {
+pub(super) fn sum_points<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>) -> PointSums<D> {
     Arch::new().dispatch(
         #[inline(always)]
         || sum_points_in_lanes(points, frame),
@@ -41,11 +38,7 @@ pub(super) fn sum_points<const D: usize>(
 }
 
 /// Computes the distances from the centre less the radius.
-pub(super) fn compute_residuals<const D: usize>(
-    points: &[[f64; D]],
-    frame: &StepFrame<D>,
-    residuals: &mut [f64],
-) {
+pub(super) fn compute_residuals<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>, residuals: &mut [f64]) {
     Arch::new().dispatch(
         #[inline(always)]
         || {
@@ -80,8 +73,7 @@ struct LaneSums<const D: usize, const L: usize> {
 }
 
 impl<const D: usize, const L: usize> LaneSums<D, L> {
-    const ZERO: Self =
-        Self { v: [[0.0; L]; D], vv: [[[0.0; L]; D]; D], vr: [[0.0; L]; D], r: [0.0; L] };
+    const ZERO: Self = Self { v: [[0.0; L]; D], vv: [[[0.0; L]; D]; D], vr: [[0.0; L]; D], r: [0.0; L] };
 
     #[inline(always)]
     fn add(&mut self, points: &[[f64; D]; L], frame: &StepFrame<D>) {
@@ -113,12 +105,7 @@ impl<const D: usize, const L: usize> LaneSums<D, L> {
 
     fn total(&self) -> PointSums<D> {
         let sum = |lanes: [f64; L]| lanes.into_iter().sum();
-        PointSums {
-            v: self.v.map(sum),
-            vv: self.vv.map(|row| row.map(sum)),
-            vr: self.vr.map(sum),
-            r: sum(self.r),
-        }
+        PointSums { v: self.v.map(sum), vv: self.vv.map(|row| row.map(sum)), vr: self.vr.map(sum), r: sum(self.r) }
     }
 }
 
@@ -144,9 +131,8 @@ fn centre_offsets<const D: usize, const L: usize>(
     points: &[[f64; D]; L],
     frame: &StepFrame<D>,
 ) -> ([[f64; L]; D], [f64; L]) {
-    let offset: [[f64; L]; D] = std::array::from_fn(|k| {
-        std::array::from_fn(|l| (points[l][k] - frame.origin[k]) - frame.centre[k])
-    });
+    let offset: [[f64; L]; D] =
+        std::array::from_fn(|k| std::array::from_fn(|l| (points[l][k] - frame.origin[k]) - frame.centre[k]));
     let mut square = [0.0; L];
     for along in &offset {
         add_products(&mut square, along, along);

@@ -44,8 +44,7 @@ pub(super) fn fit_many_points<const D: usize>(points: &[[f64; D]]) -> Option<Rad
 
 /// Frame of the first step: centre, radius and directions from a subset of the points.
 fn initial_frame<const D: usize>(points: &[[f64; D]]) -> Option<StepFrame<D>> {
-    let few: Vec<[f64; D]> =
-        points.iter().step_by(points.len() / INITIAL_POINT_COUNT).copied().collect();
+    let few: Vec<[f64; D]> = points.iter().step_by(points.len() / INITIAL_POINT_COUNT).copied().collect();
     let start = fit_gauss_newton(&few).ok()?;
     let origin = *points.first()?;
     let mut frame = StepFrame {
@@ -58,8 +57,7 @@ fn initial_frame<const D: usize>(points: &[[f64; D]]) -> Option<StepFrame<D>> {
     let subset_sums = sum_points(&few, &frame);
     let count = few.len() as f64;
     let mean = subset_sums.v.map(|v| v / count);
-    let scatter =
-        Mat::from_fn(D, D, |i, j| subset_sums.vv[i.min(j)][i.max(j)] / count - mean[i] * mean[j]);
+    let scatter = Mat::from_fn(D, D, |i, j| subset_sums.vv[i.min(j)][i.max(j)] / count - mean[i] * mean[j]);
     let own = scatter.self_adjoint_eigen(Side::Lower).ok()?;
     frame.rotation = std::array::from_fn(|i| std::array::from_fn(|k| own.U()[(k, i)]));
     frame.mean = frame.rotation.map(|row| (0..D).map(|k| row[k] * mean[k]).sum());
@@ -67,8 +65,7 @@ fn initial_frame<const D: usize>(points: &[[f64; D]]) -> Option<StepFrame<D>> {
 }
 
 fn sum_all_points<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>) -> PointSums<D> {
-    let parts: Vec<PointSums<D>> =
-        points.par_chunks(POINTS_PER_BLOCK).map(|block| sum_points(block, frame)).collect();
+    let parts: Vec<PointSums<D>> = points.par_chunks(POINTS_PER_BLOCK).map(|block| sum_points(block, frame)).collect();
     parts.into_iter().fold(PointSums::ZERO, |all, part| all.plus(&part))
 }
 
@@ -95,8 +92,7 @@ impl<const D: usize> FitStep<D> {
             (0..D).map(part).sum::<f64>() / (scale[i] * scale[j])
         };
         let pull: [f64; D] = std::array::from_fn(|i| all.vr[i] - mean[i] * all.r);
-        let centre: [f64; D] =
-            std::array::from_fn(|i| (0..D).map(|j| inverse(i, j) * pull[j]).sum());
+        let centre: [f64; D] = std::array::from_fn(|i| (0..D).map(|j| inverse(i, j) * pull[j]).sum());
         // The directions relative to 0, not relative to their mean.
         let whole: [f64; D] = std::array::from_fn(|i| frame.mean[i] + mean[i]);
         let radius = all.r / n - (0..D).map(|i| whole[i] * centre[i]).sum::<f64>();
@@ -105,9 +101,7 @@ impl<const D: usize> FitStep<D> {
             let moved = centre.get(j).copied().unwrap_or(radius);
             moved.abs() / covariance[(j, j)].sqrt() / frame.radius
         };
-        let size = (0..=D)
-            .map(size)
-            .try_fold(0.0, |most: f64, size| size.is_finite().then_some(most.max(size)))?;
+        let size = (0..=D).map(size).try_fold(0.0, |most: f64, size| size.is_finite().then_some(most.max(size)))?;
         Some(Self { centre, radius, covariance, size })
     }
 
@@ -122,11 +116,7 @@ impl<const D: usize> FitStep<D> {
 }
 
 /// Covariance of the rotated centre and the radius. `whole`: the mean direction.
-fn step_covariance<const D: usize>(
-    inverse: impl Fn(usize, usize) -> f64,
-    whole: &[f64; D],
-    n: f64,
-) -> Mat<f64> {
+fn step_covariance<const D: usize>(inverse: impl Fn(usize, usize) -> f64, whole: &[f64; D], n: f64) -> Mat<f64> {
     let with = |i: usize| (0..D).map(|k| inverse(i, k) * whole[k]).sum::<f64>();
     Mat::from_fn(D + 1, D + 1, |i, j| match (i < D, j < D) {
         (true, true) => inverse(i, j),
@@ -136,11 +126,7 @@ fn step_covariance<const D: usize>(
     })
 }
 
-fn finish_fit<const D: usize>(
-    points: &[[f64; D]],
-    frame: &StepFrame<D>,
-    step: FitStep<D>,
-) -> RadialFit<D> {
+fn finish_fit<const D: usize>(points: &[[f64; D]], frame: &StepFrame<D>, step: FitStep<D>) -> RadialFit<D> {
     let mut all = vec![0.0; points.len()];
     let blocks = points.par_chunks(POINTS_PER_BLOCK).zip(all.par_chunks_mut(POINTS_PER_BLOCK));
     blocks.for_each(|(points, part)| compute_residuals(points, frame, part));
@@ -187,8 +173,7 @@ mod tests {
     fn many_points_have_the_same_sphere_by_sums() {
         for (half, noise) in [(1.5, 1e-3), (0.5, 0.1), (0.02, 1e-6), (0.5, 0.0)] {
             let points = cap(5000, half, noise);
-            let (by_sums, by_care) =
-                (fit_many_points(&points).unwrap(), fit_gauss_newton(&points).unwrap());
+            let (by_sums, by_care) = (fit_many_points(&points).unwrap(), fit_gauss_newton(&points).unwrap());
             let spread = (5000.0 * by_care.covariance[(3, 3)]).sqrt();
             let rounding = 4.0 * f64::EPSILON * (10.0 * spread + 1e3);
             let pairs = by_sums.centre.iter().zip(&by_care.centre);

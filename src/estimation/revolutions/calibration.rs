@@ -51,8 +51,7 @@ pub fn calibrate_sensors(
 ) -> Result<SensorCalibration, LinearError> {
     let section = |row: usize| sensors[data.rows[row].channel].section;
     let rows: Vec<usize> = (0..data.rows.len()).filter(|row| section(*row).is_some()).collect();
-    let mut mountings: Vec<MountingKey> =
-        rows.iter().map(|row| (section(*row), data.rows[*row].index)).collect();
+    let mut mountings: Vec<MountingKey> = rows.iter().map(|row| (section(*row), data.rows[*row].index)).collect();
     mountings.sort_unstable();
     mountings.dedup();
     let sections: BTreeSet<Option<usize>> = mountings.iter().map(|(section, _)| *section).collect();
@@ -89,17 +88,14 @@ impl CalibrationEquations<'_> {
         let (mut x, mut covariance) = (vec![0.0; self.unknown_count()], Mat::zeros(own, own));
         for iteration in 0..ITERATION_COUNT {
             let (mut a, mut y) = self.rows_at(&x);
-            let mut sigma: Vec<f64> =
-                self.rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
+            let mut sigma: Vec<f64> = self.rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
             if iteration > 1 {
                 // The motion differs slightly between mountings.
                 let squares = y.iter().zip(&sigma).map(|(y, sigma)| (y / sigma).powi(2));
                 let scatter = (squares.sum::<f64>() / free as f64).sqrt().max(1.0);
                 sigma.iter_mut().for_each(|sigma| *sigma *= scatter);
             }
-            a.resize_with(observations + own, self.unknown_count(), |i, j| {
-                f64::from(u8::from(i == observations + j))
-            });
+            a.resize_with(observations + own, self.unknown_count(), |i, j| f64::from(u8::from(i == observations + j)));
             y.extend(x[..own].iter().map(|deviation| -deviation));
             sigma.extend(&declared);
             let (a, constraints, rank_threshold) = (a.as_ref(), None, RANK_THRESHOLD);

@@ -10,15 +10,12 @@ impl RowRevolutions {
     pub fn without_drift(&self, forward: usize) -> Self {
         let count = self.revolutions.len();
         let samples = self.revolutions.first().map_or(0, Vec::len);
-        let time = |r: usize, j: usize| {
-            (r * samples + if r < forward { j } else { samples - 1 - j }) as f64
-        };
+        let time = |r: usize, j: usize| (r * samples + if r < forward { j } else { samples - 1 - j }) as f64;
         let mean = |of: &dyn Fn(usize) -> f64| (0..count).map(of).sum::<f64>() / count as f64;
         let mut corrected = self.clone();
         let (mut products, mut squares) = (0.0, 0.0);
         for j in 0..samples {
-            let (mean_time, mean_value) =
-                (mean(&|r| time(r, j)), mean(&|r| self.revolutions[r][j]));
+            let (mean_time, mean_value) = (mean(&|r| time(r, j)), mean(&|r| self.revolutions[r][j]));
             for r in 0..count {
                 let (after, by) = (time(r, j) - mean_time, self.revolutions[r][j] - mean_value);
                 products += after * by;

@@ -57,10 +57,7 @@ impl HarmonicData {
     /// # Errors
     /// Fewer than two revolutions at every index; rows that are inconsistent with each other; fewer than 2·`orders`
     /// + 1 samples per revolution.
-    pub fn from_revolutions(
-        measured: &[RowRevolutions],
-        orders: usize,
-    ) -> Result<Self, RevolutionsError> {
+    pub fn from_revolutions(measured: &[RowRevolutions], orders: usize) -> Result<Self, RevolutionsError> {
         check_revolutions(measured, orders)?;
         let samples = measured[0].revolutions[0].len();
         let basis = HarmonicBasis::new(samples, orders);
@@ -71,11 +68,9 @@ impl HarmonicData {
         let mean = |of: &Vec<Vec<c64>>, k: usize| {
             of.iter().map(|revolution| revolution[k]).sum::<c64>() * (1.0 / of.len() as f64)
         };
-        let means: Vec<Vec<c64>> =
-            (0..orders).map(|k| all.iter().map(|of| mean(of, k)).collect()).collect();
+        let means: Vec<Vec<c64>> = (0..orders).map(|k| all.iter().map(|of| mean(of, k)).collect()).collect();
         let rows: Vec<RowKey> = measured.iter().map(|row| row.key).collect();
-        let own: Vec<HarmonicScatter> =
-            (0..orders).map(|k| harmonic_scatter(&rows, &all, &means[k], k)).collect();
+        let own: Vec<HarmonicScatter> = (0..orders).map(|k| harmonic_scatter(&rows, &all, &means[k], k)).collect();
         Ok(Self {
             scatters: (0..orders).map(|k| pooled_scatter(&own, k)).collect(),
             revolutions: measured.iter().map(|row| row.revolutions.len()).collect(),
@@ -86,16 +81,10 @@ impl HarmonicData {
 
     /// Data of independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` per
     /// revolution, one revolution per row: u(c) = u·√(2/T).
-    pub fn from_declared_uncertainty(
-        rows: Vec<RowKey>,
-        means: Vec<Vec<c64>>,
-        u_mm: f64,
-        samples: usize,
-    ) -> Self {
+    pub fn from_declared_uncertainty(rows: Vec<RowKey>, means: Vec<Vec<c64>>, u_mm: f64, samples: usize) -> Self {
         let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
         let variance = u_mm * u_mm * 2.0 / samples as f64;
-        let covariance =
-            Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
+        let covariance = Mat::from_fn(channels, channels, |i, j| if i == j { variance } else { 0.0 });
         let scatter = HarmonicScatter { covariance, dof: f64::INFINITY };
         let scatters = vec![scatter; means.len()];
         Self { revolutions: vec![1; rows.len()], rows, means, scatters }
@@ -103,8 +92,7 @@ impl HarmonicData {
 
     /// The data of the rows for which `is_selected` is true.
     pub fn filter_rows(&self, is_selected: impl Fn(&RowKey) -> bool) -> Self {
-        let kept: Vec<usize> =
-            (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
+        let kept: Vec<usize> = (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
         Self {
             rows: kept.iter().map(|i| self.rows[*i]).collect(),
             revolutions: kept.iter().map(|i| self.revolutions[*i]).collect(),
@@ -161,12 +149,7 @@ impl HarmonicData {
 }
 
 /// Scatter of one harmonic, pooled over the indexes. Each difference has two real parts.
-fn harmonic_scatter(
-    rows: &[RowKey],
-    all: &[Vec<Vec<c64>>],
-    means: &[c64],
-    k: usize,
-) -> HarmonicScatter {
+fn harmonic_scatter(rows: &[RowKey], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> HarmonicScatter {
     let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
     let mut sums: Mat<f64> = Mat::zeros(channels, channels);
     let mut dofs: Mat<f64> = Mat::zeros(channels, channels);
@@ -222,8 +205,7 @@ impl RevolutionsError {
                 format!("resample all revolutions to more than {} angles", 2 * orders)
             }
             Self::InconsistentRow(_) => {
-                "pass each channel once for each index, with the revolutions common to all channels"
-                    .to_owned()
+                "pass each channel once for each index, with the revolutions common to all channels".to_owned()
             }
         }
     }

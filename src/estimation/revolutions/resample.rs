@@ -93,11 +93,7 @@ impl<'a> Resampler<'a> {
     }
 
     /// Resamples all samples of a scan between two unwrapped angles.
-    pub fn resample_all(
-        filter: &ResampleFilter,
-        ends_rad: [f64; 2],
-        samples: &[AngleSample],
-    ) -> Resampled {
+    pub fn resample_all(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[AngleSample]) -> Resampled {
         let mut resampler = Resampler::new(filter, ends_rad[0], ends_rad[1]);
         samples.iter().for_each(|sample| resampler.push(*sample));
         resampler.finish()
@@ -109,11 +105,7 @@ impl<'a> Resampler<'a> {
         }
         let position = sample.angle_rad * self.filter.steps() as f64 / TAU;
         if let Some((last, value)) = self.last {
-            self.add_weighted(
-                last,
-                value,
-                (position - self.angle_before_last.unwrap_or(last)) / 2.0,
-            );
+            self.add_weighted(last, value, (position - self.angle_before_last.unwrap_or(last)) / 2.0);
             self.mark_covered(last, position);
             self.angle_before_last = Some(last);
         }
@@ -160,9 +152,7 @@ impl<'a> Resampler<'a> {
             missing_before.push(missing_before[missing_before.len() - 1] + usize::from(!covered));
         }
         let is_whole = |i: usize| {
-            i >= half
-                && i + half < self.sums.len()
-                && missing_before[i + half + 1] == missing_before[i - half]
+            i >= half && i + half < self.sums.len() && missing_before[i + half + 1] == missing_before[i - half]
         };
         let value = |(i, [sum, weight]): (usize, &[f64; 2])| is_whole(i).then(|| sum / weight);
         Resampled {

@@ -11,8 +11,7 @@ const MIN_CORNER_STEPS: f64 = 8.0;
 /// Ranges of a scan in which a channel stays at its largest or smallest value, and which end abruptly.
 pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
     let values = || samples.iter().map(|sample| sample.value);
-    let (low, high) =
-        values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+    let (low, high) = values().fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
     let steps = samples.windows(2).map(|pair| (pair[1].value - pair[0].value).abs());
     let step = steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
     let mut ranges = Vec::new();
@@ -37,11 +36,8 @@ pub(super) fn saturated_ranges(samples: &[AngleSample]) -> Vec<AngleRange> {
 
 /// Marks the samples in saturated ranges as invalid.
 pub fn reject_saturated(samples: &mut [AngleSample]) {
-    let valid: Vec<AngleSample> =
-        samples.iter().filter(|sample| sample.is_valid).copied().collect();
+    let valid: Vec<AngleSample> = samples.iter().filter(|sample| sample.is_valid).copied().collect();
     let saturated = saturated_ranges(&valid);
-    let is_in = |deg: f64| {
-        saturated.iter().any(|AngleRange { from_deg, to_deg }| (*from_deg..=*to_deg).contains(&deg))
-    };
+    let is_in = |deg: f64| saturated.iter().any(|AngleRange { from_deg, to_deg }| (*from_deg..=*to_deg).contains(&deg));
     samples.iter_mut().for_each(|sample| sample.is_valid &= !is_in(sample.angle_rad.to_degrees()));
 }

@@ -42,10 +42,7 @@ pub struct RejectedRevolutions {
 
 /// The revolutions that all usable channels of one scan share. A channel without a usable revolution is left
 /// out.
-pub fn common_revolutions(
-    index: usize,
-    channels: &[Resampled],
-) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
+pub fn common_revolutions(index: usize, channels: &[Resampled]) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
     let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
     // The channels with the most whole revolutions define the range. Missing samples at an end of another channel
     // are a gap of that channel.

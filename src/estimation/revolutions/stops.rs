@@ -32,8 +32,7 @@ impl StopScan {
     /// Whether all samples are at stops and none is between two stops.
     pub fn contains_all_samples(self, samples: &[AngleSample]) -> bool {
         let step = TAU / self.steps as f64;
-        let is_at_stop =
-            |angle: f64| (angle / step - (angle / step).round()).abs() < MAX_STOP_DISTANCE;
+        let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < MAX_STOP_DISTANCE;
         samples.iter().all(|sample| is_at_stop(sample.angle_rad))
     }
 
@@ -52,8 +51,7 @@ impl StopScan {
         let mut values: Vec<Option<f64>> = sums.into_iter().map(mean).collect();
         if let Some(harmonics) = self.fill_harmonics {
             let revolutions = values.chunks_mut(self.steps);
-            revolutions
-                .for_each(|revolution| fill_missing_stops(revolution, harmonics, self.steps));
+            revolutions.for_each(|revolution| fill_missing_stops(revolution, harmonics, self.steps));
         }
         Resampled::at_stops(self.steps, first, values)
     }

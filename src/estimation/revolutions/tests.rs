@@ -3,9 +3,8 @@
 use std::f64::consts::TAU;
 
 use super::{
-    AngleRange, AngleSample, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS,
-    ResampleFilter, Resampled, Resampler, RowKey, RowRevolutions, calibrate_sensors,
-    common_revolutions, saturation::saturated_ranges,
+    AngleRange, AngleSample, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, ResampleFilter, Resampled,
+    Resampler, RowKey, RowRevolutions, calibrate_sensors, common_revolutions, saturation::saturated_ranges,
 };
 use crate::monte_carlo::{DrawDistribution, DrawStream};
 
@@ -34,8 +33,7 @@ fn resampled(
 ) -> Resampled {
     let mut resampler = Resampler::new(filter, angles[0], angles[angles.len() - 1]);
     for angle in angles {
-        let sample =
-            AngleSample { angle_rad: *angle, value: value(*angle), is_valid: is_valid(*angle) };
+        let sample = AngleSample { angle_rad: *angle, value: value(*angle), is_valid: is_valid(*angle) };
         resampler.push(sample);
     }
     resampler.finish()
@@ -76,8 +74,7 @@ fn regress_no_alias_of_high_orders() {
         let basis = HarmonicBasis::new(STEPS, 100);
         let folded = (high - 360.0_f64).abs() as usize;
         let alias = basis.harmonics(&rows[0].revolutions[0])[folded - 1].norm();
-        let decimated: Vec<f64> =
-            (0..STEPS).map(|i| (high * i as f64 * TAU / STEPS as f64).cos()).collect();
+        let decimated: Vec<f64> = (0..STEPS).map(|i| (high * i as f64 * TAU / STEPS as f64).cos()).collect();
         let unfiltered = basis.harmonics(&decimated)[folded - 1].norm();
         println!("order {high}: alias {alias:.2e}, without filter {unfiltered:.3}");
         assert!(alias < 3e-5 && unfiltered > 0.99, "{high}: {alias} {unfiltered}");
@@ -96,11 +93,7 @@ fn regress_gaps_reject_their_revolution() {
     assert_eq!(rows.iter().map(|row| row.revolutions.len()).collect::<Vec<_>>(), [3, 3]);
     let text = rejected[0].to_string();
     println!("{text}");
-    assert!(
-        text.starts_with("1 of 4 revolutions")
-            && rejected[0].channel == 1
-            && text.contains("490.0° to 500.0°")
-    );
+    assert!(text.starts_with("1 of 4 revolutions") && rejected[0].channel == 1 && text.contains("490.0° to 500.0°"));
     // A channel that is saturated in every revolution does not affect the other channel.
     let always = |angle: f64| !(120.0..130.0).contains(&angle.to_degrees().rem_euclid(360.0));
     let lost = resampled(&filter, &angles, f64::sin, always);
@@ -170,8 +163,8 @@ fn regress_gains_and_angles_from_the_eccentricity() {
         let (mut squares, mut of_differences) = (0.0, 0.0);
         let seeds = 100;
         for seed in 0..seeds {
-            let units = DrawStream::from_key(seed, &[7])
-                .unit_draws(6 + 20 + 4 * 10 * 3 * COUNT, &[DrawDistribution::Normal]);
+            let units =
+                DrawStream::from_key(seed, &[7]).unit_draws(6 + 20 + 4 * 10 * 3 * COUNT, &[DrawDistribution::Normal]);
             let (truth, rest) = units.split_at(6);
             let (mountings, noise) = rest.split_at(20);
             let mut noise = noise.iter();
@@ -207,15 +200,13 @@ fn regress_gains_and_angles_from_the_eccentricity() {
             of_differences += [(0, 1), (1, 2), (3, 4), (4, 5)]
                 .iter()
                 .map(|(i, j)| {
-                    let u = found.covariance[(*i, *i)] + found.covariance[(*j, *j)]
-                        - 2.0 * found.covariance[(*i, *j)];
+                    let u = found.covariance[(*i, *i)] + found.covariance[(*j, *j)] - 2.0 * found.covariance[(*i, *j)];
                     assert!(u.sqrt() < 1e-3 && (error(*i) - error(*j)).abs() < 3e-3);
                     (error(*i) - error(*j)).powi(2) / u
                 })
                 .sum::<f64>();
         }
-        let (all, differences) =
-            (squares / (6 * seeds) as f64, of_differences / (4 * seeds) as f64);
+        let (all, differences) = (squares / (6 * seeds) as f64, of_differences / (4 * seeds) as f64);
         println!("turn {turn}: mean of (error/u)² {all:.2}, of differences {differences:.2}");
         assert!((0.8..1.25).contains(&all) && (0.75..1.3).contains(&differences));
     }
@@ -226,8 +217,7 @@ fn regress_gains_and_angles_from_the_eccentricity() {
 #[test]
 fn regress_a_constant_drift_is_no_scatter() {
     const COUNT: usize = 36;
-    let noise =
-        DrawStream::from_key(3, &[8]).unit_draws(40 * 4 * COUNT, &[DrawDistribution::Normal]);
+    let noise = DrawStream::from_key(3, &[8]).unit_draws(40 * 4 * COUNT, &[DrawDistribution::Normal]);
     let mut noise = noise.iter();
     let mut row = |index: usize| {
         let revolution = |r: usize, noise: &mut std::slice::Iter<'_, f64>| -> Vec<f64> {
@@ -242,13 +232,11 @@ fn regress_a_constant_drift_is_no_scatter() {
     };
     let rows: Vec<RowRevolutions> = (0..40).map(&mut row).collect();
     let corrected: Vec<RowRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();
-    let [before, after] =
-        [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
+    let [before, after] = [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
     let difference = before.means.iter().flatten().zip(after.means.iter().flatten());
     assert!(difference.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) < 1e-12);
     // Variance in one revolution: 2σ²/T.
-    let [with, without] =
-        [&before, &after].map(|data| data.scatters[0].covariance[(0, 0)] * COUNT as f64 / 2.0);
+    let [with, without] = [&before, &after].map(|data| data.scatters[0].covariance[(0, 0)] * COUNT as f64 / 2.0);
     println!("variance with drift {with:.3}, without {without:.3}");
     assert!(with > 1.3 && (0.8..1.2).contains(&without), "{with} {without}");
 }

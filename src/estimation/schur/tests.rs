@@ -68,10 +68,7 @@ fn regress_as_a_dense_solve() {
     for (found, expected) in factored.remainder(&values).iter().zip(&expected.residuals) {
         assert!((found - expected).abs() < 1e-12);
     }
-    assert_eq!(
-        factored.solution_and_remainder(values.clone()),
-        (factored.solve(&values), factored.remainder(&values))
-    );
+    assert_eq!(factored.solution_and_remainder(values.clone()), (factored.solve(&values), factored.remainder(&values)));
     let hat = &dense * &expected.gain;
     for (i, found) in factored.leverage().into_iter().enumerate() {
         assert!((found - hat[(i, i)]).abs() < 1e-12);
@@ -103,9 +100,7 @@ fn regress_a_lost_direction_is_found_and_refused() {
     let analyse_rank = factored.analyse_rank().unwrap();
     assert_eq!((analyse_rank.rank, analyse_rank.nullity), (17, 1));
     let lost = analyse_rank.null_space.col(0);
-    assert!(
-        (lost[0] / lost[1] + 2.0).abs() < 1e-6 && (lost[COMMON + 3] / lost[1] + 1.0).abs() < 1e-6
-    );
+    assert!((lost[0] / lost[1] + 2.0).abs() < 1e-6 && (lost[COMMON + 3] / lost[1] + 1.0).abs() < 1e-6);
     let refused = minimise_squares(vec![0.0; 18], build, |_| vec![0.0; 41]);
     assert!(matches!(refused, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))));
 }

@@ -18,9 +18,7 @@ pub enum CanError {
     BusErrors { interface: String, id: String, why: String },
     #[error("the CAN controller of `{interface}` is bus-off ({why}) and receives no frames")]
     BusOff { interface: String, why: String },
-    #[error(
-        "no frame {id} was received on `{interface}`, only frames with other identifiers: {foreign_ids}"
-    )]
+    #[error("no frame {id} was received on `{interface}`, only frames with other identifiers: {foreign_ids}")]
     ForeignIds { interface: String, id: String, foreign_ids: String },
     #[error("the CAN interface `{interface}` could not be opened: {source}")]
     OpenFailed { interface: String, source: io::Error },

@@ -21,8 +21,7 @@ const ERROR_ACTIVE: ControllerProblems = ControllerProblems::ACTIVE;
 
 impl From<CanError> for ErrorFrameClass {
     fn from(error: CanError) -> Self {
-        let overflowed =
-            |problems: ControllerProblems| problems.intersects(ControllerProblems::RX_OVERFLOW);
+        let overflowed = |problems: ControllerProblems| problems.intersects(ControllerProblems::RX_OVERFLOW);
         if error.is_restarted() || error.controller().is_some_and(overflowed) {
             Self::FramesMissed
         } else if error.is_bus_off() {
@@ -57,14 +56,10 @@ mod tests {
     #[test]
     fn error_frames_are_told_apart_by_what_they_mean_for_a_listener() {
         // Bus error with a protocol violation (stuff error), as at a wrong bit rate.
-        let ErrorFrameClass::BusErrors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else {
-            panic!()
-        };
+        let ErrorFrameClass::BusErrors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else { panic!() };
         assert!(why.contains("bit stuffing error") && why.contains("bus error"), "{why}");
         // Error-passive, with the counters.
-        let ErrorFrameClass::BusErrors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else {
-            panic!()
-        };
+        let ErrorFrameClass::BusErrors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else { panic!() };
         assert!(why.contains("rx passive") && why.contains("rx=128"), "{why}");
         assert_eq!(of(0x40, &[]), ErrorFrameClass::BusOff("bus off".to_owned()));
         assert_eq!(of(0x100, &[]), ErrorFrameClass::FramesMissed);

@@ -55,10 +55,7 @@ impl ForeignIdDetector {
                 (self.filter, self.since) = (IdFilterState::AllIds, now);
                 Some(IdFilterChange::AllIds)
             }
-            IdFilterState::AllIds
-                if now - self.since >= ACCEPT_ALL_TIME
-                    || self.reported.len() == MAX_REPORTED_IDS =>
-            {
+            IdFilterState::AllIds if now - self.since >= ACCEPT_ALL_TIME || self.reported.len() == MAX_REPORTED_IDS => {
                 self.filter = IdFilterState::OwnIdAfterScan;
                 Some(IdFilterChange::OwnId)
             }
@@ -91,9 +88,7 @@ mod tests {
         assert_eq!(others.due_filter_change(at(299)), None);
         assert!(!others.needs_report(id(7)), "what the filter let through before it was set");
         assert_eq!(others.due_filter_change(at(300)), Some(IdFilterChange::AllIds));
-        assert!(
-            others.needs_report(id(7)) && !others.needs_report(id(7)) && others.needs_report(id(8))
-        );
+        assert!(others.needs_report(id(7)) && !others.needs_report(id(7)) && others.needs_report(id(8)));
         assert_eq!(others.due_filter_change(at(1299)), None);
         assert_eq!(others.due_filter_change(at(1300)), Some(IdFilterChange::OwnId));
         assert_eq!(others.due_filter_change(at(9000)), None, "not again and again");

@@ -17,9 +17,7 @@ impl CanId {
     /// The identifier is too large; as a message.
     pub fn new(raw: u32, extended: bool) -> Result<Self, String> {
         if extended && raw > MAX_EXTENDED_ID {
-            return Err(format!(
-                "{raw:#x} is too large for 29 bits; the maximum is {MAX_EXTENDED_ID:#x}"
-            ));
+            return Err(format!("{raw:#x} is too large for 29 bits; the maximum is {MAX_EXTENDED_ID:#x}"));
         }
         if !extended && raw > MAX_STANDARD_ID {
             return Err(format!(

@@ -17,9 +17,8 @@ fn read_attribute(interface: &str, attribute: &str) -> Option<String> {
 pub(super) fn can_interfaces() -> Vec<String> {
     let entries = fs::read_dir("/sys/class/net").into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
-    let mut names: Vec<String> = names
-        .filter(|name| read_attribute(name, "type").as_deref() == Some(CAN_DEVICE_TYPE))
-        .collect();
+    let mut names: Vec<String> =
+        names.filter(|name| read_attribute(name, "type").as_deref() == Some(CAN_DEVICE_TYPE)).collect();
     names.sort();
     names
 }

@@ -76,10 +76,7 @@ impl CanReceiver {
     }
 
     /// Source whose frames are generated when the caller reads; `None` means that no frame is available.
-    pub fn on_demand(
-        name: impl Into<String>,
-        source: impl FnMut() -> Option<CanFrame> + Send + 'static,
-    ) -> Self {
+    pub fn on_demand(name: impl Into<String>, source: impl FnMut() -> Option<CanFrame> + Send + 'static) -> Self {
         Self { name: name.into(), source: FrameSource::FrameGenerator(Box::new(source)) }
     }
 
@@ -100,13 +97,11 @@ impl CanReceiver {
         match &mut self.source {
             FrameSource::FrameGenerator(source) => Ok(source().map(CanEvent::Frame)),
             // The dropped future waits on a channel, not on the device.
-            FrameSource::Events(events) => {
-                match timeout_at(Instant::now() + wait, events.recv()).await {
-                    Err(_) => Ok(None),
-                    Ok(Some(events)) => Ok(Some(events)),
-                    Ok(None) => Err(CanError::ThreadEnded { interface: self.name.clone() }),
-                }
-            }
+            FrameSource::Events(events) => match timeout_at(Instant::now() + wait, events.recv()).await {
+                Err(_) => Ok(None),
+                Ok(Some(events)) => Ok(Some(events)),
+                Ok(None) => Err(CanError::ThreadEnded { interface: self.name.clone() }),
+            },
         }
     }
 
@@ -119,9 +114,7 @@ impl CanReceiver {
         match events.try_recv() {
             Ok(events) => Ok(Some(events)),
             Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => {
-                Err(CanError::ThreadEnded { interface: self.name.clone() })
-            }
+            Err(TryRecvError::Disconnected) => Err(CanError::ThreadEnded { interface: self.name.clone() }),
         }
     }
 }

@@ -75,20 +75,15 @@ impl SocketOwner {
                     match socket::frame_id(&frame) {
                         Some(id) if id == self.id => {
                             self.queue_frame(CanFrame::new(t_s, id, frame.data()));
-                            filter_change =
-                                detector.record_own_frame(Instant::now()).or(filter_change);
+                            filter_change = detector.record_own_frame(Instant::now()).or(filter_change);
                         }
                         // Frames of other identifiers can arrive before the filter is set, a moment after the
                         // socket is opened.
-                        Some(id) if detector.needs_report(id) => {
-                            self.send_report(CanEvent::ForeignId(id))
-                        }
+                        Some(id) if detector.needs_report(id) => self.send_report(CanEvent::ForeignId(id)),
                         _ => {}
                     }
                 }
-                Ok((SocketFrame::Error(frame), _)) => {
-                    self.handle_error_frame(frame.into_error().into())
-                }
+                Ok((SocketFrame::Error(frame), _)) => self.handle_error_frame(frame.into_error().into()),
                 Ok((SocketFrame::Remote(_), _)) => {}
                 Err(error) if error.should_retry() => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
@@ -131,9 +126,7 @@ impl SocketOwner {
 
     /// Puts a frame into the queue; counts the frame as lost if the queue is full.
     fn queue_frame(&mut self, frame: CanFrame) {
-        if self.lost_frames > 0
-            && self.events.try_send(CanEvent::LostFrames(self.lost_frames)).is_ok()
-        {
+        if self.lost_frames > 0 && self.events.try_send(CanEvent::LostFrames(self.lost_frames)).is_ok() {
             self.lost_frames = 0;
         }
         let full = |error| matches!(error, TrySendError::Full(_));
@@ -145,9 +138,7 @@ impl SocketOwner {
     /// Sends a change of state, and waits for room in the queue, behind the frames that arrived before. No frame
     /// can be missed meanwhile, because the interface delivers none.
     fn filter_change(&mut self, events: CanEvent) {
-        if self.lost_frames > 0
-            && self.events.blocking_send(CanEvent::LostFrames(self.lost_frames)).is_ok()
-        {
+        if self.lost_frames > 0 && self.events.blocking_send(CanEvent::LostFrames(self.lost_frames)).is_ok() {
             self.lost_frames = 0;
         }
         // The receiver is dropped: `run` detects it.
@@ -207,11 +198,7 @@ mod tests {
         owner.queue_frame(frame);
         drop(owner);
         let all: Vec<CanEvent> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
-        let (errors, off) =
-            (CanEvent::BusErrors("stuffed".to_owned()), CanEvent::BusOff("bus off".to_owned()));
-        assert_eq!(
-            all,
-            [errors, off, CanEvent::LostFrames(1), CanEvent::Frame(frame), CanEvent::Frame(frame)]
-        );
+        let (errors, off) = (CanEvent::BusErrors("stuffed".to_owned()), CanEvent::BusOff("bus off".to_owned()));
+        assert_eq!(all, [errors, off, CanEvent::LostFrames(1), CanEvent::Frame(frame), CanEvent::Frame(frame)]);
     }
 }

@@ -23,11 +23,9 @@ impl CanSender {
     /// # Errors
     /// The interface is down or gone.
     pub fn send(&self, frame: &CanFrame) -> Result<(), CanError> {
-        let open_error =
-            |source| CanError::OpenFailed { interface: self.interface.clone(), source };
+        let open_error = |source| CanError::OpenFailed { interface: self.interface.clone(), source };
         let frame_to_send = CanDataFrame::new(to_socketcan_id(frame.id), frame.data());
-        let frame_to_send =
-            frame_to_send.ok_or_else(|| open_error(std::io::ErrorKind::InvalidInput.into()))?;
+        let frame_to_send = frame_to_send.ok_or_else(|| open_error(std::io::ErrorKind::InvalidInput.into()))?;
         self.socket.write_frame(&frame_to_send).map_err(open_error)
     }
 }

@@ -3,9 +3,7 @@
 use std::io;
 use std::time::Duration;
 
-use socketcan::{
-    CanFilter, CanSocket, EmbeddedFrame, ExtendedId, Socket, SocketOptions, StandardId,
-};
+use socketcan::{CanFilter, CanSocket, EmbeddedFrame, ExtendedId, Socket, SocketOptions, StandardId};
 
 use super::{CanError, CanId};
 
@@ -45,12 +43,8 @@ pub(super) fn open_filtered_socket(interface: &str, id: CanId) -> Result<CanSock
 /// Limits the socket to data frames of `id`. The change loses no frame: the kernel adds the new filter before it
 /// removes the old one.
 pub(super) fn accept_own_id(socket: &CanSocket, id: CanId) -> io::Result<()> {
-    let (flag, bits) =
-        if id.is_extended() { (EXTENDED_ID_FLAG, EXTENDED_ID_MASK) } else { (0, STANDARD_ID_MASK) };
-    socket.set_filters(&[CanFilter::new(
-        id.raw() | flag,
-        bits | EXTENDED_ID_FLAG | REMOTE_FRAME_FLAG,
-    )])
+    let (flag, bits) = if id.is_extended() { (EXTENDED_ID_FLAG, EXTENDED_ID_MASK) } else { (0, STANDARD_ID_MASK) };
+    socket.set_filters(&[CanFilter::new(id.raw() | flag, bits | EXTENDED_ID_FLAG | REMOTE_FRAME_FLAG)])
 }
 
 /// Lets the socket receive frames of all identifiers.

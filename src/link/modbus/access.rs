@@ -47,18 +47,14 @@ impl RegisterAccess {
                     RegisterSpace::Discrete => Request::ReadDiscreteInputs(address, count),
                 }
             }
-            Self::Write { address, words } => {
-                Request::WriteMultipleRegisters(*address, Cow::Borrowed(words))
-            }
+            Self::Write { address, words } => Request::WriteMultipleRegisters(*address, Cow::Borrowed(words)),
         }
     }
 
     pub(super) fn reply_shape(&self, unit: u8) -> ReplyShape {
         let function = self.to_pdu().function_code().value();
         let bytes = match self {
-            Self::Read { space: RegisterSpace::Coil | RegisterSpace::Discrete, count, .. } => {
-                count.div_ceil(8)
-            }
+            Self::Read { space: RegisterSpace::Coil | RegisterSpace::Discrete, count, .. } => count.div_ceil(8),
             Self::Read { count, .. } => 2 * count,
             Self::Write { .. } => 0,
         };
@@ -75,14 +71,10 @@ impl RegisterAccess {
             Err(format!("the reply has {received} registers or bits, the request {asked}"))
         };
         match (self, reply) {
-            (
-                Self::Read { count, .. },
-                Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words),
-            ) => check_count(words.len(), usize::from(*count)).map(|()| words),
-            (
-                Self::Read { count, .. },
-                Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits),
-            ) => {
+            (Self::Read { count, .. }, Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words)) => {
+                check_count(words.len(), usize::from(*count)).map(|()| words)
+            }
+            (Self::Read { count, .. }, Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits)) => {
                 let count = usize::from(*count);
                 // Bits arrive in whole bytes.
                 check_count(bits.len(), count.next_multiple_of(8))?;
@@ -95,9 +87,7 @@ impl RegisterAccess {
                     Err(format!("the reply confirms {count} registers from address {at}"))
                 }
             }
-            (_, other) => {
-                Err(format!("the reply has another function code, {}", other.function_code()))
-            }
+            (_, other) => Err(format!("the reply has another function code, {}", other.function_code())),
         }
     }
 }

@@ -31,25 +31,18 @@ impl AccessList {
     /// [`ModbusError::NotAllowed`], with the reason.
     pub(super) fn check(&self, access: &RegisterAccess) -> Result<(), ModbusError> {
         let (space, address, count, max_count, writes) = match access {
-            RegisterAccess::Read {
-                space: space @ (RegisterSpace::Coil | RegisterSpace::Discrete),
-                address,
-                count,
-            } => (*space, *address, *count, MAX_READ_BITS, false),
-            RegisterAccess::Read { space, address, count } => {
-                (*space, *address, *count, MAX_READ_REGISTERS, false)
+            RegisterAccess::Read { space: space @ (RegisterSpace::Coil | RegisterSpace::Discrete), address, count } => {
+                (*space, *address, *count, MAX_READ_BITS, false)
             }
+            RegisterAccess::Read { space, address, count } => (*space, *address, *count, MAX_READ_REGISTERS, false),
             RegisterAccess::Write { address, words } => {
                 let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
                 (RegisterSpace::Holding, *address, count, MAX_WRITE_REGISTERS, true)
             }
         };
-        let refused =
-            |why: String| Err(ModbusError::NotAllowed { request: access.to_string(), why });
+        let refused = |why: String| Err(ModbusError::NotAllowed { request: access.to_string(), why });
         if count == 0 || count > max_count {
-            return refused(format!(
-                "the request has {count} registers or bits; permitted: 1 to {max_count}"
-            ));
+            return refused(format!("the request has {count} registers or bits; permitted: 1 to {max_count}"));
         }
         let covers = |range: &RegisterRange| range.contains(space, address, usize::from(count));
         let written = self.write.iter().any(covers);
@@ -65,8 +58,7 @@ impl AccessList {
         readable.flat_map(|range| {
             let RegisterRange { space, first, last } = *range;
             // Bits are transferred in whole bytes, so only one count per byte gives a distinct reply length.
-            let step =
-                if matches!(space, RegisterSpace::Coil | RegisterSpace::Discrete) { 8 } else { 1 };
+            let step = if matches!(space, RegisterSpace::Coil | RegisterSpace::Discrete) { 8 } else { 1 };
             let max_count = last.saturating_sub(first).saturating_add(1);
             (0..8)
                 .map(move |more| 1 + more * step)

@@ -47,14 +47,9 @@ impl TryFrom<ModbusDeviceKeys> for ModbusDevice {
     /// # Errors
     /// Keys that exclude each other, or a value out of range; as a message.
     fn try_from(keys: ModbusDeviceKeys) -> Result<Self, String> {
-        let at = LinkConfig::from_keys(
-            (keys.serial, keys.serial_id, keys.tcp),
-            keys.baud,
-            DEFAULT_BAUD,
-        )?;
+        let at = LinkConfig::from_keys((keys.serial, keys.serial_id, keys.tcp), keys.baud, DEFAULT_BAUD)?;
         let line = ModbusLine::from_keys(at, keys.framing, keys.parity)?;
-        let default_unit =
-            if line.framing == Framing::Tcp { DEFAULT_TCP_UNIT } else { DEFAULT_RTU_UNIT };
+        let default_unit = if line.framing == Framing::Tcp { DEFAULT_TCP_UNIT } else { DEFAULT_RTU_UNIT };
         let unit = keys.unit.unwrap_or(default_unit);
         if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {
             return Err(format!("`unit` is {unit}; permitted on RTU: 1 to 247"));

@@ -37,14 +37,7 @@ enum CallOutcome {
 
 impl ModbusExchange {
     pub(super) fn new(line: ModbusLine, backend: LinkBackend) -> Self {
-        Self {
-            line,
-            backend,
-            stream: None,
-            context: None,
-            pending_replies: Vec::new(),
-            last_shape: None,
-        }
+        Self { line, backend, stream: None, context: None, pending_replies: Vec::new(), last_shape: None }
     }
 
     /// # Errors
@@ -165,11 +158,7 @@ impl ModbusExchange {
 
     /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
     /// wait.
-    async fn wait_for_pending_replies(
-        &mut self,
-        settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
-    ) {
+    async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings, urgent_queue: &mut UrgentQueue) {
         self.stream.iter().for_each(DrainableStream::restart_silence);
         self.drain_unless_urgent(settings.timeout, urgent_queue).await;
         if !urgent_queue.has_write() {
@@ -185,17 +174,10 @@ impl ModbusExchange {
         urgent_queue: &mut UrgentQueue,
     ) -> Option<ModbusError> {
         let shape = probe.reply_shape(settings.unit);
-        let ambiguous = self
-            .pending_replies
-            .iter()
-            .any(|pending_replies| pending_replies.has_same_function(shape));
+        let ambiguous = self.pending_replies.iter().any(|pending_replies| pending_replies.has_same_function(shape));
         match self.send(probe, settings, urgent_queue).await {
-            Err(ModbusError::ExceptionReply { .. }) if ambiguous => {
-                self.pending_replies.push(shape)
-            }
-            Ok(_) | Err(ModbusError::ExceptionReply { .. }) => {
-                self.forget_pending_replies(settings.unit)
-            }
+            Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.pending_replies.push(shape),
+            Ok(_) | Err(ModbusError::ExceptionReply { .. }) => self.forget_pending_replies(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::UnexpectedReply { .. }) {
                     // The reply belongs to an older request; the reply to the test read may still arrive.
@@ -238,15 +220,9 @@ impl ModbusExchange {
             },
             CallOutcome::Replied(Ok(Err(exception))) => {
                 let function = access.to_pdu().function_code().value();
-                return Err(ModbusError::ExceptionReply {
-                    request,
-                    function,
-                    code: exception.into(),
-                });
+                return Err(ModbusError::ExceptionReply { request, function, code: exception.into() });
             }
-            CallOutcome::Replied(Err(tokio_modbus::Error::Protocol(error))) => {
-                unexpected_reply(error.to_string())
-            }
+            CallOutcome::Replied(Err(tokio_modbus::Error::Protocol(error))) => unexpected_reply(error.to_string()),
             CallOutcome::Replied(Err(tokio_modbus::Error::Transport(error)))
                 if error.kind() == std::io::ErrorKind::InvalidData =>
             {
@@ -282,9 +258,7 @@ impl ModbusExchange {
         let context = match framing {
             // Each request gets a new decoder, without bytes of earlier requests.
             Framing::Rtu => self.context.insert(rtu::attach_slave(stream.clone(), unit)),
-            Framing::Tcp => {
-                self.context.get_or_insert_with(|| tcp::attach_slave(stream.clone(), unit))
-            }
+            Framing::Tcp => self.context.get_or_insert_with(|| tcp::attach_slave(stream.clone(), unit)),
         };
         let hold_deadline = async {
             urgent_queue.wait_for_write().await;

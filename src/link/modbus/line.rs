@@ -56,21 +56,14 @@ impl ModbusLine {
     ///
     /// # Errors
     /// Keys that exclude each other; as a message.
-    pub fn from_keys(
-        link: LinkConfig,
-        framing: Option<Framing>,
-        parity: Option<Parity>,
-    ) -> Result<Self, String> {
+    pub fn from_keys(link: LinkConfig, framing: Option<Framing>, parity: Option<Parity>) -> Result<Self, String> {
         let default_line = Self::with_defaults(link);
         let over_tcp = matches!(default_line.link, LinkConfig::Tcp(_));
         if over_tcp && parity.is_some() {
-            return Err("`parity` is only for `serial` and `serial_id`; remove it from a TCP link"
-                .to_owned());
+            return Err("`parity` is only for `serial` and `serial_id`; remove it from a TCP link".to_owned());
         }
         if !over_tcp && framing == Some(Framing::Tcp) {
-            return Err(
-                "`framing = \"tcp\"` needs a TCP link; set `rtu` on a serial line".to_owned()
-            );
+            return Err("`framing = \"tcp\"` needs a TCP link; set `rtu` on a serial line".to_owned());
         }
         let framing = framing.unwrap_or(default_line.framing);
         let parity = parity.unwrap_or(if over_tcp { Parity::None } else { Parity::Even });
@@ -81,11 +74,7 @@ impl ModbusLine {
     pub(super) fn frame_silence(&self) -> Duration {
         match self.link {
             LinkConfig::Tcp(_) => NETWORK_SILENCE,
-            LinkConfig::Serial { baud, .. } | LinkConfig::SerialId { baud, .. }
-                if baud > 19_200 =>
-            {
-                MIN_FRAME_SILENCE
-            }
+            LinkConfig::Serial { baud, .. } | LinkConfig::SerialId { baud, .. } if baud > 19_200 => MIN_FRAME_SILENCE,
             LinkConfig::Serial { baud, .. } | LinkConfig::SerialId { baud, .. } => {
                 Duration::from_secs_f64(FRAME_SILENCE_BITS / f64::from(baud.max(1)))
             }
@@ -103,9 +92,7 @@ impl ModbusLine {
     pub(super) async fn open(&self, backend: &LinkBackend) -> Result<DrainableStream, LinkError> {
         let name = self.to_string();
         let address = match self.link.address() {
-            Err(_) if matches!(backend, LinkBackend::Replayed(_)) => {
-                Address::Serial { path: name.clone(), baud: 0 }
-            }
+            Err(_) if matches!(backend, LinkBackend::Replayed(_)) => Address::Serial { path: name.clone(), baud: 0 },
             address => address?,
         };
         Ok(DrainableStream::new(match address {

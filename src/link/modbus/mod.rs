@@ -156,12 +156,7 @@ impl ModbusClient {
     ///
     /// # Errors
     /// See [`ModbusError`].
-    pub async fn read(
-        &self,
-        space: RegisterSpace,
-        address: u16,
-        count: u16,
-    ) -> Result<Vec<u16>, ModbusError> {
+    pub async fn read(&self, space: RegisterSpace, address: u16, count: u16) -> Result<Vec<u16>, ModbusError> {
         self.perform(RegisterAccess::Read { space, address, count }, false).await
     }
 
@@ -178,9 +173,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn write_without_echo(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, false)
-            .await
-            .map(drop)
+        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, false).await.map(drop)
     }
 
     /// Prepares a write that will overtake all others.
@@ -194,11 +187,7 @@ impl ModbusClient {
         Ok(UrgentWriteSender { access, settings, queue })
     }
 
-    async fn perform(
-        &self,
-        access: RegisterAccess,
-        read_back: bool,
-    ) -> Result<Vec<u16>, ModbusError> {
+    async fn perform(&self, access: RegisterAccess, read_back: bool) -> Result<Vec<u16>, ModbusError> {
         self.settings.allowed.check(&access)?;
         let ended = || ModbusError::LinkEnded { link: self.name.clone() };
         let (reply, result) = oneshot::channel();

@@ -18,15 +18,11 @@ pub(super) struct ChannelEnds {
 }
 
 /// Starts the thread, which opens its line.
-pub(super) async fn start_owner_thread(
-    line: ModbusLine,
-    ends: ChannelEnds,
-) -> Result<(), ModbusError> {
+pub(super) async fn start_owner_thread(line: ModbusLine, ends: ChannelEnds) -> Result<(), ModbusError> {
     let name = line.to_string();
     let open_error = |source| LinkError::OpenFailed { address: name.clone(), source };
     let (opened, result) = oneshot::channel();
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(open_error)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(open_error)?;
     let backend = LinkMode::current().for_link(&name, line.protocol());
     let owner_task = async move {
         let mut exchange = ModbusExchange::new(line, backend);
@@ -79,9 +75,7 @@ impl LineOwner {
     async fn handle_access(&mut self, job: QueuedAccess) {
         let QueuedAccess { access, settings, read_back, reply } = job;
         let result = match (&access, self.is_held) {
-            (RegisterAccess::Write { .. }, true) => {
-                Err(ModbusError::HoldActive { request: access.to_string() })
-            }
+            (RegisterAccess::Write { .. }, true) => Err(ModbusError::HoldActive { request: access.to_string() }),
             (RegisterAccess::Write { address, words }, false) if read_back => {
                 self.write_and_verify(&access, &settings, *address, words).await
             }
@@ -105,9 +99,7 @@ impl LineOwner {
         let back = RegisterAccess::Read { space: RegisterSpace::Holding, address, count };
         match self.exchange.perform(&back, settings, &mut self.urgent_queue).await {
             Ok(read) if read == words => Ok(read),
-            Ok(read) => {
-                Err(ModbusError::ReadBackDiffers { request, written: words.to_vec(), read })
-            }
+            Ok(read) => Err(ModbusError::ReadBackDiffers { request, written: words.to_vec(), read }),
             Err(source) => Err(ModbusError::ReadBackFailed { request, source: Box::new(source) }),
         }
     }

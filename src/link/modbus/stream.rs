@@ -88,9 +88,7 @@ impl DrainableStream {
 fn add_dropped(dropped: usize, read: io::Result<usize>) -> io::Result<usize> {
     match read? {
         0 => Err(io::Error::other("the device closed the connection")),
-        count if dropped + count > MAX_DRAIN_BYTES => {
-            Err(io::Error::other("the line never becomes silent"))
-        }
+        count if dropped + count > MAX_DRAIN_BYTES => Err(io::Error::other("the line never becomes silent")),
         count => Ok(dropped + count),
     }
 }
@@ -103,11 +101,7 @@ impl fmt::Debug for DrainableStream {
 }
 
 impl AsyncRead for DrainableStream {
-    fn poll_read(
-        self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
+    fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let mut inner = self.inner();
         let before = buffer.filled().len();
         let polled = inner.stream.as_mut().poll_read(context, buffer);
@@ -119,11 +113,7 @@ impl AsyncRead for DrainableStream {
 }
 
 impl AsyncWrite for DrainableStream {
-    fn poll_write(
-        self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
+    fn poll_write(self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let mut inner = self.inner();
         inner.last_byte_time = Instant::now();
         inner.stream.as_mut().poll_write(context, bytes)

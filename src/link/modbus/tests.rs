@@ -180,9 +180,6 @@ async fn a_captured_talk_is_replayed_without_the_device() {
         let link = replay.apply_to(opening).await.unwrap();
         assert_eq!(talk(&link, times).await.unwrap(), had);
         let unknown = link.write(20, &[10, 10]).await.unwrap_err().to_string();
-        assert!(
-            unknown.contains("the capture has no `unit 1, function 16, address 20"),
-            "{unknown}"
-        );
+        assert!(unknown.contains("the capture has no `unit 1, function 16, address 20"), "{unknown}");
     }
 }

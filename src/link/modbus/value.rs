@@ -50,9 +50,7 @@ fn default_scale() -> f64 {
 
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ValueError {
-    #[error(
-        "{received} registers received, but the number has {expected}: compare `type` with the device's manual"
-    )]
+    #[error("{received} registers received, but the number has {expected}: compare `type` with the device's manual")]
     RegisterCount { received: usize, expected: u16 },
     #[error(
         "the registers hold {0}, which is not a finite number: compare `type` and `order` with the device's manual"
@@ -87,18 +85,8 @@ impl NumberType {
 
     /// Other types with the same number of registers, the more common first.
     pub fn same_size_types(self) -> Vec<Self> {
-        let all = [
-            Self::I16,
-            Self::U16,
-            Self::I32,
-            Self::U32,
-            Self::F32,
-            Self::I64,
-            Self::U64,
-            Self::F64,
-        ];
-        let is_same_size =
-            |kind: &Self| *kind != self && kind.register_count() == self.register_count();
+        let all = [Self::I16, Self::U16, Self::I32, Self::U32, Self::F32, Self::I64, Self::U64, Self::F64];
+        let is_same_size = |kind: &Self| *kind != self && kind.register_count() == self.register_count();
         all.into_iter().filter(is_same_size).collect()
     }
 
@@ -122,10 +110,7 @@ impl NumberFormat {
         if words.len() != usize::from(expected) {
             return Err(ValueError::RegisterCount { received: words.len(), expected });
         }
-        let bits = self
-            .reorder_bytes(words)
-            .iter()
-            .fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
+        let bits = self.reorder_bytes(words).iter().fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
         let raw = match self.kind {
             // The value is in the low 32 bits.
             NumberType::F32 => f64::from(f32::from_bits(bits as u32)),
@@ -211,35 +196,17 @@ mod tests {
         // IEEE 754: 1.5 is 0x3FC00000, -2 in 64 bits is 0xC000000000000000.
         let of = |order| number(NumberType::F32, order, 1.0).decode(&[0x3FC0, 0x0000]).unwrap();
         assert_eq!(of(ByteOrder::Abcd), 1.5);
-        assert_eq!(
-            number(NumberType::F32, ByteOrder::Cdab, 1.0).encode(1.5).unwrap(),
-            [0x0000, 0x3FC0]
-        );
-        assert_eq!(
-            number(NumberType::F32, ByteOrder::Badc, 1.0).encode(1.5).unwrap(),
-            [0xC03F, 0x0000]
-        );
-        assert_eq!(
-            number(NumberType::F32, ByteOrder::Dcba, 1.0).encode(1.5).unwrap(),
-            [0x0000, 0xC03F]
-        );
+        assert_eq!(number(NumberType::F32, ByteOrder::Cdab, 1.0).encode(1.5).unwrap(), [0x0000, 0x3FC0]);
+        assert_eq!(number(NumberType::F32, ByteOrder::Badc, 1.0).encode(1.5).unwrap(), [0xC03F, 0x0000]);
+        assert_eq!(number(NumberType::F32, ByteOrder::Dcba, 1.0).encode(1.5).unwrap(), [0x0000, 0xC03F]);
         let wide = number(NumberType::F64, ByteOrder::Cdab, 1.0);
         assert_eq!(wide.encode(-2.0).unwrap(), [0, 0, 0, 0xC000]);
         // -2 in two's complement.
         assert_eq!(number(NumberType::I16, ByteOrder::Badc, 1.0).decode(&[0xFEFF]).unwrap(), -2.0);
-        assert_eq!(
-            number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0xFFFF, 0xFFFE]).unwrap(),
-            -0.002
-        );
+        assert_eq!(number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0xFFFF, 0xFFFE]).unwrap(), -0.002);
         // 12345 times 0.001 would give 12.345000000000001.
-        assert_eq!(
-            number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0, 12345]).unwrap(),
-            12.345
-        );
-        assert_eq!(
-            number(NumberType::U32, ByteOrder::Abcd, 1.0).decode(&[0xFFFF, 0xFFFE]).unwrap(),
-            4294967294.0
-        );
+        assert_eq!(number(NumberType::I32, ByteOrder::Abcd, 0.001).decode(&[0, 12345]).unwrap(), 12.345);
+        assert_eq!(number(NumberType::U32, ByteOrder::Abcd, 1.0).decode(&[0xFFFF, 0xFFFE]).unwrap(), 4294967294.0);
     }
 
     #[test]
@@ -262,8 +229,7 @@ mod tests {
 
     #[test]
     fn it_is_read_from_toml() {
-        let parsed: NumberFormat =
-            toml::from_str("type = \"i32\"\norder = \"cdab\"\nscale = 0.001").unwrap();
+        let parsed: NumberFormat = toml::from_str("type = \"i32\"\norder = \"cdab\"\nscale = 0.001").unwrap();
         assert_eq!(parsed, number(NumberType::I32, ByteOrder::Cdab, 0.001));
         let parsed: NumberFormat = toml::from_str("type = \"f32\"").unwrap();
         assert_eq!(parsed, number(NumberType::F32, ByteOrder::Abcd, 1.0));

@@ -31,13 +31,11 @@ impl FileScript {
         for transfer in &track.transfers {
             match transfer {
                 Transfer::Sent(written) => {
-                    exchanges
-                        .push(FileExchange { written: written.clone(), ..FileExchange::default() });
+                    exchanges.push(FileExchange { written: written.clone(), ..FileExchange::default() });
                 }
                 Transfer::Received(reply) => {
                     let Some(exchange) = exchanges.last_mut() else { continue };
-                    let reads =
-                        exchange.reads.entry(file_name(&reply.bytes).to_owned()).or_default();
+                    let reads = exchange.reads.entry(file_name(&reply.bytes).to_owned()).or_default();
                     reads.push(reply.clone());
                 }
             }
@@ -69,12 +67,9 @@ impl LinkScript for FileScript {
                 Ok(Vec::new())
             }
             next => {
-                let captured = next
-                    .map_or("nothing".to_owned(), |next| first_difference(&next.written, bytes));
+                let captured = next.map_or("nothing".to_owned(), |next| first_difference(&next.written, bytes));
                 let file = file_name(bytes).escape_ascii();
-                Err(format!(
-                    "the text of {file} differs from the capture; captured text: {captured}"
-                ))
+                Err(format!("the text of {file} differs from the capture; captured text: {captured}"))
             }
         }
     }
@@ -82,13 +77,9 @@ impl LinkScript for FileScript {
 
 /// First line of `captured` that differs from `written`.
 fn first_difference(captured: &[u8], written: &[u8]) -> String {
-    let lines = |text: &[u8]| -> Vec<Vec<u8>> {
-        text.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect()
-    };
+    let lines = |text: &[u8]| -> Vec<Vec<u8>> { text.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect() };
     let written = lines(written);
-    let difference = lines(captured)
-        .into_iter()
-        .enumerate()
-        .find(|(current, line)| written.get(*current) != Some(line));
+    let difference =
+        lines(captured).into_iter().enumerate().find(|(current, line)| written.get(*current) != Some(line));
     difference.map_or("shorter".to_owned(), |(_, line)| format!("`{}`", line.escape_ascii()))
 }

@@ -34,8 +34,7 @@ pub(super) struct LineScript {
 impl LineScript {
     pub(super) fn new(track: &CapturedLink) -> Self {
         let mut exchanges = vec![CommandExchange::default()];
-        let (mut splitter, mut partial_line, mut query) =
-            (CommandSplitter::default(), Vec::new(), None);
+        let (mut splitter, mut partial_line, mut query) = (CommandSplitter::default(), Vec::new(), None);
         let mut poll = STATUS_POLL.to_vec();
         for transfer in &track.transfers {
             match transfer {
@@ -43,18 +42,11 @@ impl LineScript {
                     for command in splitter.split(bytes) {
                         if is_poll(&command) {
                             poll = command;
-                        } else if let (true, Some(exchange)) =
-                            (is_query(&command), exchanges.last_mut())
-                        {
-                            exchange
-                                .query_replies
-                                .entry(command.clone())
-                                .or_default()
-                                .push(Vec::new());
+                        } else if let (true, Some(exchange)) = (is_query(&command), exchanges.last_mut()) {
+                            exchange.query_replies.entry(command.clone()).or_default().push(Vec::new());
                             query = Some(command);
                         } else {
-                            exchanges
-                                .push(CommandExchange { command, ..CommandExchange::default() });
+                            exchanges.push(CommandExchange { command, ..CommandExchange::default() });
                             query = None;
                         }
                     }
@@ -64,21 +56,12 @@ impl LineScript {
                     let Some(exchange) = exchanges.last_mut() else { continue };
                     while let Some(end) = partial_line.iter().position(|byte| *byte == b'\n') {
                         let bytes: Vec<u8> = partial_line.drain(..=end).collect();
-                        exchange.store_line(
-                            query.as_deref(),
-                            &poll,
-                            CapturedReply { time_s: reply.time_s, bytes },
-                        );
+                        exchange.store_line(query.as_deref(), &poll, CapturedReply { time_s: reply.time_s, bytes });
                     }
                 }
             }
         }
-        Self {
-            exchanges,
-            current: None,
-            reply_counts: BTreeMap::new(),
-            splitter: CommandSplitter::default(),
-        }
+        Self { exchanges, current: None, reply_counts: BTreeMap::new(), splitter: CommandSplitter::default() }
     }
 
     fn reply_for(&mut self, command: &[u8]) -> Result<Vec<CapturedReply>, String> {
@@ -89,8 +72,7 @@ impl LineScript {
                 Ok(exchange.replies.clone())
             }
             expected => {
-                let expected_text =
-                    expected.map_or("nothing".to_owned(), |next| describe_command(&next.command));
+                let expected_text = expected.map_or("nothing".to_owned(), |next| describe_command(&next.command));
                 Err(format!(
                     "the capture has no {} at this point; its next command is {expected_text}",
                     describe_command(command)
@@ -104,8 +86,7 @@ impl LineScript {
         let at = self.current?;
         let reply_count = self.reply_counts.entry(query.to_owned()).or_default();
         let captured_replies = self.exchanges.get(at)?.query_replies.get(query);
-        let reply =
-            captured_replies.and_then(|answers| answers.get(*reply_count).or(answers.last()));
+        let reply = captured_replies.and_then(|answers| answers.get(*reply_count).or(answers.last()));
         *reply_count += 1;
         let earlier_reply = || {
             let earlier = self.exchanges.iter().take(at).rev();
@@ -118,8 +99,7 @@ impl LineScript {
 impl CommandExchange {
     /// Stores a received line. `poll` is the last poll that was sent.
     fn store_line(&mut self, query: Option<&[u8]>, poll: &[u8], reply: CapturedReply) {
-        let is_report =
-            reply.bytes.starts_with(b"<") && reply.bytes.trim_ascii_end().ends_with(b">");
+        let is_report = reply.bytes.starts_with(b"<") && reply.bytes.trim_ascii_end().ends_with(b">");
         if is_report {
             return self.query_replies.entry(poll.to_owned()).or_default().push(vec![reply]);
         }

@@ -62,10 +62,8 @@ impl Replay {
     /// See [`CaptureError`]; it contains the line number.
     pub fn read(path: &Path) -> Result<Self, CaptureError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| CaptureError::File { file: file.clone(), source })?;
-        let tracks = read::parse_capture(&text)
-            .map_err(|(line, why)| CaptureError::Undecodable { file, line, why })?;
+        let text = std::fs::read_to_string(path).map_err(|source| CaptureError::File { file: file.clone(), source })?;
+        let tracks = read::parse_capture(&text).map_err(|(line, why)| CaptureError::Undecodable { file, line, why })?;
         Ok(Self { tracks: Arc::new(Mutex::new(tracks)), now_s: Arc::default() })
     }
 
@@ -82,18 +80,13 @@ impl Replay {
         let named = tracks.iter().position(|track| has_protocol(track) && track.name == name);
         let index = named.or_else(|| tracks.iter().position(has_protocol));
         let state = match index.map(|index| tracks.remove(index)) {
-            Some(track) => {
-                ReplayState { script: Some(create_script(&track)), ..ReplayState::default() }
-            }
+            Some(track) => ReplayState { script: Some(create_script(&track)), ..ReplayState::default() },
             None => ReplayState {
-                failure: Some(format!(
-                    "the capture has no further link with the protocol of {name}"
-                )),
+                failure: Some(format!("the capture has no further link with the protocol of {name}")),
                 ..ReplayState::default()
             },
         };
-        let link_replay =
-            LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
+        let link_replay = LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
         // Data that the device sends without a request.
         link_replay.process_sent(&[]);
         link_replay
@@ -109,12 +102,8 @@ impl Clock for Replay {
 fn create_script(track: &CapturedLink) -> Box<dyn LinkScript> {
     match track.protocol {
         LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::LineScript::new(track)),
-        LinkProtocol::ModbusRtu => {
-            Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Rtu))
-        }
-        LinkProtocol::ModbusTcp => {
-            Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Tcp))
-        }
+        LinkProtocol::ModbusRtu => Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Rtu)),
+        LinkProtocol::ModbusTcp => Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Tcp)),
         LinkProtocol::Files => Box::new(files::FileScript::new(track)),
     }
 }
@@ -182,11 +171,7 @@ impl LinkReplay {
 struct ReplayStream(LinkReplay);
 
 impl AsyncRead for ReplayStream {
-    fn poll_read(
-        self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
+    fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let mut state = lock(&self.0.state);
         if state.reply_bytes.is_empty() {
             if let Some(why) = &state.failure {
@@ -203,11 +188,7 @@ impl AsyncRead for ReplayStream {
 }
 
 impl AsyncWrite for ReplayStream {
-    fn poll_write(
-        self: Pin<&mut Self>,
-        _: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
+    fn poll_write(self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         self.0.process_sent(bytes);
         Poll::Ready(Ok(bytes.len()))
     }

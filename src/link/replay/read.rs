@@ -41,8 +41,7 @@ fn parse_line(line: &str, tracks: &mut Vec<CapturedLink>) -> Result<(), &'static
     let mut next = || parts.next().ok_or("the line has too few columns");
     let (seconds, number, mark, rest) = (next()?, next()?, next()?, next()?);
     let time_s: f64 = seconds.parse().map_err(|_| "the first column is not a time")?;
-    let number: u32 =
-        number.parse().map_err(|_| "the second column is not the number of a link")?;
+    let number: u32 = number.parse().map_err(|_| "the second column is not the number of a link")?;
     if !time_s.is_finite() {
         return Err("the first column is not a time");
     }
@@ -51,22 +50,14 @@ fn parse_line(line: &str, tracks: &mut Vec<CapturedLink>) -> Result<(), &'static
         ("=", Some(_)) => {}
         ("=", None) => {
             let (keyword, name) = rest.split_once(' ').ok_or("the link has no name")?;
-            let protocol =
-                LinkProtocol::ALL.into_iter().find(|protocol| protocol.name() == keyword);
+            let protocol = LinkProtocol::ALL.into_iter().find(|protocol| protocol.name() == keyword);
             let protocol = protocol.ok_or("the protocol of the link is unknown")?;
-            tracks.push(CapturedLink {
-                number,
-                protocol,
-                name: name.to_owned(),
-                transfers: Vec::new(),
-            });
+            tracks.push(CapturedLink { number, protocol, name: name.to_owned(), transfers: Vec::new() });
         }
         (">" | "<", None) => return Err("the link was not opened"),
         (">", Some(track)) => track.transfers.push(Transfer::Sent(unescape(rest)?)),
         ("<", Some(track)) => {
-            track
-                .transfers
-                .push(Transfer::Received(CapturedReply { time_s, bytes: unescape(rest)? }));
+            track.transfers.push(Transfer::Received(CapturedReply { time_s, bytes: unescape(rest)? }));
         }
         _ => return Err("the third column is not `=`, `>` or `<`"),
     }

@@ -52,10 +52,7 @@ impl RegisterScript {
                     received.clear();
                     for (transaction, body) in frames.split_frames(&mut sent) {
                         if !is_read(&body) {
-                            exchanges.push(WriteExchange {
-                                write: body.clone(),
-                                ..WriteExchange::default()
-                            });
+                            exchanges.push(WriteExchange { write: body.clone(), ..WriteExchange::default() });
                         }
                         open_requests.push((transaction, body));
                     }
@@ -64,18 +61,13 @@ impl RegisterScript {
                     received.extend(&reply.bytes);
                     for (transaction, bytes) in frames.split_frames(&mut received) {
                         let is_request_of = |request: &(u16, FrameBody)| {
-                            request.0 == transaction
-                                && function_code(&request.1) == function_code(&bytes)
+                            request.0 == transaction && function_code(&request.1) == function_code(&bytes)
                         };
                         let Some(index) = open_requests.iter().rposition(is_request_of) else {
                             continue;
                         };
                         let (_, request) = open_requests.remove(index);
-                        store_reply(
-                            &mut exchanges,
-                            request,
-                            CapturedReply { time_s: reply.time_s, bytes },
-                        );
+                        store_reply(&mut exchanges, request, CapturedReply { time_s: reply.time_s, bytes });
                     }
                 }
             }
@@ -98,17 +90,14 @@ impl RegisterScript {
             }
         }
         let write_header = single_register_write(&request);
-        let earlier_write = self
-            .exchanges
-            .iter()
-            .rfind(|exchange| single_register_write(&exchange.write) == write_header);
+        let earlier_write =
+            self.exchanges.iter().rfind(|exchange| single_register_write(&exchange.write) == write_header);
         if let (Some(write_header), Some(earlier_write)) = (write_header, earlier_write) {
             let time_s = earlier_write.reply.as_ref().map_or(0.0, |reply| reply.time_s);
             return Ok(Some(CapturedReply { time_s, bytes: write_header.to_vec() }));
         }
         let expected = self.exchanges.get(self.current + 1);
-        let expected_text =
-            expected.map_or("nothing".to_owned(), |next| describe_request(&next.write));
+        let expected_text = expected.map_or("nothing".to_owned(), |next| describe_request(&next.write));
         Err(format!(
             "the capture has no {} at this point; its next write is {expected_text}",
             describe_request(&request)
@@ -119,8 +108,7 @@ impl RegisterScript {
         let read_count = self.read_counts.entry(request.clone()).or_default();
         let count = *read_count;
         *read_count += 1;
-        let captured_replies =
-            self.exchanges.get(self.current).and_then(|exchange| exchange.reads.get(&request));
+        let captured_replies = self.exchanges.get(self.current).and_then(|exchange| exchange.reads.get(&request));
         let reply = captured_replies.and_then(|replies| replies.get(count).or(replies.last()));
         let earlier_reply = || {
             let earlier = self.exchanges.iter().take(self.current).rev();
@@ -136,8 +124,7 @@ fn store_reply(exchanges: &mut [WriteExchange], request: FrameBody, reply: Captu
         if let Some(exchange) = exchanges.last_mut() {
             exchange.reads.entry(request).or_default().push(reply);
         }
-    } else if let Some(exchange) = exchanges.iter_mut().rfind(|exchange| exchange.write == request)
-    {
+    } else if let Some(exchange) = exchanges.iter_mut().rfind(|exchange| exchange.write == request) {
         exchange.reply = Some(reply);
     }
 }

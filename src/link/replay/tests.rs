@@ -44,8 +44,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
     let replay = replay(TALK).unwrap();
     let clock = replay.clock();
     let (near, _far) = tokio::io::duplex(64);
-    let mut link =
-        LinkMode::Replayed(replay).apply_to(async { Link::from_stream("port", near) }).await;
+    let mut link = LinkMode::Replayed(replay).apply_to(async { Link::from_stream("port", near) }).await;
     assert_eq!(line(&mut link).await, "Grbl 1.1");
     link.send_line("$I").unwrap();
     assert_eq!(line(&mut link).await, "[VER:1.1]");
@@ -61,10 +60,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
     }
     link.send_line("M3").unwrap();
     let lost = line(&mut link).await;
-    assert!(
-        lost.contains("the capture has no `M3` at this point; its next command is `M2`"),
-        "{lost}"
-    );
+    assert!(lost.contains("the capture has no `M3` at this point; its next command is `M2`"), "{lost}");
 }
 
 #[tokio::test]

@@ -38,24 +38,14 @@ pub fn check_balls(balls: &Balls) -> CheckResult {
         balls.balls.iter().map(|ball| (ball.id.as_str(), ball_centre(ball))).collect();
     let mut lengths = balls.lengths.iter().enumerate();
     lengths.try_for_each(|(index, length)| {
-        check_length(
-            &EntryCheck(ArtefactEntry::Length(index)),
-            length,
-            &centres,
-            balls.uncertainty_mm,
-        )
+        check_length(&EntryCheck(ArtefactEntry::Length(index)), length, &centres, balls.uncertainty_mm)
     })
 }
 
 struct EntryCheck(ArtefactEntry);
 
 impl EntryCheck {
-    fn require(
-        &self,
-        holds: bool,
-        key: &'static str,
-        message: impl FnOnce() -> String,
-    ) -> CheckResult {
+    fn require(&self, holds: bool, key: &'static str, message: impl FnOnce() -> String) -> CheckResult {
         if holds { Ok(()) } else { Err(ArtefactFault { entry: self.0, key, message: message() }) }
     }
 }
@@ -64,21 +54,15 @@ fn check_ball(entry: &EntryCheck, ball: &Ball) -> CheckResult {
     let Ball { id, radius_mm, stem, stem_radius_mm, stem_length_mm, .. } = ball;
     entry.require(!id.is_empty(), "id", || "must not be empty".to_owned())?;
     let is_id_char = |c: char| !(c == '/' || c == ',' || c.is_whitespace() || c.is_control());
-    entry.require(id.chars().all(is_id_char), "id", || {
-        format!("is `{id}`; it must be one word without `/` or `,`")
-    })?;
+    entry.require(id.chars().all(is_id_char), "id", || format!("is `{id}`; it must be one word without `/` or `,`"))?;
     let is_finite = ball.centre_mm.iter().all(|coordinate| coordinate.is_finite());
     entry.require(is_finite, "centre_mm", || "must be three finite numbers".to_owned())?;
     let must_be_positive = |value: &f64| format!("is {value}; it must be greater than 0");
     let is_positive = *radius_mm > 0.0 && radius_mm.is_finite();
     entry.require(is_positive, "radius_mm", || must_be_positive(radius_mm))?;
     let must_not_be_negative = |value: &f64| format!("is {value}; it must not be negative");
-    entry.require(*stem_radius_mm >= 0.0, "stem_radius_mm", || {
-        must_not_be_negative(stem_radius_mm)
-    })?;
-    entry.require(*stem_length_mm >= 0.0, "stem_length_mm", || {
-        must_not_be_negative(stem_length_mm)
-    })?;
+    entry.require(*stem_radius_mm >= 0.0, "stem_radius_mm", || must_not_be_negative(stem_radius_mm))?;
+    entry.require(*stem_length_mm >= 0.0, "stem_length_mm", || must_not_be_negative(stem_length_mm))?;
     entry.require(stem_radius_mm < radius_mm, "stem_radius_mm", || {
         format!("is {stem_radius_mm}; the stem must be thinner than its ball (radius {radius_mm})")
     })?;
@@ -103,8 +87,7 @@ fn check_ball_pair(entry: &EntryCheck, ball: &Ball, other: &Ball) -> CheckResult
         format!("is {distance:.3} mm from ball `{}`; the two balls would touch", other.id)
     })?;
     for (body, stemmed) in [(ball, other), (other, ball)] {
-        let (distance, min_distance) =
-            (distance_to_stem(stemmed, body), body.radius_mm + stem_radius(stemmed));
+        let (distance, min_distance) = (distance_to_stem(stemmed, body), body.radius_mm + stem_radius(stemmed));
         entry.require(stem_radius(stemmed) == 0.0 || distance > min_distance, "centre_mm", || {
             format!(
                 "puts ball `{}` into the stem of ball `{}`: {distance:.3} mm from the centre line of the stem",

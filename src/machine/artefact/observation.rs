@@ -36,15 +36,11 @@ pub enum ObservationError {
     TurnsWithTable,
     #[error("the beam is neither perpendicular to the axis nor directed down at the face")]
     NoSurface,
-    #[error(
-        "the beam misses the axis of the table by {offset_mm:.2} mm, or points away from the axis"
-    )]
+    #[error("the beam misses the axis of the table by {offset_mm:.2} mm, or points away from the axis")]
     MissesAxis { offset_mm: f64 },
     #[error("the beam misses the face: it is {radius_mm:.1} mm from the axis")]
     MissesFace { radius_mm: f64 },
-    #[error(
-        "the beam is {height_mm:.1} mm above the foot of the cylinder; no section is at this height"
-    )]
+    #[error("the beam is {height_mm:.1} mm above the foot of the cylinder; no section is at this height")]
     NoSection { height_mm: f64 },
 }
 
@@ -55,15 +51,9 @@ impl ObservationError {
             Self::TurnsWithTable => {
                 "mount the sensor on the bed or the spindle, and set mount = \"bed\" or \"spindle\""
             }
-            Self::NoSurface => {
-                "correct direction of the sensor, or declare the face of the [artefact]"
-            }
-            Self::MissesAxis { .. } => {
-                "correct zero_mm and direction: the beam of a radial sensor must meet the axis"
-            }
-            Self::MissesFace { .. } => {
-                "correct zero_mm of the sensor, or radius_mm of the [artefact] face"
-            }
+            Self::NoSurface => "correct direction of the sensor, or declare the face of the [artefact]",
+            Self::MissesAxis { .. } => "correct zero_mm and direction: the beam of a radial sensor must meet the axis",
+            Self::MissesFace { .. } => "correct zero_mm of the sensor, or radius_mm of the [artefact] face",
             Self::NoSection { .. } => "correct zero_mm, `at`, or the z_mm of [artefact] sections",
         }
     }
@@ -117,11 +107,9 @@ impl ObservedCylinder<'_> {
 
     /// Number of the section at `height_mm` above the foot.
     fn section_at(&self, height_mm: f64) -> Result<usize, ObservationError> {
-        let distance_to_section =
-            |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
+        let distance_to_section = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
         let sections = 0..self.cylinder.sections.len();
-        let nearest =
-            sections.min_by(|a, b| distance_to_section(*a).total_cmp(&distance_to_section(*b)));
+        let nearest = sections.min_by(|a, b| distance_to_section(*a).total_cmp(&distance_to_section(*b)));
         nearest
             .filter(|section| distance_to_section(*section) <= MAX_OFF_SECTION_MM)
             .ok_or(ObservationError::NoSection { height_mm })

@@ -60,11 +60,7 @@ fn cylinder_body(cylinder: &Cylinder) -> ArtefactBody {
     let from = Vector3::from(cylinder.centre_mm);
     let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());
     let (to, radius) = (from + axis * cylinder.height_mm, cylinder.radius_mm);
-    ArtefactBody {
-        name: "artefact".to_owned(),
-        shape: BodyShape::Cylinder { from, to, radius },
-        is_touchable: true,
-    }
+    ArtefactBody { name: "artefact".to_owned(), shape: BodyShape::Cylinder { from, to, radius }, is_touchable: true }
 }
 
 /// One cylinder that encloses all sections and the face.
@@ -80,11 +76,7 @@ fn datum_cylinder_body(cylinder: &DatumCylinder) -> ArtefactBody {
 
 fn ball_body(ball: &Ball) -> ArtefactBody {
     let (centre, radius) = (Vector3::from(ball.centre_mm), ball.radius_mm);
-    ArtefactBody {
-        name: format!("ball {}", ball.id),
-        shape: BodyShape::Ball { centre, radius },
-        is_touchable: true,
-    }
+    ArtefactBody { name: format!("ball {}", ball.id), shape: BodyShape::Ball { centre, radius }, is_touchable: true }
 }
 
 fn stem_body(ball: &Ball) -> Option<ArtefactBody> {

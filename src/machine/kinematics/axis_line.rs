@@ -27,9 +27,8 @@ impl KinematicChain {
             .into_iter()
             .find_map(|branch| Some((branch, branch.iter().position(is_requested)?)))?;
         let carriers = branch.iter().take(index);
-        let carrier_pose = carriers.fold(Pose::identity(), |outer, joint| {
-            outer * joint.nominal_pose(position.get_or_zero(joint.axis()))
-        });
+        let carrier_pose = carriers
+            .fold(Pose::identity(), |outer, joint| outer * joint.nominal_pose(position.get_or_zero(joint.axis())));
         let joint = branch.get(index)?;
         Some(AxisLine {
             point: carrier_pose.transform_point(&joint.point().into()).coords,

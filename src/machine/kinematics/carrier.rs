@@ -59,9 +59,10 @@ impl KinematicChain {
 impl CarrierChain {
     /// Pose of the carrier in the machine frame.
     pub fn pose(&self, commands: &AxisCommands) -> Pose {
-        self.joints.iter().rev().fold(Pose::identity(), |pose, joint| {
-            joint.nominal_pose(commands[joint.axis() as usize]) * pose
-        })
+        self.joints
+            .iter()
+            .rev()
+            .fold(Pose::identity(), |pose, joint| joint.nominal_pose(commands[joint.axis() as usize]) * pose)
     }
 
     pub fn side(&self) -> MachineSide {
@@ -116,11 +117,9 @@ impl CarrierMotion<'_> {
         for (joint, fixed_pose) in self.0.iter().rev() {
             let (command, half) = (middle[joint.axis() as usize], half[joint.axis() as usize]);
             if half > 0.0 {
-                let distances = corners
-                    .iter()
-                    .map(|p| joint.distance_from_axis(pose.transform_point(&(*p).into()).coords));
-                displacement_bound +=
-                    joint.max_displacement(half, distances.fold(0.0, f64::max) + radius);
+                let distances =
+                    corners.iter().map(|p| joint.distance_from_axis(pose.transform_point(&(*p).into()).coords));
+                displacement_bound += joint.max_displacement(half, distances.fold(0.0, f64::max) + radius);
             }
             pose = fixed_pose.unwrap_or_else(|| joint.nominal_pose(command)) * pose;
         }

@@ -94,8 +94,7 @@ impl KinematicChain {
     ) -> Result<Position, KinematicsError> {
         let inverse = self.inverse_linear_jacobian(others, errors)?;
         let at = |xyz: Vector3<f64>| others.updated_by(&Position::from_xyz(xyz));
-        let missing_motion =
-            |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
+        let missing_motion = |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
         // The second solve removes the rounding error of the first.
         let first = inverse * missing_motion(Vector3::zeros());
         Ok(Position::from_xyz(first + inverse * missing_motion(first)))
@@ -123,14 +122,10 @@ impl KinematicChain {
             let mut carrier_pose = Rotation3::identity();
             for joint in branch {
                 if let Some(index) = Axis::LINEAR.into_iter().position(|a| a == joint.axis()) {
-                    let pose_with_location_errors =
-                        carrier_pose * joint.error_pose(position, errors).rotation;
+                    let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors).rotation;
                     columns.set_column(
                         index,
-                        &(into_table
-                            * pose_with_location_errors
-                            * joint.travel_per_command(errors)
-                            * side),
+                        &(into_table * pose_with_location_errors * joint.travel_per_command(errors) * side),
                     );
                 }
                 carrier_pose *= joint.pose_with_errors(position, errors).rotation;
@@ -141,7 +136,5 @@ impl KinematicChain {
 }
 
 fn branch_pose(branch: &[Joint], position: &Position, errors: &[ErrorTerm]) -> Pose {
-    branch
-        .iter()
-        .fold(Pose::identity(), |outer, joint| outer * joint.pose_with_errors(position, errors))
+    branch.iter().fold(Pose::identity(), |outer, joint| outer * joint.pose_with_errors(position, errors))
 }

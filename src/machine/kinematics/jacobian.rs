@@ -48,11 +48,7 @@ struct JointPoses<'a> {
 }
 
 /// All joints of a branch, and the pose of its end.
-fn joint_poses<'a>(
-    branch: &'a [Joint],
-    position: &Position,
-    errors: &[ErrorTerm],
-) -> (Vec<JointPoses<'a>>, Pose) {
+fn joint_poses<'a>(branch: &'a [Joint], position: &Position, errors: &[ErrorTerm]) -> (Vec<JointPoses<'a>>, Pose) {
     let mut carrier_pose = Pose::identity();
     let poses_of_joint = |joint: &'a Joint| {
         let pose_with_location_errors = carrier_pose * joint.error_pose(position, errors);
@@ -79,14 +75,11 @@ fn tip_velocity(
     let component_pose = ERROR_COMPONENT_ORDER
         .into_iter()
         .take_while(|component| *component != parameter.component())
-        .fold(*carrier_pose, |outer, component| {
-            outer * joint.component_error_pose(component, position, errors)
-        });
+        .fold(*carrier_pose, |outer, component| outer * joint.component_error_pose(component, position, errors));
     let direction = component_pose.transform_vector(&generator);
     if parameter.component().is_linear() {
         direction * factor
     } else {
-        direction.cross(&(tip - component_pose.transform_point(&joint.point().into()).coords))
-            * factor
+        direction.cross(&(tip - component_pose.transform_point(&joint.point().into()).coords)) * factor
     }
 }

@@ -11,8 +11,7 @@ use crate::record::machine::{AxisSpec, Machine};
 use crate::{Axis, Position};
 
 /// Order in which the error components of one joint act.
-pub(super) const ERROR_COMPONENT_ORDER: [Axis; 6] =
-    [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+pub(super) const ERROR_COMPONENT_ORDER: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 #[derive(Debug, Clone)]
 pub(super) struct Joint {
@@ -120,23 +119,13 @@ impl Joint {
     }
 
     /// Sum of all errors of one component before the joint; they share one generator, so they add up.
-    pub(super) fn component_error_pose(
-        &self,
-        component: Axis,
-        position: &Position,
-        errors: &[ErrorTerm],
-    ) -> Pose {
-        self.component_pose(
-            component,
-            self.component_error(component, position.get_or_zero(self.axis), errors),
-        )
+    pub(super) fn component_error_pose(&self, component: Axis, position: &Position, errors: &[ErrorTerm]) -> Pose {
+        self.component_pose(component, self.component_error(component, position.get_or_zero(self.axis), errors))
     }
 
     fn component_error(&self, component: Axis, command: f64, errors: &[ErrorTerm]) -> f64 {
         self.own_errors(errors)
-            .filter(|e| {
-                e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component
-            })
+            .filter(|e| e.parameter.shape() != ErrorShape::Gain && e.parameter.component() == component)
             .map(|e| e.value * e.parameter.factor(command))
             .sum()
     }

@@ -38,13 +38,9 @@ pub enum KinematicsError {
         "[axes.{axis}] is described, but the topology `{topology}` does not contain axis {axis}; add the axis to the topology or remove the section"
     )]
     NotInTopology { axis: Axis, topology: String },
-    #[error(
-        "[axes.{axis}]: direction and point_mm must be finite numbers; [0,0,0] selects the nominal direction"
-    )]
+    #[error("[axes.{axis}]: direction and point_mm must be finite numbers; [0,0,0] selects the nominal direction")]
     InvalidDirection { axis: Axis },
-    #[error(
-        "{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove the parameter"
-    )]
+    #[error("{parameter} is an error of axis {axis}, which the machine {topology} does not have; remove the parameter")]
     NoSuchAxis { parameter: ErrorParameter, axis: Axis, topology: String },
     #[error("X, Y and Z do not span space; check the directions in [axes.X], [axes.Y], [axes.Z]")]
     DependentLinearAxes,

@@ -49,11 +49,7 @@ impl ErrorParameter {
             ErrorShape::Sin(n) | ErrorShape::Cos(n) => !axis.is_linear() && n > 0,
             ErrorShape::Entry { index, count } => !axis.is_linear() && count > 1 && index < count,
         };
-        if is_valid && component != Axis::S {
-            Ok(parameter)
-        } else {
-            Err(ParameterError(parameter.to_string()))
-        }
+        if is_valid && component != Axis::S { Ok(parameter) } else { Err(ParameterError(parameter.to_string())) }
     }
 
     pub fn component(self) -> Axis {
@@ -158,9 +154,7 @@ mod tests {
 
     #[test]
     fn what_is_no_parameter_is_refused_with_its_name() {
-        for name in
-            ["X0C", "EXC", "ES0C", "EX0U", "EXC1", "ECX1", "EXX_sin1", "EXC_sin0", "EXC_9/9", ""]
-        {
+        for name in ["X0C", "EXC", "ES0C", "EX0U", "EXC1", "ECX1", "EXX_sin1", "EXC_sin0", "EXC_9/9", ""] {
             assert_eq!(name.parse::<ErrorParameter>().unwrap_err().0, name);
         }
     }
@@ -169,9 +163,7 @@ mod tests {
     fn a_table_is_periodic_and_linear_between_its_entries() {
         let parameter: ErrorParameter = "EXC_0/8".parse().unwrap();
         let at = |degrees: f64| parameter.factor(degrees.to_radians());
-        for (degrees, expected) in
-            [(0.0, 1.0), (22.5, 0.5), (-22.5, 0.5), (45.0, 0.0), (180.0, 0.0)]
-        {
+        for (degrees, expected) in [(0.0, 1.0), (22.5, 0.5), (-22.5, 0.5), (45.0, 0.0), (180.0, 0.0)] {
             assert!((at(degrees) - expected).abs() < 1e-12);
             assert!((at(degrees + 720.0) - expected).abs() < 1e-12);
         }

@@ -22,8 +22,7 @@ impl TableAxis {
         let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());
         let zero_position: Position = rotary.map(|axis| (*axis, 0.0)).collect();
         let direction_z = |axis: Axis| Some(chain.axis_line(axis, &zero_position)?.direction.z);
-        let is_upright =
-            |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
+        let is_upright = |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
         let axis = *chain.topology().workpiece().iter().rev().find(is_upright)?;
         // A joint that carries the workpiece turns against the sign of the command (ISO 841).
         let turn_sign = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();

@@ -54,10 +54,7 @@ fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
         machine.axes.get_mut(&Axis::C).unwrap().positive = sense;
         let angle = phi + sign * c;
         let expected = Vector3::new(50.0 * angle.cos(), 50.0 * angle.sin(), 7.0);
-        assert_near(
-            KinematicChain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm,
-            expected,
-        );
+        assert_near(KinematicChain::new(&machine).unwrap().tip_in_table(&pose, tip(), &[]).mm, expected);
     }
 }
 
@@ -128,10 +125,7 @@ fn what_cannot_be_built_is_refused() {
 
     let mut nan = machine("wCFXYZt");
     nan.axes.get_mut(&Axis::C).unwrap().direction = [f64::NAN, 0.0, 1.0];
-    assert_eq!(
-        KinematicChain::new(&nan).unwrap_err(),
-        KinematicsError::InvalidDirection { axis: Axis::C }
-    );
+    assert_eq!(KinematicChain::new(&nan).unwrap_err(), KinematicsError::InvalidDirection { axis: Axis::C });
 
     let chain = KinematicChain::new(&machine("wCFXYZt")).unwrap();
     assert!(chain.check_parameter("EX0C".parse().unwrap()).is_ok());
@@ -152,18 +146,9 @@ fn every_carrier_stands_where_its_axes_bring_it() {
     assert_same(pose(Carrier::Axis(Axis::S)), spindle);
     let point = Vector3::new(1.0, 2.0, 3.0);
     // X moves the table side, so it moves the opposite way; the spindle's body does not turn.
-    assert_near(
-        pose(Carrier::Axis(Axis::X)).transform_point(&point.into()).coords,
-        Vector3::new(-10.0, 2.0, 3.0),
-    );
-    assert_near(
-        pose(Carrier::Axis(Axis::Z)).transform_point(&point.into()).coords,
-        Vector3::new(1.0, 2.0, 26.0),
-    );
-    assert_near(
-        pose(Carrier::Spindle).transform_point(&point.into()).coords,
-        Vector3::new(1.0, -5.0, 26.0),
-    );
+    assert_near(pose(Carrier::Axis(Axis::X)).transform_point(&point.into()).coords, Vector3::new(-10.0, 2.0, 3.0));
+    assert_near(pose(Carrier::Axis(Axis::Z)).transform_point(&point.into()).coords, Vector3::new(1.0, 2.0, 26.0));
+    assert_near(pose(Carrier::Spindle).transform_point(&point.into()).coords, Vector3::new(1.0, -5.0, 26.0));
     assert_near(pose(Carrier::Bed).transform_point(&point.into()).coords, point);
     let side = |carrier| chain.carrier_chain(carrier).map(|carried| carried.side());
     assert_eq!(side(Carrier::Axis(Axis::B)), Some(MachineSide::Workpiece));
@@ -183,8 +168,7 @@ fn the_bound_on_straying_holds_and_is_reached() {
     let middle = [11.0, -7.0, 23.0, 0.0, 0.4, -1.1, 0.8];
     let half = [3.0, 5.0, 7.0, 0.0, 0.2, 0.9, 1.0];
     let swept = |half: &[f64; 7], corners: &[Vector3<f64>]| {
-        let [from, to] =
-            [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
+        let [from, to] = [-1.0, 1.0].map(|side| std::array::from_fn(|i| middle[i] + side * half[i]));
         carried.motion_between(&from, &to).pose_and_displacement_bound(&middle, half, corners, 0.0)
     };
     let (pose, bound) = swept(&half, &corners);

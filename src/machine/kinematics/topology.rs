@@ -70,11 +70,8 @@ impl FromStr for Topology {
 }
 
 fn parse_topology(text: &str) -> Result<Topology, TopologyProblem> {
-    let plain: String = strip_brackets(text)?
-        .replace("(C)", "S")
-        .chars()
-        .filter(|c| *c != '-' && !c.is_whitespace())
-        .collect();
+    let plain: String =
+        strip_brackets(text)?.replace("(C)", "S").chars().filter(|c| *c != '-' && !c.is_whitespace()).collect();
     let middle = plain.strip_prefix('w').ok_or(TopologyProblem::MissingEnds)?;
     let middle = middle.strip_suffix('t').ok_or(TopologyProblem::MissingEnds)?;
     let mut sides = middle.split(['F', 'b']);
@@ -99,17 +96,13 @@ fn strip_brackets(text: &str) -> Result<&str, TopologyProblem> {
 fn parse_axes(letters: &str) -> Result<Vec<Axis>, TopologyProblem> {
     letters
         .chars()
-        .map(|letter| {
-            letter.to_string().parse().map_err(|_| TopologyProblem::UnknownLetter(letter))
-        })
+        .map(|letter| letter.to_string().parse().map_err(|_| TopologyProblem::UnknownLetter(letter)))
         .collect()
 }
 
 /// Error: the topology cannot be parsed; the message contains an example.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "topology `{text}`: {problem} (from workpiece to tool, e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]`)"
-)]
+#[error("topology `{text}`: {problem} (from workpiece to tool, e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]`)")]
 pub struct TopologyError {
     pub text: String,
     pub problem: TopologyProblem,
@@ -121,9 +114,7 @@ pub enum TopologyProblem {
     MissingEnds,
     #[error("the bracket `[` is not closed; add `]` at the end")]
     UnclosedBracket,
-    #[error(
-        "the bed must occur exactly once; write it as `F` or `b` between workpiece and tool axes"
-    )]
+    #[error("the bed must occur exactly once; write it as `F` or `b` between workpiece and tool axes")]
     BedCount,
     #[error("`{0}` is not an axis; write X, Y, Z, A, B or C, and the spindle as `S` or `(C)`")]
     UnknownLetter(char),
@@ -133,9 +124,7 @@ pub enum TopologyProblem {
     MissingLinearAxis(Axis),
     #[error("the spindle is not the last axis; write `S` or `(C)` directly before `t`")]
     SpindleNotLast,
-    #[error(
-        "the topology has {0} axes; write three to five, and the spindle if it can be oriented"
-    )]
+    #[error("the topology has {0} axes; write three to five, and the spindle if it can be oriented")]
     AxisCount(usize),
 }
 
@@ -148,9 +137,7 @@ mod tests {
         let expected: Topology = "w-C-B-b-Y-X-Z-S-t".parse().unwrap();
         assert_eq!(expected.workpiece(), [Axis::B, Axis::C]);
         assert_eq!(expected.tool(), [Axis::Y, Axis::X, Axis::Z, Axis::S]);
-        for text in
-            ["V[w-C-B-b-Y-X-Z-(C)-t]", "V [w-C-B-b-Y-X-Z-(C)-t]", "wCBbYXZ(C)t", "wCBFYXZSt"]
-        {
+        for text in ["V[w-C-B-b-Y-X-Z-(C)-t]", "V [w-C-B-b-Y-X-Z-(C)-t]", "wCBbYXZ(C)t", "wCBFYXZSt"] {
             assert_eq!(text.parse::<Topology>().unwrap(), expected, "{text}");
         }
         assert_eq!(expected.to_string(), "wCBFYXZSt");

@@ -156,8 +156,7 @@ impl Estimate {
     /// Sets the point for which the displacements along X and Y over an angle are valid, machine frame with all
     /// axes at zero, mm.
     pub fn with_displacement_point(mut self, at_mm: [f64; 3]) -> Self {
-        let is_across =
-            |f: &EstimatedFunction| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
+        let is_across = |f: &EstimatedFunction| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
         let is_displacement = |f: &&mut EstimatedFunction| f.argument_unit == "deg" && is_across(f);
         let displacements = self.functions.iter_mut().filter(is_displacement);
         displacements.for_each(|function| function.at_mm = Some(at_mm));

@@ -68,9 +68,7 @@ impl Machine {
     /// Position with all rotary axes at zero, or at the limit nearest to zero; the spindle keeps its orientation.
     pub fn rotary_zero_position(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
-        rotary
-            .map(|(axis, spec)| (*axis, axis.to_mm_or_rad(spec.position_nearest_zero())))
-            .collect()
+        rotary.map(|(axis, spec)| (*axis, axis.to_mm_or_rad(spec.position_nearest_zero()))).collect()
     }
 }
 

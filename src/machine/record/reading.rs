@@ -42,10 +42,7 @@ impl FromStr for ReadingFlag {
     type Err = UnknownFlag;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::ALL
-            .into_iter()
-            .find(|flag| flag.as_str() == text)
-            .ok_or_else(|| UnknownFlag(text.to_owned()))
+        Self::ALL.into_iter().find(|flag| flag.as_str() == text).ok_or_else(|| UnknownFlag(text.to_owned()))
     }
 }
 

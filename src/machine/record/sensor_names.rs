@@ -19,8 +19,7 @@ struct SensorNamesKeys {
 }
 
 pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok, S::Error> {
-    let single =
-        |name: String| SensorNamesKeys { sensor: Some(SensorNames::One(name)), sensors: None };
+    let single = |name: String| SensorNamesKeys { sensor: Some(SensorNames::One(name)), sensors: None };
     let keys = match names {
         [] => single(String::new()),
         [name] => single(name.clone()),
@@ -34,9 +33,7 @@ pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
     match SensorNamesKeys::deserialize(deserializer)? {
         SensorNamesKeys { sensors: Some(names), .. } => Ok(names),
-        SensorNamesKeys { sensor: Some(SensorNames::One(name)), .. } if name.is_empty() => {
-            Ok(Vec::new())
-        }
+        SensorNamesKeys { sensor: Some(SensorNames::One(name)), .. } if name.is_empty() => Ok(Vec::new()),
         SensorNamesKeys { sensor: Some(SensorNames::One(name)), .. } => Ok(vec![name]),
         SensorNamesKeys { sensor: Some(SensorNames::Many(names)), .. } => Ok(names),
         SensorNamesKeys { .. } => Err(serde::de::Error::missing_field("sensor")),
@@ -65,9 +62,7 @@ mod tests {
             assert_eq!(step.names, names);
             assert_eq!(serde_json::to_string(&step).unwrap(), json);
         }
-        for (json, names) in
-            [(r#"{"sensor":["x","y"]}"#, ["x", "y"].as_slice()), (r#"{"sensors":["x"]}"#, &["x"])]
-        {
+        for (json, names) in [(r#"{"sensor":["x","y"]}"#, ["x", "y"].as_slice()), (r#"{"sensors":["x"]}"#, &["x"])] {
             assert_eq!(serde_json::from_str::<Step>(json).unwrap().names, names);
         }
         assert!(serde_json::from_str::<Step>("{}").is_err());

@@ -68,26 +68,19 @@ impl AxisTrack {
         }
         let (early_s, early) = (*self.times_s.get(before)?, self.values_at_index(before)?);
         let part = (t_s - early_s) / (late_s - early_s);
-        Some(self.position_from_values(
-            early.iter().zip(late).map(|(from, to)| from + part * (to - from)),
-        ))
+        Some(self.position_from_values(early.iter().zip(late).map(|(from, to)| from + part * (to - from))))
     }
 
     /// Times at which the axes started and arrived: of the last position within `tolerance` (mm or rad) of the first
     /// one, and of the first position that is as near to the last one. `None` if the axes did not move.
     pub fn motion_interval_s(&self, tolerance: f64) -> Option<(f64, f64)> {
-        let (first, last) = (
-            self.values_at_index(0)?,
-            self.values_at_index(self.position_count().checked_sub(1)?)?,
-        );
+        let (first, last) = (self.values_at_index(0)?, self.values_at_index(self.position_count().checked_sub(1)?)?);
         let is_near = |number: usize, reference: &[f64]| {
             let at = self.values_at_index(number).unwrap_or_default();
             at.iter().zip(reference).all(|(at, reference)| (at - reference).abs() <= tolerance)
         };
-        let last_rest =
-            (0..self.position_count()).find(|number| !is_near(*number, first))?.saturating_sub(1);
-        let first_rest =
-            (0..self.position_count()).rev().find(|number| !is_near(*number, last))? + 1;
+        let last_rest = (0..self.position_count()).find(|number| !is_near(*number, first))?.saturating_sub(1);
+        let first_rest = (0..self.position_count()).rev().find(|number| !is_near(*number, last))? + 1;
         Some((*self.times_s.get(last_rest)?, *self.times_s.get(first_rest)?))
     }
 
@@ -137,10 +130,7 @@ mod tests {
     fn between_two_positions_lies_the_straight_line_and_in_a_gap_nothing() {
         let y = |t_s: f64| track().position_at(t_s).map(|at| at.get_or_zero(Axis::Y));
         assert_eq!(y(10.25), Some(0.25));
-        assert_eq!(
-            (y(10.0), y(11.0), y(14.0), y(15.0)),
-            (Some(0.0), Some(1.0), Some(4.0), Some(4.0))
-        );
+        assert_eq!((y(10.0), y(11.0), y(14.0), y(15.0)), (Some(0.0), Some(1.0), Some(4.0), Some(4.0)));
         for t_s in [9.999, 11.001, 12.5, 13.999, 15.001, f64::NAN] {
             assert_eq!(y(t_s), None, "{t_s}");
         }
@@ -175,8 +165,7 @@ mod tests {
     #[test]
     fn it_knows_when_the_axes_moved() {
         let mut track = AxisTrack::new(vec![Axis::X]);
-        for (t_s, x) in [(0.0, 5.0), (1.0, 5.001), (2.0, 6.0), (3.0, 4.0), (4.0, 5.0), (5.0, 5.001)]
-        {
+        for (t_s, x) in [(0.0, 5.0), (1.0, 5.001), (2.0, 6.0), (3.0, 4.0), (4.0, 5.0), (5.0, 5.001)] {
             track.push(t_s, [x]);
         }
         assert_eq!(track.motion_interval_s(0.01), Some((1.0, 4.0)));

@@ -5,18 +5,15 @@ use std::collections::BTreeMap;
 use super::settings::Settings;
 use crate::MethodRefusal;
 use crate::ball_measurement::{
-    BallVisit, MeasurementSetup, SearchMode, list_indexations, order_balls_by_path,
-    order_balls_in_xy, order_visits, require_balls,
+    BallVisit, MeasurementSetup, SearchMode, list_indexations, order_balls_by_path, order_balls_in_xy, order_visits,
+    require_balls,
 };
 use machine::kinematics::KinematicChain;
 use machine::record::plan::Plan;
 
 /// # Errors
 /// Settings or artefact are unusable; the balls have no certified positions.
-pub fn dome_setup<'a>(
-    plan: &'a Plan,
-    settings: &Settings,
-) -> Result<MeasurementSetup<'a>, MethodRefusal> {
+pub fn dome_setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<MeasurementSetup<'a>, MethodRefusal> {
     settings.check()?;
     let set = require_balls(super::NAME, &plan.artefact)?;
     MethodRefusal::require(
@@ -31,22 +28,14 @@ pub fn dome_setup<'a>(
         format!("tool_ball = {} is not a ball of the artefact", settings.tool_ball),
         "choose one of the balls of [artefact], or remove tool_ball",
     )?;
-    Ok(MeasurementSetup {
-        method: super::NAME,
-        plan,
-        balls: set,
-        touch_settings: settings.touch_settings(),
-    })
+    Ok(MeasurementSetup { method: super::NAME, plan, balls: set, touch_settings: settings.touch_settings() })
 }
 
 /// Visits in measuring order.
 ///
 /// # Errors
 /// An indexation is outside the limits; a ball is accessible at no indexation.
-pub fn design_visits(
-    setup: &MeasurementSetup<'_>,
-    settings: &Settings,
-) -> Result<Vec<BallVisit>, MethodRefusal> {
+pub fn design_visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<BallVisit>, MethodRefusal> {
     let chain = KinematicChain::new(&setup.plan.machine)?;
     let places = list_indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
     let access = setup.access(&setup.plan.artefact)?;
@@ -72,10 +61,7 @@ pub fn design_visits(
     if let Some(hidden) = seen.iter().position(|seen| !seen) {
         let reason = why_not.get(&hidden).map_or("", String::as_str);
         return Err(MethodRefusal::new(
-            format!(
-                "ball {} is accessible at no indexation: {reason}",
-                setup.balls.balls[hidden].id
-            ),
+            format!("ball {} is accessible at no indexation: {reason}", setup.balls.balls[hidden].id),
             "add positions to tilt_deg or turn_deg, or remove the ball from [artefact]",
         ));
     }

@@ -71,10 +71,7 @@ fn gauss_newton_step(
         y.extend((-fit.deviations[i]).iter());
         let turned = fit.arms[i].cross_matrix();
         for k in 0..3 {
-            error_derivatives[i]
-                .iter()
-                .enumerate()
-                .for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
+            error_derivatives[i].iter().enumerate().for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
             for j in 0..3 {
                 a[(3 * i + k, first + j)] = stylus_derivatives[i][(k, j)];
                 a[(3 * i + k, first + 3 + j)] = if j == k { -1.0 } else { 0.0 };

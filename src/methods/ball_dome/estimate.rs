@@ -13,12 +13,10 @@ use super::settings::Settings;
 use super::stylus_fit::{compute_variants, prior_error_derivatives};
 use super::variant::DomeVariant;
 use super::{design, outputs, sources};
-use crate::ball_measurement::{
-    MeasurementSetup, ObservedBalls, observe_balls, outlier_measurements,
-};
+use crate::ball_measurement::{MeasurementSetup, ObservedBalls, observe_balls, outlier_measurements};
 use crate::identification::{
-    FitFigures, Measurement, Solution, TrialPlan, UncertaintySource, block_covariances, identify,
-    mean_coordinate_u_mm, rms,
+    FitFigures, Measurement, Solution, TrialPlan, UncertaintySource, block_covariances, identify, mean_coordinate_u_mm,
+    rms,
 };
 use crate::{IdentifyError, MethodRefusal};
 use machine::kinematics::KinematicChain;
@@ -38,11 +36,7 @@ const UNKNOWN_COUNT: usize = 9;
 
 /// # Errors
 /// The readings do not belong to the plan, or are too few for the artefact.
-pub fn build_estimate(
-    plan: &Plan,
-    settings: &Settings,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn build_estimate(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let setup = design::dome_setup(plan, settings)?;
     let known = machine_errors_from_prior(plan)?;
     let observed = observe_balls(plan, readings)?;
@@ -72,20 +66,16 @@ pub fn build_estimate(
     sources.retain(|source| !source.is_zero());
     sources.extend(known.as_ref().and_then(|known| sources::prior_source(&model, known)));
     let best = &variants[judged.or_else(|| variant_index(&variants, "N3")).unwrap_or(0)];
-    let compared =
-        judged.map_or(Vec::new(), |i| variant_measurements(&observed, &variants[i], &weights));
+    let compared = judged.map_or(Vec::new(), |i| variant_measurements(&observed, &variants[i], &weights));
     let solution = Solution {
         model: &model,
-        residuals: &judged
-            .map_or(Vec::new(), |i| model.weighted_residuals(&variants[i].fit.deviations)),
+        residuals: &judged.map_or(Vec::new(), |i| model.weighted_residuals(&variants[i].fit.deviations)),
         has_declared_sizes: plan.probe.repeatability_um.is_some(),
         figures: fit_figures(&points, best, judged.is_some())?,
         measurements: &compared,
     };
-    let trials =
-        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
-    let identified =
-        identify(&solution, &sources, outputs::build_outputs(&model, &groups), Some(trials))?;
+    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let identified = identify(&solution, &sources, outputs::build_outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::NAME);
     // The deviations come first: those of N1 and of the best variant, then those of the other variants.
     estimate.parameters.rotate_right(2 * variants.len());
@@ -97,10 +87,7 @@ pub fn build_estimate(
             tool_ball_id(&setup, tool_ball),
             simulate_noise_mm(&weights, &points.ball_index, u_mm),
         ),
-        not_identifiable: lost
-            .into_iter()
-            .chain(identified.outlier_check.describe_detection_limits())
-            .collect(),
+        not_identifiable: lost.into_iter().chain(identified.outlier_check.describe_detection_limits()).collect(),
         warnings: outputs::collect_warnings(&observed, known.is_some(), &identified),
         ..estimate
     })
@@ -116,14 +103,8 @@ fn sort_deviations(parameters: &mut [Parameter], shown: [&DomeVariant; 2]) {
 }
 
 /// Each ball at each indexation as a measurement for the outlier check.
-fn variant_measurements(
-    observed: &ObservedBalls,
-    judged: &DomeVariant,
-    weights: &[Matrix3<f64>],
-) -> Vec<Measurement> {
-    outlier_measurements(observed, |i| {
-        (judged.fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i]))
-    })
+fn variant_measurements(observed: &ObservedBalls, judged: &DomeVariant, weights: &[Matrix3<f64>]) -> Vec<Measurement> {
+    outlier_measurements(observed, |i| (judged.fit.deviations[i], 3 * i, mean_coordinate_u_mm(&weights[i])))
 }
 
 fn variant_index(variants: &[DomeVariant], name: &str) -> Option<usize> {
@@ -136,10 +117,7 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     balls.dedup();
     MethodRefusal::require(
         balls.len() >= 3,
-        format!(
-            "{} balls are measured: the position of the artefact requires three or more",
-            balls.len()
-        ),
+        format!("{} balls are measured: the position of the artefact requires three or more", balls.len()),
         "continue the run, or give all readings of the run",
     )
 }
@@ -164,13 +142,9 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
 }
 
 /// `is_judged`: whether its residuals are compared with the declared sources.
-fn fit_figures(
-    points: &MeasuredPoints,
-    best: &DomeVariant,
-    is_judged: bool,
-) -> Result<FitFigures, IdentifyError> {
-    let RankAnalysis { rank, condition, .. } = survey_variant(points, best)
-        .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
+fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitFigures, IdentifyError> {
+    let RankAnalysis { rank, condition, .. } =
+        survey_variant(points, best).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
     Ok(FitFigures {
         rank,

@@ -23,10 +23,7 @@ pub use settings::Settings;
 
 use crate::ball_measurement::{self, VisitCache};
 use crate::identification::with_assumed_repeatability;
-use crate::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -58,16 +55,9 @@ impl Method for BallDome {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = design::dome_setup(plan, &self.settings)?;
-        let visits = self
-            .visit_cache
-            .get_or_design(plan, || design::design_visits(&setup, &self.settings))?;
+        let visits = self.visit_cache.get_or_design(plan, || design::design_visits(&setup, &self.settings))?;
         ball_measurement::next_stage(&setup, &visits, done, source)
     }
 
@@ -87,12 +77,10 @@ impl Method for BallDome {
         if prior::machine_errors_from_prior(plan)?.is_none() {
             return Ok(vec![time]);
         }
-        let settings =
-            Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings = Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
-        let estimate =
-            estimate::build_estimate(&with_assumed_repeatability(plan), &settings, &readings)
-                .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
+        let estimate = estimate::build_estimate(&with_assumed_repeatability(plan), &settings, &readings)
+            .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
         Ok([time].into_iter().chain(estimate.not_identifiable).collect())
     }
 

@@ -50,19 +50,13 @@ impl DomeModel<'_> {
         let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
         let into_table = self.points.into_table.iter().enumerate();
         let errors = &change[self.error_index(0)..self.certified_index(0)];
-        let error_derivatives = |columns: &Vec<Vector3<f64>>| {
-            columns.iter().zip(errors).map(|(column, error)| column * *error).sum()
-        };
+        let error_derivatives =
+            |columns: &Vec<Vector3<f64>>| columns.iter().zip(errors).map(|(column, error)| column * *error).sum();
         ObservationChanges {
             points: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
             error_derivatives: self.error_derivatives.iter().map(error_derivatives).collect(),
             errors,
-            certified: self
-                .points
-                .ball_index
-                .iter()
-                .map(|ball| vector(self.certified_index(*ball)))
-                .collect(),
+            certified: self.points.ball_index.iter().map(|ball| vector(self.certified_index(*ball))).collect(),
         }
     }
 
@@ -87,8 +81,7 @@ impl DomeModel<'_> {
             deviations.map(|(d, by)| (d + by).norm()).collect()
         };
         let norms: Vec<Vec<f64>> = self.variants.iter().zip(&changes).map(norms).collect();
-        let of_variant =
-            |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean_value(norms)];
+        let of_variant = |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean_value(norms)];
         let mut values: Vec<f64> = norms.iter().flat_map(of_variant).collect();
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
             let found = variant.has_stylus().then_some(variant.stylus + stylus);
@@ -100,9 +93,7 @@ impl DomeModel<'_> {
 
     /// Mean value of each group.
     fn group_means(&self, values: &[f64]) -> Vec<f64> {
-        let of = |group: &Vec<usize>| {
-            group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64
-        };
+        let of = |group: &Vec<usize>| group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64;
         self.groups.iter().map(of).collect()
     }
 
@@ -138,11 +129,8 @@ impl ObservationModel for DomeModel<'_> {
         let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
             let deviations = &variant.fit.deviations;
-            let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| {
-                d.dot(by) / d.norm().max(f64::MIN_POSITIVE)
-            };
-            let largest =
-                deviations.iter().zip(moved).max_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
+            let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| d.dot(by) / d.norm().max(f64::MIN_POSITIVE);
+            let largest = deviations.iter().zip(moved).max_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
             unknowns.push(largest.map_or(0.0, along));
             let each: Vec<f64> = deviations.iter().zip(moved).map(along).collect();
             unknowns.push(mean_value(&each));
@@ -152,9 +140,7 @@ impl ObservationModel for DomeModel<'_> {
             unknowns.extend(variant.has_stylus().then_some(*stylus).iter().flatten());
         }
         unknowns.extend(means);
-        let residuals = self
-            .judged_variant
-            .map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
+        let residuals = self.judged_variant.map_or(Vec::new(), |judged| self.weighted_residuals(&changes[judged].0));
         Response { unknowns, residuals }
     }
 

@@ -10,8 +10,7 @@ const NOISE_SEED: u64 = 0x6e6f_6973;
 /// matrix of each point to independent unit variances; `ball`: index of its ball; `u_mm`: standard
 /// uncertainty of a coordinate of a certified position.
 pub fn simulate_noise_mm(weights: &[Matrix3<f64>], ball: &[usize], u_mm: f64) -> [f64; 2] {
-    let back: Vec<Matrix3<f64>> =
-        weights.iter().map(|weight| weight.try_inverse().unwrap_or_default()).collect();
+    let back: Vec<Matrix3<f64>> = weights.iter().map(|weight| weight.try_inverse().unwrap_or_default()).collect();
     let balls = ball.iter().max().map_or(0, |last| last + 1);
     let mut random = DrawStream::from_key(NOISE_SEED, &[]);
     let (mut largest, mut mean) = (0.0, 0.0);

@@ -7,17 +7,13 @@ use faer::Mat;
 use super::model::DomeModel;
 use super::points::MeasuredPoints;
 use super::variant::DomeVariant;
-use crate::ball_measurement::{
-    BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_position,
-};
+use crate::ball_measurement::{BallCentre, MeasurementPass, MeasurementSetup, ObservedBalls, describe_position};
 use crate::identification::{
     Curve, Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, Output, Outputs,
     function_over_numbers, unit_slope,
 };
 use machine::Position;
-use machine::record::estimate::{
-    Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FigureKind, Unit, VectorKind,
-};
+use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, EstimatedFunction, FigureKind, Unit, VectorKind};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "error motions, sag of the tilted table, a change of the machine since the estimate, deformation of \
@@ -29,23 +25,13 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// and their uncertainty comes from the trials.
 pub fn build_outputs(model: &DomeModel<'_>, groups: &MeasurementGroups) -> Outputs {
     let values = model.values(&vec![0.0; model.observations()]);
-    let names = model
-        .variants
-        .iter()
-        .flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
-    let deviation = |(symbol, value): (String, &f64)| Output {
-        symbol,
-        unit: Unit::Um,
-        value: *value,
-        slope: None,
-    };
+    let names = model.variants.iter().flat_map(|v| ["max", "mean"].map(|of| format!("{}_{of}", v.kind.name)));
+    let deviation = |(symbol, value): (String, &f64)| Output { symbol, unit: Unit::Um, value: *value, slope: None };
     let deviations: Vec<Output> = names.zip(&values).map(deviation).collect();
     let count = deviations.len();
     let with_stylus = model.variants.iter().filter(|variant| variant.has_stylus());
-    let styluses =
-        with_stylus.flat_map(|v| ["x", "y", "z"].map(|k| format!("{}_tool_{k}", v.kind.name)));
-    let stylus =
-        |(i, symbol): (usize, String)| Output::from_unknown(&symbol, Unit::Mm, count + i, &values);
+    let styluses = with_stylus.flat_map(|v| ["x", "y", "z"].map(|k| format!("{}_tool_{k}", v.kind.name)));
+    let stylus = |(i, symbol): (usize, String)| Output::from_unknown(&symbol, Unit::Mm, count + i, &values);
     let nonlinear = NonlinearOutputs {
         outputs: deviations,
         values: Box::new(move |trials| Mat::from_fn(trials.nrows(), count, |i, j| trials[(i, j)])),
@@ -66,13 +52,7 @@ pub struct MeasurementGroups {
 
 impl MeasurementGroups {
     pub fn from_observed(observed: &ObservedBalls) -> Self {
-        let slow = || {
-            observed
-                .centres
-                .iter()
-                .enumerate()
-                .filter(|(_, c)| c.label.pass == MeasurementPass::Slow)
-        };
+        let slow = || observed.centres.iter().enumerate().filter(|(_, c)| c.label.pass == MeasurementPass::Slow);
         let group = |key: fn(&BallCentre) -> usize| -> Vec<Vec<usize>> {
             let count = slow().map(|(_, centre)| key(centre) + 1).max().unwrap_or(0);
             let mut groups = vec![Vec::new(); count];
@@ -87,14 +67,10 @@ impl MeasurementGroups {
 
 /// Mean deviation of each ball and of each indexation.
 fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64]) -> Vec<Curve> {
-    let kinds = [
-        ("ball", 0..groups.ball_count),
-        ("indexation", groups.ball_count..groups.point_indices.len()),
-    ];
+    let kinds = [("ball", 0..groups.ball_count), ("indexation", groups.ball_count..groups.point_indices.len())];
     let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
         let first = range.start;
-        let seen: Vec<usize> =
-            range.filter(|group| !groups.point_indices[*group].is_empty()).collect();
+        let seen: Vec<usize> = range.filter(|group| !groups.point_indices[*group].is_empty()).collect();
         let at = |group: &usize| model.group_index(variant, *group);
         Curve {
             symbol: format!("{}_{argument}", model.variants[variant].kind.name),
@@ -115,10 +91,7 @@ fn group_curves(model: &DomeModel<'_>, groups: &MeasurementGroups, values: &[f64
 pub fn deviation_histogram(variant: &DomeVariant) -> EstimatedFunction {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
-    EstimatedFunction {
-        figure: FigureKind::Histogram,
-        ..function_over_numbers(&symbol, "measurement", norms)
-    }
+    EstimatedFunction { figure: FigureKind::Histogram, ..function_over_numbers(&symbol, "measurement", norms) }
 }
 
 /// Deviations in the artefact frame, as arrows.
@@ -137,8 +110,7 @@ pub fn deviation_arrows(
             flagged: false,
         };
         let group = |(place, at): (usize, &Position)| {
-            let here =
-                (0..points.count()).filter(|i| observed.centres[*i].commanded_index == place);
+            let here = (0..points.count()).filter(|i| observed.centres[*i].commanded_index == place);
             ArrowGroup { name: describe_position(at), arrows: here.map(arrow).collect() }
         };
         ArrowFigure {
@@ -168,11 +140,7 @@ pub fn describe_gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
     ]
 }
 
-pub fn collect_warnings(
-    observed: &ObservedBalls,
-    is_calibrated: bool,
-    identified: &Identification,
-) -> Vec<String> {
+pub fn collect_warnings(observed: &ObservedBalls, is_calibrated: bool, identified: &Identification) -> Vec<String> {
     let mut lines = observed.skipped_measurements.clone();
     lines.extend((!is_calibrated).then(|| {
         "only the nominal machine is compared (N1 to N3): S1 to S4 require an estimate of samba (--with)".to_owned()

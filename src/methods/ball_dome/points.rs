@@ -25,18 +25,11 @@ pub struct MeasuredPoints {
 }
 
 impl MeasuredPoints {
-    pub fn new(
-        chain: KinematicChain,
-        stylus: Vector3<f64>,
-        observed: &ObservedBalls,
-        balls: &Balls,
-    ) -> Self {
+    pub fn new(chain: KinematicChain, stylus: Vector3<f64>, observed: &ObservedBalls, balls: &Balls) -> Self {
         let centres = &observed.centres;
         let at: Vec<Position> = centres
             .iter()
-            .map(|c| {
-                observed.rotary_positions[c.rotary_index].updated_by(&Position::from_xyz(c.axes_mm))
-            })
+            .map(|c| observed.rotary_positions[c.rotary_index].updated_by(&Position::from_xyz(c.axes_mm)))
             .collect();
         let longer = 1.0 + balls.relative_expansion()[0];
         let certified = |ball: usize| longer * Vector3::from(balls.balls[ball].centre_mm);
@@ -59,11 +52,7 @@ impl MeasuredPoints {
     }
 
     /// Position of each point for a machine with these errors and this stylus, table frame, mm.
-    pub fn table_positions_mm(
-        &self,
-        errors: &[ErrorTerm],
-        stylus: Vector3<f64>,
-    ) -> Vec<Vector3<f64>> {
+    pub fn table_positions_mm(&self, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Vec<Vector3<f64>> {
         let tip = Point::from_vec(stylus);
         self.positions.iter().map(|at| self.chain.tip_in_table(at, tip, errors).mm).collect()
     }

@@ -1,23 +1,15 @@
 //! Sources of uncertainty as changes of the observations of [`DomeModel`].
 
 use super::model::DomeModel;
-use crate::ball_measurement::{
-    ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources,
-};
+use crate::ball_measurement::{ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources};
 use crate::identification::KnownErrors;
-use crate::identification::{
-    Effect, ObservationModel as _, ObservationSpan, ResidualTreatment, UncertaintySource,
-};
+use crate::identification::{Effect, ObservationModel as _, ObservationSpan, ResidualTreatment, UncertaintySource};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 
 /// Sources of the readings alone; the weights follow from them.
-pub fn reading_sources(
-    plan: &Plan,
-    chain: &KinematicChain,
-    observed: &ObservedBalls,
-) -> Vec<UncertaintySource> {
+pub fn reading_sources(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> Vec<UncertaintySource> {
     let mut sources = touch_sources(plan, observed);
     sources.push(angular_source(plan, chain, observed));
     sources.push(rotary_source(plan, chain, observed));
@@ -28,17 +20,11 @@ pub fn reading_sources(
 /// Source of the certificate: each coordinate of each ball is independent, with the stated uncertainty.
 pub fn certificate_source(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
     let coordinates = 3 * model.ball_count;
-    let run = |k: usize| ObservationSpan {
-        first_index: model.certified_index(0) + k,
-        changes_mm: vec![u_mm],
-    };
+    let run = |k: usize| ObservationSpan { first_index: model.certified_index(0) + k, changes_mm: vec![u_mm] };
     UncertaintySource {
         in_residuals: ResidualTreatment::Expected,
         is_in_weights: false,
-        ..UncertaintySource::new(
-            "certificate of the balls",
-            nonzero_spans((0..coordinates).map(run)),
-        )
+        ..UncertaintySource::new("certificate of the balls", nonzero_spans((0..coordinates).map(run)))
     }
 }
 
@@ -47,9 +33,7 @@ pub fn temperature_source(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySo
     let mut column = vec![0.0; model.observations()];
     let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);
     let certified = column.iter_mut().skip(model.certified_index(0));
-    certified
-        .zip(coordinates)
-        .for_each(|(change, mm)| *change = balls.relative_expansion()[1] * mm);
+    certified.zip(coordinates).for_each(|(change, mm)| *change = balls.relative_expansion()[1] * mm);
     UncertaintySource {
         in_residuals: ResidualTreatment::Expected,
         is_in_weights: false,

@@ -11,10 +11,7 @@ use crate::identification::KnownErrors;
 use machine::kinematics::ErrorTerm;
 
 /// Derivative of each point by the errors of the prior, with the stated stylus.
-pub fn prior_error_derivatives(
-    points: &MeasuredPoints,
-    known: Option<&KnownErrors<'_>>,
-) -> Vec<Vec<Vector3<f64>>> {
+pub fn prior_error_derivatives(points: &MeasuredPoints, known: Option<&KnownErrors<'_>>) -> Vec<Vec<Vector3<f64>>> {
     let errors = known.map_or(&[][..], |known| &known.errors);
     let parameters: Vec<_> = errors.iter().map(|error| error.parameter).collect();
     points.error_derivatives(errors, points.stylus, &parameters)
@@ -56,26 +53,18 @@ fn find_stylus(
     tool_ball: usize,
 ) -> Option<StylusResult> {
     let of_balls = |is_included: &dyn Fn(usize) -> bool| {
-        let gain =
-            stylus_gain(&points.stylus_derivatives(errors), &points.ball_index, is_included)?;
+        let gain = stylus_gain(&points.stylus_derivatives(errors), &points.ball_index, is_included)?;
         let change = stylus_change(&gain, &points.table_positions_mm(errors, points.stylus));
-        Some(StylusResult {
-            stylus: points.stylus + change,
-            gain: Some(gain),
-            prior_derivatives: Vec::new(),
-        })
+        Some(StylusResult { stylus: points.stylus + change, gain: Some(gain), prior_derivatives: Vec::new() })
     };
     match kind.stylus {
-        StylusSource::Stated => {
-            Some(StylusResult { stylus: points.stylus, gain: None, prior_derivatives: Vec::new() })
-        }
+        StylusSource::Stated => Some(StylusResult { stylus: points.stylus, gain: None, prior_derivatives: Vec::new() }),
         StylusSource::OneBall => of_balls(&|ball| ball == tool_ball),
         StylusSource::AllBalls => of_balls(&|_| true),
         StylusSource::ErrorAndStylusFit => {
             let (known, fit) = (known?, fit_errors_and_stylus(points, known?).ok()?);
             let prior_derivatives = stylus_by_spindle_errors(points, known);
-            let offset =
-                prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
+            let offset = prior_derivatives.iter().zip(&known.errors).map(|(by, error)| by * error.value);
             let stylus = fit.stylus + offset.sum::<Vector3<f64>>();
             Some(StylusResult { stylus, gain: Some(fit.gain), prior_derivatives })
         }

@@ -29,11 +29,7 @@ pub enum StylusSource {
     ErrorAndStylusFit,
 }
 
-const fn variant_kind(
-    name: &'static str,
-    is_calibrated: bool,
-    stylus: StylusSource,
-) -> VariantKind {
+const fn variant_kind(name: &'static str, is_calibrated: bool, stylus: StylusSource) -> VariantKind {
     VariantKind { name, is_calibrated, stylus }
 }
 
@@ -83,12 +79,7 @@ pub struct StylusResult {
 
 impl DomeVariant {
     /// `errors`: errors of the machine of this variant.
-    pub fn new(
-        kind: VariantKind,
-        points: &MeasuredPoints,
-        errors: &[ErrorTerm],
-        found: StylusResult,
-    ) -> Self {
+    pub fn new(kind: VariantKind, points: &MeasuredPoints, errors: &[ErrorTerm], found: StylusResult) -> Self {
         let seen = points.table_positions_mm(errors, found.stylus);
         Self {
             kind,
@@ -106,10 +97,7 @@ impl DomeVariant {
     }
 
     /// First-order changes of the deviations and of the stylus, mm.
-    pub fn first_order_change(
-        &self,
-        changes: &InputChanges<'_>,
-    ) -> (Vec<Vector3<f64>>, Vector3<f64>) {
+    pub fn first_order_change(&self, changes: &InputChanges<'_>) -> (Vec<Vector3<f64>>, Vector3<f64>) {
         let places = changes.certified.iter().map(|change| self.fit.rotation * change);
         let places: Vec<Vector3<f64>> = places.collect();
         let mut moved = changes.points.to_vec();
@@ -120,8 +108,7 @@ impl DomeVariant {
         if self.kind.is_calibrated && !is_full {
             moved.iter_mut().zip(changes.error_derivatives).for_each(|(moved, by)| *moved += by);
         }
-        let mut stylus =
-            self.gain.as_ref().map_or(Vector3::zeros(), |gain| stylus_change(gain, &moved));
+        let mut stylus = self.gain.as_ref().map_or(Vector3::zeros(), |gain| stylus_change(gain, &moved));
         let prior = self.prior_derivatives.iter().zip(changes.errors);
         stylus += prior.map(|(by, error)| by * *error).sum::<Vector3<f64>>();
         if is_full {
@@ -129,10 +116,7 @@ impl DomeVariant {
         } else {
             moved.iter_mut().zip(&places).for_each(|(moved, place)| *moved -= place);
         }
-        moved
-            .iter_mut()
-            .zip(&self.stylus_derivatives)
-            .for_each(|(moved, by)| *moved += by * stylus);
+        moved.iter_mut().zip(&self.stylus_derivatives).for_each(|(moved, by)| *moved += by * stylus);
         self.fit.subtract_rigid_motion(&mut moved);
         (moved, stylus)
     }

@@ -27,18 +27,13 @@ pub fn require_balls<'a>(method: &str, artefact: &'a Artefact) -> Result<&'a Bal
     }
     if let Err(flaw) = check_balls(set) {
         let of = match flaw.entry {
-            ArtefactEntry::Ball(index) => {
-                set.balls.get(index).map(|ball| format!("ball {}", ball.id))
-            }
+            ArtefactEntry::Ball(index) => set.balls.get(index).map(|ball| format!("ball {}", ball.id)),
             ArtefactEntry::Length(index) => {
                 let length = set.lengths.get(index);
                 length.map(|length| format!("the length {}–{}", length.from, length.to))
             }
         };
-        return refusal(
-            format!("{}: {flaw}", of.unwrap_or_default()),
-            "correct [artefact] in the machine file",
-        );
+        return refusal(format!("{}: {flaw}", of.unwrap_or_default()), "correct [artefact] in the machine file");
     }
     Ok(set)
 }

@@ -6,10 +6,7 @@ use super::observe::BallCentre;
 use crate::identification::{Effect, ObservationSpan};
 
 /// A column of a [`Effect::Joint`]: the `shift` of each measurement, machine frame, mm.
-pub fn shift_column(
-    centres: &[BallCentre],
-    shift: impl FnMut(&BallCentre) -> Vector3<f64>,
-) -> Vec<f64> {
+pub fn shift_column(centres: &[BallCentre], shift: impl FnMut(&BallCentre) -> Vector3<f64>) -> Vec<f64> {
     let shifts: Vec<[f64; 3]> = centres.iter().map(shift).map(Into::into).collect();
     shifts.into_flattened()
 }

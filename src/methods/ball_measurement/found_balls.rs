@@ -39,12 +39,10 @@ impl FoundBalls {
         let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for measurement in all {
             // These passes repeat a visit whose result is already stored.
-            if matches!(measurement.label.pass, MeasurementPass::Reference | MeasurementPass::Watch)
-            {
+            if matches!(measurement.label.pass, MeasurementPass::Reference | MeasurementPass::Watch) {
                 continue;
             }
-            if let (Some(centres), Some(Ok(measured))) =
-                (found.get_mut(measurement.ball), measurement.fit_ball(setup))
+            if let (Some(centres), Some(Ok(measured))) = (found.get_mut(measurement.ball), measurement.fit_ball(setup))
             {
                 centres.push((measurement.label.indexation as usize, measured.centre_mm));
             }
@@ -73,12 +71,7 @@ impl FoundBalls {
     /// Expected position of a ball at a visit: as found at this visit, or as last found at another one. Until
     /// all balls are found, the stated position is used: path planning and proof can use only one artefact,
     /// which is the stated one until then.
-    pub fn expected_centre(
-        &self,
-        setup: &MeasurementSetup<'_>,
-        ball: usize,
-        visit: usize,
-    ) -> Vector3<f64> {
+    pub fn expected_centre(&self, setup: &MeasurementSetup<'_>, ball: usize, visit: usize) -> Vector3<f64> {
         let found = self.centres.get(ball).filter(|_| self.has_all_balls());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
         let last = there.or_else(|| found.and_then(|all| all.last()));
@@ -98,10 +91,7 @@ impl FoundBalls {
 
 impl BallMeasurement<'_> {
     /// The measured ball by the nominal machine. `None`: touches are missing.
-    pub fn fit_ball(
-        &self,
-        setup: &MeasurementSetup<'_>,
-    ) -> Option<Result<MeasuredBall, BallCheckError>> {
+    pub fn fit_ball(&self, setup: &MeasurementSetup<'_>) -> Option<Result<MeasuredBall, BallCheckError>> {
         let touches: Vec<Position> = self.readings.iter().map(|r| r.position.clone()).collect();
         let complete = self.steps.len() == touches.len();
         let (machine, probe) = (&setup.plan.machine, &setup.plan.probe);
@@ -110,10 +100,7 @@ impl BallMeasurement<'_> {
 }
 
 /// All measurements in the plan's steps, in their order.
-pub fn ball_measurements<'a>(
-    setup: &MeasurementSetup<'a>,
-    readings: &'a [Reading],
-) -> Vec<BallMeasurement<'a>> {
+pub fn ball_measurements<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<BallMeasurement<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
         let of_step = newest.entry(reading.step).or_insert(reading);
@@ -127,10 +114,8 @@ pub fn ball_measurements<'a>(
         let Some(ball) = setup.balls.balls.iter().position(|ball| ball.id == label.ball) else {
             continue;
         };
-        let same = |other: &Label| {
-            (other.pass, other.indexation, &other.ball)
-                == (label.pass, label.indexation, &label.ball)
-        };
+        let same =
+            |other: &Label| (other.pass, other.indexation, &other.ball) == (label.pass, label.indexation, &label.ball);
         if !all.last().is_some_and(|last| same(&last.label)) {
             all.push(BallMeasurement { label, ball, steps: Vec::new(), readings: Vec::new() });
         }

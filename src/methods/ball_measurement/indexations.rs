@@ -62,8 +62,7 @@ pub fn list_indexations(
     named: &RotaryPositions<'_>,
 ) -> Result<Vec<Position>, MethodRefusal> {
     let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
-    let of_axis =
-        |axis: Axis| if is_parallel_to_spindle(axis, machine) { &named.turn } else { &named.tilt };
+    let of_axis = |axis: Axis| if is_parallel_to_spindle(axis, machine) { &named.turn } else { &named.tilt };
     let mut grids = rotary
         .map(|(axis, spec)| match tilts_spindle(chain, *axis) {
             true => upright_grid(*axis, spec),
@@ -78,9 +77,7 @@ pub fn list_indexations(
     }
     // The axis parallel to the spindle is the innermost: it sweeps through its positions while the others are
     // fixed.
-    grids.sort_by_key(|grid| {
-        grid.positions_rad.len() > 1 && is_parallel_to_spindle(grid.axis, machine)
-    });
+    grids.sort_by_key(|grid| grid.positions_rad.len() > 1 && is_parallel_to_spindle(grid.axis, machine));
     if let (Some(named), Some(spec)) = (&named.spindle, machine.axes.get(&Axis::S)) {
         grids.push(axis_grid(Axis::S, spec, named)?);
     }
@@ -97,8 +94,7 @@ pub fn tilts_spindle(chain: &KinematicChain, axis: Axis) -> bool {
 /// Whether the axis tilts the table.
 pub fn tilts_table(chain: &KinematicChain, axis: Axis) -> bool {
     let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
-    !axis.is_linear()
-        && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - MIN_TILT_DECREASE
+    !axis.is_linear() && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - MIN_TILT_DECREASE
 }
 
 /// Whether the axis is rotary and moves the table or the head; the spindle does not count.
@@ -121,11 +117,7 @@ fn combine_positions(places: &[Position], grid: &AxisGrid) -> Vec<Position> {
     places.iter().flat_map(with).collect()
 }
 
-fn axis_grid(
-    axis: Axis,
-    spec: &AxisSpec,
-    named: &ConfiguredPositions<'_>,
-) -> Result<AxisGrid, MethodRefusal> {
+fn axis_grid(axis: Axis, spec: &AxisSpec, named: &ConfiguredPositions<'_>) -> Result<AxisGrid, MethodRefusal> {
     let ConfiguredPositions { key, angles_deg: degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
     for degree in degrees {
@@ -141,13 +133,8 @@ fn axis_grid(
     }
     if at.is_empty() {
         return Err(MethodRefusal {
-            reason: format!(
-                "{key} has no position of {axis} within the limits [{}, {}]",
-                spec.min, spec.max
-            ),
-            remedy: format!(
-                "add positions of {axis} to {key}, or correct the limits in [axes.{axis}]"
-            ),
+            reason: format!("{key} has no position of {axis} within the limits [{}, {}]", spec.min, spec.max),
+            remedy: format!("add positions of {axis} to {key}, or correct the limits in [axes.{axis}]"),
         });
     }
     Ok(AxisGrid { axis, positions_rad: at })

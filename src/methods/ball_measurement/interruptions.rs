@@ -4,9 +4,7 @@ use nalgebra::Vector3;
 
 use super::effects::{nonzero_columns, shift_column};
 use super::observe::BallCentre;
-use crate::decision::references::{
-    ReferencePair, ReferenceShift, ShiftLimits, TouchScatter, reference_point_count,
-};
+use crate::decision::references::{ReferencePair, ReferenceShift, ShiftLimits, TouchScatter, reference_point_count};
 use crate::identification::Effect;
 use crate::identification::declared::{display_step_mm, drift_mm_per_s, repeatability_mm};
 use machine::Axis;
@@ -27,9 +25,7 @@ fn step_columns(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>
     let (Some(before), Some(after)) = (before, after) else { return Vec::new() };
     let step = |axis: Axis| {
         let u = reference_limit_mm(plan, axis, [before, after]);
-        shift_column(centres, |centre| {
-            if centre.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() }
-        })
+        shift_column(centres, |centre| if centre.t_s > gap_s { axis.direction() * u } else { Vector3::zeros() })
     };
     Axis::LINEAR.into_iter().map(step).collect()
 }
@@ -43,9 +39,6 @@ fn reference_limit_mm(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
         resolution_mm: display_step_mm(plan, axis.direction()),
     };
     let scatter = TouchScatter::Declared { u_mm: repeatability_mm(plan) };
-    ReferenceShift::from_pair(
-        &pair,
-        &ShiftLimits::new(scatter, reference_point_count(plan), drift_mm_per_s(plan)),
-    )
-    .limit_mm
+    ReferenceShift::from_pair(&pair, &ShiftLimits::new(scatter, reference_point_count(plan), drift_mm_per_s(plan)))
+        .limit_mm
 }

@@ -51,8 +51,7 @@ impl Label {
 
 impl fmt::Display for Label {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name =
-            PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
+        let name = PASS_NAMES.iter().find(|(pass, _)| *pass == self.pass).map_or("", |(_, name)| name);
         write!(f, "{name}/{:03}/{}/{}", self.indexation_number(), self.ball, self.touch)
     }
 }
@@ -66,8 +65,7 @@ impl FromStr for Label {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let unknown = || InvalidLabel(text.to_owned());
-        let [pass, indexation, ball, touch] =
-            text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
+        let [pass, indexation, ball, touch] = text.split('/').collect::<Vec<_>>().try_into().map_err(|_| unknown())?;
         let number: u32 = indexation.parse().map_err(|_| unknown())?;
         let named = PASS_NAMES.iter().find(|(_, name)| *name == pass);
         Ok(Self {

@@ -25,8 +25,8 @@ mod visit_cache;
 pub use artefact::require_balls;
 pub use effects::{nonzero_columns, nonzero_spans, shift_column};
 pub use indexations::{
-    ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary, is_same_angle,
-    list_indexations, tilts_spindle, tilts_table,
+    ConfiguredPositions, RotaryPositions, is_parallel_to_spindle, is_rotary, is_same_angle, list_indexations,
+    tilts_spindle, tilts_table,
 };
 #[cfg(test)]
 pub use label::Label;

@@ -84,14 +84,12 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
     let mut seen = BTreeSet::new();
     let mut visits: BTreeMap<MeasurementKey, Vec<(&Step, &Reading, Label)>> = BTreeMap::new();
     for reading in readings {
-        let step =
-            *steps.get(&reading.step).ok_or(IdentifyError::UnknownStep { step: reading.step })?;
+        let step = *steps.get(&reading.step).ok_or(IdentifyError::UnknownStep { step: reading.step })?;
         if !seen.insert((reading.step, reading.repeat)) {
             let Reading { step, repeat, .. } = *reading;
             return Err(IdentifyError::DuplicateReading { step, repeat });
         }
-        let label: Label =
-            step.label.parse().map_err(|reason| wrong_plan_refusal(format!("{reason}")))?;
+        let label: Label = step.label.parse().map_err(|reason| wrong_plan_refusal(format!("{reason}")))?;
         if matches!(label.pass, MeasurementPass::Find | MeasurementPass::Watch) {
             continue;
         }
@@ -106,15 +104,11 @@ pub fn observe_balls(plan: &Plan, readings: &[Reading]) -> Result<ObservedBalls,
             touches.push((step, reading, label));
         }
     }
-    let mut observed = ObservedBalls {
-        skipped_measurements: remove_superseded(&mut visits),
-        ..ObservedBalls::default()
-    };
+    let mut observed =
+        ObservedBalls { skipped_measurements: remove_superseded(&mut visits), ..ObservedBalls::default() };
     for (visit, touches) in visits {
         let ball = balls.balls.iter().position(|ball| ball.id == visit.ball);
-        let ball = ball.ok_or_else(|| {
-            wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball))
-        })?;
+        let ball = ball.ok_or_else(|| wrong_plan_refusal(format!("the artefact has no ball {}", visit.ball)))?;
         match measure_centre(&touches, ball, &mut observed) {
             Ok(centre) => observed.centres.push(centre),
             Err(reason) => observed.skipped_measurements.push(format!(
@@ -134,12 +128,10 @@ fn remove_superseded<T>(visits: &mut BTreeMap<MeasurementKey, T>) -> Vec<String>
     let ordinary = |visit: &&MeasurementKey| visit.repeat < FIRST_REPEAT_AFTER_STOP;
     let key = |visit: &MeasurementKey| (visit.pass, visit.indexation, visit.ball.clone());
     // In the order of repeats, so that the last one remains.
-    let newest: BTreeMap<_, u32> =
-        visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
+    let newest: BTreeMap<_, u32> = visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
     let mut left_out = Vec::new();
     visits.retain(|visit, _| {
-        let is_kept =
-            !ordinary(&visit) || newest.get(&key(visit)).is_none_or(|last| *last == visit.repeat);
+        let is_kept = !ordinary(&visit) || newest.get(&key(visit)).is_none_or(|last| *last == visit.repeat);
         if !is_kept {
             left_out.push(format!(
                 "ball {} at indexation {} was measured again: only the last measurement is used",
@@ -179,8 +171,7 @@ fn measure_centre(
     if touches.len() < MIN_TOUCH_COUNT {
         return Err(format!("{} touches, at least {MIN_TOUCH_COUNT} are required", touches.len()));
     }
-    let place = mean_rotary_position(touches)
-        .ok_or("the rotary axes moved between the touches of the ball")?;
+    let place = mean_rotary_position(touches).ok_or("the rotary axes moved between the touches of the ball")?;
     let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
     let points: Option<Vec<TouchEffect>> = touches
         .iter()
@@ -239,9 +230,7 @@ impl ObservedBalls {
     /// # Errors
     /// The matrices do not give a sphere through the touches.
     pub fn refit(&mut self, motion_matrices: &[Matrix3<f64>]) -> Result<(), SphereError> {
-        self.centres
-            .iter_mut()
-            .try_for_each(|centre| centre.fit(motion_matrices[centre.rotary_index]))
+        self.centres.iter_mut().try_for_each(|centre| centre.fit(motion_matrices[centre.rotary_index]))
     }
 }
 
@@ -249,8 +238,7 @@ impl BallCentre {
     /// Gains and squareness distort the sphere to an ellipsoid in axis positions, and no touch opposite to
     /// the pole compensates for it. The sphere is therefore fitted in undistorted coordinates.
     fn fit(&mut self, motion_matrix: Matrix3<f64>) -> Result<(), SphereError> {
-        let points: Vec<[f64; 3]> =
-            self.touches.iter().map(|touch| (motion_matrix * touch.axes_mm).into()).collect();
+        let points: Vec<[f64; 3]> = self.touches.iter().map(|touch| (motion_matrix * touch.axes_mm).into()).collect();
         let sphere = fit_sphere(&points)?;
         let centre = Vector3::from(sphere.centre);
         let back = motion_matrix.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN));

@@ -22,15 +22,13 @@ pub fn order_balls_in_xy(
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
         let balls = visit.balls.iter().filter_map(|index| setup.balls.balls.get(*index));
-        let places =
-            balls.map(|ball| access.centre(ball, &visit.rotary)).collect::<Result<Vec<_>, _>>();
+        let places = balls.map(|ball| access.centre(ball, &visit.rotary)).collect::<Result<Vec<_>, _>>();
         let places = places.map_err(|error| MethodRefusal {
             reason: error.to_string(),
             remedy: "correct [axes] in the machine file".to_owned(),
         })?;
         let order =
-            TravelTimes::from_xy_positions(&places, machine_position.as_ref(), &setup.plan.machine)
-                .visiting_order(1);
+            TravelTimes::from_xy_positions(&places, machine_position.as_ref(), &setup.plan.machine).visiting_order(1);
         let end = if back { order.first() } else { order.last() };
         machine_position = end.and_then(|place| places.get(*place)).cloned().or(machine_position);
         visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();

@@ -7,9 +7,7 @@ use machine::Position;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Step, StepKind};
-use planning::{
-    BallApproach, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes,
-};
+use planning::{BallApproach, BlockStart, ConfirmedDirections, SafeHeights, TouchAccess, TravelTimes};
 use planning::{end_position, machine_time_s, step_blocks};
 use rayon::prelude::*;
 
@@ -33,8 +31,7 @@ pub fn order_balls_by_path(
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let uncertainty_mm = setup.touch_settings.position_tolerance_mm();
     let found = Artefact::Balls(Balls { uncertainty_mm, ..setup.balls.clone() });
-    let (access, clearance) =
-        (setup.access(&found)?, SafeHeights::above_artefact(setup.plan, &found)?);
+    let (access, clearance) = (setup.access(&found)?, SafeHeights::above_artefact(setup.plan, &found)?);
     let planner = PathPlanner { plan: setup.plan, clearance: &clearance };
     let mut machine_position: Option<Position> = None;
     for visit in &mut visits {
@@ -104,8 +101,7 @@ impl PathPlanner<'_> {
         balls: &[Vec<Step>],
         machine_position: Option<&Position>,
     ) -> Result<Vec<usize>, MethodRefusal> {
-        let ends =
-            balls.iter().filter_map(|steps| steps.last()).map(|last| self.end_position(last));
+        let ends = balls.iter().filter_map(|steps| steps.last()).map(|last| self.end_position(last));
         let ends = ends.collect::<Result<Vec<_>, _>>()?;
         let from = |from: &Position| self.path_times_s(from, balls);
         let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
@@ -120,8 +116,7 @@ impl PathPlanner<'_> {
         machine_position: Option<&Position>,
     ) -> Result<Vec<BallPathTimes>, MethodRefusal> {
         let ends = |steps: &&Vec<Step>| steps.iter().map(|step| self.end_position(step)).collect();
-        let ends =
-            balls.par_iter().map(ends).collect::<Result<Vec<Vec<Position>>, MethodRefusal>>()?;
+        let ends = balls.par_iter().map(ends).collect::<Result<Vec<Vec<Position>>, MethodRefusal>>()?;
         let of_ball = |number: usize| {
             let row = |from: &Position| -> Result<Vec<f64>, MethodRefusal> {
                 balls[number].iter().map(|step| self.path_time_s(from, step)).collect()
@@ -138,15 +133,10 @@ impl PathPlanner<'_> {
 
     /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY,
     /// because a tour uses few others.
-    fn path_times_s(
-        &self,
-        from: &Position,
-        balls: &[Vec<Step>],
-    ) -> Result<Vec<f64>, MethodRefusal> {
+    fn path_times_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, MethodRefusal> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();
-        let from_xy_positions =
-            TravelTimes::from_xy_positions(&places, Some(from), &self.plan.machine).from_start_s;
+        let from_xy_positions = TravelTimes::from_xy_positions(&places, Some(from), &self.plan.machine).from_start_s;
         let mut seconds = from_xy_positions.unwrap_or_default();
         let mut order: Vec<usize> = (0..seconds.len()).collect();
         order.sort_by(|a, b| seconds[*a].total_cmp(&seconds[*b]));

@@ -30,10 +30,7 @@ struct Creep {
 ///
 /// # Errors
 /// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch again.
-pub fn needs_watch_round(
-    setup: &MeasurementSetup<'_>,
-    readings: &[Reading],
-) -> Result<bool, MethodRefusal> {
+pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
     let watch_s = setup.touch_settings.watch_s;
     // The watch ends when the measurement begins, also for a resumed run.
     if watch_s <= 0.0 || has_measurement_begun(setup) {
@@ -54,8 +51,7 @@ pub fn needs_watch_round(
     let allowed = 2.0 * drift_mm_per_s(setup.plan);
     // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
     // uncertainty than the newest ones.
-    let may_creep =
-        |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded_mm_per_s > allowed;
+    let may_creep = |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded_mm_per_s > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| fit_creep(rounds).into_iter().find(may_creep);
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
@@ -80,20 +76,14 @@ pub fn needs_watch_round(
 }
 
 fn has_measurement_begun(setup: &MeasurementSetup<'_>) -> bool {
-    let pass =
-        |label: &str| label.parse::<Label>().is_ok_and(|label| label.pass == MeasurementPass::Slow);
+    let pass = |label: &str| label.parse::<Label>().is_ok_and(|label| label.pass == MeasurementPass::Slow);
     setup.plan.steps.iter().any(|step| pass(&step.label))
 }
 
 /// Time, s, and centre, mm, of each round since the run was resumed.
-fn watch_rounds(
-    setup: &MeasurementSetup<'_>,
-    readings: &[Reading],
-    resumed_s: f64,
-) -> Vec<(f64, Vector3<f64>)> {
+fn watch_rounds(setup: &MeasurementSetup<'_>, readings: &[Reading], resumed_s: f64) -> Vec<(f64, Vector3<f64>)> {
     let all = ball_measurements(setup, readings);
-    let of_watch =
-        all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
+    let of_watch = all.iter().filter(|measurement| measurement.label.pass == MeasurementPass::Watch);
     let round = of_watch.filter_map(|measurement| {
         let measured = measurement.fit_ball(setup)?.ok()?;
         let times = measurement.readings.iter().map(|reading| reading.t_s);
@@ -108,10 +98,8 @@ fn fit_creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
     let middle_s = rounds.iter().map(|(t_s, _)| t_s).sum::<f64>() / count;
     let mean = rounds.iter().map(|(_, at)| at).sum::<Vector3<f64>>() / count;
     let square: f64 = rounds.iter().map(|(t_s, _)| (t_s - middle_s).powi(2)).sum();
-    let rate = rounds.iter().map(|(t_s, at)| (at - mean) * (t_s - middle_s)).sum::<Vector3<f64>>()
-        / square;
-    let left =
-        |(t_s, at): &(f64, Vector3<f64>)| (at - mean - rate * (t_s - middle_s)).map(|d| d * d);
+    let rate = rounds.iter().map(|(t_s, at)| (at - mean) * (t_s - middle_s)).sum::<Vector3<f64>>() / square;
+    let left = |(t_s, at): &(f64, Vector3<f64>)| (at - mean - rate * (t_s - middle_s)).map(|d| d * d);
     let variance = rounds.iter().map(left).sum::<Vector3<f64>>() / (count - 2.0);
     [(0, 'X'), (1, 'Y'), (2, 'Z')].map(|(k, axis)| Creep {
         axis,

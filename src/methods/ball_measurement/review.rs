@@ -23,14 +23,12 @@ pub fn review_stage(
     readings: &[Reading],
 ) -> Result<Option<(Vec<u32>, u32)>, MethodRefusal> {
     let all = ball_measurements(setup, readings);
-    let of_stage = |measurement: &&BallMeasurement<'_>| {
-        measurement.steps.iter().any(|step| last.steps.contains(&step.id))
-    };
+    let of_stage =
+        |measurement: &&BallMeasurement<'_>| measurement.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for measurement in all.iter().filter(of_stage) {
         // After a stop the operator has checked the ball and may have cleaned it.
-        let newest_s =
-            measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
+        let newest_s = measurement.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
         let is_resumed_since = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
         let doubt = match find_fault(setup, measurement) {
             Some(fault) if last.repeat > 0 => Some(repeated_fault_refusal(setup, &fault)),
@@ -50,19 +48,14 @@ pub fn review_stage(
 
 /// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
 /// for them it is sufficient that they lie on a sphere.
-fn find_fault(
-    setup: &MeasurementSetup<'_>,
-    measurement: &BallMeasurement<'_>,
-) -> Option<BallCheckError> {
+fn find_fault(setup: &MeasurementSetup<'_>, measurement: &BallMeasurement<'_>) -> Option<BallCheckError> {
     let measured = match measurement.fit_ball(setup)? {
         Ok(measured) => measured,
         Err(doubt) => return Some(doubt),
     };
     let stated_mm = 2.0 * setup.balls.balls.get(measurement.ball)?.radius_mm;
-    let limits = BallLimits {
-        form_mm: setup.touch_settings.form_limit_mm,
-        diameter_mm: setup.touch_settings.diameter_limit_mm,
-    };
+    let limits =
+        BallLimits { form_mm: setup.touch_settings.form_limit_mm, diameter_mm: setup.touch_settings.diameter_limit_mm };
     let slow = measurement.label.pass != MeasurementPass::Find;
     slow.then(|| measured.check(&measurement.label.ball, stated_mm, &limits).err()).flatten()
 }
@@ -89,8 +82,7 @@ pub fn continuation_advice(setup: &MeasurementSetup<'_>) -> &'static str {
 
 fn describe_measurement(setup: &MeasurementSetup<'_>, measurement: &BallMeasurement<'_>) -> String {
     let ball = setup.balls.balls.get(measurement.ball).map_or("", |ball| &ball.id);
-    let at =
-        measurement.steps.first().map(|step| step.from.filter_axes(|axis: Axis| !axis.is_linear()));
+    let at = measurement.steps.first().map(|step| step.from.filter_axes(|axis: Axis| !axis.is_linear()));
     format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
 }
 
@@ -100,8 +92,7 @@ fn check_ball_position(
     all: &[BallMeasurement<'_>],
     measurement: &BallMeasurement<'_>,
 ) -> Result<(), MethodRefusal> {
-    let (Some(Ok(measured)), Some(ball)) =
-        (measurement.fit_ball(setup), setup.balls.balls.get(measurement.ball))
+    let (Some(Ok(measured)), Some(ball)) = (measurement.fit_ball(setup), setup.balls.balls.get(measurement.ball))
     else {
         return Ok(());
     };
@@ -113,10 +104,8 @@ fn check_ball_position(
     let before = all.iter().take_while(|other| stage(other) != stage(measurement));
     let known = FoundBalls::from_measurements(setup, before);
     let stated = Vector3::from(ball.centre_mm);
-    let expected =
-        known.expected_centre(setup, measurement.ball, measurement.label.indexation as usize);
-    let (away, limit) =
-        (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(setup));
+    let expected = known.expected_centre(setup, measurement.ball, measurement.label.indexation as usize);
+    let (away, limit) = (measured.centre_mm.metric_distance(&expected), known.uncertainty_mm(setup));
     if away <= limit {
         return Ok(());
     }

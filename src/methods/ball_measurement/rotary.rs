@@ -6,9 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::effects::{nonzero_columns, shift_column};
 use super::observe::{BallCentre, ObservedBalls};
 use crate::identification::UncertaintySource;
-use crate::identification::declared::{
-    ROTARY_MOTION_ORDERS, angular_motion_patterns, rotary_error_motions,
-};
+use crate::identification::declared::{ROTARY_MOTION_ORDERS, angular_motion_patterns, rotary_error_motions};
 use machine::Position;
 use machine::frame::Point;
 use machine::kinematics::{ErrorParameter, KinematicChain};
@@ -16,11 +14,7 @@ use machine::record::plan::Plan;
 
 /// Source of the rotary error motions, which displace all touches of a measurement alike. It may have no
 /// draw.
-pub fn rotary_source(
-    plan: &Plan,
-    chain: &KinematicChain,
-    observed: &ObservedBalls,
-) -> UncertaintySource {
+pub fn rotary_source(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> UncertaintySource {
     let mut motions = rotary_error_motions(plan, &ROTARY_MOTION_ORDERS);
     motions.retain(|motion| chain.check_parameter(motion.error).is_ok());
     let errors: Vec<ErrorParameter> = motions.iter().map(|motion| motion.error).collect();
@@ -38,11 +32,7 @@ pub fn rotary_source(
 
 /// Source of the rotations of X, Y and Z, each the same for all touches of a measurement. It may have no
 /// draw.
-pub fn angular_source(
-    plan: &Plan,
-    chain: &KinematicChain,
-    observed: &ObservedBalls,
-) -> UncertaintySource {
+pub fn angular_source(plan: &Plan, chain: &KinematicChain, observed: &ObservedBalls) -> UncertaintySource {
     let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.axes_mm).collect();
     let patterns = angular_motion_patterns(plan, &points);
     let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
@@ -72,8 +62,7 @@ fn displacements_by_error(
     };
     let back: Vec<Matrix3<f64>> = observed.rotary_positions.iter().map(back).collect();
     let of_centre = |centre: &BallCentre| {
-        let at = observed.rotary_positions[centre.rotary_index]
-            .updated_by(&Position::from_xyz(centre.axes_mm));
+        let at = observed.rotary_positions[centre.rotary_index].updated_by(&Position::from_xyz(centre.axes_mm));
         let columns = chain.jacobian(&at, stylus, &[], errors).into_iter();
         columns.map(|along| back[centre.rotary_index] * along).collect()
     };

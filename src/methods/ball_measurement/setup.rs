@@ -122,12 +122,7 @@ impl<'a> MeasurementSetup<'a> {
     }
 
     /// Task of one measurement of a ball.
-    pub fn ball_task<'t>(
-        &self,
-        ball: &'t Ball,
-        rotary: &'t Position,
-        approach: BallApproach,
-    ) -> BallTask<'t> {
+    pub fn ball_task<'t>(&self, ball: &'t Ball, rotary: &'t Position, approach: BallApproach) -> BallTask<'t> {
         BallTask { ball, rotary, approach, touches: self.touch_settings.touch_count }
     }
 
@@ -140,7 +135,6 @@ impl<'a> MeasurementSetup<'a> {
 /// Text of a rotary position in degrees: `B30 C90 S0`.
 pub fn describe_position(at: &Position) -> String {
     let degree = |axis: Axis, value: f64| (axis.to_mm_or_deg(value) * 1e3).round() / 1e3;
-    let parts: Vec<String> =
-        at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
+    let parts: Vec<String> = at.iter().map(|(axis, value)| format!("{axis}{}", degree(axis, value) + 0.0)).collect();
     parts.join(" ")
 }

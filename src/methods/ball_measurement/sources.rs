@@ -7,12 +7,9 @@ use super::effects::{nonzero_columns, nonzero_spans, shift_column};
 use super::interruptions;
 use super::observe::{BallCentre, ObservedBalls, TouchEffect};
 use crate::identification::declared::{
-    drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm,
-    resolution_u_mm,
+    drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
 };
-use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ObservationSpan, UncertaintySource,
-};
+use crate::identification::{DrawDistribution, Effect, EvaluationType, ObservationSpan, UncertaintySource};
 use machine::Axis;
 use machine::record::plan::Plan;
 
@@ -24,24 +21,15 @@ pub fn touch_sources(plan: &Plan, observed: &ObservedBalls) -> Vec<UncertaintySo
     vec![
         UncertaintySource {
             evaluation: EvaluationType::A,
-            ..named(
-                "repeatability of a touch",
-                per_touch_effect(centres, |_| repeatability_mm(plan)),
-            )
+            ..named("repeatability of a touch", per_touch_effect(centres, |_| repeatability_mm(plan)))
         },
         UncertaintySource {
             shape: DrawDistribution::Rectangular,
             ..named("resolution", per_touch_effect(centres, |normal| resolution_u_mm(plan, normal)))
         },
         // Equal in all measurements: it does not change their relative weights.
-        UncertaintySource {
-            is_in_weights: false,
-            ..named("probe lobing", lobing_effect(plan, observed))
-        },
-        UncertaintySource {
-            is_in_weights: false,
-            ..named("backlash", backlash_effect(plan, centres))
-        },
+        UncertaintySource { is_in_weights: false, ..named("probe lobing", lobing_effect(plan, observed)) },
+        UncertaintySource { is_in_weights: false, ..named("backlash", backlash_effect(plan, centres)) },
         named("error motions of X, Y and Z", linear_axis_effect(plan, centres)),
         named("thermal drift", drift_effect(plan, centres)),
         // If the steps entered the weights, the measurements after an interruption would have less weight
@@ -58,9 +46,7 @@ fn per_touch_effect(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> 
     let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationSpan> {
         let values = |touch: &TouchEffect| (touch.gain * u(touch.normal)).as_slice().to_vec();
         let touches = centre.touches.iter();
-        touches
-            .map(|touch| ObservationSpan { first_index: 3 * i, changes_mm: values(touch) })
-            .collect()
+        touches.map(|touch| ObservationSpan { first_index: 3 * i, changes_mm: values(touch) }).collect()
     };
     nonzero_spans(centres.iter().enumerate().flat_map(of_centre))
 }
@@ -75,9 +61,7 @@ fn lobing_effect(plan: &Plan, observed: &ObservedBalls) -> Effect {
     });
     let patterns = lobing_patterns(plan, &normals.collect::<Vec<_>>());
     let centres = &observed.centres;
-    nonzero_columns(
-        patterns.into_iter().map(|pattern| shift_column_from_touches(centres, pattern.into_iter())),
-    )
+    nonzero_columns(patterns.into_iter().map(|pattern| shift_column_from_touches(centres, pattern.into_iter())))
 }
 
 /// Each axis lags behind the direction of the touch.
@@ -108,18 +92,13 @@ fn linear_axis_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
 fn drift_effect(plan: &Plan, centres: &[BallCentre]) -> Effect {
     let mean_s = centres.iter().map(|centre| centre.t_s).sum::<f64>() / centres.len().max(1) as f64;
     let rate = drift_mm_per_s(plan);
-    let column = |axis: Axis| {
-        shift_column(centres, |centre| axis.direction() * (rate * (centre.t_s - mean_s)))
-    };
+    let column = |axis: Axis| shift_column(centres, |centre| axis.direction() * (rate * (centre.t_s - mean_s)));
     nonzero_columns(Axis::LINEAR.map(column))
 }
 
 /// A column of shifts of the measurements, from `deviations` of their touches along the normals, mm, one per
 /// touch.
-fn shift_column_from_touches(
-    centres: &[BallCentre],
-    mut deviations: impl Iterator<Item = f64>,
-) -> Vec<f64> {
+fn shift_column_from_touches(centres: &[BallCentre], mut deviations: impl Iterator<Item = f64>) -> Vec<f64> {
     shift_column(centres, |centre| {
         let touches = centre.touches.iter().zip(deviations.by_ref());
         touches.map(|(touch, deviation)| touch.gain * deviation).sum()

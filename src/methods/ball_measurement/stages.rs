@@ -40,10 +40,7 @@ pub fn next_stage(
             if let Some(stage) = repeat_rejected(setup, done, readings, id)? {
                 return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
             }
-            (
-                FoundBalls::from_readings(setup, readings),
-                rest_check::needs_watch_round(setup, readings)?,
-            )
+            (FoundBalls::from_readings(setup, readings), rest_check::needs_watch_round(setup, readings)?)
         }
     };
     let tasks = list_tasks(setup, visits, watch_round_count(setup) + usize::from(one_more));
@@ -69,19 +66,13 @@ fn repeat_rejected(
 /// Number of watch rounds in the plan so far.
 fn watch_round_count(setup: &MeasurementSetup<'_>) -> usize {
     let labels = setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok());
-    let rounds = labels
-        .filter(|label| label.pass == MeasurementPass::Watch)
-        .map(|label| label.indexation_number());
+    let rounds = labels.filter(|label| label.pass == MeasurementPass::Watch).map(|label| label.indexation_number());
     rounds.max().unwrap_or(0) as usize
 }
 
 /// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
 /// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
-fn list_tasks(
-    setup: &MeasurementSetup<'_>,
-    visits: &[BallVisit],
-    watched: usize,
-) -> Vec<StageTask> {
+fn list_tasks(setup: &MeasurementSetup<'_>, visits: &[BallVisit], watched: usize) -> Vec<StageTask> {
     let searches = plan_searches(visits);
     let task = |pass, number: usize, balls: &[usize]| StageTask {
         pass,
@@ -93,23 +84,15 @@ fn list_tasks(
     let mut tasks: Vec<StageTask> = searches
         .iter()
         .map(|(visit, new)| {
-            let all =
-                visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
+            let all = visits.get(*visit).map_or(new, |visit| if every { &visit.balls } else { new });
             task(MeasurementPass::Find, *visit, all)
         })
         .collect();
     let repeated = |pass: MeasurementPass, number: usize| {
         let (visit, balls) = searches.first()?;
-        Some(StageTask {
-            pass,
-            label_number: number,
-            visit_index: *visit,
-            balls: vec![*balls.first()?],
-        })
+        Some(StageTask { pass, label_number: number, visit_index: *visit, balls: vec![*balls.first()?] })
     };
-    let reference = |round| {
-        repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references)
-    };
+    let reference = |round| repeated(MeasurementPass::Reference, round).filter(|_| setup.touch_settings.has_references);
     tasks.extend(reference(0));
     tasks.extend((0..watched).filter_map(|round| repeated(MeasurementPass::Watch, round)));
     for (number, visit) in visits.iter().enumerate() {
@@ -152,16 +135,12 @@ fn plan_searches(visits: &[BallVisit]) -> Vec<(usize, Vec<usize>)> {
 ///
 /// # Errors
 /// A visit cannot be planned.
-pub fn machine_time_s(
-    setup: &MeasurementSetup<'_>,
-    visits: &[BallVisit],
-) -> Result<f64, MethodRefusal> {
+pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[BallVisit]) -> Result<f64, MethodRefusal> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
     for (id, task) in (0..).zip(list_tasks(setup, visits, 0)) {
         let grown = setup.with_plan(&plan);
-        let (planned, steps) =
-            build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
+        let (planned, steps) = build_stage(&grown, visits, &task, &FoundBalls::from_stated_positions(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
     }
@@ -180,9 +159,7 @@ fn build_stage(
     id: u32,
 ) -> Result<(Stage, Vec<Step>), MethodRefusal> {
     let steps = match task.pass {
-        MeasurementPass::Reference | MeasurementPass::Watch if task.label_number > 0 => {
-            repeat_first_round(setup, task)
-        }
+        MeasurementPass::Reference | MeasurementPass::Watch if task.label_number > 0 => repeat_first_round(setup, task),
         _ => new_steps(setup, visits, task, known)?,
     };
     let steps = setup.plan.number_steps(id, steps);
@@ -197,9 +174,7 @@ fn build_stage(
 }
 
 fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTask) -> String {
-    let at = visits
-        .get(task.visit_index)
-        .map_or(String::new(), |visit| describe_position(&visit.rotary));
+    let at = visits.get(task.visit_index).map_or(String::new(), |visit| describe_position(&visit.rotary));
     match task.pass {
         MeasurementPass::Find => {
             format!("find at {at} ({} of {})", task.label_number + 1, visits.len())
@@ -209,11 +184,7 @@ fn stage_name(setup: &MeasurementSetup<'_>, visits: &[BallVisit], task: &StageTa
         }
         MeasurementPass::Watch | MeasurementPass::Reference => {
             let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
-            let what = if task.pass == MeasurementPass::Watch {
-                "rest check of the machine"
-            } else {
-                "reference"
-            };
+            let what = if task.pass == MeasurementPass::Watch { "rest check of the machine" } else { "reference" };
             format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
@@ -240,11 +211,7 @@ fn new_steps(
                 BallApproach::Measure { standoff_mm, search_mm }
             }
         };
-        let kind = if task.pass == MeasurementPass::Reference {
-            StepKind::Reference
-        } else {
-            StepKind::Touch
-        };
+        let kind = if task.pass == MeasurementPass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
             let (pass, indexation, touch) = (task.pass, task.label_number as u32, touch.to_owned());
             Label { pass, indexation, ball: ball.id.clone(), touch }.to_string()
@@ -270,22 +237,15 @@ fn unreachable_refusal(
             the position by hand and correct centre_mm",
             setup.balls.uncertainty_mm
         ),
-        _ => {
-            "remove the position from tilt_deg and turn_deg, or place the ball elsewhere".to_owned()
-        }
+        _ => "remove the position from tilt_deg and turn_deg, or place the ball elsewhere".to_owned(),
     };
-    MethodRefusal {
-        reason: format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)),
-        remedy,
-    }
+    MethodRefusal { reason: format!("ball {} at {}: {reason}", ball.id, describe_position(&visit.rotary)), remedy }
 }
 
 /// The first round of references or of the watch again, at exactly the same places.
 fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Step> {
     let label = |step: &Step| step.label.parse::<Label>().ok();
-    let of_first = |step: &&Step| {
-        label(step).is_some_and(|label| label.pass == task.pass && label.indexation == 0)
-    };
+    let of_first = |step: &&Step| label(step).is_some_and(|label| label.pass == task.pass && label.indexation == 0);
     let renumbered = |step: &Step| {
         let label = Label { indexation: task.label_number as u32, ..label(step)? };
         Some(Step { label: label.to_string(), ..step.clone() })
@@ -295,11 +255,7 @@ fn repeat_first_round(setup: &MeasurementSetup<'_>, task: &StageTask) -> Vec<Ste
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
 /// stated positions are known until then.
-fn artefact_at_found_positions(
-    setup: &MeasurementSetup<'_>,
-    task: &StageTask,
-    known: &FoundBalls,
-) -> Option<Artefact> {
+fn artefact_at_found_positions(setup: &MeasurementSetup<'_>, task: &StageTask, known: &FoundBalls) -> Option<Artefact> {
     if !known.has_all_balls() {
         return None;
     }

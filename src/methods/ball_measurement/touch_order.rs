@@ -97,15 +97,9 @@ fn extend_candidates(path_times: &BallPathTimes, before: &[OrderCandidate]) -> V
             let end = reached.order.last().copied().unwrap_or_default();
             (number, reached.time_s + seconds(&path_times.entering_s, end, first))
         });
-        let (before, entered) = entered
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .unwrap_or((0, seconds(&path_times.entering_s, 0, first)));
-        OrderCandidate {
-            touch_order: around,
-            order,
-            time_s: entered + within,
-            previous_index: before,
-        }
+        let (before, entered) =
+            entered.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, seconds(&path_times.entering_s, 0, first)));
+        OrderCandidate { touch_order: around, order, time_s: entered + within, previous_index: before }
     };
     TouchOrder::all_orders(touches).into_iter().map(one).collect()
 }
@@ -129,8 +123,7 @@ mod tests {
     #[test]
     fn the_touches_go_round_from_any_of_them_the_pole_before_or_after() {
         let applied = |first, backward, pole_first| {
-            let around =
-                TouchOrder { first_touch: first, is_backward: backward, is_pole_first: pole_first };
+            let around = TouchOrder { first_touch: first, is_backward: backward, is_pole_first: pole_first };
             around.apply(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
         };
         assert_eq!(applied(0, false, false), "+45 +135 -135 -45 pole");
@@ -148,10 +141,8 @@ mod tests {
             (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()
         };
         // The second ball has four accessible touches.
-        let mut ball = |before, count| BallPathTimes {
-            entering_s: table(before, count),
-            within_s: table(count, count),
-        };
+        let mut ball =
+            |before, count| BallPathTimes { entering_s: table(before, count), within_s: table(count, count) };
         let balls = [ball(1, 5), ball(5, 4), ball(4, 5)];
         let orders = [5, 4, 5].map(|count| {
             let touches: Vec<usize> = (0..count).collect();
@@ -168,11 +159,8 @@ mod tests {
             }
         }
         let chosen = fastest_touch_orders(&balls);
-        let order: Vec<Vec<usize>> = chosen
-            .iter()
-            .zip([5, 4, 5])
-            .map(|(around, count)| around.apply((0..count).collect()))
-            .collect();
+        let order: Vec<Vec<usize>> =
+            chosen.iter().zip([5, 4, 5]).map(|(around, count)| around.apply((0..count).collect())).collect();
         assert!((total_s(&balls, &order) - best).abs() < 1e-12);
     }
 }

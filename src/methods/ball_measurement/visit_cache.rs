@@ -31,9 +31,7 @@ impl VisitCache {
     ) -> Result<Arc<[BallVisit]>, MethodRefusal> {
         let Plan { machine, probe, artefact, .. } = plan;
         let mut made = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let fits = |made: &&CachedDesign| {
-            (&made.machine, &made.probe, &made.artefact) == (machine, probe, artefact)
-        };
+        let fits = |made: &&CachedDesign| (&made.machine, &made.probe, &made.artefact) == (machine, probe, artefact);
         if let Some(made) = made.as_ref().filter(fits) {
             return Ok(made.visits.clone());
         }

@@ -32,9 +32,7 @@ impl CrossCheck {
         }
         let layout = &solved.design.layout;
         let (stops, observations) = (&solved.design.stops, &solved.measured.observations);
-        let Some(other) =
-            solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved))
-        else {
+        let Some(other) = solve_in_four_steps(layout, stops, observations, &deviations_without_drift(solved)) else {
             return Self::NotPossible("the equations have no solution");
         };
         let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknowns()));
@@ -44,12 +42,7 @@ impl CrossCheck {
         let worst = (0..other.len()).max_by(|i, j| share(*i).total_cmp(&share(*j))).unwrap_or(0);
         let symbol = layout.names(solved.plate.axis).swap_remove(worst);
         let unit = coefficient_unit(layout, worst);
-        Self::Compared(CoefficientDifference {
-            symbol,
-            unit,
-            difference: by(worst),
-            expanded: expanded[worst],
-        })
+        Self::Compared(CoefficientDifference { symbol, unit, difference: by(worst), expanded: expanded[worst] })
     }
 
     /// Warning if the difference exceeds U. Unequal weights alone cause less than U: if the weights vary by a
@@ -105,18 +98,13 @@ fn find_obstacle(solved: &SolvedRun<'_>) -> Option<&'static str> {
     let is_even = steps.len() == balls
         && positions.is_multiple_of(balls)
         && steps.iter().all(|step| step.is_multiple_of(positions / balls));
-    let visits: BTreeSet<(usize, usize)> = measured
-        .observations
-        .iter()
-        .map(|observation| (observation.stop, observation.ball))
-        .collect();
+    let visits: BTreeSet<(usize, usize)> =
+        measured.observations.iter().map(|observation| (observation.stop, observation.ball)).collect();
     let all = design.stops.len() * balls;
     let is_complete = visits.len() == all && measured.observations.len() == all;
     match () {
         () if settings.values => Some("harmonics are required (values = false)"),
-        () if !is_even => {
-            Some("balls at equal angles are required, which leave some harmonics undetermined")
-        }
+        () if !is_even => Some("balls at equal angles are required, which leave some harmonics undetermined"),
         () if !is_complete => Some("each ball must be measured once at each stop"),
         () => None,
     }

@@ -39,17 +39,13 @@ fn angle_curve(
 }
 
 /// Deviations of X, Y and Z at the measuring positions, by revolution.
-fn linear_axis_functions(
-    solved: &SolvedRun<'_>,
-    residuals: &[Vector3<f64>],
-) -> Vec<EstimatedFunction> {
+fn linear_axis_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     let positions = solved.settings.positions;
     let revolutions = solved.design.stops.len().div_ceil(positions);
     let mut sums = vec![(Vector3::zeros(), 0.0); revolutions * positions];
     for (observation, residual) in solved.measured.observations.iter().zip(residuals) {
-        let (sum, count) =
-            &mut sums[observation.stop / positions * positions + observation.position_index];
+        let (sum, count) = &mut sums[observation.stop / positions * positions + observation.position_index];
         *sum += residual;
         *count += 1.0;
     }
@@ -58,8 +54,7 @@ fn linear_axis_functions(
         let of_place = |(i, (angle, (sum, count))): (usize, (f64, &(Vector3<f64>, f64)))| {
             // If the true position of a linear axis is too large, its displayed position at a ball is too
             // small.
-            (*count > 0.0)
-                .then(|| (angle, x[layout.position_index(i % positions, k)] - sum[k] / count))
+            (*count > 0.0).then(|| (angle, x[layout.position_index(i % positions, k)] - sum[k] / count))
         };
         let points = angles.zip(&sums).enumerate().filter_map(of_place);
         angle_curve(format!("D{axis}_revolutions"), "position", Unit::Um, points)
@@ -69,10 +64,7 @@ fn linear_axis_functions(
 
 /// Error motions at the stops: the harmonics plus the residuals of the stop; rising commands first, then
 /// falling ones.
-fn error_motion_functions(
-    solved: &SolvedRun<'_>,
-    residuals: &[Vector3<f64>],
-) -> Vec<EstimatedFunction> {
+fn error_motion_functions(solved: &SolvedRun<'_>, residuals: &[Vector3<f64>]) -> Vec<EstimatedFunction> {
     let (layout, stops, x) = (&solved.design.layout, &solved.design.stops, &solved.solution.x);
     let axis = solved.plate.axis;
     let bodies = fit_rigid_bodies(&solved.measured.observations, residuals);
@@ -85,18 +77,12 @@ fn error_motion_functions(
         let point = |stop: &usize| {
             let Stop { angle, approach_direction: direction } = stops[*stop];
             let functions = layout.basis.values(angle, *stop).into_iter().enumerate();
-            let harmonics: f64 =
-                functions.map(|(j, value)| value * x[layout.motion_index(k, j)]).sum();
+            let harmonics: f64 = functions.map(|(j, value)| value * x[layout.motion_index(k, j)]).sum();
             let reversal = if layout.has_reversal { x[layout.reversal_index(k)] } else { 0.0 };
             (angle, harmonics + 0.5 * direction * reversal + bodies[stop][k])
         };
         let points = order.iter().map(point);
-        angle_curve(
-            format!("E{component}{axis}_stops"),
-            axis.name(),
-            component_unit(component),
-            points,
-        )
+        angle_curve(format!("E{component}{axis}_stops"), axis.name(), component_unit(component), points)
     };
     MOTION_COMPONENTS.into_iter().enumerate().map(of_component).collect()
 }

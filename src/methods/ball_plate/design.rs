@@ -62,13 +62,11 @@ impl PlateDesign {
             reason: error.to_string(),
             remedy: "correct [artefact] and [method.ball-plate]".to_owned(),
         };
-        let survey =
-            survey_equations(&self.layout, &self.stops, &observations, true).map_err(numerical)?;
+        let survey = survey_equations(&self.layout, &self.stops, &observations, true).map_err(numerical)?;
         if survey.nullity == 0 {
             return Ok(());
         }
-        let lost =
-            undetermined_harmonics(&plate.position_steps, settings.positions, settings.harmonics);
+        let lost = undetermined_harmonics(&plate.position_steps, settings.positions, settings.harmonics);
         let lost = lost.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
         let better = stagger_balls(plate.position_steps.len(), settings.positions);
         let degrees = better.iter().map(|step| 360.0 / settings.positions as f64 * *step as f64);
@@ -86,9 +84,7 @@ impl PlateDesign {
                     )
                 }
             ),
-            remedy: format!(
-                "place the balls at {degrees} degrees from the first ball, or lower harmonics"
-            ),
+            remedy: format!("place the balls at {degrees} degrees from the first ball, or lower harmonics"),
         })
     }
 
@@ -124,9 +120,7 @@ impl PlateDesign {
 fn choose_basis(settings: &Settings, stops: usize) -> AngleBasis {
     match settings.values {
         true => AngleBasis::Stops(stops),
-        false => {
-            AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics }
-        }
+        false => AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
     }
 }
 
@@ -139,14 +133,9 @@ pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
 }
 
 /// Positions of the stops in steps from zero: rising, then falling.
-fn list_stop_numbers(
-    plan: &Plan,
-    settings: &Settings,
-    plate: &Plate<'_>,
-) -> Result<Vec<i64>, MethodRefusal> {
+fn list_stop_numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, MethodRefusal> {
     let Settings { positions, revolutions, .. } = *settings;
-    let steps = RevolutionSteps { positions, revolutions, lead_steps: 0 }
-        .range_within_limits(plan, plate.axis)?;
+    let steps = RevolutionSteps { positions, revolutions, lead_steps: 0 }.range_within_limits(plan, plate.axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
     // The return begins one step beyond the last stop and ends one step after the first.
@@ -157,9 +146,7 @@ fn list_stop_numbers(
 /// Harmonics up to `order` at which all balls arrive at each measuring position with the same phase.
 pub fn undetermined_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<usize> {
     let first = steps.first().copied().unwrap_or(0);
-    let is_lost = |k: &usize| {
-        steps.iter().all(|step| (k * (step + positions - first)).is_multiple_of(positions))
-    };
+    let is_lost = |k: &usize| steps.iter().all(|step| (k * (step + positions - first)).is_multiple_of(positions));
     (1..=order).filter(is_lost).collect()
 }
 
@@ -168,8 +155,7 @@ pub fn undetermined_harmonics(steps: &[usize], positions: usize, order: usize) -
 pub fn stagger_balls(balls: usize, positions: usize) -> Vec<usize> {
     let width = (positions / balls.max(1)).max(1);
     let candidate = |shift: usize| -> Vec<usize> {
-        let place =
-            |j: usize| (j * positions / balls + (j * (j + 1) / 2 * shift) % width) % positions;
+        let place = |j: usize| (j * positions / balls + (j * (j + 1) / 2 * shift) % width) % positions;
         (0..balls).map(place).collect()
     };
     let worst = |steps: &Vec<usize>| -> f64 {

@@ -5,9 +5,7 @@ use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use super::layout::{MOTION_COMPONENTS, Stop, UnknownsLayout};
-use estimation::linear::{
-    self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis,
-};
+use estimation::linear::{self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
 /// One measurement of a ball at one stop.
 #[derive(Debug, Clone)]
@@ -30,11 +28,7 @@ pub struct BallObservation {
 }
 
 /// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
-pub fn design_matrix(
-    layout: &UnknownsLayout,
-    stops: &[Stop],
-    observations: &[BallObservation],
-) -> Mat<f64> {
+pub fn design_matrix(layout: &UnknownsLayout, stops: &[Stop], observations: &[BallObservation]) -> Mat<f64> {
     let mut a = Mat::zeros(3 * observations.len(), layout.unknowns());
     for (i, observation) in observations.iter().enumerate() {
         let mut set = |j: usize, column: Vector3<f64>| {
@@ -54,10 +48,7 @@ pub fn design_matrix(
         for axis in 0..3 {
             let along = Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
             for order in 1..=layout.drift_order {
-                set(
-                    layout.drift_index(order, axis),
-                    along * observation.relative_time.powi(order as i32),
-                );
+                set(layout.drift_index(order, axis), along * observation.relative_time.powi(order as i32));
             }
             for interruption in 0..observation.segment.min(layout.interruptions) {
                 set(layout.step_index(interruption, axis), along);
@@ -65,10 +56,7 @@ pub fn design_matrix(
             // If the true position of a linear axis is too large, its displayed position at a ball is too
             // small.
             set(layout.position_index(observation.position_index, axis), -along);
-            set(
-                layout.ball_index(observation.ball, axis),
-                observation.ball_derivative.column(axis).into_owned(),
-            );
+            set(layout.ball_index(observation.ball, axis), observation.ball_derivative.column(axis).into_owned());
         }
     }
     a
@@ -83,8 +71,7 @@ pub fn solve_equations(
     sigma: &[f64],
 ) -> Result<(Mat<f64>, LinearSolution), LinearError> {
     let a = design_matrix(layout, stops, observations);
-    let deviations: Vec<f64> =
-        observations.iter().flat_map(|s| s.deviation.iter().copied()).collect();
+    let deviations: Vec<f64> = observations.iter().flat_map(|s| s.deviation.iter().copied()).collect();
     let solution = linear::solve_least_squares(&LinearProblem {
         a: a.as_ref(),
         y: &deviations,

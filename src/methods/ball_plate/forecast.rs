@@ -8,9 +8,7 @@ use super::solved::SolvedRun;
 use super::warnings::describe_not_identifiable;
 use crate::IdentifyError;
 use crate::ball_measurement::nominal_readings;
-use crate::identification::{
-    Curve, Identification, describe_assumed_repeatability, with_assumed_repeatability,
-};
+use crate::identification::{Curve, Identification, describe_assumed_repeatability, with_assumed_repeatability};
 use machine::record::plan::Plan;
 
 /// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
@@ -18,29 +16,18 @@ use machine::record::plan::Plan;
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.
-pub fn forecast(
-    plan: &Plan,
-    settings: &Settings,
-    machine_s: f64,
-) -> Result<Vec<String>, IdentifyError> {
+pub fn forecast(plan: &Plan, settings: &Settings, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
     let declared = with_assumed_repeatability(plan);
     let plate = Plate::new(&declared, settings)?;
     let solved = SolvedRun::new(&declared, settings, &plate, &nominal_readings(plan, machine_s))?;
     let identified = identify_solved(&solved, None)?;
     let motions = identified.outputs.curves.iter().take(MOTION_COMPONENTS.len());
-    let motions: Vec<String> =
-        motions.map(|motion| largest_expanded_uncertainty(&identified, motion)).collect();
-    let mut lines = vec![format!(
-        "expected U of the error motions after {:.1} h: {}",
-        machine_s / 3600.0,
-        motions.join(", ")
-    )];
+    let motions: Vec<String> = motions.map(|motion| largest_expanded_uncertainty(&identified, motion)).collect();
+    let mut lines =
+        vec![format!("expected U of the error motions after {:.1} h: {}", machine_s / 3600.0, motions.join(", "))];
     lines.extend(describe_assumed_repeatability(plan));
-    lines.extend(
-        describe_not_identifiable(&solved, &identified)
-            .iter()
-            .map(|line| format!("not identifiable: {line}")),
-    );
+    lines
+        .extend(describe_not_identifiable(&solved, &identified).iter().map(|line| format!("not identifiable: {line}")));
     Ok(lines)
 }
 

@@ -22,15 +22,12 @@ pub fn solve_in_four_steps(
 ) -> Option<Vec<f64>> {
     // 1. The measuring positions: every ball visits each, and the mean of the error motions there is zero.
     let places = group_means(observations, deviations, |observation| observation.position_index);
-    let from_place = |(observation, value): (&BallObservation, &Vector3<f64>)| {
-        value - places[&observation.position_index]
-    };
-    let corrected: Vec<Vector3<f64>> =
-        observations.iter().zip(deviations).map(from_place).collect();
+    let from_place =
+        |(observation, value): (&BallObservation, &Vector3<f64>)| value - places[&observation.position_index];
+    let corrected: Vec<Vector3<f64>> = observations.iter().zip(deviations).map(from_place).collect();
     // 2. The plate: each ball over all stops, in the table frame.
-    let to_table = |(observation, value): (&BallObservation, &Vector3<f64>)| {
-        observation.ball_derivative.transpose() * value
-    };
+    let to_table =
+        |(observation, value): (&BallObservation, &Vector3<f64>)| observation.ball_derivative.transpose() * value;
     let on_table: Vec<Vector3<f64>> = observations.iter().zip(&corrected).map(to_table).collect();
     let balls = group_means(observations, &on_table, |observation| observation.ball);
     let from_ball = |(observation, value): (&BallObservation, &Vector3<f64>)| {
@@ -39,8 +36,7 @@ pub fn solve_in_four_steps(
     let of_table: Vec<Vector3<f64>> = observations.iter().zip(&corrected).map(from_ball).collect();
     // 3. The plate as a rigid body at each stop: its centre, its plane and its rotation.
     let bodies = fit_rigid_bodies(observations, &of_table);
-    let bodies: Vec<[f64; 6]> =
-        (0..stops.len()).map(|stop| bodies.get(&stop).copied()).collect::<Option<_>>()?;
+    let bodies: Vec<[f64; 6]> = (0..stops.len()).map(|stop| bodies.get(&stop).copied()).collect::<Option<_>>()?;
     // 4. A trigonometric polynomial through each motion (Eq. (2)), and the difference between both directions.
     fit_polynomials(layout, stops, &bodies)
 }
@@ -54,8 +50,7 @@ fn group_means<K: Ord>(
     for (observation, value) in observations.iter().zip(values) {
         groups.entry(key(observation)).or_default().push(*value);
     }
-    let mean =
-        |values: Vec<Vector3<f64>>| values.iter().sum::<Vector3<f64>>() / values.len() as f64;
+    let mean = |values: Vec<Vector3<f64>>| values.iter().sum::<Vector3<f64>>() / values.len() as f64;
     groups.into_iter().map(|(key, values)| (key, mean(values))).collect()
 }
 
@@ -96,9 +91,7 @@ fn fit_polynomials(
     for k in 0..MOTION_COMPONENTS.len() {
         let y: Vec<f64> = bodies.iter().map(|body| body[k]).collect();
         let mut found = solve_unweighted(&a, &y)?.into_iter();
-        (0..layout.basis.len())
-            .zip(&mut found)
-            .for_each(|(j, value)| x[layout.motion_index(k, j)] = value);
+        (0..layout.basis.len()).zip(&mut found).for_each(|(j, value)| x[layout.motion_index(k, j)] = value);
         found.for_each(|value| x[layout.reversal_index(k)] = value);
     }
     Some(x)

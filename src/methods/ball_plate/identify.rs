@@ -23,11 +23,7 @@ const MAX_TRIAL_PRODUCTS: usize = 8_000_000_000;
 
 /// # Errors
 /// The readings do not belong to the plan or do not separate the unknowns.
-pub fn identify(
-    plan: &Plan,
-    settings: &Settings,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let plate = Plate::new(plan, settings)?;
     let solved = SolvedRun::new(plan, settings, &plate, readings)?;
     let products = (solved.design_matrix.nrows() * solved.design_matrix.ncols()).max(1);
@@ -39,10 +35,7 @@ pub fn identify(
 
 /// # Errors
 /// Fewer than two trials.
-pub fn identify_solved(
-    solved: &SolvedRun<'_>,
-    trials: Option<TrialPlan>,
-) -> Result<Identification, IdentifyError> {
+pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Result<Identification, IdentifyError> {
     let SolvedRun { design, sources, sigma, design_matrix: a, solution, .. } = solved;
     let model = LinearFit { x: &solution.x, design_matrix: a, sigma, gain: &solution.gain };
     let weighted: Vec<f64> = solution.residuals.iter().zip(sigma).map(|(r, s)| r / s).collect();

@@ -78,9 +78,9 @@ impl UnknownsLayout {
     /// Names of all unknowns, for the rotary axis `axis`.
     pub fn names(&self, axis: Axis) -> Vec<String> {
         let suffixes = self.basis.suffixes();
-        let motions = MOTION_COMPONENTS.iter().flat_map(|component| {
-            suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}"))
-        });
+        let motions = MOTION_COMPONENTS
+            .iter()
+            .flat_map(|component| suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
         let mut names: Vec<String> = motions.collect();
         if self.has_reversal {
             names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));
@@ -89,9 +89,7 @@ impl UnknownsLayout {
         names.extend((1..=self.drift_order).flat_map(|order| along(format!("drift {order}"))));
         names.extend((1..=self.interruptions).flat_map(|gap| along(format!("step {gap}"))));
         names.extend((1..=self.position_count).flat_map(|place| along(format!("place {place}"))));
-        names.extend(
-            (1..=self.radial_directions.len()).flat_map(|ball| along(format!("ball {ball}"))),
-        );
+        names.extend((1..=self.radial_directions.len()).flat_map(|ball| along(format!("ball {ball}"))));
         names
     }
 
@@ -118,12 +116,7 @@ impl UnknownsLayout {
     }
 
     /// Coefficients of the unknowns in Σ of an error motion times a weight of the angle, over the stops.
-    fn weighted_sum(
-        &self,
-        stops: &[Stop],
-        component: usize,
-        weight: impl Fn(f64) -> f64,
-    ) -> Vec<f64> {
+    fn weighted_sum(&self, stops: &[Stop], component: usize, weight: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut row = vec![0.0; self.unknowns()];
         for (i, stop) in stops.iter().enumerate() {
             let values = self.basis.values(stop.angle, i);

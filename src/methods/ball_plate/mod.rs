@@ -25,10 +25,7 @@ pub use settings::Settings;
 
 use self::design::PlateDesign;
 use self::plate::Plate;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use crate::ball_measurement::{self, MeasurementSetup};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -62,18 +59,12 @@ impl Method for BallPlate {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let plate = Plate::new(plan, &self.settings)?;
         let design = PlateDesign::new(plan, &self.settings, &plate)?;
         let touch = self.settings.touch_settings();
-        let setup =
-            MeasurementSetup { method: NAME, plan, balls: plate.balls, touch_settings: touch };
+        let setup = MeasurementSetup { method: NAME, plan, balls: plate.balls, touch_settings: touch };
         if done.is_empty() {
             design.check(&self.settings, &plate)?;
             let time_s = ball_measurement::machine_time_s(&setup, &design.visits)?;

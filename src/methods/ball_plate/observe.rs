@@ -37,51 +37,47 @@ pub fn observe_run(
 ) -> Result<MeasuredRun, IdentifyError> {
     let mut observed = observe_balls(plan, readings)?;
     let stops = design.stops.len();
-    observed.centres.retain(|centre| {
-        centre.label.pass == MeasurementPass::Slow && (centre.label.indexation as usize) < stops
-    });
+    observed
+        .centres
+        .retain(|centre| centre.label.pass == MeasurementPass::Slow && (centre.label.indexation as usize) < stops);
     let chain = KinematicChain::new(&plan.machine).map_err(MethodRefusal::from)?;
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     let at_table = |centre: &BallCentre| {
-        let position = observed.rotary_positions[centre.rotary_index]
-            .updated_by(&machine::Position::from_xyz(centre.axes_mm));
+        let position =
+            observed.rotary_positions[centre.rotary_index].updated_by(&machine::Position::from_xyz(centre.axes_mm));
         chain.tip_in_table(&position, tip, &[]).mm
     };
     let first = |ball: usize| {
         let found = observed.centres.iter().find(|centre| centre.ball == ball).map(at_table);
         found.ok_or_else(|| unmeasured_ball_refusal(plate, ball))
     };
-    let expected: Vec<Vector3<f64>> =
-        (0..plate.balls.balls.len()).map(first).collect::<Result<_, _>>()?;
+    let expected: Vec<Vector3<f64>> = (0..plate.balls.balls.len()).map(first).collect::<Result<_, _>>()?;
     let times = || observed.centres.iter().map(|centre| centre.t_s);
     let (begin, end) = times().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
     let (middle, half) = ((begin + end) / 2.0, ((end - begin) / 2.0).max(f64::MIN_POSITIVE));
     let segments = segment_numbers(plan, &observed.centres);
-    let observation =
-        |(i, centre): (usize, &BallCentre)| -> Result<BallObservation, KinematicsError> {
-            let stop = centre.label.indexation as usize;
-            let position = observed.rotary_positions[centre.rotary_index]
-                .updated_by(&machine::Position::from_xyz(centre.axes_mm));
-            let axes_from_table = chain.inverse_linear_jacobian(&position, &[])?;
-            let errors =
-                MOTION_COMPONENTS.map(|k| ErrorParameter::new(k, plate.axis, ErrorShape::Location));
-            let errors: Vec<ErrorParameter> = errors.into_iter().flatten().collect();
-            let columns = chain.jacobian(&position, tip, &[], &errors);
-            let by = |k: usize| -axes_from_table * columns.get(k).copied().unwrap_or_default();
-            let number = design.stop_numbers.get(stop).copied().unwrap_or(0);
-            Ok(BallObservation {
-                stop,
-                ball: centre.ball,
-                position_index: plate.measuring_position(centre.ball, number, settings.positions),
-                relative_time: (centre.t_s - middle) / half,
-                segment: segments.get(i).copied().unwrap_or(0),
-                deviation: axes_from_table * (at_table(centre) - expected[centre.ball]),
-                motion_derivatives: std::array::from_fn(by),
-                ball_derivative: axes_from_table,
-            })
-        };
-    let observations =
-        observed.centres.iter().enumerate().map(observation).collect::<Result<Vec<_>, _>>();
+    let observation = |(i, centre): (usize, &BallCentre)| -> Result<BallObservation, KinematicsError> {
+        let stop = centre.label.indexation as usize;
+        let position =
+            observed.rotary_positions[centre.rotary_index].updated_by(&machine::Position::from_xyz(centre.axes_mm));
+        let axes_from_table = chain.inverse_linear_jacobian(&position, &[])?;
+        let errors = MOTION_COMPONENTS.map(|k| ErrorParameter::new(k, plate.axis, ErrorShape::Location));
+        let errors: Vec<ErrorParameter> = errors.into_iter().flatten().collect();
+        let columns = chain.jacobian(&position, tip, &[], &errors);
+        let by = |k: usize| -axes_from_table * columns.get(k).copied().unwrap_or_default();
+        let number = design.stop_numbers.get(stop).copied().unwrap_or(0);
+        Ok(BallObservation {
+            stop,
+            ball: centre.ball,
+            position_index: plate.measuring_position(centre.ball, number, settings.positions),
+            relative_time: (centre.t_s - middle) / half,
+            segment: segments.get(i).copied().unwrap_or(0),
+            deviation: axes_from_table * (at_table(centre) - expected[centre.ball]),
+            motion_derivatives: std::array::from_fn(by),
+            ball_derivative: axes_from_table,
+        })
+    };
+    let observations = observed.centres.iter().enumerate().map(observation).collect::<Result<Vec<_>, _>>();
     let observations = observations.map_err(MethodRefusal::from)?;
     Ok(MeasuredRun { observed, observations, expected_centres_mm: expected })
 }

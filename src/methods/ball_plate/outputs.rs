@@ -17,10 +17,7 @@ use machine::record::estimate::{FigureKind, Unit};
 const CURVE_POINTS: usize = 72;
 
 pub fn build_outputs(solved: &SolvedRun<'_>) -> Outputs {
-    let motions = MOTION_COMPONENTS
-        .iter()
-        .enumerate()
-        .map(|(k, component)| motion_curve(solved, k, *component));
+    let motions = MOTION_COMPONENTS.iter().enumerate().map(|(k, component)| motion_curve(solved, k, *component));
     let motions: Vec<Curve> = motions.collect();
     let range = |motion: &Curve| RangeOutput {
         symbol: format!("{}_range", motion.symbol),
@@ -71,12 +68,7 @@ fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
         }
         if layout.has_reversal {
             let symbol = format!("E{component}{axis}_reversal");
-            parameters.push(Output::from_unknown(
-                &symbol,
-                component_unit(component),
-                layout.reversal_index(k),
-                x,
-            ));
+            parameters.push(Output::from_unknown(&symbol, component_unit(component), layout.reversal_index(k), x));
         }
     }
     parameters.extend(plate_alignment_outputs(solved));
@@ -142,8 +134,7 @@ fn motion_curve(solved: &SolvedRun<'_>, k: usize, component: Axis) -> Curve {
         true => solved.design.stops.iter().map(|stop| stop.angle).collect(),
         false => {
             // A sub-harmonic repeats after several revolutions.
-            let turns =
-                if layout.basis.has_sub_harmonics() { solved.settings.revolutions } else { 1 };
+            let turns = if layout.basis.has_sub_harmonics() { solved.settings.revolutions } else { 1 };
             let points = 0..=CURVE_POINTS * turns;
             points.map(|i| TAU * i as f64 / CURVE_POINTS as f64).collect()
         }

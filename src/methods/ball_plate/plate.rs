@@ -41,8 +41,7 @@ impl<'a> Plate<'a> {
     pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, MethodRefusal> {
         let set = require_balls(super::NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::find(&plan.machine, &chain)
-            .ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let TableAxis { axis, zero_position: still, turn_sign: turn } = table;
         let line = chain.axis_line(axis, &still).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let to_table = chain.machine_from_table(&still, &[]).inverse();
@@ -72,9 +71,7 @@ impl<'a> Plate<'a> {
                     "the circle of the balls has a radius of {:.1} mm about the axis {}",
                     self.radius_mm, self.axis
                 ),
-                remedy: format!(
-                    "centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"
-                ),
+                remedy: format!("centre the plate on the axis, and choose a radius of at least {MIN_RADIUS_MM} mm"),
             });
         }
         let first = self.radial_directions.first().copied().unwrap_or_default();

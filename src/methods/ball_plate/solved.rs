@@ -45,8 +45,7 @@ impl<'a> SolvedRun<'a> {
     ) -> Result<Self, IdentifyError> {
         let mut design = PlateDesign::new(plan, settings, plate)?;
         let measured = observe_run(plan, settings, plate, &design, readings)?;
-        let interruptions =
-            measured.observations.iter().map(|observation| observation.segment).max();
+        let interruptions = measured.observations.iter().map(|observation| observation.segment).max();
         design.layout.interruptions = interruptions.filter(|_| !settings.values).unwrap_or(0);
         let sources = uncertainty_sources(plan, &measured);
         let sigma = coordinate_sigmas(&sources, measured.observations.len());
@@ -56,21 +55,10 @@ impl<'a> SolvedRun<'a> {
             named.truncate(MAX_NAMED_COMBINATIONS);
             named
         };
-        let (a, solution) =
-            solve_equations(&design.layout, &design.stops, &measured.observations, &sigma)
-                .map_err(|error| IdentifyError::from_solver_error(error, lost))?;
+        let (a, solution) = solve_equations(&design.layout, &design.stops, &measured.observations, &sigma)
+            .map_err(|error| IdentifyError::from_solver_error(error, lost))?;
         let has_declared_sizes = plan.probe.repeatability_um.is_some();
-        Ok(Self {
-            settings,
-            plate,
-            design,
-            measured,
-            sources,
-            sigma,
-            design_matrix: a,
-            solution,
-            has_declared_sizes,
-        })
+        Ok(Self { settings, plate, design, measured, sources, sigma, design_matrix: a, solution, has_declared_sizes })
     }
 
     /// Each ball at each stop as a measurement for the outlier check.

@@ -22,21 +22,14 @@ pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<Uncertain
     let mut list = touch_sources(plan, &measured.observed);
     let first_s = centres.first().map_or(0.0, |centre| centre.t_s);
     // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
-    let settled = |t_s: f64| {
-        THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp())
-    };
+    let settled = |t_s: f64| THERMAL_TIME_CONSTANT_S * (1.0 - (-(t_s - first_s) / THERMAL_TIME_CONSTANT_S).exp());
     let rate = drift_mm_per_s(plan);
     let column = |axis: Axis| {
-        shift_column(centres, |centre| -> Vector3<f64> {
-            axis.direction() * (rate * settled(centre.t_s))
-        })
+        shift_column(centres, |centre| -> Vector3<f64> { axis.direction() * (rate * settled(centre.t_s)) })
     };
     list.push(UncertaintySource {
         is_in_weights: false,
-        ..UncertaintySource::new(
-            "change of the drift rate",
-            nonzero_columns(Axis::LINEAR.map(column)),
-        )
+        ..UncertaintySource::new("change of the drift rate", nonzero_columns(Axis::LINEAR.map(column)))
     });
     list.iter_mut().filter(|source| source.name == "thermal drift").for_each(|source| {
         source.is_in_weights = false;
@@ -48,8 +41,6 @@ pub fn uncertainty_sources(plan: &Plan, measured: &MeasuredRun) -> Vec<Uncertain
 /// Standard uncertainty of each coordinate of each sighting, mm.
 pub fn coordinate_sigmas(sources: &[UncertaintySource], observations: usize) -> Vec<f64> {
     let blocks = block_covariances::<3>(sources, observations);
-    let of_block = |block: &nalgebra::Matrix3<f64>| {
-        [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_U_MM))
-    };
+    let of_block = |block: &nalgebra::Matrix3<f64>| [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_U_MM));
     blocks.iter().flat_map(of_block).collect()
 }

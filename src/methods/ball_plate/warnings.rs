@@ -49,16 +49,11 @@ fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
 
 /// Mean residual of a ball in one revolution, table frame, mm, and the standard uncertainty of one of its
 /// coordinates.
-fn mean_residual(
-    solved: &SolvedRun<'_>,
-    ball: usize,
-    revolution: usize,
-) -> Option<(Vector3<f64>, f64)> {
+fn mean_residual(solved: &SolvedRun<'_>, ball: usize, revolution: usize) -> Option<(Vector3<f64>, f64)> {
     let positions = solved.settings.positions;
     let observations = solved.measured.observations.iter().enumerate();
-    let here = observations
-        .filter(|(_, s)| s.ball == ball && s.stop / positions == revolution)
-        .map(|(i, observation)| {
+    let here =
+        observations.filter(|(_, s)| s.ball == ball && s.stop / positions == revolution).map(|(i, observation)| {
             let residual = |axis: usize| solved.solution.residuals[3 * i + axis];
             let in_axes = Vector3::new(residual(0), residual(1), residual(2));
             let to_table = observation.ball_derivative.try_inverse().unwrap_or_default();
@@ -75,16 +70,13 @@ pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
     let (axis, plate) = (solved.plate.axis, solved.plate);
     let point = plate.axis_point_mm;
     let mut lines = vec![
-        format!(
-            "the mean of each error motion is zero; the location of {axis} is part of DX, DY and DZ"
-        ),
+        format!("the mean of each error motion is zero; the location of {axis} is part of DX, DY and DZ"),
         format!(
             "the co-rotating first harmonic of EX{axis} and EY{axis} is the eccentricity of the plate (e_x, e_y), \
              that of EA{axis} and EB{axis} its tilt (dz_dx, dz_dy)"
         ),
         format!("EX{axis} and EY{axis} are valid at Z = {:.3} mm (point_mm)", point.z),
-        "mean radius, mean height and mean rotation of the plate: as in the first measurement"
-            .to_owned(),
+        "mean radius, mean height and mean rotation of the plate: as in the first measurement".to_owned(),
     ];
     if solved.design.layout.interruptions > 0 {
         lines.push(format!(
@@ -101,15 +93,10 @@ pub fn describe_gauge(solved: &SolvedRun<'_>) -> Vec<String> {
     lines
 }
 
-pub fn describe_not_identifiable(
-    solved: &SolvedRun<'_>,
-    identified: &Identification,
-) -> Vec<String> {
+pub fn describe_not_identifiable(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {
     let axis = solved.plate.axis;
     let mut lines = vec![
-        format!(
-            "location of {axis}: inseparable from the deviations of X, Y and Z at the measuring positions"
-        ),
+        format!("location of {axis}: inseparable from the deviations of X, Y and Z at the measuring positions"),
         "scale of X and Y: inseparable from the radius of the plate".to_owned(),
         format!(
             "harmonics above {}: orders below {half} are in the residuals; an order k above {half} is \

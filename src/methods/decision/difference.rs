@@ -3,9 +3,7 @@
 use serde::Serialize;
 
 use estimation::coverage::coverage_factor;
-use machine::record::estimate::{
-    BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit,
-};
+use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit};
 
 /// Field of the provenance that identifies what a source of uncertainty belongs to.
 type ProvenanceField = fn(&Provenance) -> &str;
@@ -74,11 +72,7 @@ fn share_provenance_field(owner: ProvenanceField, first: &Estimate, second: &Est
 
 /// Differences of all parameters that both results identify, in the order of the first. The sources `common`
 /// have the same value in both results and the same sign of their effect; all other sources are independent.
-pub fn parameter_differences(
-    first: &Estimate,
-    second: &Estimate,
-    common: &[String],
-) -> Vec<ParameterDifference> {
+pub fn parameter_differences(first: &Estimate, second: &Estimate, common: &[String]) -> Vec<ParameterDifference> {
     let pairs = first.parameters.iter().filter_map(|one| {
         let same = |other: &&Parameter| (&other.symbol, other.unit) == (&one.symbol, one.unit);
         Some((one, second.parameters.iter().find(same)?))
@@ -88,11 +82,7 @@ pub fn parameter_differences(
 }
 
 /// Difference of one parameter. `None`: a number is missing.
-fn parameter_difference(
-    one: &Parameter,
-    other: &Parameter,
-    common: &[String],
-) -> Option<ParameterDifference> {
+fn parameter_difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<ParameterDifference> {
     let independent = one.u.powi(2) + other.u.powi(2);
     let shared = |source: &String| source_u(one, source) * source_u(other, source);
     let covariance: f64 = common.iter().map(shared).sum();
@@ -156,18 +146,12 @@ mod tests {
     /// effective degrees of freedom, truncated to 6: t(95.45 %) = 2.52.
     #[test]
     fn its_uncertainty_is_that_of_both() {
-        let found = parameter_difference(
-            &parameter(1.0, 2.0, Some(4.0)),
-            &parameter(7.0, 1.0, Some(8.0)),
-            &[],
-        );
+        let found = parameter_difference(&parameter(1.0, 2.0, Some(4.0)), &parameter(7.0, 1.0, Some(8.0)), &[]);
         let found = found.unwrap();
         assert!((found.by - 6.0).abs() < 1e-12 && found.significant);
         let k = found.expanded / 5f64.sqrt();
         assert!((2.50..2.53).contains(&k), "{k}");
-        let many =
-            parameter_difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None), &[])
-                .unwrap();
+        let many = parameter_difference(&parameter(1.0, 3.0, None), &parameter(10.0, 4.0, None), &[]).unwrap();
         assert!((many.expanded - 10.0).abs() < 0.05 && !many.significant, "{}", many.expanded);
     }
 
@@ -175,8 +159,7 @@ mod tests {
     #[test]
     fn false_alarms_come_as_often_as_said() {
         let mut rng = seeded_stream(5, &[1]);
-        let mut draw =
-            |u: f64| -> f64 { u * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
+        let mut draw = |u: f64| -> f64 { u * Distribution::<f64>::sample(&StandardNormal, &mut rng) };
         let told = (0..4000).filter(|_| {
             let (one, other) = (parameter(draw(0.6), 0.6, None), parameter(draw(0.8), 0.8, None));
             parameter_difference(&one, &other, &[]).unwrap().significant
@@ -229,22 +212,13 @@ mod tests {
     #[test]
     fn common_sources_cancel() {
         use EvaluationType::{A, B};
-        let one = with_budget(
-            10.0,
-            &[("touches", A, 1.0), ("probe lobing", B, 3.0), ("resolution", B, 0.5)],
-        );
-        let other = with_budget(
-            13.0,
-            &[("touches", A, 1.2), ("probe lobing", B, 2.0), ("resolution", B, 0.5)],
-        );
-        let [first, second] =
-            [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..nothing() });
+        let one = with_budget(10.0, &[("touches", A, 1.0), ("probe lobing", B, 3.0), ("resolution", B, 0.5)]);
+        let other = with_budget(13.0, &[("touches", A, 1.2), ("probe lobing", B, 2.0), ("resolution", B, 0.5)]);
+        let [first, second] = [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..nothing() });
         let common = common_sources(&first, &second);
         assert_eq!(common, ["probe lobing"]);
-        let with = |estimate: &Estimate, probe: &str| Estimate {
-            provenance: Some(made_with(probe)),
-            ..estimate.clone()
-        };
+        let with =
+            |estimate: &Estimate, probe: &str| Estimate { provenance: Some(made_with(probe)), ..estimate.clone() };
         assert_eq!(common_sources(&with(&first, "a"), &with(&second, "a")), ["probe lobing"]);
         assert!(common_sources(&with(&first, "a"), &with(&second, "b")).is_empty());
         let found = &parameter_differences(&first, &second, &common)[0];

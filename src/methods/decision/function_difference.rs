@@ -29,8 +29,7 @@ pub struct FunctionDifference {
 impl FunctionDifference {
     /// Index of the largest E_n.
     pub fn worst_index(&self) -> Option<usize> {
-        (0..self.normalized.len())
-            .max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
+        (0..self.normalized.len()).max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
     }
 
     /// Number of points that agree.
@@ -38,12 +37,7 @@ impl FunctionDifference {
         self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
     }
 
-    fn push(
-        &mut self,
-        [one, other]: [FunctionPoint; 2],
-        gauge: Option<[FunctionPoint; 2]>,
-        k: f64,
-    ) {
+    fn push(&mut self, [one, other]: [FunctionPoint; 2], gauge: Option<[FunctionPoint; 2]>, k: f64) {
         let of_gauge = gauge.map(|[one, other]| (other.y - one.y, one.u.hypot(other.u)));
         let (shift, u_shift) = of_gauge.unwrap_or((0.0, 0.0));
         let by = other.y - one.y - shift;
@@ -58,11 +52,7 @@ impl FunctionDifference {
 /// Differences of all functions that both results have, in the order of the first, with the coverage factor
 /// `k`. Results state u of each point without covariance. The u of both functions, at the point and at the
 /// reference point, therefore count as independent and are added in quadrature.
-pub fn function_differences(
-    first: &Estimate,
-    second: &Estimate,
-    k: f64,
-) -> Vec<FunctionDifference> {
+pub fn function_differences(first: &Estimate, second: &Estimate, k: f64) -> Vec<FunctionDifference> {
     let pairs = first.functions.iter().filter_map(|one| {
         let same = |other: &&EstimatedFunction| is_comparable(one, other);
         Some((one, second.functions.iter().find(same)?))
@@ -75,11 +65,7 @@ fn is_comparable(one: &EstimatedFunction, other: &EstimatedFunction) -> bool {
     let is_stated = |function: &EstimatedFunction| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &EstimatedFunction| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
     let is_drawn_alike = one.figure == other.figure || (is_continuous(one) && is_continuous(other));
-    of(one) == of(other)
-        && is_drawn_alike
-        && one.figure != FigureKind::Histogram
-        && is_stated(one)
-        && is_stated(other)
+    of(one) == of(other) && is_drawn_alike && one.figure != FigureKind::Histogram && is_stated(one) && is_stated(other)
 }
 
 /// Whether the points of the function are those of a curve.
@@ -128,11 +114,7 @@ impl FunctionPoints {
 }
 
 /// Difference of one function. `None`: the functions have no common argument.
-fn function_difference(
-    one: &EstimatedFunction,
-    other: &EstimatedFunction,
-    k: f64,
-) -> Option<FunctionDifference> {
+fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f64) -> Option<FunctionDifference> {
     let is_continuous = is_continuous(one);
     let points = [one, other].map(FunctionPoints::from_function);
     let at = |x: f64| match is_continuous {
@@ -216,10 +198,7 @@ mod tests {
         // Both functions have two common arguments; of the function with fewer points these are 60° and 90°.
         assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
         near(&found.by, &[-2.0]);
-        assert_eq!(
-            function_difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0),
-            None
-        );
+        assert_eq!(function_difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);
     }
 
     /// Functions of orders or balls are not interpolated and have no reference point.

@@ -49,9 +49,8 @@ pub fn judge_estimate(estimate: &mut Estimate, limits: &[ParameterLimit]) {
 
 /// Limits that match no parameter of the estimate, in words.
 pub fn describe_unmatched_limits(estimate: &Estimate, limits: &[ParameterLimit]) -> Vec<String> {
-    let known = |limit: &&ParameterLimit| {
-        estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
-    };
+    let known =
+        |limit: &&ParameterLimit| estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit);
     let symbols: Vec<&str> = estimate.parameters.iter().map(|p| p.symbol.as_str()).collect();
     limits
         .iter()
@@ -135,9 +134,6 @@ mod tests {
         near(&Parameter { dof: Some(5.0), ..one(10.0 - 2.015, 2.0) }, 0.9500);
         assert_eq!(judge_parameter(&one(f64::NAN, 2.0), 10.0, false).conformance, None);
         let contradicted = judge_parameter(&one(1.0, 2.0), 10.0, true);
-        assert_eq!(
-            (contradicted.verdict, contradicted.conformance),
-            (Verdict::UndecidedModel, None)
-        );
+        assert_eq!((contradicted.verdict, contradicted.conformance), (Verdict::UndecidedModel, None));
     }
 }

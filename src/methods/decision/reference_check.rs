@@ -35,16 +35,11 @@ struct ReferenceMeasurement<'a> {
 
 /// Measurements of the references, in the order of measurement. Flagged readings are ignored, except good ones
 /// before which others were lost.
-fn reference_measurements<'a>(
-    plan: &'a Plan,
-    readings: &[Reading],
-) -> Vec<ReferenceMeasurement<'a>> {
+fn reference_measurements<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<ReferenceMeasurement<'a>> {
     let good = |reading: &&Reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap);
-    let same =
-        |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
-    let is_same_position = |one: &Reading, other: &Reading| {
-        one.position == other.position && one.sensor == other.sensor
-    };
+    let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+    let is_same_position =
+        |one: &Reading, other: &Reading| one.position == other.position && one.sensor == other.sensor;
     let measurement = |(point, readings): (usize, &[Reading])| {
         let (first, count) = (readings.iter().find(good)?, readings.iter().filter(good).count());
         let is_read = |step: &&Step| step.id == first.step && step.kind == StepKind::Reference;
@@ -61,9 +56,7 @@ fn reference_measurements<'a>(
     };
     let readings = readings_since_last_mount(plan, readings);
     let steps = readings.chunk_by(same);
-    steps
-        .flat_map(|step| step.chunk_by(is_same_position).enumerate().filter_map(measurement))
-        .collect()
+    steps.flat_map(|step| step.chunk_by(is_same_position).enumerate().filter_map(measurement)).collect()
 }
 
 /// Readings since the artefact was last mounted; only these can be compared.
@@ -88,11 +81,9 @@ impl<'a> References<'a> {
         let ordinary = |reading: &Reading| reading.repeat < FIRST_REPEAT_AFTER_STOP;
         let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
         let mut references: Vec<ReferencePoint<'a>> = Vec::new();
-        for measurement in reference_measurements(plan, readings.get(..agreed).unwrap_or_default())
-        {
+        for measurement in reference_measurements(plan, readings.get(..agreed).unwrap_or_default()) {
             let is_same_point = |reference: &&mut ReferencePoint<'_>| {
-                reference.point_index == measurement.point_index
-                    && have_same_path(reference.step, measurement.step)
+                reference.point_index == measurement.point_index && have_same_path(reference.step, measurement.step)
             };
             match references.iter_mut().find(is_same_point) {
                 Some(reference) => {
@@ -101,11 +92,7 @@ impl<'a> References<'a> {
                 }
                 None => {
                     let ReferenceMeasurement { step, point_index: point, .. } = measurement;
-                    references.push(ReferencePoint {
-                        step,
-                        point_index: point,
-                        measurements: vec![measurement],
-                    });
+                    references.push(ReferencePoint { step, point_index: point, measurements: vec![measurement] });
                 }
             }
         }
@@ -115,21 +102,16 @@ impl<'a> References<'a> {
     /// Whether the reference points cover every direction in which the references of the plan touch: each direction was
     /// touched before the stop.
     pub fn covers_all_directions(&self) -> bool {
-        let mut reference_steps =
-            self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
+        let mut reference_steps = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.points.is_empty()
-            && reference_steps.all(|step| {
-                self.points.iter().any(|reference| have_same_direction(reference.step, step))
-            })
+            && reference_steps.all(|step| self.points.iter().any(|reference| have_same_direction(reference.step, step)))
     }
 
     /// The stage that measures all reference points again, after the given stages.
     pub fn repeat_stage(&self, stages: &[Stage]) -> Stage {
         let stops = stages.iter().filter(|stage| stage.repeat >= FIRST_REPEAT_AFTER_STOP).count();
         let last = stages.last();
-        let touches = |stage: &&Stage| {
-            self.points.iter().any(|reference| stage.steps.contains(&reference.step.id))
-        };
+        let touches = |stage: &&Stage| self.points.iter().any(|reference| stage.steps.contains(&reference.step.id));
         // The steps are planned for the artefact as found in that stage, not for what a later stage searches.
         let mut steps: Vec<u32> = self.points.iter().map(|reference| reference.step.id).collect();
         // The points of a scan are reference points of one step.
@@ -162,25 +144,19 @@ impl<'a> References<'a> {
     pub fn compare(&self, readings: &[Reading]) -> (Vec<ReferenceShift>, TouchScatter) {
         let repeated = reference_measurements(self.plan, readings);
         let after = |reference: &ReferencePoint<'_>| -> Vec<f64> {
-            let is_same_point =
-                repeated.iter().filter(|measurement| reference.is_measured_by(measurement));
+            let is_same_point = repeated.iter().filter(|measurement| reference.is_measured_by(measurement));
             is_same_point.map(|measurement| measurement.outward_position_mm).collect()
         };
-        let series: Vec<Vec<f64>> = self
-            .points
-            .iter()
-            .flat_map(|reference| [reference.values_before_stop_mm(), after(reference)])
-            .collect();
+        let series: Vec<Vec<f64>> =
+            self.points.iter().flat_map(|reference| [reference.values_before_stop_mm(), after(reference)]).collect();
         let scatter = TouchScatter::from_series(self.declared_repeatability_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
         let pairs: Vec<ReferencePair> = self
             .points
             .iter()
             .filter_map(|reference| {
-                let is_new =
-                    |measurement: &&ReferenceMeasurement<'_>| reference.is_measured_by(measurement);
-                let (before, after) =
-                    (reference.measurements.last()?, repeated.iter().find(is_new)?);
+                let is_new = |measurement: &&ReferenceMeasurement<'_>| reference.is_measured_by(measurement);
+                let (before, after) = (reference.measurements.last()?, repeated.iter().find(is_new)?);
                 Some(ReferencePair {
                     label: reference.label(),
                     position_mm: [before, after].map(|measurement| measurement.outward_position_mm),
@@ -197,9 +173,8 @@ impl<'a> References<'a> {
     /// Labels of the reference points that have no reading in `readings`.
     pub fn labels_without_reading(&self, readings: &[Reading]) -> Vec<String> {
         let repeated = reference_measurements(self.plan, readings);
-        let has_reading = |reference: &&ReferencePoint<'_>| {
-            !repeated.iter().any(|measurement| reference.is_measured_by(measurement))
-        };
+        let has_reading =
+            |reference: &&ReferencePoint<'_>| !repeated.iter().any(|measurement| reference.is_measured_by(measurement));
         self.points.iter().filter(has_reading).map(ReferencePoint::label).collect()
     }
 
@@ -221,8 +196,7 @@ impl ReferencePoint<'_> {
             None => self.step.label.clone(),
             Some(_) => {
                 let sensors = self.step.sensors.len().max(1);
-                let point =
-                    format!("{}, point {}", self.step.label, self.point_index / sensors + 1);
+                let point = format!("{}, point {}", self.step.label, self.point_index / sensors + 1);
                 match self.step.sensors.get(self.point_index % sensors) {
                     Some(sensor) if sensors > 1 => format!("{point}, {sensor}"),
                     _ => point,
@@ -233,10 +207,7 @@ impl ReferencePoint<'_> {
 
     /// Readings of the reference point before any stop, mm.
     fn values_before_stop_mm(&self) -> Vec<f64> {
-        let ordinary = self
-            .measurements
-            .iter()
-            .filter(|measurement| measurement.repeat < FIRST_REPEAT_AFTER_STOP);
+        let ordinary = self.measurements.iter().filter(|measurement| measurement.repeat < FIRST_REPEAT_AFTER_STOP);
         ordinary.map(|measurement| measurement.outward_position_mm).collect()
     }
 }
@@ -247,8 +218,7 @@ pub fn largest_shift_limit_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> 
     // Readings before the stop may be slightly out of order in time, but precede it in the list.
     let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
     let (before, after) = readings.split_at(last + 1);
-    let repeated =
-        after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_AFTER_STOP).count();
+    let repeated = after.iter().take_while(|reading| reading.repeat >= FIRST_REPEAT_AFTER_STOP).count();
     let (shifts, _) = References::from_readings(plan, before).compare(after.get(..repeated)?);
     shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
 }
@@ -266,8 +236,7 @@ fn touch_direction(step: &Step) -> [(Axis, f64); 3] {
 }
 
 fn have_same_direction(one: &Step, other: &Step) -> bool {
-    let along: f64 =
-        touch_direction(one).iter().zip(touch_direction(other)).map(|((_, a), (_, b))| a * b).sum();
+    let along: f64 = touch_direction(one).iter().zip(touch_direction(other)).map(|((_, a), (_, b))| a * b).sum();
     along > MIN_DIRECTION_COSINE
 }
 
@@ -338,10 +307,7 @@ mod tests {
         assert_eq!((compared(&all), references.labels_without_reading(&all).len()), (3, 0));
         let some = repeated([ReadingFlag::None, ReadingFlag::Stale, ReadingFlag::Range]);
         assert_eq!(compared(&some), 1);
-        assert_eq!(
-            references.labels_without_reading(&some),
-            ["pose/first, point 2", "pose/first, point 3"]
-        );
+        assert_eq!(references.labels_without_reading(&some), ["pose/first, point 2", "pose/first, point 3"]);
         assert_eq!(references.labels_without_reading(&[]).len(), 3);
     }
 
@@ -356,9 +322,7 @@ mod tests {
         earlier.t_s = gap_s + 0.1;
         for round in 0..2 {
             let mut repeated = readings(FIRST_REPEAT_AFTER_STOP + round, seen);
-            repeated
-                .iter_mut()
-                .for_each(|reading| reading.value_mm = Some(0.5 + 1e-4 * f64::from(round)));
+            repeated.iter_mut().for_each(|reading| reading.value_mm = Some(0.5 + 1e-4 * f64::from(round)));
             all.extend(repeated);
         }
         assert!(largest_shift_limit_mm(&plan, &all, gap_s).is_some());

@@ -48,10 +48,7 @@ impl TouchScatter {
         let squares: Vec<f64> = differences.map(|pair| (pair[1] - pair[0]).powi(2) / 2.0).collect();
         match squares.len() {
             0 => Self::Unknown,
-            count => Self::Pooled {
-                u_mm: (squares.iter().sum::<f64>() / count as f64).sqrt(),
-                dof: count as u32,
-            },
+            count => Self::Pooled { u_mm: (squares.iter().sum::<f64>() / count as f64).sqrt(), dof: count as u32 },
         }
     }
 
@@ -61,13 +58,14 @@ impl TouchScatter {
             Self::Declared { u_mm } => {
                 format!("declared repeatability of one touch: {:.2} µm", u_mm * 1e3)
             }
-            Self::Pooled { u_mm, dof } => format!(
-                "repeatability of one touch: {:.2} µm, from {dof} repeated references",
-                u_mm * 1e3
-            ),
-            Self::Unknown => "the repeatability of a touch is unknown ([probe] repeatability_um is missing): the limit \
+            Self::Pooled { u_mm, dof } => {
+                format!("repeatability of one touch: {:.2} µm, from {dof} repeated references", u_mm * 1e3)
+            }
+            Self::Unknown => {
+                "the repeatability of a touch is unknown ([probe] repeatability_um is missing): the limit \
                 follows from resolution and drift alone"
-                .to_owned(),
+                    .to_owned()
+            }
         }
     }
 }
@@ -101,8 +99,7 @@ impl ShiftLimits {
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
         let touches = (2.0 * (self.u_mm.powi(2) + rounding.powi(2))).sqrt();
-        let drift =
-            (self.drift_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
+        let drift = (self.drift_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
         self.coverage_factor * touches.hypot(drift) + pair.resolution_mm
     }
 }
@@ -178,19 +175,13 @@ mod tests {
 
     #[test]
     fn the_limit_of_four_is_three_standard_deviations_of_the_difference() {
-        let declared = |um_per_h: f64| {
-            ShiftLimits::new(
-                TouchScatter::from_series(Some(0.5e-3), &[]),
-                4,
-                um_per_h * 1e-3 / 3600.0,
-            )
-        };
+        let declared =
+            |um_per_h: f64| ShiftLimits::new(TouchScatter::from_series(Some(0.5e-3), &[]), 4, um_per_h * 1e-3 / 3600.0);
         let shift = ReferenceShift::from_pair(&pair(2.0e-3, 0.0), &declared(0.0));
         assert!((shift.limit_mm - 3.0 * 0.5e-3 * 2f64.sqrt()).abs() < 1e-9);
         assert!(
             shift.is_within_limit()
-                && !ReferenceShift::from_pair(&pair(-2.2e-3, 0.0), &declared(0.0))
-                    .is_within_limit()
+                && !ReferenceShift::from_pair(&pair(-2.2e-3, 0.0), &declared(0.0)).is_within_limit()
         );
         // Drift of 5 µm/h over a quarter of an hour: 3·1.25 µm in addition to the touches.
         let slow = ReferenceShift::from_pair(&pair(0.0, 900.0), &declared(5.0));
@@ -208,19 +199,14 @@ mod tests {
     fn refused(reference_count: usize, shift: f64, stops: u32) -> [f64; 2] {
         const U_MM: f64 = 1e-3;
         let mut rng = estimation::random::seeded_stream(5, &[reference_count as u64]);
-        let declared =
-            ShiftLimits::new(TouchScatter::from_series(Some(U_MM), &[]), reference_count, 0.0);
+        let declared = ShiftLimits::new(TouchScatter::from_series(Some(U_MM), &[]), reference_count, 0.0);
         // The factor depends only on the number of places, so it is computed once, as in a run.
-        let pooled = ShiftLimits::new(
-            TouchScatter::Pooled { u_mm: 1.0, dof: 2 * reference_count as u32 },
-            reference_count,
-            0.0,
-        );
+        let pooled =
+            ShiftLimits::new(TouchScatter::Pooled { u_mm: 1.0, dof: 2 * reference_count as u32 }, reference_count, 0.0);
         let mut alarms = [0_u32; 2];
         for _ in 0..stops {
             let mut draw = |at: f64| U_MM * (at + rng.sample::<f64, _>(StandardNormal));
-            let mut round =
-                |at| (0..reference_count).map(|_| vec![draw(at), draw(at)]).collect::<Vec<_>>();
+            let mut round = |at| (0..reference_count).map(|_| vec![draw(at), draw(at)]).collect::<Vec<_>>();
             let (before, after) = (round(0.0), round(shift));
             let TouchScatter::Pooled { u_mm, dof } =
                 TouchScatter::from_series(None, &[before.as_slice(), &after].concat())
@@ -228,12 +214,9 @@ mod tests {
                 panic!("no scatter")
             };
             assert_eq!(dof, 2 * reference_count as u32);
-            for (alarms, limits) in
-                alarms.iter_mut().zip([declared, ShiftLimits { u_mm, ..pooled }])
-            {
+            for (alarms, limits) in alarms.iter_mut().zip([declared, ShiftLimits { u_mm, ..pooled }]) {
                 let moved = |(before, after): (&Vec<f64>, &Vec<f64>)| {
-                    let pair =
-                        ReferencePair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
+                    let pair = ReferencePair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
                     !ReferenceShift::from_pair(&pair, &limits).is_within_limit()
                 };
                 *alarms += u32::from(before.iter().zip(&after).any(moved));
@@ -250,10 +233,7 @@ mod tests {
             let [declared, pooled] = refused(reference_count, 0.0, 20_000);
             println!("{reference_count} places: {declared} of stops, {pooled} with pooled scatter");
             // Tolerance of the comparison: four standard deviations of the count.
-            assert!(
-                (declared - (1.0 - AGREEMENT_PROBABILITY)).abs() < 0.003,
-                "{reference_count}: {declared}"
-            );
+            assert!((declared - (1.0 - AGREEMENT_PROBABILITY)).abs() < 0.003, "{reference_count}: {declared}");
             // With pooled scatter, a shift between the rounds also increases the scatter.
             assert!((0.002..0.0138).contains(&pooled), "{reference_count}: {pooled}");
         }
@@ -286,8 +266,7 @@ mod tests {
         let unknown = ShiftLimits::new(TouchScatter::Unknown, 1, 0.0);
         assert!(ReferenceShift::from_pair(&coarse, &unknown).is_within_limit());
         assert!(
-            !ReferenceShift::from_pair(&ReferencePair { resolution_mm: 1e-4, ..coarse }, &unknown)
-                .is_within_limit()
+            !ReferenceShift::from_pair(&ReferencePair { resolution_mm: 1e-4, ..coarse }, &unknown).is_within_limit()
         );
     }
 }

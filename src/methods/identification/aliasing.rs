@@ -15,8 +15,7 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     if angles.iter().all(|angle| (angle - first).abs() < COSINE_TOLERANCE) {
         return Vec::new();
     }
-    let is_aliased =
-        |order: &u32| angles.iter().all(|angle| is_same(f64::from(*order) * (angle - first)));
+    let is_aliased = |order: &u32| angles.iter().all(|angle| is_same(f64::from(*order) * (angle - first)));
     CHECKED_HARMONIC_ORDERS.filter(is_aliased).collect()
 }
 
@@ -60,17 +59,14 @@ mod tests {
 
     #[test]
     fn orders_that_repeat_from_angle_to_angle_are_aliased() {
-        let angles =
-            |degrees: &[f64]| -> Vec<f64> { degrees.iter().map(|d| d.to_radians()).collect() };
+        let angles = |degrees: &[f64]| -> Vec<f64> { degrees.iter().map(|d| d.to_radians()).collect() };
         let orders = |degrees: &[f64]| aliased_orders(&angles(degrees));
         assert_eq!(orders(&[0.0, 90.0, 180.0, 270.0, 360.0]), [4, 8, 12]);
         assert_eq!(orders(&[30.0, -90.0, 150.0]), [3, 6, 9, 12]);
         // One angle between the others separates all orders; a single angle gives no orders.
         assert!(orders(&[0.0, 90.0, 180.0, 200.0]).is_empty());
         assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
-        let line =
-            describe_aliased_orders(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION_ERRORS_TEXT)
-                .unwrap();
+        let line = describe_aliased_orders(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION_ERRORS_TEXT).unwrap();
         assert!(line.starts_with("error motions of C at orders 4, 8, 12: "), "{line}");
         assert!(line.contains("steps of 360°/4 only"), "{line}");
     }

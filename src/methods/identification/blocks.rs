@@ -1,9 +1,7 @@
 //! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions. In each
 //! block only the directions that the rows determine are solved.
 
-use estimation::linear::{
-    self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis, cholesky_lower,
-};
+use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis, cholesky_lower};
 use estimation::null_names::name_null_space;
 use estimation::thin_svd::ThinSvd;
 use faer::{Mat, MatRef};
@@ -52,8 +50,7 @@ pub struct BlockFit {
 impl BlockFit {
     fn new(equations: &BlockEquations) -> Result<Self, IdentifyError> {
         let BlockEquations { design: full, names, observed_mm, sigma_mm, .. } = equations;
-        let survey =
-            linear::analyse_rank(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical_error)?;
+        let survey = linear::analyse_rank(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical_error)?;
         let RankAnalysis { null_space, rank, .. } = survey;
         let constraints = null_space.transpose().to_owned();
         let reduction = reduction_matrix(equations);
@@ -67,8 +64,7 @@ impl BlockFit {
         };
         let solution = linear::solve_least_squares(&problem).map_err(numerical_error)?;
         let explained = multiply_vector(full, &solution.x);
-        let residuals_mm: Vec<f64> =
-            observed_mm.iter().zip(explained).map(|(o, e)| o - e).collect();
+        let residuals_mm: Vec<f64> = observed_mm.iter().zip(explained).map(|(o, e)| o - e).collect();
         Ok(Self {
             undetermined: name_null_space(null_space.as_ref(), names),
             chi2: residuals_mm.iter().zip(sigma_mm).map(|(r, sigma)| (r / sigma).powi(2)).sum(),
@@ -124,8 +120,7 @@ fn reduction_matrix(equations: &BlockEquations) -> Mat<f64> {
     for group in 0..count {
         let own: Vec<usize> = (0..design.nrows()).filter(|i| groups[*i] == group).collect();
         let entry = |i: usize, j: usize| design[(own[i], j)] / sigma_mm[own[i]];
-        let ThinSvd { u, s, .. } =
-            ThinSvd::decompose(&Mat::from_fn(own.len(), design.ncols(), entry));
+        let ThinSvd { u, s, .. } = ThinSvd::decompose(&Mat::from_fn(own.len(), design.ncols(), entry));
         let is_kept = |j: &usize| s[*j] > RANK_THRESHOLD * s[0];
         for j in (0..s.len()).filter(is_kept) {
             let mut row = vec![0.0; design.nrows()];
@@ -156,10 +151,7 @@ impl BlockwiseFit {
         let blocks: Vec<BlockFit> = blocks.collect::<Result<_, _>>()?;
         Ok(Self {
             x: blocks.iter().flat_map(|fit| fit.solution.x.clone()).collect(),
-            weighted_residuals: blocks
-                .iter()
-                .flat_map(|fit| fit.solution.residuals.clone())
-                .collect(),
+            weighted_residuals: blocks.iter().flat_map(|fit| fit.solution.residuals.clone()).collect(),
             unknowns_per_block: blocks.first().map_or(0, |fit| fit.solution.x.len()),
             blocks,
         })
@@ -202,9 +194,7 @@ impl BlockwiseFit {
             let reduced = &fit.reduction * covariance(block) * fit.reduction.transpose();
             let root = cholesky_lower(&reduced);
             let columns = (0..root.ncols()).map(|j| root.col_as_slice(j).to_vec());
-            runs.extend(
-                columns.map(|values| ObservationSpan { first_index: first, changes_mm: values }),
-            );
+            runs.extend(columns.map(|values| ObservationSpan { first_index: first, changes_mm: values }));
             first += root.nrows();
         }
         Effect::Spans(runs)
@@ -213,8 +203,7 @@ impl BlockwiseFit {
     /// A source that changes many observations together, by its `columns` in mm. It does not enter the
     /// weights; its size stays as declared.
     pub fn declared_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
-        let effect =
-            Effect::Joint(columns.iter().map(|column| self.reduce_change(column)).collect());
+        let effect = Effect::Joint(columns.iter().map(|column| self.reduce_change(column)).collect());
         UncertaintySource {
             in_residuals: ResidualTreatment::Expected,
             is_in_weights: false,
@@ -227,11 +216,7 @@ impl BlockwiseFit {
     /// Root mean square residual of each block. Block n holds harmonic n, from 1.
     pub fn residual_rms_by_order(&self) -> EstimatedFunction {
         let of = |(order, block): (f64, &BlockFit)| (order, rms(&block.residuals_mm) * 1e3);
-        function_over_orders(
-            "residual_rms",
-            Unit::Um,
-            (1..).map(f64::from).zip(&self.blocks).map(of),
-        )
+        function_over_orders("residual_rms", Unit::Um, (1..).map(f64::from).zip(&self.blocks).map(of))
     }
 }
 

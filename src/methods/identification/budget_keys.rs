@@ -19,11 +19,7 @@ struct BudgetLineKey {
     size: fn(&Plan) -> f64,
 }
 
-const fn budget_line_key(
-    line: &'static str,
-    key: &'static str,
-    size: fn(&Plan) -> f64,
-) -> BudgetLineKey {
+const fn budget_line_key(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) -> BudgetLineKey {
     BudgetLineKey { line, key, size }
 }
 
@@ -38,9 +34,7 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
         _ => 0.0,
     }),
     budget_line_key("stylus offset", "probe.stylus_offset_um", |plan| plan.probe.stylus_offset_um),
-    budget_line_key("backlash", "axes.*.backlash_um", |plan| {
-        largest_linear_axis_value(plan, |axis| axis.backlash_um)
-    }),
+    budget_line_key("backlash", "axes.*.backlash_um", |plan| largest_linear_axis_value(plan, |axis| axis.backlash_um)),
     budget_line_key("error motions of X, Y and Z", "axes.*.error_motion_um", |plan| {
         largest_linear_axis_value(plan, |axis| axis.error_motion_um)
     }),
@@ -52,19 +46,9 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
         largest_axis_value(plan, is_rotary, |axis| axis.error_motion_um)
     }),
     budget_line_key("thermal drift", "machine.drift_um_per_h", |plan| plan.machine.drift_um_per_h),
-    budget_line_key("squareness of X, Y and Z", "machine.squareness_urad", |plan| {
-        plan.machine.squareness_urad
-    }),
-    budget_line_key(
-        "temperature of the certified length",
-        "artefact.lengths.u_temperature_k",
-        |_| 0.0,
-    ),
-    budget_line_key(
-        "temperature of the certified length",
-        "artefact.lengths.expansion_um_per_m_k",
-        |_| 0.0,
-    ),
+    budget_line_key("squareness of X, Y and Z", "machine.squareness_urad", |plan| plan.machine.squareness_urad),
+    budget_line_key("temperature of the certified length", "artefact.lengths.u_temperature_k", |_| 0.0),
+    budget_line_key("temperature of the certified length", "artefact.lengths.expansion_um_per_m_k", |_| 0.0),
     budget_line_key("temperature of the artefact", "artefact.u_temperature_k", |plan| {
         artefact_balls(plan).and_then(|balls| balls.u_temperature_k).unwrap_or_default()
     }),
@@ -82,11 +66,7 @@ const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
 /// Prefix of the budget line for the error motions of one rotary axis.
 const ROTARY_MOTION_PREFIX: &str = "error motions of ";
 
-fn largest_axis_value(
-    plan: &Plan,
-    is_included: fn(&Axis) -> bool,
-    of: fn(&AxisSpec) -> f64,
-) -> f64 {
+fn largest_axis_value(plan: &Plan, is_included: fn(&Axis) -> bool, of: fn(&AxisSpec) -> f64) -> f64 {
     let axes = plan.machine.axes.iter().filter(|(axis, _)| is_included(axis));
     axes.map(|(_, spec)| of(spec)).fold(0.0, f64::max)
 }
@@ -133,9 +113,7 @@ fn is_key_of_line(line: &BudgetLine, key: &str) -> bool {
     let axis = section.strip_prefix("axes.");
     let mut sized = BUDGET_LINE_KEYS.iter().filter(|sized| sized.line == line.source).peekable();
     if sized.peek().is_none() {
-        return name == "error_motion_um"
-            && axis.is_some()
-            && axis == line.source.strip_prefix(ROTARY_MOTION_PREFIX);
+        return name == "error_motion_um" && axis.is_some() && axis == line.source.strip_prefix(ROTARY_MOTION_PREFIX);
     }
     let is_linear = axis.is_none_or(|axis| ["X", "Y", "Z"].contains(&axis));
     let is_same = |sized: &BudgetLineKey| sized.key.rsplit('.').next() == Some(name);

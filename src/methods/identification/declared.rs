@@ -178,10 +178,7 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
 /// Angular error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): rotations
 /// about X, Y and Z that are smooth random functions of the axis position, rad per draw, zero at position
 /// zero.
-pub fn angular_motion_patterns(
-    plan: &Plan,
-    points: &[Vector3<f64>],
-) -> Vec<(ErrorParameter, Vec<f64>)> {
+pub fn angular_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<(ErrorParameter, Vec<f64>)> {
     let mut patterns = Vec::new();
     for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
         let Some(spec) = plan.machine.axes.get(&axis) else { continue };

@@ -50,11 +50,7 @@ impl RevolutionRanges {
 
 /// Total and asynchronous value of the motion `symbol`: the mean over the measurements and the standard
 /// uncertainty of that mean (type A). One measurement gives no uncertainty and therefore no value.
-pub fn revolution_parameters(
-    symbol: &str,
-    unit: Unit,
-    values: &[RevolutionRanges],
-) -> Vec<Parameter> {
+pub fn revolution_parameters(symbol: &str, unit: Unit, values: &[RevolutionRanges]) -> Vec<Parameter> {
     let mean = |suffix: &str, value: fn(&RevolutionRanges) -> f64| {
         let count = values.len() as f64;
         let mean = values.iter().map(value).sum::<f64>() / count;

@@ -40,9 +40,7 @@ pub fn identify(
     plan: Option<TrialPlan>,
 ) -> Result<Identification, IdentifyError> {
     let (observations, unknowns) = (solution.model.observations(), solution.model.unknowns());
-    if let Some(source) =
-        sources.iter().find(|source| !source.has_matching_size(observations, unknowns))
-    {
+    if let Some(source) = sources.iter().find(|source| !source.has_matching_size(observations, unknowns)) {
         return Err(IdentifyError::IdentificationFailed(format!(
             "the size of the uncertainty source `{}` does not match {observations} observations and \
             {unknowns} unknowns",
@@ -110,9 +108,7 @@ impl Identification {
         let Output { symbol, unit, value, .. } = output;
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
-            interval_monte_carlo: self
-                .trial_interval(index)
-                .map(|mm| mm.map(|x| unit.from_internal(x))),
+            interval_monte_carlo: self.trial_interval(index).map(|mm| mm.map(|x| unit.from_internal(x))),
             ..parameter_with_budget(symbol, *unit, *value, self.output_uncertainty(index, output))
         }
     }
@@ -177,9 +173,7 @@ impl Identification {
         let Some(trials) = &self.trials else { return Vec::new() };
         let parameters = self.outputs.parameters.iter().enumerate();
         parameters
-            .filter(|(i, output)| {
-                trials.contradicts_uncertainty(*i, self.output_uncertainty(*i, output).u)
-            })
+            .filter(|(i, output)| trials.contradicts_uncertainty(*i, self.output_uncertainty(*i, output).u))
             .map(|(_, output)| output.symbol.as_str())
             .collect()
     }
@@ -196,13 +190,7 @@ pub fn parameter_with_budget(symbol: &str, unit: Unit, value: f64, own: Uncertai
 
 /// A parameter without budget and trials, with the given `value` and standard uncertainty `u` (internal unit)
 /// and `dof` effective degrees of freedom (`None`: infinitely many).
-pub fn parameter_without_budget(
-    symbol: &str,
-    unit: Unit,
-    value: f64,
-    u: f64,
-    dof: Option<f64>,
-) -> Parameter {
+pub fn parameter_without_budget(symbol: &str, unit: Unit, value: f64, u: f64, dof: Option<f64>) -> Parameter {
     let k = coverage_factor(dof.unwrap_or(f64::INFINITY));
     Parameter {
         symbol: symbol.to_owned(),

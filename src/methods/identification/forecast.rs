@@ -15,16 +15,15 @@ pub fn with_assumed_repeatability(plan: &Plan) -> Plan {
 pub fn describe_assumed_repeatability(plan: &Plan) -> Option<String> {
     let assumed_um = repeatability_mm(plan) * 1e3;
     plan.probe.repeatability_um.is_none().then(|| {
-        format!("assumed for the expected U: repeatability of a touch {assumed_um} µm; set repeatability_um in \
-            [probe]")
+        format!(
+            "assumed for the expected U: repeatability of a touch {assumed_um} µm; set repeatability_um in \
+            [probe]"
+        )
     })
 }
 
 /// Expanded uncertainty U of the parameters that are `of_interest`, as text.
-pub fn describe_expected_uncertainty(
-    estimate: &Estimate,
-    of_interest: impl Fn(&Parameter) -> bool,
-) -> Option<String> {
+pub fn describe_expected_uncertainty(estimate: &Estimate, of_interest: impl Fn(&Parameter) -> bool) -> Option<String> {
     let list = estimate.parameters.iter().filter(|parameter| of_interest(parameter));
     let list = list.map(|p| format!("{} {:.1} {}", p.symbol, p.expanded, p.unit.symbol()));
     let list: Vec<String> = list.collect();

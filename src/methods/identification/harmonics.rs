@@ -96,11 +96,7 @@ impl HarmonicFunction {
 }
 
 /// Values over the harmonic order in `unit`, without a stated uncertainty.
-pub fn function_over_orders(
-    symbol: &str,
-    unit: Unit,
-    points: impl Iterator<Item = (f64, f64)>,
-) -> EstimatedFunction {
+pub fn function_over_orders(symbol: &str, unit: Unit, points: impl Iterator<Item = (f64, f64)>) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
     EstimatedFunction {
         symbol: symbol.to_owned(),
@@ -116,11 +112,7 @@ pub fn function_over_orders(
 }
 
 /// Values in mm, numbered from 1, without a stated uncertainty. In order of time they show movements.
-pub fn function_over_numbers(
-    symbol: &str,
-    argument: &str,
-    mm: impl Iterator<Item = f64>,
-) -> EstimatedFunction {
+pub fn function_over_numbers(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> EstimatedFunction {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
     EstimatedFunction {
         argument: argument.to_owned(),
@@ -138,8 +130,7 @@ impl Identification {
     /// harmonic has at any phase, because the phase of an amplitude near zero is unknown and its derivative
     /// does not exist there. An amplitude below 2u does not differ significantly from zero.
     pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> EstimatedFunction {
-        let mut points: Vec<[f64; 3]> =
-            of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
+        let mut points: Vec<[f64; 3]> = of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
         let reported = |value: f64| of.unit.from_internal(value);
         EstimatedFunction {

@@ -23,10 +23,7 @@ impl<'a> KnownErrors<'a> {
     /// # Errors
     /// The estimate has no such errors, or none with their covariance; it has errors of axes that this
     /// machine does not have.
-    pub fn from_estimate(
-        estimate: &'a Estimate,
-        chain: &KinematicChain,
-    ) -> Result<Self, MethodRefusal> {
+    pub fn from_estimate(estimate: &'a Estimate, chain: &KinematicChain) -> Result<Self, MethodRefusal> {
         let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;
             let value = parameter.value / parameter.unit.from_internal(1.0);

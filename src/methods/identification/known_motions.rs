@@ -44,15 +44,10 @@ impl<'a> KnownMotions<'a> {
         let priors: Vec<&Estimate> = priors_without_probe_maps(priors).collect();
         let mut motions: Vec<KnownMotion<'_>> = Vec::new();
         for (prior, estimate) in priors.iter().copied().enumerate() {
-            let all =
-                estimate.functions.iter().filter_map(|f| Some((location_error_of_function(f)?, f)));
+            let all = estimate.functions.iter().filter_map(|f| Some((location_error_of_function(f)?, f)));
             let (own, others): (Vec<_>, Vec<_>) = all.partition(|(error, _)| error.axis() == axis);
             if own.is_empty() {
-                return Err(missing_motions_refusal(
-                    axis,
-                    estimate,
-                    others.first().map(|(_, other)| *other),
-                ));
+                return Err(missing_motions_refusal(axis, estimate, others.first().map(|(_, other)| *other)));
             }
             for (error, function) in own {
                 if motions.iter().any(|motion| motion.error == error) {
@@ -79,10 +74,7 @@ impl<'a> KnownMotions<'a> {
         let terms = |motion: &KnownMotion<'_>| match &motion.form {
             MotionForm::Harmonics(terms) => terms.iter().map(|(_, term)| *term).collect(),
             MotionForm::Points(points) => {
-                vec![ErrorTerm {
-                    parameter: motion.error,
-                    value: points.interpolate(angle.to_degrees()).value,
-                }]
+                vec![ErrorTerm { parameter: motion.error, value: points.interpolate(angle.to_degrees()).value }]
             }
         };
         self.motions.iter().flat_map(terms).collect()
@@ -92,11 +84,7 @@ impl<'a> KnownMotions<'a> {
     /// the angle, because estimates have no covariance of points. `angles`: commanded angle of each
     /// observation, rad. `by_component`: derivative of each observation by a displacement of the axis along
     /// or about the component.
-    pub fn sources(
-        &self,
-        angles: &[f64],
-        by_component: impl Fn(Axis) -> Vec<f64>,
-    ) -> Vec<UncertaintySource> {
+    pub fn sources(&self, angles: &[f64], by_component: impl Fn(Axis) -> Vec<f64>) -> Vec<UncertaintySource> {
         let mut sources = Vec::new();
         for (prior, estimate) in self.priors.iter().enumerate() {
             let (mut symbols, mut by_coefficient, mut by_points) = (vec![], vec![], vec![]);
@@ -129,11 +117,7 @@ impl<'a> KnownMotions<'a> {
         let line = |(prior, estimate): (usize, &&Estimate)| {
             let own = self.motions.iter().filter(|motion| motion.prior_index == prior);
             let own: Vec<String> = own.map(KnownMotion::describe).collect();
-            format!(
-                "known error motions from an estimate of {}: {}",
-                estimate.method,
-                own.join(", ")
-            )
+            format!("known error motions from an estimate of {}: {}", estimate.method, own.join(", "))
         };
         self.priors.iter().enumerate().map(line).collect()
     }
@@ -149,28 +133,22 @@ impl KnownMotion<'_> {
                 let highest = orders.max().unwrap_or(0);
                 format!("{name} from its Fourier coefficients up to order {highest}")
             }
-            MotionForm::Points(_) => format!(
-                "{name} from its points, with linear interpolation, u fully correlated over the angle"
-            ),
+            MotionForm::Points(_) => {
+                format!("{name} from its points, with linear interpolation, u fully correlated over the angle")
+            }
         }
     }
 }
 
 impl<'a> MotionForm<'a> {
-    fn new(
-        estimate: &'a Estimate,
-        error: ErrorParameter,
-        function: &EstimatedFunction,
-    ) -> Result<Self, MethodRefusal> {
+    fn new(estimate: &'a Estimate, error: ErrorParameter, function: &EstimatedFunction) -> Result<Self, MethodRefusal> {
         let points = PeriodicPoints::new(function).map_err(|reason| MethodRefusal {
             reason: format!("{} of the estimate of {} {reason}", function.symbol, estimate.method),
             remedy: "give an estimate of one revolution without sub-harmonics".to_owned(),
         })?;
         let parameters = estimate.parameters.iter().filter(|own| own.unit == function.unit);
         let terms: Vec<_> = parameters
-            .filter_map(|own| {
-                Some((own.symbol.as_str(), harmonic_term(&function.symbol, error, own)?))
-            })
+            .filter_map(|own| Some((own.symbol.as_str(), harmonic_term(&function.symbol, error, own)?)))
             .collect();
         let has_all = terms.iter().all(|(symbol, _)| has_covariance(estimate, symbol));
         Ok(if has_all && !terms.is_empty() { Self::Harmonics(terms) } else { Self::Points(points) })
@@ -178,11 +156,7 @@ impl<'a> MotionForm<'a> {
 }
 
 /// The term of a parameter such as `EXC_c2` or `EXC_s2` of the function `EXC`, internal unit.
-fn harmonic_term(
-    function: &str,
-    error: ErrorParameter,
-    parameter: &Parameter,
-) -> Option<ErrorTerm> {
+fn harmonic_term(function: &str, error: ErrorParameter, parameter: &Parameter) -> Option<ErrorTerm> {
     let suffix = parameter.symbol.strip_prefix(function)?.strip_prefix('_')?;
     let shape = match suffix.split_at_checked(1)? {
         ("c", order) => ErrorShape::Cos(order.parse().ok()?),
@@ -235,20 +209,13 @@ fn points_source(estimate: &Estimate, columns: Vec<Vec<f64>>) -> UncertaintySour
     }
 }
 
-fn missing_motions_refusal(
-    axis: Axis,
-    estimate: &Estimate,
-    other: Option<&EstimatedFunction>,
-) -> MethodRefusal {
+fn missing_motions_refusal(axis: Axis, estimate: &Estimate, other: Option<&EstimatedFunction>) -> MethodRefusal {
     let found = match other {
         Some(other) => format!("the function {} is of the axis {}", other.symbol, other.argument),
         None => "no such function".to_owned(),
     };
     MethodRefusal {
-        reason: format!(
-            "the estimate of {} has no error motions of {axis} over its angle: {found}",
-            estimate.method
-        ),
+        reason: format!("the estimate of {} has no error motions of {axis} over its angle: {found}", estimate.method),
         remedy: format!(
             "give an estimate with EX{axis}, EY{axis} (of ball-plate, multiprobe or r-test on this \
             machine), or remove --with"

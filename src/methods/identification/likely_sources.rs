@@ -36,24 +36,17 @@ pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) ->
 /// The weighted residuals have the variance 1. A source with the singular values σ in the residuals,
 /// multiplied by f, gives the variance 1 + f²σ² along its singular vectors. `None`: the source has no joint
 /// draws, or they do not appear in the residuals.
-fn evaluate_larger_source(
-    solution: &Solution<'_>,
-    source: &UncertaintySource,
-) -> Option<LikelySource> {
+fn evaluate_larger_source(solution: &Solution<'_>, source: &UncertaintySource) -> Option<LikelySource> {
     if !matches!(source.effect, Effect::Joint(_)) {
         return None;
     }
     let (model, residuals) = (solution.model, solution.residuals);
-    let of_draw = |draw| {
-        model.linear_response(&source.observation_change(draw, model.observations())).residuals
-    };
+    let of_draw = |draw| model.linear_response(&source.observation_change(draw, model.observations())).residuals;
     let columns: Vec<Vec<f64>> = (0..source.draw_count()).map(of_draw).collect();
     let left = Mat::from_fn(residuals.len(), columns.len(), |i, j| columns[j][i]);
     let svd = ThinSvd::decompose(&left);
-    let along =
-        |k: usize| -> f64 { (0..residuals.len()).map(|i| svd.u[(i, k)] * residuals[i]).sum() };
-    let modes: Vec<(f64, f64)> =
-        svd.s.iter().enumerate().map(|(k, sigma)| (*sigma, along(k).powi(2))).collect();
+    let along = |k: usize| -> f64 { (0..residuals.len()).map(|i| svd.u[(i, k)] * residuals[i]).sum() };
+    let modes: Vec<(f64, f64)> = svd.s.iter().enumerate().map(|(k, sigma)| (*sigma, along(k).powi(2))).collect();
     let gain = |factor: f64| -> f64 {
         let of_mode = |(sigma, square): &(f64, f64)| {
             let more = (factor * sigma).powi(2);

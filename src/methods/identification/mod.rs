@@ -36,26 +36,22 @@ pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use budget_keys::add_budget_sensitivities;
 pub use error_motions::{RevolutionRanges, revolution_parameters, synchronous_ranges};
 pub use estimate::{Identification, identify, parameter_with_budget, parameter_without_budget};
-pub use forecast::{
-    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
-};
+pub use forecast::{describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability};
 pub use harmonics::{Harmonic, HarmonicFunction, function_over_numbers, function_over_orders};
 pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
 pub use measurement::{Measurement, mean_coordinate_u_mm};
 pub use model::{
-    FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
-    multiply_vector, rms, solve_each_trial,
+    FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution, multiply_vector,
+    rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
-pub use outputs::{
-    Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
-};
+pub use outputs::{Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope};
 pub use propagation::{Propagation, Uncertainty};
 pub use range::{RangeOutput, range_outputs};
 pub use source::{
-    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment,
-    UncertaintySource, block_covariances, prior_covariance,
+    DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment, UncertaintySource, block_covariances,
+    prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;

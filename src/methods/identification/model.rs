@@ -33,11 +33,7 @@ impl FitFigures {
     }
 
     /// Figures of points found by a nonlinear fit of full rank. `misses`: residual of each point, mm.
-    pub fn from_points(
-        survey: &RankAnalysis,
-        minimum: &NonlinearSolution,
-        misses: &[Vector3<f64>],
-    ) -> Self {
+    pub fn from_points(survey: &RankAnalysis, minimum: &NonlinearSolution, misses: &[Vector3<f64>]) -> Self {
         let unknowns = minimum.x.len();
         let coordinates: Vec<f64> = misses.iter().flatten().copied().collect();
         Self {
@@ -101,11 +97,7 @@ pub trait ObservationModel: Sync {
 
     /// Linear functions of the unknowns of [`solve_each_perturbation`](Self::solve_near): trials × functions. `slopes`:
     /// functions × unknowns.
-    fn functions_with_changes(
-        &self,
-        changes: MatRef<'_, f64>,
-        slopes: MatRef<'_, f64>,
-    ) -> Mat<f64> {
+    fn functions_with_changes(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         self.solve_each_perturbation(changes) * slopes.transpose()
     }
 }
@@ -173,11 +165,7 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
 
 /// Solves trial by trial: `solve` gives `unknowns` numbers for a row of `changes`. The result is trials ×
 /// unknowns.
-pub fn solve_each_trial(
-    changes: MatRef<'_, f64>,
-    unknowns: usize,
-    solve: impl Fn(&[f64]) -> Vec<f64>,
-) -> Mat<f64> {
+pub fn solve_each_trial(changes: MatRef<'_, f64>, unknowns: usize, solve: impl Fn(&[f64]) -> Vec<f64>) -> Mat<f64> {
     let mut all = Mat::zeros(changes.nrows(), unknowns);
     for trial in 0..changes.nrows() {
         let change: Vec<f64> = changes.row(trial).iter().copied().collect();
@@ -221,9 +209,7 @@ impl ObservationModel for LinearFit<'_> {
     }
 
     fn leverage(&self) -> Vec<f64> {
-        let own = |i: usize| {
-            (0..self.unknowns()).map(|j| self.design_matrix[(i, j)] * self.gain[(j, i)]).sum()
-        };
+        let own = |i: usize| (0..self.unknowns()).map(|j| self.design_matrix[(i, j)] * self.gain[(j, i)]).sum();
         (0..self.observations()).map(own).collect()
     }
 

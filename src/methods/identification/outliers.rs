@@ -45,10 +45,8 @@ impl OutlierCheck {
         let measurements = solution.measurements;
         let check = OutlierSearch { solution, residuals, leverage: &leverage };
         let outliers = check.outliers();
-        let warnings =
-            outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
-        let detectable_deviations =
-            measurements.iter().map(|m| check.detectable_deviation(m)).collect();
+        let warnings = outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
+        let detectable_deviations = measurements.iter().map(|m| check.detectable_deviation(m)).collect();
         Self { outliers, detectable_deviations, warnings }
     }
 
@@ -89,11 +87,8 @@ impl OutlierSearch<'_> {
             if t <= limit {
                 continue;
             }
-            let candidates: Vec<Deviation> = self
-                .indistinguishable_measurements(measurement)
-                .into_iter()
-                .map(|m| self.deviation(m))
-                .collect();
+            let candidates: Vec<Deviation> =
+                self.indistinguishable_measurements(measurement).into_iter().map(|m| self.deviation(m)).collect();
             if list.iter().all(|known| known.candidates != candidates) {
                 list.push(Outlier { candidates, t, resolution: None });
             }
@@ -104,16 +99,12 @@ impl OutlierSearch<'_> {
     /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
     fn residual_limit(&self, measurement: &Measurement) -> Option<f64> {
         let all = self.solution.measurements.len();
-        self.residuals
-            .studentised_limit(measurement.rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
+        self.residuals.studentised_limit(measurement.rows.clone(), FALSE_ALARM_PROBABILITY / all as f64)
     }
 
     /// Measurements of one row each whose deviations leave the same pattern in the residuals, including this
     /// one.
-    fn indistinguishable_measurements<'m>(
-        &'m self,
-        measurement: &'m Measurement,
-    ) -> Vec<&'m Measurement> {
+    fn indistinguishable_measurements<'m>(&'m self, measurement: &'m Measurement) -> Vec<&'m Measurement> {
         let Solution { model, residuals, measurements, .. } = self.solution;
         if measurement.rows.len() > 1 || model.observations() != residuals.len() {
             return vec![measurement];
@@ -206,8 +197,7 @@ impl RowResiduals<'_> {
 pub fn are_indistinguishable(patterns: [&[f64]; 2]) -> bool {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let [one, other] = patterns;
-    product(one, other).powi(2)
-        > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
+    product(one, other).powi(2) > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
 }
 
 fn outlier_warning(outlier: &Outlier, measurements: &[Measurement]) -> String {

@@ -75,9 +75,7 @@ impl Outputs {
     /// Derivatives of the `parameters`: outputs × unknowns. NaN if a slope is missing.
     pub fn slopes(&self, unknowns: usize) -> Mat<f64> {
         let slope = |i: usize| self.parameters[i].slope.as_deref().unwrap_or_default();
-        Mat::from_fn(self.parameters.len(), unknowns, |i, j| {
-            slope(i).get(j).copied().unwrap_or(f64::NAN)
-        })
+        Mat::from_fn(self.parameters.len(), unknowns, |i, j| slope(i).get(j).copied().unwrap_or(f64::NAN))
     }
 
     /// Parameters in the order of the estimate: linear parameters, then nonlinear ones.
@@ -101,11 +99,9 @@ impl Outputs {
         let Some(nonlinear) = &self.nonlinear else { return values };
         let linear = &values * self.slopes(values.ncols()).transpose();
         let others = (nonlinear.values)(values.as_ref());
-        Mat::from_fn(values.nrows(), linear.ncols() + others.ncols(), |trial, j| {
-            match j.checked_sub(linear.ncols()) {
-                Some(j) => others[(trial, j)],
-                None => linear[(trial, j)],
-            }
+        Mat::from_fn(values.nrows(), linear.ncols() + others.ncols(), |trial, j| match j.checked_sub(linear.ncols()) {
+            Some(j) => others[(trial, j)],
+            None => linear[(trial, j)],
         })
     }
 }

@@ -43,8 +43,7 @@ impl PeriodicPoints {
             PeriodicPoint { angle_deg: deg, value: y[i] * internal, u: u[i] * internal }
         };
         let points = Self(merge_equal_angles((0..x.len()).map(point).collect()));
-        let gap =
-            points.neighbour_pairs().map(|(one, next)| gap_deg(one, next)).fold(0.0, f64::max);
+        let gap = points.neighbour_pairs().map(|(one, next)| gap_deg(one, next)).fold(0.0, f64::max);
         if points.0.len() < 2 || gap > MAX_POINT_GAP_DEG {
             return Err(format!("has a gap of more than {MAX_POINT_GAP_DEG}° between two points"));
         }
@@ -58,11 +57,7 @@ impl PeriodicPoints {
         let (one, next) = (self.0[(after + count - 1) % count], self.0[after % count]);
         let share = (deg - one.angle_deg).rem_euclid(REVOLUTION_DEG) / gap_deg(one, next);
         let between = |from: f64, to: f64| from + share * (to - from);
-        PeriodicPoint {
-            angle_deg: deg,
-            value: between(one.value, next.value),
-            u: between(one.u, next.u),
-        }
+        PeriodicPoint { angle_deg: deg, value: between(one.value, next.value), u: between(one.u, next.u) }
     }
 
     /// Pairs of neighbours, including the last point with the first.
@@ -86,9 +81,7 @@ fn gap_deg(one: PeriodicPoint, next: PeriodicPoint) -> f64 {
 
 fn merge_equal_angles(mut points: Vec<PeriodicPoint>) -> Vec<PeriodicPoint> {
     points.sort_by(|one, other| one.angle_deg.total_cmp(&other.angle_deg));
-    let same = |one: &PeriodicPoint, next: &PeriodicPoint| {
-        next.angle_deg - one.angle_deg < ANGLE_TOLERANCE_DEG
-    };
+    let same = |one: &PeriodicPoint, next: &PeriodicPoint| next.angle_deg - one.angle_deg < ANGLE_TOLERANCE_DEG;
     let mean = |group: &[PeriodicPoint]| PeriodicPoint {
         angle_deg: group[0].angle_deg,
         value: group.iter().map(|point| point.value).sum::<f64>() / group.len() as f64,
@@ -122,8 +115,7 @@ mod tests {
         let closed = function(&[0.0, 90.0, 180.0, 270.0, 360.0], &[0.0, 1.0, 2.0, 1.0, 0.0]);
         let open = function(&[-90.0, 0.0, 90.0, 180.0], &[1.0, 0.0, 1.0, 2.0]);
         for points in [closed, open].map(|function| PeriodicPoints::new(&function).unwrap()) {
-            for (deg, um) in [(0.0, -1.0), (45.0, -0.5), (315.0, -0.5), (-45.0, -0.5), (540.0, 1.0)]
-            {
+            for (deg, um) in [(0.0, -1.0), (45.0, -0.5), (315.0, -0.5), (-45.0, -0.5), (540.0, 1.0)] {
                 let value = points.interpolate(deg).value;
                 assert!((value - um * 1e-3).abs() < 1e-15, "{deg}: {value}");
             }
@@ -140,8 +132,7 @@ mod tests {
 
     #[test]
     fn what_is_no_function_over_one_revolution_is_refused() {
-        let reason =
-            |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
+        let reason = |x: &[f64]| PeriodicPoints::new(&function(x, &vec![0.0; x.len()])).unwrap_err();
         assert!(reason(&[0.0, 90.0, 180.0, 270.0, 450.0]).contains("more than one revolution"));
         assert!(reason(&[0.0, 90.0, 180.0]).contains("more than 90°"));
         assert!(reason(&[0.0]).contains("more than 90°") && reason(&[]).contains("more than 90°"));

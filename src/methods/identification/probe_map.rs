@@ -76,15 +76,11 @@ impl<'a> ProbeMap<'a> {
         )?;
         let mut parts = read_map_coefficients(prior);
         // A part that is known less well than [probe] declares would increase the uncertainty.
-        parts.retain(|part| {
-            declared_order_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm)
-        });
+        parts.retain(|part| declared_order_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
         let map = Self { prior, coefficients: parts };
-        let known: Vec<&str> =
-            map.subtracted_coefficients().map(|part| part.symbol.as_str()).collect();
+        let known: Vec<&str> = map.subtracted_coefficients().map(|part| part.symbol.as_str()).collect();
         MethodRefusal::require(
-            map.subtracted_coefficients().next().is_some()
-                && prior_covariance(prior, &known).is_some(),
+            map.subtracted_coefficients().next().is_some() && prior_covariance(prior, &known).is_some(),
             "every order of the qualified probe map has a larger u than [probe] declares",
             "set form_um in [method.probe-qualification] from the ball's certificate, or turn the spindle, \
             and qualify the probe again; or remove the qualification (--with)",
@@ -103,20 +99,13 @@ impl<'a> ProbeMap<'a> {
 
     /// Outward error of the reading of a touch along the outward unit `normal` (spindle frame), mm.
     pub fn pre_travel_mm(&self, normal: &Vector3<f64>) -> f64 {
-        self.subtracted_coefficients()
-            .map(|part| part.value_mm * part.direction_factor(normal))
-            .sum()
+        self.subtracted_coefficients().map(|part| part.value_mm * part.direction_factor(normal)).sum()
     }
 
     /// Remaining uncertainty of the pre-travel at contacts along `normals` (spindle frame), mm per draw: the
     /// covariance of the parts that are subtracted; the parts that are known but not subtracted; and of
     /// `declared_mm` those `orders` that the map does not contain.
-    pub fn uncertainty_patterns(
-        &self,
-        declared_mm: f64,
-        orders: &[u32],
-        normals: &[Vector3<f64>],
-    ) -> Vec<Vec<f64>> {
+    pub fn uncertainty_patterns(&self, declared_mm: f64, orders: &[u32], normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
         let column = |part: &MapCoefficient, size: f64| -> Vec<f64> {
             normals.iter().map(|normal| size * part.direction_factor(normal)).collect()
         };
@@ -152,10 +141,7 @@ impl<'a> ProbeMap<'a> {
             none if none.is_empty() => String::new(),
             carried => format!("; order {carried} is included as an uncertainty"),
         };
-        format!(
-            "the qualified pre-travel of the probe is subtracted: orders {}{carried}",
-            orders(true)
-        )
+        format!("the qualified pre-travel of the probe is subtracted: orders {}{carried}", orders(true))
     }
 }
 
@@ -197,27 +183,19 @@ pub fn is_probe_touch(step: &Step) -> bool {
 ///
 /// # Errors
 /// The errors of [`ProbeMap::from_plan`]; the machine has no kinematics; a positionable spindle was not oriented.
-pub fn subtract_pre_travel<'r>(
-    plan: &Plan,
-    readings: &'r [Reading],
-) -> Result<Cow<'r, [Reading]>, IdentifyError> {
+pub fn subtract_pre_travel<'r>(plan: &Plan, readings: &'r [Reading]) -> Result<Cow<'r, [Reading]>, IdentifyError> {
     let Some(map) = ProbeMap::from_plan(plan)? else { return Ok(Cow::Borrowed(readings)) };
     let chain = KinematicChain::new(&plan.machine).map_err(MethodRefusal::from)?;
     let mut readings = readings.to_vec();
     for reading in &mut readings {
-        let step = plan
-            .steps
-            .iter()
-            .find(|step| step.id == reading.step)
-            .filter(|step| is_probe_touch(step));
+        let step = plan.steps.iter().find(|step| step.id == reading.step).filter(|step| is_probe_touch(step));
         let Some(step) = step else { continue };
         check_spindle_oriented(plan, step)?;
         let at = step.from.updated_by(&reading.position);
         let normal = Vector3::from(step.normal);
         let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
         // Linear axes that a rotary axis carries move in other directions than those of the machine frame.
-        let axes_from_table =
-            chain.inverse_linear_jacobian(&at, &[]).map_err(MethodRefusal::from)?;
+        let axes_from_table = chain.inverse_linear_jacobian(&at, &[]).map_err(MethodRefusal::from)?;
         let table = chain.machine_from_table(&at, &[]).rotation;
         let off = axes_from_table * (table.inverse() * normal) * map.pre_travel_mm(&in_spindle);
         for (axis, off) in Axis::LINEAR.into_iter().zip(off.iter()) {

@@ -75,8 +75,7 @@ impl EffectOnUnknowns {
     /// Variance of the output with this derivative by the unknowns. Only nonzero entries are visited, because
     /// most derivatives have few.
     fn variance(&self, slope: &[f64]) -> f64 {
-        let entries: Vec<(usize, f64)> =
-            slope.iter().copied().enumerate().filter(|(_, s)| *s != 0.0).collect();
+        let entries: Vec<(usize, f64)> = slope.iter().copied().enumerate().filter(|(_, s)| *s != 0.0).collect();
         let along = |draw: &[f64]| -> f64 { entries.iter().map(|(j, s)| s * draw[*j]).sum() };
         (0..self.draws.ncols()).map(|k| along(self.draws.col_as_slice(k)).powi(2)).sum()
     }
@@ -88,8 +87,7 @@ impl Propagation {
     pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
         let Solution { model, residuals, has_declared_sizes, figures, .. } = *solution;
         let mut left = Vec::new();
-        let effects =
-            sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
+        let effects = sources.iter().map(|source| EffectOnUnknowns::new(solution, source, &mut left));
         let mut effects: Vec<EffectOnUnknowns> = effects.collect();
         let misfit = Misfit::from_residuals(residuals, &left, figures.dof, has_declared_sizes);
         for effect in effects.iter_mut().filter(|effect| effect.is_judged) {

@@ -23,8 +23,7 @@ pub fn value_range(values: &[f64]) -> f64 {
 
 /// The ranges at the solution `x`. Their uncertainty comes from the trials.
 pub fn range_outputs(ranges: Vec<RangeOutput>, x: &[f64]) -> NonlinearOutputs {
-    let matrix =
-        |range: &RangeOutput| Mat::from_fn(range.slopes.len(), x.len(), |i, j| range.slopes[i][j]);
+    let matrix = |range: &RangeOutput| Mat::from_fn(range.slopes.len(), x.len(), |i, j| range.slopes[i][j]);
     let slopes: Vec<Mat<f64>> = ranges.iter().map(matrix).collect();
     let solution = Mat::from_fn(1, x.len(), |_, j| x[j]);
     let outputs = ranges.into_iter().zip(&slopes).map(|(range, slopes)| Output {

@@ -85,8 +85,7 @@ impl UncertaintySource {
         let parameters: Vec<&Parameter> =
             symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
         let root = cholesky_lower(&prior_covariance(prior, symbols)?);
-        let draws =
-            (0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw)));
+        let draws = (0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw)));
         let effect = Effect::Joint(draws.collect());
         Some(Self {
             dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
@@ -108,8 +107,7 @@ impl UncertaintySource {
     /// Whether no draw changes anything.
     pub fn is_zero(&self) -> bool {
         let mut changes = (0..self.draw_count()).flat_map(|draw| self.draw_span(draw).1);
-        changes.all(|change| *change == 0.0)
-            && self.direct_changes.iter().flatten().all(|change| *change == 0.0)
+        changes.all(|change| *change == 0.0) && self.direct_changes.iter().flatten().all(|change| *change == 0.0)
     }
 
     /// The neighbouring observations that a draw changes: index of the first, and the changes, mm.
@@ -182,10 +180,7 @@ fn linear_combination(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
 /// Covariance, mm², of each of the first `blocks` blocks of `N` neighbouring observations, from the sources
 /// that enter the weights, without the correlation between blocks. The weights are the inverses. Observations
 /// after the last block are ignored.
-pub fn block_covariances<const N: usize>(
-    sources: &[UncertaintySource],
-    blocks: usize,
-) -> Vec<SMatrix<f64, N, N>> {
+pub fn block_covariances<const N: usize>(sources: &[UncertaintySource], blocks: usize) -> Vec<SMatrix<f64, N, N>> {
     let mut sums = vec![SMatrix::zeros(); blocks];
     for source in sources.iter().filter(|source| source.is_in_weights) {
         for draw in 0..source.draw_count() {

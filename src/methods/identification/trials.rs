@@ -1,9 +1,7 @@
 //! Monte Carlo propagation through the whole identification (JCGM 101), many trials at once.
 
 use estimation::misfit::Misfit;
-use estimation::monte_carlo::{
-    DrawDistribution, DrawStream, TrialCount, TrialStatistics, propagate_distributions,
-};
+use estimation::monte_carlo::{DrawDistribution, DrawStream, TrialCount, TrialStatistics, propagate_distributions};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
@@ -42,12 +40,7 @@ struct SampledSource<'a> {
 
 impl<'a> SampledSource<'a> {
     /// `slopes`: values × unknowns.
-    fn new(
-        source: &'a UncertaintySource,
-        misfit: &Misfit,
-        slopes: &Mat<f64>,
-        first: usize,
-    ) -> Self {
+    fn new(source: &'a UncertaintySource, misfit: &Misfit, slopes: &Mat<f64>, first: usize) -> Self {
         let joint = match &source.effect {
             Effect::Joint(columns) => matrix_from_rows(columns),
             _ => Mat::new(),
@@ -56,13 +49,7 @@ impl<'a> SampledSource<'a> {
             [] => Mat::new(),
             changes => matrix_from_rows(changes) * slopes.transpose(),
         };
-        Self {
-            source,
-            scale: source.scale_factor(misfit),
-            first_draw: first,
-            joint_draws: joint,
-            direct_draws: direct,
-        }
+        Self { source, scale: source.scale_factor(misfit), first_draw: first, joint_draws: joint, direct_draws: direct }
     }
 
     /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of
@@ -120,8 +107,7 @@ pub fn propagate_by_trials(
     outputs: &Outputs,
     plan: TrialPlan,
 ) -> Result<TrialStatistics, IdentifyError> {
-    let shapes: Vec<DrawDistribution> =
-        sources.iter().flat_map(|s| vec![s.shape; s.draw_count()]).collect();
+    let shapes: Vec<DrawDistribution> = sources.iter().flat_map(|s| vec![s.shape; s.draw_count()]).collect();
     let slopes = outputs.functions_per_trial(model.unknowns());
     let mut drawn: Vec<SampledSource<'_>> = Vec::new();
     for source in sources {

@@ -16,11 +16,9 @@ pub struct MisfitAdvice {
 impl Identification {
     /// Warning if the residuals are larger or smaller than the declared sources explain.
     pub fn misfit_warning(&self, advice: &MisfitAdvice) -> Option<String> {
-        let Misfit {
-            is_above_bound: above, is_below_bound: below, uncertainty_factor: factor, ..
-        } = self.propagation.misfit;
-        let (expectation, MisfitAdvice { causes, declaring_settings }) =
-            (self.describe_expectation(), advice);
+        let Misfit { is_above_bound: above, is_below_bound: below, uncertainty_factor: factor, .. } =
+            self.propagation.misfit;
+        let (expectation, MisfitAdvice { causes, declaring_settings }) = (self.describe_expectation(), advice);
         let likely = self.describe_likely_sources();
         let more = || {
             format!(
@@ -40,9 +38,7 @@ impl Identification {
 
     /// The sources that would explain the residuals if they were larger, the most likely first.
     fn describe_likely_sources(&self) -> String {
-        let word = |source: &LikelySource| {
-            format!("{}, {:.1} times as large as declared", source.name, source.factor)
-        };
+        let word = |source: &LikelySource| format!("{}, {:.1} times as large as declared", source.name, source.factor);
         match self.likely_sources.iter().map(word).collect::<Vec<_>>() {
             none if none.is_empty() => String::new(),
             words => {
@@ -57,9 +53,8 @@ impl Identification {
         let dof = self.figures.dof;
         let mut text = format!("χ² {chi2:.1} where {expected:.0} is expected");
         if (expected - dof as f64).abs() >= 0.5 {
-            text += &format!(
-                ", not the {dof} degrees of freedom, because some sources change many measurements together"
-            );
+            text +=
+                &format!(", not the {dof} degrees of freedom, because some sources change many measurements together");
         }
         text
     }

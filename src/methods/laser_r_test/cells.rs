@@ -32,9 +32,7 @@ pub fn average_cells(
 ) -> (Vec<SpotMean>, (f64, usize)) {
     let machine_from_xyz = setup.machine_from_xyz(&scan.rotary);
     let mut scatter = (0.0, 0);
-    let Some(sphere) =
-        ScanSphere::fit(setup, (machine_from_xyz, scan.machine_from_spindle), samples)
-    else {
+    let Some(sphere) = ScanSphere::fit(setup, (machine_from_xyz, scan.machine_from_spindle), samples) else {
         return (Vec::new(), scatter);
     };
     let spot = |all: Vec<&TimedSample>| {
@@ -44,13 +42,10 @@ pub fn average_cells(
         let deviations: Vec<f64> = all.iter().map(deviation).collect::<Option<_>>()?;
         let (count, mean_deviation) =
             (deviations.len() as f64, deviations.iter().sum::<f64>() / deviations.len() as f64);
-        let mean = |pick: fn(&TimedSample) -> Vector3<f64>| {
-            all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count
-        };
+        let mean = |pick: fn(&TimedSample) -> Vector3<f64>| all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count;
         let xyz = mean(|sample| sample.xyz);
         let reading_mm = sphere.predicted_reading_mm(machine_from_xyz * xyz)? + mean_deviation;
-        scatter.0 +=
-            deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
+        scatter.0 += deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
         scatter.1 += deviations.len() - 1;
         Some(SpotMean {
             xyz,
@@ -67,12 +62,8 @@ pub fn average_cells(
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
-pub fn group_by_cell<'a>(
-    setup: &LaserSetup<'_>,
-    samples: &'a [TimedSample],
-) -> Vec<Vec<&'a TimedSample>> {
-    let width =
-        (longest_side_mm(samples) / setup.settings.points.max(1) as f64).max(MIN_CELL_WIDTH_MM);
+pub fn group_by_cell<'a>(setup: &LaserSetup<'_>, samples: &'a [TimedSample]) -> Vec<Vec<&'a TimedSample>> {
+    let width = (longest_side_mm(samples) / setup.settings.points.max(1) as f64).max(MIN_CELL_WIDTH_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&TimedSample>>::new(), BTreeMap::new());
     for sample in samples {
         let cell_index: [i64; 3] = sample.xyz.map(|mm| (mm / width).floor() as i64).into();
@@ -126,11 +117,7 @@ impl ScanSphere {
             fixed_beam: [0.0; 3],
         };
         let centre = centres.group_centre(&centres.solve().ok()?.x, 0);
-        Some(Self {
-            centre,
-            radius: setup.measuring_radius_mm(),
-            beam: machine_from_spindle * setup.beam_direction(),
-        })
+        Some(Self { centre, radius: setup.measuring_radius_mm(), beam: machine_from_spindle * setup.beam_direction() })
     }
 
     /// Reading of the sensor with the spindle at `at`. `None`: the beam misses the sphere.
@@ -169,7 +156,5 @@ pub fn describe_sparse_motions(path: &[Vector3<f64>], samples: &[TimedSample]) -
 fn axis_with_sign(direction: Vector3<f64>) -> String {
     let components = Axis::LINEAR.into_iter().zip(direction.iter().copied());
     let longest = components.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    longest.map_or_else(String::new, |(axis, part)| {
-        format!("{}{axis}", if part < 0.0 { '-' } else { '+' })
-    })
+    longest.map_or_else(String::new, |(axis, part)| format!("{}{axis}", if part < 0.0 { '-' } else { '+' }))
 }

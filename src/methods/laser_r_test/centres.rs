@@ -97,17 +97,14 @@ impl CentreEquations {
 
     /// Distances of the dwell points from their spheres, positive outside, unweighted, mm.
     pub fn surface_deviations_mm(&self, x: &[f64]) -> Vec<f64> {
-        let deviation = |row: &DwellPointRow| {
-            self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group)
-        };
+        let deviation = |row: &DwellPointRow| self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group);
         self.rows.iter().map(deviation).collect()
     }
 
     fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let (common, own) = (self.beam_unknown_count(), self.unknowns_per_centre());
         let group_rows = |group: usize| {
-            let rows: Vec<&DwellPointRow> =
-                self.rows.iter().filter(|row| row.group == group).collect();
+            let rows: Vec<&DwellPointRow> = self.rows.iter().filter(|row| row.group == group).collect();
             let mut block = BlockRows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.centre_to_spot(x, row);
@@ -115,9 +112,7 @@ impl CentreEquations {
                 block.set_value(i, (self.group_radius_mm(x, group) - arm.norm()) / row.u_mm);
                 (0..3).for_each(|k| block.set_own(i, k, -normal[k] / row.u_mm));
                 (3..own).for_each(|k| block.set_own(i, k, -1.0 / row.u_mm));
-                let across = (row.machine_from_spindle * self.beam_frame).transpose()
-                    * normal
-                    * row.reading_mm;
+                let across = (row.machine_from_spindle * self.beam_frame).transpose() * normal * row.reading_mm;
                 (0..common).for_each(|k| block.set_common(i, k, across[k] / row.u_mm));
             }
             block
@@ -148,8 +143,7 @@ impl CentreEquations {
                 count += 1.0;
             }
             // The touches surround the centre, so their mean is the initial value.
-            let centre_offset =
-                if self.is_radius_free { Vector3::zeros() } else { along * self.radius_mm };
+            let centre_offset = if self.is_radius_free { Vector3::zeros() } else { along * self.radius_mm };
             x.extend(&(sum / count + centre_offset));
             x.extend(self.is_radius_free.then_some(self.radius_mm));
         }
@@ -164,12 +158,8 @@ impl ObservationEquation for CentreEquations {
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let deviations: Vec<f64> = self
-            .surface_deviations_mm(x)
-            .iter()
-            .zip(change)
-            .map(|(deviation, change)| deviation + change)
-            .collect();
+        let deviations: Vec<f64> =
+            self.surface_deviations_mm(x).iter().zip(change).map(|(deviation, change)| deviation + change).collect();
         self.weighted_change(&deviations)
     }
 
@@ -186,10 +176,8 @@ pub fn gain_deviation(unknown: f64) -> f64 {
 
 /// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
 pub fn determines_centre(scan: &ScanData, beam: Vector3<f64>, radius: f64) -> bool {
-    let points = scan
-        .spots
-        .iter()
-        .map(|spot| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm);
+    let points =
+        scan.spots.iter().map(|spot| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm);
     let points: Vec<Vector3<f64>> = points.collect();
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let centre = mean + scan.machine_from_spindle * beam * radius;
@@ -198,8 +186,7 @@ pub fn determines_centre(scan: &ScanData, beam: Vector3<f64>, radius: f64) -> bo
         let n = unit_vector(*point - centre).unwrap_or_default();
         sum += n * n.transpose();
     }
-    points.len() >= 4
-        && sum.determinant() > MIN_NORMAL_DETERMINANT * (points.len() as f64 / 3.0).powi(3)
+    points.len() >= 4 && sum.determinant() > MIN_NORMAL_DETERMINANT * (points.len() as f64 / 3.0).powi(3)
 }
 
 /// Determinant of Σn·nᵀ relative to the largest possible one, below which a scan is flat.

@@ -17,8 +17,7 @@ const PROVISIONAL_CENTRE_U_MM: f64 = 1e-3;
 
 /// Positions as stated in the plan.
 pub fn nominal_geometry(setup: &LaserSetup<'_>) -> ExpectedGeometry {
-    let (zero_point, beam_direction, ball_centre) =
-        (setup.zero_point(), setup.beam_direction(), setup.ball_centre());
+    let (zero_point, beam_direction, ball_centre) = (setup.zero_point(), setup.beam_direction(), setup.ball_centre());
     ExpectedGeometry { zero_point, beam_direction, ball_centre, position_uncertainty_mm: 0.0 }
 }
 
@@ -27,10 +26,7 @@ pub fn nominal_geometry(setup: &LaserSetup<'_>) -> ExpectedGeometry {
 ///
 /// # Errors
 /// The sphere is not found in the readings.
-pub fn measured_geometry(
-    setup: &LaserSetup<'_>,
-    readings: &[Reading],
-) -> Result<ExpectedGeometry, MethodRefusal> {
+pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ExpectedGeometry, MethodRefusal> {
     let nominal = nominal_geometry(setup);
     if readings.is_empty() {
         return Ok(nominal);
@@ -46,8 +42,7 @@ pub fn measured_geometry(
     let GroupedScans { groups, centres, .. } = group_scans(setup, &mut observed)?;
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let centre_observations = groups.iter().enumerate().map(|(i, group)| {
-        let axis_positions =
-            with_linear_axes(&group.rotary, group.xyz_at(centres.group_centre(&fitted.x, i)));
+        let axis_positions = with_linear_axes(&group.rotary, group.xyz_at(centres.group_centre(&fitted.x, i)));
         CentreObservation { axis_positions, weight: Matrix3::identity() / PROVISIONAL_CENTRE_U_MM }
     });
     let problem = MachineProblem {
@@ -68,12 +63,9 @@ pub fn measured_geometry(
 }
 
 /// Checks that the sphere is not farther from its stated position than the stated uncertainty allows.
-fn check_sphere_position(
-    setup: &LaserSetup<'_>,
-    geometry: &ExpectedGeometry,
-) -> Result<(), MethodRefusal> {
-    let offset_mm = (geometry.ball_centre - setup.ball_centre()).norm()
-        + (geometry.zero_point - setup.zero_point()).norm();
+fn check_sphere_position(setup: &LaserSetup<'_>, geometry: &ExpectedGeometry) -> Result<(), MethodRefusal> {
+    let offset_mm =
+        (geometry.ball_centre - setup.ball_centre()).norm() + (geometry.zero_point - setup.zero_point()).norm();
     let limit = 2.0 * setup.balls.uncertainty_mm + MAX_ZERO_POINT_ERROR_MM;
     if offset_mm <= limit && geometry.ball_centre.iter().all(|mm| mm.is_finite()) {
         return Ok(());

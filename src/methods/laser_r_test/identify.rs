@@ -13,9 +13,7 @@ use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
 use super::two_fits::{CentresThenMachine, centre_covariances, gain_matrix};
-use crate::identification::{
-    self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm,
-};
+use crate::identification::{self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{LinearError, RankAnalysis};
 use estimation::nonlinear::{NonlinearError, NonlinearSolution};
@@ -43,8 +41,7 @@ pub fn identify_scans<'a>(
 ) -> Result<IdentificationResult<'a>, IdentifyError> {
     let (observed, grouped, centre_fit) = fit_centres(setup, readings)?;
     let settings = setup.settings;
-    let selection =
-        parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
+    let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
     let centres = LeastSquares { equation: &grouped.centres, minimum: &centre_fit };
     let gain = gain_matrix(&centres);
@@ -52,8 +49,7 @@ pub fn identify_scans<'a>(
     let sources = uncertainty_sources(setup, &observed, &grouped, &centre_fit.x, latency_index);
     let covariances = centre_covariances(&grouped.centres, &gain, &sources);
     let centre_observations = centre_observations(&grouped, &centre_fit.x, covariances);
-    let model =
-        SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
+    let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
     let problem = MachineProblem { model, centre_observations, zero_point_prior: None };
     let (survey, minimum) = solve_machine(setup, &problem, &names)?;
     let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::values);
@@ -63,21 +59,14 @@ pub fn identify_scans<'a>(
     let residuals = outputs::position_residuals(&problem, groups, &minimum.x);
     let measurements = pose_outlier_measurements(&problem, groups, &residuals);
     let solution = Solution {
-        model: &CentresThenMachine {
-            centres,
-            centre_gain: &gain,
-            machine,
-            groups,
-            latency_unknown_count: latency,
-        },
+        model: &CentresThenMachine { centres, centre_gain: &gain, machine, groups, latency_unknown_count: latency },
         residuals: &minimum.residuals,
         has_declared_sizes: setup.sensor.noise_um.is_some(),
         figures: FitFigures::from_points(&survey, &minimum, &residuals),
         measurements: &measurements,
     };
     let outputs = outputs::build_outputs(&problem, &names, observed.latency.as_ref(), &x);
-    let plan =
-        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let plan = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let identified = identification::identify(&solution, &sources, outputs, Some(plan))?;
     Ok(IdentificationResult {
         setup,
@@ -101,9 +90,7 @@ fn fit_centres(
     let mut grouped = group_scans(setup, &mut observed)?;
     check_height_count(setup, &observed, &grouped)?;
     let mut centre_fit = solve_centres(&grouped)?;
-    if !setup.uses_touch_probe()
-        && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit)
-    {
+    if !setup.uses_touch_probe() && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit) {
         grouped = super::pose_groups::group_scans(setup, &mut observed)?;
         check_height_count(setup, &observed, &grouped)?;
         centre_fit = solve_centres(&grouped)?;
@@ -163,8 +150,7 @@ fn remove_oblique_samples(
     let mut oblique: Vec<(usize, usize)> = Vec::new();
     for (row, origin) in centres.rows.iter().zip(&grouped.row_origins) {
         let towards = -(row.machine_from_spindle * beam);
-        if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad()
-        {
+        if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad() {
             oblique.push(*origin);
         }
     }
@@ -172,24 +158,16 @@ fn remove_oblique_samples(
     oblique.sort_unstable_by(|a, b| b.cmp(a));
     for (scan, point) in &oblique {
         let spot = observed.scans[*scan].spots.remove(*point);
-        *observed.excluded_samples.entry("beyond the incidence limit").or_default() +=
-            spot.sample_count;
+        *observed.excluded_samples.entry("beyond the incidence limit").or_default() += spot.sample_count;
     }
     !oblique.is_empty()
 }
 
 /// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.
-fn centre_observations(
-    grouped: &GroupedScans,
-    x: &[f64],
-    covariances: Vec<Matrix3<f64>>,
-) -> Vec<CentreObservation> {
+fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<CentreObservation> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
     let centre_observations = groups.map(|((i, group), covariance)| CentreObservation {
-        axis_positions: with_linear_axes(
-            &group.rotary,
-            group.xyz_at(grouped.centres.group_centre(x, i)),
-        ),
+        axis_positions: with_linear_axes(&group.rotary, group.xyz_at(grouped.centres.group_centre(x, i))),
         weight: whitening_matrix(covariance) * group.machine_from_table,
     });
     centre_observations.collect()
@@ -202,18 +180,16 @@ fn pose_outlier_measurements(
     residuals: &[Vector3<f64>],
 ) -> Vec<Measurement> {
     let all = problem.centre_observations.iter().zip(groups).zip(residuals).enumerate();
-    let measurement = |(i, ((observation, group), residual)): (
-        usize,
-        ((&CentreObservation, &PoseGroup), &Vector3<f64>),
-    )| {
-        Measurement {
-            label: group.label.clone(),
-            description: format!("the sphere at {}", group.label),
-            rows: 3 * i..3 * i + 3,
-            residual_mm: residual.norm(),
-            u_mm: mean_coordinate_u_mm(&observation.weight),
-        }
-    };
+    let measurement =
+        |(i, ((observation, group), residual)): (usize, ((&CentreObservation, &PoseGroup), &Vector3<f64>))| {
+            Measurement {
+                label: group.label.clone(),
+                description: format!("the sphere at {}", group.label),
+                rows: 3 * i..3 * i + 3,
+                residual_mm: residual.norm(),
+                u_mm: mean_coordinate_u_mm(&observation.weight),
+            }
+        };
     all.map(measurement).collect()
 }
 
@@ -226,9 +202,7 @@ fn solve_machine(
     start.extend(&setup.zero_point());
     start.extend(&setup.ball_centre());
     let unsolved = |why: NonlinearError| {
-        IdentifyError::from_solver_error(why, |lost| {
-            name_null_space(lost.null_space.as_ref(), names)
-        })
+        IdentifyError::from_solver_error(why, |lost| name_null_space(lost.null_space.as_ref(), names))
     };
     let survey = problem.survey(&start).map_err(unsolved)?;
     if survey.nullity > 0 {

@@ -64,11 +64,7 @@ impl LatencyEstimate {
     }
 
     /// Derivatives of the true position by τ (per s) and by the lags (per mm).
-    pub fn derivatives(
-        &self,
-        velocity: Vector3<f64>,
-        last_motion_sign: Vector3<f64>,
-    ) -> Vec<Vector3<f64>> {
+    pub fn derivatives(&self, velocity: Vector3<f64>, last_motion_sign: Vector3<f64>) -> Vec<Vector3<f64>> {
         let lags = self.moved_axes.iter().map(|axis| half_lag_direction(*axis, last_motion_sign));
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
     }
@@ -90,15 +86,11 @@ fn half_lag_direction(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64
 
 /// # Errors
 /// No sample is on the sphere, or the passes do not separate latency and lags.
-pub fn fit_latency(
-    setup: &LaserSetup<'_>,
-    scans: &[TimedScan<'_>],
-) -> Result<LatencyEstimate, IdentifyError> {
+pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<LatencyEstimate, IdentifyError> {
     let (mut latency_s, mut reliable_samples) = (0.0, Vec::new());
     for number in 0..MAX_ITERATIONS {
         if number < SELECTION_ITERATIONS {
-            reliable_samples =
-                scans.iter().map(|scan| ReliableSamples::new(setup, scan, latency_s)).collect();
+            reliable_samples = scans.iter().map(|scan| ReliableSamples::new(setup, scan, latency_s)).collect();
         }
         let iteration = LatencyIteration::new(setup, &reliable_samples, latency_s)?;
         let (factored, x) = iteration.solve()?;
@@ -109,8 +101,7 @@ pub fn fit_latency(
         }
         let estimate = iteration.into_estimate(latency_s, &factored, &x);
         let u_s = estimate.covariance_root[(0, 0)];
-        if number + 1 >= SELECTION_ITERATIONS
-            && change_s.abs() < LATENCY_TOLERANCE_S.max(LATENCY_TOLERANCE_RATIO * u_s)
+        if number + 1 >= SELECTION_ITERATIONS && change_s.abs() < LATENCY_TOLERANCE_S.max(LATENCY_TOLERANCE_RATIO * u_s)
         {
             return Ok(estimate);
         }
@@ -173,11 +164,8 @@ impl LatencyIteration {
         for reliable in reliable_samples {
             let (scan, timed_cells) = (reliable.scan, reliable.with_latency(latency_s));
             let samples = timed_cells.concat();
-            let Some(sphere) = ScanSphere::fit(
-                setup,
-                (scan.machine_from_xyz, scan.machine_from_spindle),
-                &samples,
-            ) else {
+            let Some(sphere) = ScanSphere::fit(setup, (scan.machine_from_xyz, scan.machine_from_spindle), &samples)
+            else {
                 continue;
             };
             for all in &timed_cells {
@@ -185,9 +173,7 @@ impl LatencyIteration {
                     let at = scan.machine_from_xyz * sample.xyz;
                     let deviation_mm = sample.reading_mm - sphere.predicted_reading_mm(at)?;
                     let slope = scan.machine_from_xyz.transpose() * sphere.reading_gradient(at)?;
-                    let lags = axes
-                        .iter()
-                        .map(|axis| slope.dot(&half_lag_direction(*axis, sample.last_motion_sign)));
+                    let lags = axes.iter().map(|axis| slope.dot(&half_lag_direction(*axis, sample.last_motion_sign)));
                     let columns = std::iter::once(slope.dot(&sample.velocity)).chain(lags);
                     Some(LatencyRow { deviation_mm, derivatives: columns.map(|by| -by).collect() })
                 });
@@ -234,9 +220,7 @@ impl LatencyIteration {
     /// Unknowns are not separable, or are separated only by the acceleration ramps.
     fn solve(&self) -> Result<(BlockFactorisation, Vec<f64>), IdentifyError> {
         let (factored, _) = factorise(self.row_blocks());
-        let survey = factored
-            .analyse_rank()
-            .map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
+        let survey = factored.analyse_rank().map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
         let mut names = latency_unknown_names(&self.axes);
         names.extend((0..self.cells.len()).map(|cell| format!("cell_{cell}")));
         let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
@@ -245,12 +229,9 @@ impl LatencyIteration {
             return Err(not_separable_error(&rank, lost));
         }
         let (covariance, alone) = (factored.covariance(), factored.column_norms());
-        let inflated =
-            |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MAX_UNCERTAINTY_INFLATION;
-        let weak: Vec<String> = (0..self.unknown_count())
-            .filter(inflated)
-            .filter_map(|k| names.get(k).cloned())
-            .collect();
+        let inflated = |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MAX_UNCERTAINTY_INFLATION;
+        let weak: Vec<String> =
+            (0..self.unknown_count()).filter(inflated).filter_map(|k| names.get(k).cloned()).collect();
         if !weak.is_empty() {
             return Err(not_separable_error(&format!("{rank}, but nearly singular"), weak));
         }
@@ -258,15 +239,9 @@ impl LatencyIteration {
         Ok((factored, x))
     }
 
-    fn into_estimate(
-        self,
-        latency_s: f64,
-        factored: &BlockFactorisation,
-        x: &[f64],
-    ) -> LatencyEstimate {
+    fn into_estimate(self, latency_s: f64, factored: &BlockFactorisation, x: &[f64]) -> LatencyEstimate {
         let samples: usize = self.cells.iter().map(Vec::len).sum();
-        let chi2: f64 =
-            factored.remainder(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
+        let chi2: f64 = factored.remainder(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
         let dof = samples.saturating_sub(factored.unknowns()).max(1) as f64;
         let scale = (chi2 / dof).max((MIN_SAMPLE_U_MM / ASSUMED_SAMPLE_U_MM).powi(2));
         let (covariance, count) = (factored.covariance(), self.unknown_count());
@@ -294,11 +269,8 @@ const LATENCY_REMEDY: &str = "measure the complete stage `latency`: both lines f
 /// Refusal that names the unknowns that are not separable, without the unknowns of cells.
 fn not_separable_error(rank: &str, names: Vec<String>) -> IdentifyError {
     let is_latency_unknown = |name: &String| name.contains("latency") || name.contains("reversal");
-    let names: Vec<String> = names
-        .into_iter()
-        .filter(is_latency_unknown)
-        .map(|name| names_without_cells(&name))
-        .collect();
+    let names: Vec<String> =
+        names.into_iter().filter(is_latency_unknown).map(|name| names_without_cells(&name)).collect();
     IdentifyError::Refused(MethodRefusal {
         reason: format!(
             "{rank}: the passes do not separate the latency of the sensor from the lost motion of \

@@ -31,10 +31,7 @@ pub use settings::Settings;
 
 use self::settings::MeasuringDevice;
 use self::setup::LaserSetup;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -66,12 +63,7 @@ impl Method for LaserRTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = LaserSetup::new(plan, &self.settings)?;
         let stage_plans = stages::plan_stages(&setup)?;
         let id = done.last().map_or(0, |stage| stage.id + 1);
@@ -85,10 +77,7 @@ impl Method for LaserRTest {
         Ok(NextStage::Stage { stage, new_steps })
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         match self.settings.by {
             MeasuringDevice::Laser => Ok(vec![setup::select_sensor(sensors, &self.settings)?]),
             MeasuringDevice::Probe => Ok(Vec::new()),

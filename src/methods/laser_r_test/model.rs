@@ -94,11 +94,7 @@ impl MachineProblem {
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.model.unknown_count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
         for (i, observation) in self.centre_observations.iter().enumerate() {
-            for (j, column) in self
-                .model
-                .misclosure_derivatives(&observation.axis_positions, x)
-                .into_iter()
-                .enumerate()
+            for (j, column) in self.model.misclosure_derivatives(&observation.axis_positions, x).into_iter().enumerate()
             {
                 let weighted = observation.weight * column;
                 (0..3).for_each(|k| rows.set_common(3 * i + k, j, weighted[k]));
@@ -128,9 +124,10 @@ impl ObservationEquation for MachineProblem {
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let misclosures = self.centre_observations.iter().flat_map(|observation| -> [f64; 3] {
-            self.model.misclosure(&observation.axis_positions, x).into()
-        });
+        let misclosures = self
+            .centre_observations
+            .iter()
+            .flat_map(|observation| -> [f64; 3] { self.model.misclosure(&observation.axis_positions, x).into() });
         let misclosures: Vec<f64> = misclosures.zip(change).map(|(m, change)| m + change).collect();
         let mut rows = self.weighted_change(&misclosures);
         if let Some((zero, sigma)) = self.zero_point_prior {
@@ -142,9 +139,11 @@ impl ObservationEquation for MachineProblem {
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
         let changes = change.chunks_exact(3).map(Vector3::from_column_slice);
-        let rows = self.centre_observations.iter().zip(changes).flat_map(
-            |(observation, change)| -> [f64; 3] { (observation.weight * -change).into() },
-        );
+        let rows = self
+            .centre_observations
+            .iter()
+            .zip(changes)
+            .flat_map(|(observation, change)| -> [f64; 3] { (observation.weight * -change).into() });
         rows.chain(self.zero_point_prior.iter().flat_map(|_| [0.0; 3])).collect()
     }
 }

@@ -45,8 +45,7 @@ fn misfit_warning(result: &IdentificationResult<'_>) -> Option<String> {
         true => "repeatability_um or error_motion_um",
         false => "noise_um or error_motion_um",
     };
-    let causes =
-        "error motions (harmonics = [2]), squareness of X, Y and Z, drift or a loose sphere";
+    let causes = "error motions (harmonics = [2]), squareness of X, Y and Z, drift or a loose sphere";
     result.identification.misfit_warning(&MisfitAdvice { causes, declaring_settings })
 }
 
@@ -72,29 +71,18 @@ fn form_warning(result: &IdentificationResult<'_>) -> Option<String> {
     let worst = forms.iter().zip(&result.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
     let (form, group) = worst?;
     let (subject, remedy) = match result.setup.uses_touch_probe() {
-        true => (
-            "touches of the sphere",
-            "clean the sphere and the stylus, and check that both are tight",
-        ),
-        false => {
-            ("the sphere's scan", "clean the sphere, and check its radius and incidence_limit_deg")
-        }
+        true => ("touches of the sphere", "clean the sphere and the stylus, and check that both are tight"),
+        false => ("the sphere's scan", "clean the sphere, and check its radius and incidence_limit_deg"),
     };
-    (*form > result.setup.settings.form_limit_um * 1e-3).then(|| {
-        format!(
-            "{}: residuals of {subject} spread over {:.1} um; {remedy}",
-            group.label,
-            form * 1e3
-        )
-    })
+    (*form > result.setup.settings.form_limit_um * 1e-3)
+        .then(|| format!("{}: residuals of {subject} spread over {:.1} um; {remedy}", group.label, form * 1e3))
 }
 
 fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
     if result.setup.uses_touch_probe() {
         return None;
     }
-    let (observed_mm, declared_mm) =
-        (result.observed.scatter_mm()?, result.setup.sensor.noise_um? * 1e-3);
+    let (observed_mm, declared_mm) = (result.observed.scatter_mm()?, result.setup.sensor.noise_um? * 1e-3);
     (observed_mm > 1.5 * declared_mm).then(|| {
         format!(
             "the scatter of the samples {} is {:.3} um, noise_um of the sensor is {:.3}",
@@ -106,8 +94,7 @@ fn noise_warning(result: &IdentificationResult<'_>) -> Option<String> {
 }
 
 pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
-    let held =
-        result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
+    let held = result.selection.held_at_zero.iter().filter(|error| error.shape() == ErrorShape::Location);
     let held: Vec<String> = held.map(ToString::to_string).collect();
     let mut lines = vec![
         "X, Y and Z are assumed straight, square to each other and of equal scale; their errors \
@@ -141,12 +128,9 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
     let ObservedScans { latency, reversal_sample_count, .. } = &result.observed;
     let latency = latency.as_ref()?;
     let first = result.unknown_names.len() + result.grouped.centres.beam_unknown_count();
-    let expanded =
-        |k: usize| result.identification.uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
+    let expanded = |k: usize| result.identification.uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
     let lags = latency.moved_axes.iter().zip(latency.values().into_iter().skip(1)).enumerate();
-    let lags = lags.map(|(k, (axis, lag))| {
-        format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3)
-    });
+    let lags = lags.map(|(k, (axis, lag))| format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3));
     Some(format!(
         "continuous scans: a sensor reading belongs to the axis positions {:.3} ms (U {:.3}) \
          earlier; lost motion of the axes at reversals: {}. All scans are corrected for both. \
@@ -161,8 +145,7 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
 
 /// Result of the paper's own estimator, for comparison.
 fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
-    let [a, b, c, x, a_cb] =
-        paper::identify_like_paper(result.setup, &result.grouped, &result.centre_fit.x)?;
+    let [a, b, c, x, a_cb] = paper::identify_like_paper(result.setup, &result.grouped, &result.centre_fit.x)?;
     let urad = |value: f64| Unit::Urad.from_internal(value);
     Some(format!(
         "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts \
@@ -185,10 +168,7 @@ fn zero_point_name(result: &IdentificationResult<'_>) -> &'static str {
 
 pub fn not_identifiable(result: &IdentificationResult<'_>) -> Vec<String> {
     let mut lines = vec![
-        format!(
-            "position of the axis of rotation nearest to the bed: it only shifts the {}",
-            zero_point_name(result)
-        ),
+        format!("position of the axis of rotation nearest to the bed: it only shifts the {}", zero_point_name(result)),
         match result.setup.uses_touch_probe() {
             true => {
                 "separate values of sphere radius, stylus ball radius and mean pre-travel of \
@@ -200,20 +180,13 @@ pub fn not_identifiable(result: &IdentificationResult<'_>) -> Vec<String> {
     ];
     let orders = &result.setup.settings.harmonics;
     if orders.is_empty() {
-        lines.push(
-            "error motions of the rotary axes: location errors are means over the angles measured"
-                .to_owned(),
-        );
+        lines.push("error motions of the rotary axes: location errors are means over the angles measured".to_owned());
     }
-    let angles = |axis: Axis| -> Vec<f64> {
-        result.grouped.groups.iter().map(|group| group.rotary.get_or_zero(axis)).collect()
-    };
+    let angles =
+        |axis: Axis| -> Vec<f64> { result.grouped.groups.iter().map(|group| group.rotary.get_or_zero(axis)).collect() };
     let axes = result.setup.chain.topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
-    lines.extend(
-        rotary
-            .filter_map(|axis| describe_aliased_orders(axis, &angles(axis), LOCATION_ERRORS_TEXT)),
-    );
+    lines.extend(rotary.filter_map(|axis| describe_aliased_orders(axis, &angles(axis), LOCATION_ERRORS_TEXT)));
     lines.extend(result.identification.outlier_check.describe_detection_limits());
     lines
 }

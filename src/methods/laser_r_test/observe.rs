@@ -61,9 +61,7 @@ impl ObservedScans {
         let count: usize = self.excluded_samples.values().sum();
         let counts = self.excluded_samples.iter().map(|(why, count)| format!("{why} {count}"));
         let counts: Vec<String> = counts.collect();
-        (count > 0).then(|| {
-            format!("{count} of {} samples were not used: {}", self.sample_count, counts.join(", "))
-        })
+        (count > 0).then(|| format!("{count} of {} samples were not used: {}", self.sample_count, counts.join(", ")))
     }
 }
 
@@ -71,10 +69,7 @@ impl ObservedScans {
 ///
 /// # Errors
 /// A reading belongs to no step of the plan.
-pub fn observe_scans(
-    setup: &LaserSetup<'_>,
-    readings: &[Reading],
-) -> Result<ObservedScans, IdentifyError> {
+pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<ObservedScans, IdentifyError> {
     IdentifyError::check_steps(setup.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
@@ -83,9 +78,7 @@ pub fn observe_scans(
     let mut observed = ObservedScans { path: sorted_path(readings), ..ObservedScans::default() };
     let mut uncorrected_scans: Vec<UncorrectedScan> = Vec::new();
     for steps in setup.plan.steps.chunk_by(|a, b| measurement_label(a) == measurement_label(b)) {
-        let Some((first, purpose)) =
-            steps.first().and_then(|s| Some((s, ScanPurpose::from_label(&s.label)?)))
-        else {
+        let Some((first, purpose)) = steps.first().and_then(|s| Some((s, ScanPurpose::from_label(&s.label)?))) else {
             continue;
         };
         let newest = |step: &Step| of_step.get(&step.id).map(|all| newest_repeat(all));
@@ -117,8 +110,7 @@ fn sorted_path(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
 /// Times and limits of the interruptions. The limit is that of the reference measurements after the interruption.
 fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyError> {
     let ordinary = |reading: &&Reading| reading.repeat < FIRST_REPEAT_AFTER_STOP;
-    let has_later_readings =
-        |gap_s: f64| readings.iter().filter(ordinary).any(|reading| reading.t_s > gap_s);
+    let has_later_readings = |gap_s: f64| readings.iter().filter(ordinary).any(|reading| reading.t_s > gap_s);
     let with_limit = |gap_s: f64| {
         let refusal = || MethodRefusal {
             reason: format!(
@@ -132,8 +124,7 @@ fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64
         };
         largest_shift_limit_mm(plan, readings, gap_s).map(|mm| (gap_s, mm)).ok_or_else(refusal)
     };
-    let stops =
-        plan.gaps_s.iter().copied().filter(|gap_s| has_later_readings(*gap_s)).map(with_limit);
+    let stops = plan.gaps_s.iter().copied().filter(|gap_s| has_later_readings(*gap_s)).map(with_limit);
     stops.collect::<Result<_, _>>().map_err(IdentifyError::Refused)
 }
 
@@ -142,34 +133,26 @@ fn estimate_latency(
     setup: &LaserSetup<'_>,
     uncorrected_scans: &[UncorrectedScan],
 ) -> Result<Option<LatencyEstimate>, IdentifyError> {
-    let timed =
-        uncorrected_scans.iter().filter_map(|UncorrectedScan { scanned, history, .. }| {
-            let history = history.as_ref().filter(|_| scanned.purpose == ScanPurpose::Latency);
-            let machine_from_xyz = setup.machine_from_xyz(&scanned.rotary);
-            history.map(|(history, _)| TimedScan {
-                machine_from_xyz,
-                machine_from_spindle: scanned.machine_from_spindle,
-                history,
-            })
-        });
+    let timed = uncorrected_scans.iter().filter_map(|UncorrectedScan { scanned, history, .. }| {
+        let history = history.as_ref().filter(|_| scanned.purpose == ScanPurpose::Latency);
+        let machine_from_xyz = setup.machine_from_xyz(&scanned.rotary);
+        history.map(|(history, _)| TimedScan {
+            machine_from_xyz,
+            machine_from_spindle: scanned.machine_from_spindle,
+            history,
+        })
+    });
     let timed: Vec<TimedScan<'_>> = timed.collect();
-    let continuous =
-        uncorrected_scans.iter().any(|uncorrected_scan| uncorrected_scan.history.is_some());
+    let continuous = uncorrected_scans.iter().any(|uncorrected_scan| uncorrected_scan.history.is_some());
     if continuous { fit_latency(setup, &timed).map(Some) } else { Ok(None) }
 }
 
 /// Adds a measurement to `observed`, corrected for latency and lost motion.
-fn add_corrected_scan(
-    setup: &LaserSetup<'_>,
-    uncorrected_scan: UncorrectedScan,
-    observed: &mut ObservedScans,
-) {
+fn add_corrected_scan(setup: &LaserSetup<'_>, uncorrected_scan: UncorrectedScan, observed: &mut ObservedScans) {
     let UncorrectedScan { mut scanned, history, step_count } = uncorrected_scan;
     if let (Some((history, path)), Some(latency)) = (&history, &observed.latency) {
         let mut samples = history.timed_samples(latency.latency_s);
-        samples.iter_mut().for_each(|sample| {
-            sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign)
-        });
+        samples.iter_mut().for_each(|sample| sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign));
         observed.reversal_sample_count += history.reading_count() - samples.len();
         let sparse = describe_sparse_motions(path, &samples).into_iter();
         observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", scanned.label)));
@@ -212,31 +195,23 @@ fn read_uncorrected_scan(
         // A touch has the distance 0.
         let reading_mm = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
         let Some(reading_mm) = reading_mm.filter(|_| reading.flag == ReadingFlag::None) else {
-            let why =
-                if reading.flag == ReadingFlag::None { "no value" } else { reading.flag.as_str() };
+            let why = if reading.flag == ReadingFlag::None { "no value" } else { reading.flag.as_str() };
             *observed.excluded_samples.entry(why).or_default() += 1;
             continue;
         };
         let xyz = reading.position.xyz();
         let (velocity, last_motion_sign) = (Vector3::zeros(), Vector3::zeros());
         let (displacement_mm, t_s) = (machine_from_xyz * xyz, reading.t_s);
-        spots.push(SpotMean {
-            xyz,
-            displacement_mm,
-            reading_mm,
-            sample_count: 1,
-            t_s,
-            velocity,
-            last_motion_sign,
-        });
+        spots.push(SpotMean { xyz, displacement_mm, reading_mm, sample_count: 1, t_s, velocity, last_motion_sign });
     }
-    let history = step.scan.as_ref().filter(|scan| is_continuous(scan)).map(|scan| {
-        (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect())
-    });
+    let history = step
+        .scan
+        .as_ref()
+        .filter(|scan| is_continuous(scan))
+        .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect()));
     let points = if history.is_some() { Vec::new() } else { group_into_points(step, spots) };
     let spots = points.iter().map(|all| mean_spot(all, &mut observed.scatter_sums)).collect();
-    let (label, machine_from_spindle) =
-        (measurement_label(step).to_owned(), setup.machine_from_spindle(&rotary));
+    let (label, machine_from_spindle) = (measurement_label(step).to_owned(), setup.machine_from_spindle(&rotary));
     UncorrectedScan {
         scanned: ScanData { purpose, label, machine_from_spindle, rotary, spots },
         history,
@@ -256,9 +231,7 @@ fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
     for spot in spots {
         let is_same_point = |point: &&mut Vec<SpotMean>| {
             let first = point.first();
-            first.is_some_and(|first| {
-                first.xyz.metric_distance(&spot.xyz) < MAX_STANDSTILL_MOTION_MM
-            })
+            first.is_some_and(|first| first.xyz.metric_distance(&spot.xyz) < MAX_STANDSTILL_MOTION_MM)
         };
         match points.last_mut().filter(is_same_point) {
             Some(point) if step.scan.as_ref().is_some_and(dwells) => point.push(spot),
@@ -271,8 +244,7 @@ fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
 fn mean_spot(all: &[SpotMean], within: &mut (f64, usize)) -> SpotMean {
     let count = all.len().max(1) as f64;
     let average = |pick: fn(&SpotMean) -> f64| all.iter().map(pick).sum::<f64>() / count;
-    let sum =
-        |pick: fn(&SpotMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
+    let sum = |pick: fn(&SpotMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
     let reading_mm = average(|spot| spot.reading_mm);
     within.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
     within.1 += all.len().saturating_sub(1);

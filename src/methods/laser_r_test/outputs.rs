@@ -23,8 +23,7 @@ const BEAM_NAMES: [&str; BEAM_UNKNOWN_COUNT] = ["beam_x", "beam_y", "gain"];
 const BEAM_UNITS: [Unit; BEAM_UNKNOWN_COUNT] = [Unit::Urad, Unit::Urad, Unit::UmPerM];
 
 pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
-    let residuals =
-        position_residuals(&result.problem, &result.grouped.groups, &result.machine_fit.x);
+    let residuals = position_residuals(&result.problem, &result.grouped.groups, &result.machine_fit.x);
     Estimate {
         functions: deviation_functions(result),
         arrows: vec![deviation_arrows(result, &residuals), residual_arrows(result, &residuals)],
@@ -60,16 +59,10 @@ pub fn build_outputs(
 }
 
 /// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
-pub fn position_residuals(
-    problem: &MachineProblem,
-    groups: &[PoseGroup],
-    x: &[f64],
-) -> Vec<Vector3<f64>> {
+pub fn position_residuals(problem: &MachineProblem, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
     let centre_observations = problem.centre_observations.iter().zip(groups);
     centre_observations
-        .map(|(observation, group)| {
-            group.machine_from_table * problem.model.misclosure(&observation.axis_positions, x)
-        })
+        .map(|(observation, group)| group.machine_from_table * problem.model.misclosure(&observation.axis_positions, x))
         .collect()
 }
 
@@ -80,8 +73,7 @@ fn deviation_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>
     let errors = result.problem.model.parameters.len();
     without.iter_mut().take(errors).for_each(|error| *error = 0.0);
     let total = self::position_residuals(&result.problem, &result.grouped.groups, &without);
-    let modelled: Vec<Vector3<f64>> =
-        total.iter().zip(residuals).map(|(total, residual)| total - residual).collect();
+    let modelled: Vec<Vector3<f64>> = total.iter().zip(residuals).map(|(total, residual)| total - residual).collect();
     let figure = arrow_figure(result, "measured less commanded sphere", &total, Some(&modelled));
     ArrowFigure { figure: VectorKind::Paths, ..figure }
 }
@@ -106,8 +98,7 @@ fn arrow_figure(
             continue;
         };
         let tilted = group.rotary.filter_axes(tilting);
-        let table =
-            chain.machine_from_table(&with_linear_axes(&group.rotary, Vector3::zeros()), &[]);
+        let table = chain.machine_from_table(&with_linear_axes(&group.rotary, Vector3::zeros()), &[]);
         let arrow = Arrow {
             label: describe_rotary_position(&group.rotary.filter_axes(|axis| !tilting(axis))),
             at_mm: table.transform_point(&ball.into()).coords.into(),
@@ -118,8 +109,7 @@ fn arrow_figure(
         match groups.iter_mut().find(|(at, _)| *at == tilted) {
             Some((_, arrows)) => arrows.arrows.push(arrow),
             None => {
-                let arrows =
-                    ArrowGroup { name: describe_rotary_position(&tilted), arrows: vec![arrow] };
+                let arrows = ArrowGroup { name: describe_rotary_position(&tilted), arrows: vec![arrow] };
                 groups.push((tilted, arrows));
             }
         }

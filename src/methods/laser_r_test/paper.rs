@@ -21,11 +21,7 @@ const AXIS_INTERSECTION_TOLERANCE_MM: f64 = 1e-6;
 
 /// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: the machine is not that of the paper (a B table that
 /// carries C), or its circles were not measured.
-pub fn identify_like_paper(
-    setup: &LaserSetup<'_>,
-    grouped: &GroupedScans,
-    x: &[f64],
-) -> Option<[f64; 5]> {
+pub fn identify_like_paper(setup: &LaserSetup<'_>, grouped: &GroupedScans, x: &[f64]) -> Option<[f64; 5]> {
     let machine = &setup.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == AxisSense::Iso);
     let table = super::parameters::table_rotary_axes(&setup.chain);
@@ -44,22 +40,15 @@ pub fn identify_like_paper(
     let zero = zero_position(&centres_by_pose, origin)?;
     let measured: Vec<(f64, f64, Vector3<f64>)> = centres_by_pose
         .iter()
-        .map(|(at, centre)| {
-            (at.get_or_zero(Axis::B), at.get_or_zero(Axis::C), *centre - zero - origin)
-        })
+        .map(|(at, centre)| (at.get_or_zero(Axis::B), at.get_or_zero(Axis::C), *centre - zero - origin))
         .collect();
     location_errors(&measured)
 }
 
 /// Copy of `centres` with the beam of the fit held at norm 1.
 fn with_unit_beam(centres: &CentreEquations, x: &[f64]) -> CentreEquations {
-    let beam =
-        centres.beam_frame.transpose() * unit_vector(centres.beam_vector(x)).unwrap_or_default();
-    CentreEquations {
-        is_beam_free: false,
-        fixed_beam: [beam.x, beam.y, beam.z - 1.0],
-        ..centres.clone()
-    }
+    let beam = centres.beam_frame.transpose() * unit_vector(centres.beam_vector(x)).unwrap_or_default();
+    CentreEquations { is_beam_free: false, fixed_beam: [beam.x, beam.y, beam.z - 1.0], ..centres.clone() }
 }
 
 /// Origin of the paper's equations: the stated intersection of B and C. `None`: they do not intersect.
@@ -70,16 +59,11 @@ fn axis_intersection(setup: &LaserSetup<'_>) -> Option<Vector3<f64>> {
 }
 
 /// Zero position by Eq. (7): x and y from the circle of C at B = 0, z from the circle of B at C = 0.
-fn zero_position(
-    centres_by_pose: &[(&Position, Vector3<f64>)],
-    origin: Vector3<f64>,
-) -> Option<Vector3<f64>> {
+fn zero_position(centres_by_pose: &[(&Position, Vector3<f64>)], origin: Vector3<f64>) -> Option<Vector3<f64>> {
     let circle = |fixed: Axis, i: usize, j: usize| {
-        let circle_points = centres_by_pose
-            .iter()
-            .filter(|(at, _)| at.get_or_zero(fixed).abs() < ZERO_ANGLE_TOLERANCE_RAD);
-        let points: Vec<[f64; 2]> =
-            circle_points.map(|(_, centre)| [centre[i], centre[j]]).collect();
+        let circle_points =
+            centres_by_pose.iter().filter(|(at, _)| at.get_or_zero(fixed).abs() < ZERO_ANGLE_TOLERANCE_RAD);
+        let points: Vec<[f64; 2]> = circle_points.map(|(_, centre)| [centre[i], centre[j]]).collect();
         fit_circle(&points).ok().map(|circle| circle.centre)
     };
     let (circle_c, circle_b) = (circle(Axis::B, 0, 1)?, circle(Axis::C, 0, 2)?);
@@ -88,11 +72,9 @@ fn zero_position(
 
 /// Location errors by Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
 pub fn location_errors(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
-    let (_, _, first) = *measured.iter().find(|(b, c, _)| {
-        b.abs() < ZERO_ANGLE_TOLERANCE_RAD && c.abs() < ZERO_ANGLE_TOLERANCE_RAD
-    })?;
-    let others: Vec<_> =
-        measured.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO_ANGLE_TOLERANCE_RAD).collect();
+    let (_, _, first) =
+        *measured.iter().find(|(b, c, _)| b.abs() < ZERO_ANGLE_TOLERANCE_RAD && c.abs() < ZERO_ANGLE_TOLERANCE_RAD)?;
+    let others: Vec<_> = measured.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO_ANGLE_TOLERANCE_RAD).collect();
     let mut a = Mat::zeros(3 * others.len(), 5);
     let mut y = Vec::with_capacity(3 * others.len());
     for (i, (b, c, position)) in others.into_iter().enumerate() {
@@ -103,20 +85,14 @@ pub fn location_errors(measured: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]
         }
     }
     let sigma = vec![1.0; y.len()];
-    let problem = LinearProblem {
-        a: a.as_ref(),
-        y: &y,
-        sigma: &sigma,
-        constraints: None,
-        rank_threshold: RANK_THRESHOLD,
-    };
+    let problem =
+        LinearProblem { a: a.as_ref(), y: &y, sigma: &sigma, constraints: None, rank_threshold: RANK_THRESHOLD };
     solve_least_squares(&problem).ok()?.x.try_into().ok()
 }
 
 /// Nominal rotation D_b(−B)·D_c(−C).
 pub fn nominal_rotation(b: f64, c: f64) -> Rotation3<f64> {
-    Rotation3::from_axis_angle(&Vector3::y_axis(), -b)
-        * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
+    Rotation3::from_axis_angle(&Vector3::y_axis(), -b) * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
 /// ∂d/∂W at one pose: ∂q̂/∂W less the contribution of the measurement at B = C = 0.

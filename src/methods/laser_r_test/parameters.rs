@@ -51,11 +51,8 @@ pub fn select_parameters(
     names: &[String],
     orders: &[u32],
 ) -> Result<ParameterSelection, MethodRefusal> {
-    let mut candidates = if names.is_empty() {
-        location_error_candidates(chain)
-    } else {
-        parse_parameters(chain, names)?
-    };
+    let mut candidates =
+        if names.is_empty() { location_error_candidates(chain) } else { parse_parameters(chain, names)? };
     let requested_count = if names.is_empty() { 0 } else { candidates.len() };
     let mut motions = harmonic_candidates(chain, orders)?;
     motions.retain(|motion| !candidates.contains(motion));
@@ -80,17 +77,12 @@ pub fn select_parameters(
 
 fn location_error_candidates(chain: &KinematicChain) -> Vec<ErrorParameter> {
     let axes = table_rotary_axes(chain).into_iter();
-    axes.flat_map(|axis| {
-        ERROR_COMPONENTS.map(|c| ErrorParameter::new(c, axis, ErrorShape::Location))
-    })
-    .filter_map(Result::ok)
-    .collect()
+    axes.flat_map(|axis| ERROR_COMPONENTS.map(|c| ErrorParameter::new(c, axis, ErrorShape::Location)))
+        .filter_map(Result::ok)
+        .collect()
 }
 
-fn harmonic_candidates(
-    chain: &KinematicChain,
-    orders: &[u32],
-) -> Result<Vec<ErrorParameter>, MethodRefusal> {
+fn harmonic_candidates(chain: &KinematicChain, orders: &[u32]) -> Result<Vec<ErrorParameter>, MethodRefusal> {
     if orders.is_empty() {
         return Ok(Vec::new());
     }
@@ -102,18 +94,14 @@ fn harmonic_candidates(
         remedy: "omit harmonics".to_owned(),
     })?;
     let shapes = orders.iter().flat_map(|n| [ErrorShape::Cos(*n), ErrorShape::Sin(*n)]);
-    let all =
-        shapes.flat_map(|shape| ERROR_COMPONENTS.map(|c| ErrorParameter::new(c, axis, shape)));
+    let all = shapes.flat_map(|shape| ERROR_COMPONENTS.map(|c| ErrorParameter::new(c, axis, shape)));
     all.collect::<Result<_, _>>().map_err(|why| MethodRefusal {
         reason: why.to_string(),
         remedy: "use orders from 1, e.g. harmonics = [2]".to_owned(),
     })
 }
 
-fn parse_parameters(
-    chain: &KinematicChain,
-    names: &[String],
-) -> Result<Vec<ErrorParameter>, MethodRefusal> {
+fn parse_parameters(chain: &KinematicChain, names: &[String]) -> Result<Vec<ErrorParameter>, MethodRefusal> {
     let refused = |why: String| MethodRefusal {
         reason: why,
         remedy: "correct `parameters`, or omit it: then all errors that one sphere separates are \
@@ -135,25 +123,20 @@ fn parse_parameters(
 /// Names of all unknowns except those of the beam.
 pub fn unknown_names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
     let positions = ["zero".to_owned(), format!("ball_{ball}")];
-    let coordinates =
-        positions.iter().flat_map(|name| ["x", "y", "z"].map(|axis| format!("{name}_{axis}")));
+    let coordinates = positions.iter().flat_map(|name| ["x", "y", "z"].map(|axis| format!("{name}_{axis}")));
     parameters.iter().map(ToString::to_string).chain(coordinates).collect()
 }
 
 /// Derivatives of the sphere's coordinates at many different poses, mm: by each error, and by zero point and
 /// sphere.
-fn position_derivatives(
-    chain: &KinematicChain,
-    parameters: &[ErrorParameter],
-) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+fn position_derivatives(chain: &KinematicChain, parameters: &[ErrorParameter]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let model = SphereModel { chain: chain.clone(), parameters: parameters.to_vec() };
     let (ball, zero) = (Vector3::new(80.0, 25.0, 60.0), Vector3::new(3.0, -5.0, -150.0));
     let x = [&vec![0.0; parameters.len()], zero.as_slice(), ball.as_slice()].concat();
     let axes = table_rotary_axes(chain);
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); parameters.len() + POSITION_UNKNOWN_COUNT];
     for pose in 0..TEST_POSE_COUNT {
-        let angles =
-            axes.iter().zip(POSE_STEPS_RAD).map(|(axis, step)| (*axis, step * pose as f64));
+        let angles = axes.iter().zip(POSE_STEPS_RAD).map(|(axis, step)| (*axis, step * pose as f64));
         let rotary: Position = angles.collect();
         let Ok(xyz) = nominal_xyz(chain, &rotary, zero, ball) else { continue };
         let derivatives = model.misclosure_derivatives(&with_linear_axes(&rotary, xyz), &x);

@@ -62,17 +62,11 @@ type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a ScanData)>);
 ///
 /// # Errors
 /// No scan is left, or the linear axes do not span space.
-pub fn group_scans(
-    setup: &LaserSetup<'_>,
-    observed: &mut ObservedScans,
-) -> Result<GroupedScans, MethodRefusal> {
+pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Result<GroupedScans, MethodRefusal> {
     let radius = setup.measuring_radius_mm();
     let is_flat = |scan: &ScanData| !determines_centre(scan, setup.beam_direction(), radius);
     let lines = observed.scans.iter().filter(|scan| is_flat(scan)).map(|scan| {
-        format!(
-            "{}: the samples lie nearly on one great circle and do not determine the centre",
-            scan.label
-        )
+        format!("{}: the samples lie nearly on one great circle and do not determine the centre", scan.label)
     });
     let lines: Vec<String> = lines.collect();
     observed.skipped_scans.extend(lines);
@@ -80,11 +74,9 @@ pub fn group_scans(
     // Scans used for the latency are not used a second time. If there are continuous scans, dwell scans are not
     // used either: their lost motion is unknown.
     let has_continuous = observed.latency.is_some();
-    let is_dwell =
-        |scan: &ScanData| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
+    let is_dwell = |scan: &ScanData| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
     let is_auxiliary = |scan: &ScanData| {
-        matches!(scan.purpose, ScanPurpose::Search | ScanPurpose::Latency)
-            || has_continuous && is_dwell(scan)
+        matches!(scan.purpose, ScanPurpose::Search | ScanPurpose::Latency) || has_continuous && is_dwell(scan)
     };
     let has_pose_scans = observed.scans.iter().any(|scan| !is_auxiliary(scan));
     let all = observed.scans.iter().enumerate();
@@ -109,17 +101,9 @@ pub fn group_scans(
 
 fn pose_group(setup: &LaserSetup<'_>, scan: &ScanData) -> Result<PoseGroup, MethodRefusal> {
     let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
-    let (machine_from_xyz, xyz_from_machine) =
-        (setup.machine_from_xyz(&rotary), setup.xyz_from_machine(&rotary)?);
+    let (machine_from_xyz, xyz_from_machine) = (setup.machine_from_xyz(&rotary), setup.xyz_from_machine(&rotary)?);
     let machine_from_table = setup.chain.machine_from_table(&rotary, &[]).rotation;
-    Ok(PoseGroup {
-        label,
-        t_s: 0.0,
-        machine_from_xyz,
-        xyz_from_machine,
-        machine_from_table,
-        rotary,
-    })
+    Ok(PoseGroup { label, t_s: 0.0, machine_from_xyz, xyz_from_machine, machine_from_table, rotary })
 }
 
 fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
@@ -132,18 +116,13 @@ fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
     }
     MethodRefusal {
         reason: why,
-        remedy:
-            "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan \
+        remedy: "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan \
                   along two lines that cross at the pole"
-                .to_owned(),
+            .to_owned(),
     }
 }
 
-fn assemble_rows(
-    setup: &LaserSetup<'_>,
-    observed: &ObservedScans,
-    members: Vec<GroupWithScans<'_>>,
-) -> GroupedScans {
+fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<GroupWithScans<'_>>) -> GroupedScans {
     let (noise, resolution) = (sample_noise_mm(setup, observed), resolution_u_mm(setup));
     let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
     let (mut row_origins, mut most, mut index) = (Vec::new(), 0, 0);
@@ -153,18 +132,10 @@ fn assemble_rows(
         let first = spots.len();
         for (number, scan) in scans {
             for (point, spot) in scan.spots.iter().enumerate() {
-                let u_mm = (noise / (spot.sample_count as f64).sqrt())
-                    .hypot(resolution)
-                    .max(MIN_POINT_U_MM);
+                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_POINT_U_MM);
                 let (displacement_mm, machine_from_spindle, reading_mm) =
                     (spot.displacement_mm, scan.machine_from_spindle, spot.reading_mm);
-                rows.push(DwellPointRow {
-                    group: index,
-                    displacement_mm,
-                    machine_from_spindle,
-                    reading_mm,
-                    u_mm,
-                });
+                rows.push(DwellPointRow { group: index, displacement_mm, machine_from_spindle, reading_mm, u_mm });
                 spots.push(*spot);
                 row_origins.push((number, point));
             }

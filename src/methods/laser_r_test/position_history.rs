@@ -69,24 +69,13 @@ impl PositionHistory {
         let max_speed = stamp_velocities.iter().map(|velocity| velocity.norm()).fold(0.0, f64::max);
         let mut last_motion_sign: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
         // After a gap the direction of the last motion is unknown.
-        let apart =
-            |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > min_gap_s);
+        let apart = |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > min_gap_s);
         let mut from = 0;
         for to in (1..xyz.len()).filter(apart).chain([xyz.len()]) {
-            last_motion_sign
-                .extend(xyz.get(from..to).map(self::last_motion_signs).unwrap_or_default());
+            last_motion_sign.extend(xyz.get(from..to).map(self::last_motion_signs).unwrap_or_default());
             from = to;
         }
-        Self {
-            last_motion_sign,
-            stamp_velocities,
-            is_interpolable,
-            max_speed,
-            t_s,
-            xyz,
-            min_gap_s,
-            readings: values,
-        }
+        Self { last_motion_sign, stamp_velocities, is_interpolable, max_speed, t_s, xyz, min_gap_s, readings: values }
     }
 
     /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
@@ -100,11 +89,9 @@ impl PositionHistory {
             // An axis may also have reversed between the two stamps.
             let next = self.t_s.partition_point(|stamp| *stamp < t_s);
             self.last_motion_sign.get(next).copied().flatten()?;
-            let is_sure =
-                self.t_s.get(node) == Some(&t_s) || self.is_interpolable.get(node) == Some(&true);
-            let is_sign_unknown = |k: usize| {
-                last_motion_sign[k] == 0.0 && velocity[k].abs() > MIN_SPEED_RATIO * self.max_speed
-            };
+            let is_sure = self.t_s.get(node) == Some(&t_s) || self.is_interpolable.get(node) == Some(&true);
+            let is_sign_unknown =
+                |k: usize| last_motion_sign[k] == 0.0 && velocity[k].abs() > MIN_SPEED_RATIO * self.max_speed;
             let is_slow = velocity.norm() < MIN_SPEED_RATIO * self.max_speed;
             let sample = TimedSample { xyz, velocity, last_motion_sign, reading_mm, t_s: stamp_s };
             (is_sure && !is_slow && !(0..3).any(is_sign_unknown)).then_some(sample)
@@ -115,11 +102,7 @@ impl PositionHistory {
     /// The same sample with another latency, without another check of its reliability.
     pub fn at_latency(&self, sample: &TimedSample, latency_s: f64) -> Option<TimedSample> {
         let t_s = sample.t_s - latency_s;
-        Some(TimedSample {
-            xyz: self.position_at(t_s)?,
-            velocity: self.velocity_at(t_s)?,
-            ..*sample
-        })
+        Some(TimedSample { xyz: self.position_at(t_s)?, velocity: self.velocity_at(t_s)?, ..*sample })
     }
 
     /// Number of values.
@@ -131,26 +114,21 @@ impl PositionHistory {
     /// be wrong by the motion under acceleration, 1 um at 500 mm/s² and 4 ms.
     fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let next = self.t_s.partition_point(|stamp| *stamp < t_s);
-        let node =
-            |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.stamp_velocities.get(k)?));
+        let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.stamp_velocities.get(k)?));
         let (after, to, last) = node(next)?;
         if after == t_s {
             return Some(to);
         }
         let (before, from, first) = node(next.checked_sub(1)?)?;
         let (duration_s, u) = (after - before, (t_s - before) / (after - before));
-        let bent =
-            (first * duration_s - (to - from)) * (1.0 - u) - (last * duration_s - (to - from)) * u;
+        let bent = (first * duration_s - (to - from)) * (1.0 - u) - (last * duration_s - (to - from)) * u;
         (duration_s <= self.min_gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
     }
 
     /// Velocity from the stamped positions to either side, or to one side at the ends.
     fn velocity_at(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let (here, before, after) = (
-            self.position_at(t_s)?,
-            self.position_at(t_s - VELOCITY_SPAN_S),
-            self.position_at(t_s + VELOCITY_SPAN_S),
-        );
+        let (here, before, after) =
+            (self.position_at(t_s)?, self.position_at(t_s - VELOCITY_SPAN_S), self.position_at(t_s + VELOCITY_SPAN_S));
         match (before, after) {
             (Some(before), Some(after)) => Some((after - before) / (2.0 * VELOCITY_SPAN_S)),
             (None, Some(after)) => Some((after - here) / VELOCITY_SPAN_S),
@@ -186,19 +164,16 @@ fn stamp_velocities(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector
         Some(&[(t0, p0), (t1, p1)]) if t1 - t0 <= gap_s => Some((t1 - t0, (p1 - p0) / (t1 - t0))),
         _ => None,
     };
-    let slope =
-        |k: usize| match (k.checked_sub(1).and_then(interval_velocity), interval_velocity(k)) {
-            (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
-            (before, after) => before.or(after).map_or(Vector3::zeros(), |(_, slope)| slope),
-        };
+    let slope = |k: usize| match (k.checked_sub(1).and_then(interval_velocity), interval_velocity(k)) {
+        (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
+        (before, after) => before.or(after).map_or(Vector3::zeros(), |(_, slope)| slope),
+    };
     (0..nodes.len()).map(slope).collect()
 }
 
 /// [`motion_signs`] of X, Y and Z. `None` where one of them reverses.
 fn last_motion_signs(positions: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
-    let signs = |k: usize| {
-        motion_signs(&positions.iter().map(|position| position[k]).collect::<Vec<f64>>())
-    };
+    let signs = |k: usize| motion_signs(&positions.iter().map(|position| position[k]).collect::<Vec<f64>>());
     let [x, y, z] = [signs(0), signs(1), signs(2)];
     let each = x.into_iter().zip(y).zip(z);
     each.map(|((x, y), z)| Some(Vector3::new(x?, y?, z?))).collect()
@@ -213,29 +188,22 @@ fn motion_signs(positions: &[f64]) -> Vec<Option<f64>> {
     let (mut least, mut most) = (first, first);
     for position in positions {
         (least, most) = (least.min(*position), most.max(*position));
-        let turned = match (
-            position - least > MIN_TRAVEL_AFTER_REVERSAL_MM,
-            most - position > MIN_TRAVEL_AFTER_REVERSAL_MM,
-        ) {
-            (true, _) if sign <= 0.0 => 1.0,
-            (_, true) if sign >= 0.0 => -1.0,
-            _ => {
-                signs.push(Some(sign));
-                continue;
-            }
-        };
+        let turned =
+            match (position - least > MIN_TRAVEL_AFTER_REVERSAL_MM, most - position > MIN_TRAVEL_AFTER_REVERSAL_MM) {
+                (true, _) if sign <= 0.0 => 1.0,
+                (_, true) if sign >= 0.0 => -1.0,
+                _ => {
+                    signs.push(Some(sign));
+                    continue;
+                }
+            };
         let extreme = if turned > 0.0 { least } else { most };
-        let within =
-            |k: usize, mm: f64| positions.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
+        let within = |k: usize, mm: f64| positions.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
         // A real standstill, not only one or two stamps near the turning point, between which the motion would
         // appear uniform.
-        let is_standstill =
-            |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, STANDSTILL_JITTER_MM));
-        let near_reversal = signs
-            .iter_mut()
-            .enumerate()
-            .rev()
-            .take_while(|(k, _)| within(*k, MIN_TRAVEL_AFTER_REVERSAL_MM));
+        let is_standstill = |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, STANDSTILL_JITTER_MM));
+        let near_reversal =
+            signs.iter_mut().enumerate().rev().take_while(|(k, _)| within(*k, MIN_TRAVEL_AFTER_REVERSAL_MM));
         near_reversal.filter(|(k, _)| !is_standstill(*k)).for_each(|(_, sign)| *sign = None);
         (sign, least, most) = (turned, *position, *position);
         signs.push(Some(sign));
@@ -265,10 +233,8 @@ mod tests {
     #[test]
     fn a_value_belongs_to_where_the_axes_stood_a_latency_ago() {
         let x = |t: f64| 10.0 * t;
-        let all: Vec<Reading> = (0..=100)
-            .map(|i| f64::from(i) * 0.01)
-            .map(|t| reading(t, x(t), ReadingFlag::None))
-            .collect();
+        let all: Vec<Reading> =
+            (0..=100).map(|i| f64::from(i) * 0.01).map(|t| reading(t, x(t), ReadingFlag::None)).collect();
         let history = PositionHistory::new(&all.iter().rev().collect::<Vec<_>>());
         let found = |latency: f64| {
             let seen = history.timed_samples(latency);
@@ -282,11 +248,7 @@ mod tests {
         // Two values at the beginning have no position, as the stamps start later. At the next ones the axis has
         // not moved far enough.
         assert_eq!(history.reading_count(), 101);
-        assert!(
-            (97..=98).contains(&history.timed_samples(0.02).len()),
-            "{}",
-            history.timed_samples(0.02).len()
-        );
+        assert!((97..=98).contains(&history.timed_samples(0.02).len()), "{}", history.timed_samples(0.02).len());
     }
 
     /// Acceleration: exact to the last digit at 500 mm/s² and stamps 4 ms apart.
@@ -296,8 +258,7 @@ mod tests {
         let times = (0..=20).map(|i| f64::from(i) * 4e-3);
         let all: Vec<Reading> = times.map(|t| reading(t, x(t), ReadingFlag::None)).collect();
         let seen = PositionHistory::new(&all.iter().collect::<Vec<_>>()).timed_samples(2e-3);
-        let fast: Vec<&TimedSample> =
-            seen.iter().filter(|seen| (0.01..0.075).contains(&seen.t_s)).collect();
+        let fast: Vec<&TimedSample> = seen.iter().filter(|seen| (0.01..0.075).contains(&seen.t_s)).collect();
         assert!(fast.len() > 10);
         assert!(fast.iter().all(|seen| (seen.xyz.x - x(seen.t_s - 2e-3)).abs() < 1e-12));
     }
@@ -306,8 +267,7 @@ mod tests {
     fn nothing_is_said_across_a_gap_and_nothing_of_flagged_values() {
         let time = |i: u32| f64::from(i) * 0.01 + if i > 50 { 1.0 } else { 0.0 };
         let flag = |i| if i == 20 { ReadingFlag::Range } else { ReadingFlag::None };
-        let all: Vec<Reading> =
-            (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
+        let all: Vec<Reading> = (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
         let history = PositionHistory::new(&all.iter().collect::<Vec<_>>());
         let seen = history.timed_samples(0.005);
         assert!(seen.iter().all(|seen| (seen.t_s - 0.2).abs() > 1e-9));

@@ -29,12 +29,9 @@ impl IdentificationResult<'_> {
         let deviations = self.grouped.centres.surface_deviations_mm(&self.centre_fit.x);
         let form_error = |group: usize| {
             let rows = self.grouped.centres.rows.iter().zip(&deviations);
-            let group_deviations =
-                rows.filter(|(row, _)| row.group == group).map(|(_, deviation)| *deviation);
+            let group_deviations = rows.filter(|(row, _)| row.group == group).map(|(_, deviation)| *deviation);
             let (least, most) = group_deviations
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), deviation| {
-                    (a.min(deviation), b.max(deviation))
-                });
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), deviation| (a.min(deviation), b.max(deviation)));
             most - least
         };
         (0..self.grouped.groups.len()).map(form_error).collect()

@@ -30,12 +30,8 @@ impl ScanPurpose {
 
     /// Label of a step. `detail` distinguishes scans at the same position.
     pub fn label(self, detail: &str, rotary: &Position) -> String {
-        let name = PURPOSE_LABELS
-            .iter()
-            .find(|(purpose, _)| *purpose == self)
-            .map_or("", |(_, name)| name);
-        let parts =
-            [name.to_owned(), detail.to_owned(), format_rotary_position(rotary, "", "", "/")];
+        let name = PURPOSE_LABELS.iter().find(|(purpose, _)| *purpose == self).map_or("", |(_, name)| name);
+        let parts = [name.to_owned(), detail.to_owned(), format_rotary_position(rotary, "", "", "/")];
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("/")
     }
 }
@@ -48,9 +44,7 @@ pub fn describe_rotary_position(at: &Position) -> String {
 fn format_rotary_position(at: &Position, between: &str, unit: &str, join: &str) -> String {
     let turned = at.iter().filter(|(axis, _)| !axis.is_linear() && axis.letter() != 'S');
     let named: Vec<String> = turned
-        .map(|(axis, value)| {
-            format!("{axis}{between}{}{unit}", axis.to_mm_or_deg(value).round() + 0.0)
-        })
+        .map(|(axis, value)| format!("{axis}{between}{}{unit}", axis.to_mm_or_deg(value).round() + 0.0))
         .collect();
     named.join(join)
 }
@@ -62,8 +56,7 @@ mod tests {
 
     #[test]
     fn a_label_says_why_and_where() {
-        let at =
-            Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 60f64.to_radians());
+        let at = Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 60f64.to_radians());
         assert_eq!(ScanPurpose::Pose.label("", &at), "pose/B-90/C60");
         assert_eq!(ScanPurpose::Height.label("2", &at), "height/2/B-90/C60");
         assert_eq!(describe_rotary_position(&at), "B -90°, C 60°");

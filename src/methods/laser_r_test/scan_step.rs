@@ -59,8 +59,7 @@ pub fn plan_scan_step(
     check_sensor_range(setup, geometry, request, half)?;
     let path = scan_path(setup, geometry, request, half)?;
     path.iter().try_for_each(|at| check_axis_travel(setup, &request.rotary, at))?;
-    let beam = setup.machine_from_spindle(&request.rotary)
-        * unit_vector(geometry.beam_direction).unwrap_or_default();
+    let beam = setup.machine_from_spindle(&request.rotary) * unit_vector(geometry.beam_direction).unwrap_or_default();
     let (feed_mm_min, sampling) = feed_and_sampling(setup, request.motion);
     Ok(Step {
         kind: if request.is_reference { StepKind::Reference } else { StepKind::Scan },
@@ -106,16 +105,11 @@ fn half_length_mm(
     }
     let table = setup.chain.machine_from_table(rotary, &[]).rotation;
     let stem = table * unit_vector(Vector3::from(setup.ball.stem)).unwrap_or_default();
-    let to_sensor = -(setup.machine_from_spindle(rotary)
-        * unit_vector(geometry.beam_direction).unwrap_or_default());
-    let min_angle =
-        (setup.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + setup.incidence_limit_rad();
+    let to_sensor = -(setup.machine_from_spindle(rotary) * unit_vector(geometry.beam_direction).unwrap_or_default());
+    let min_angle = (setup.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + setup.incidence_limit_rad();
     if stem.angle(&to_sensor) < min_angle {
         return Err(MethodRefusal {
-            reason: format!(
-                "at {} the sphere's stem points at the sensor",
-                describe_rotary_position(rotary)
-            ),
+            reason: format!("at {} the sphere's stem points at the sensor", describe_rotary_position(rotary)),
             remedy: "remove the position from tilt_deg, or correct stem of the sphere".to_owned(),
         });
     }
@@ -159,12 +153,7 @@ fn scan_path(
     half: f64,
 ) -> Result<Vec<Position>, MethodRefusal> {
     let rotary = &request.rotary;
-    let centre = super::parameters::nominal_xyz(
-        &setup.chain,
-        rotary,
-        geometry.zero_point,
-        geometry.ball_centre,
-    )?;
+    let centre = super::parameters::nominal_xyz(&setup.chain, rotary, geometry.zero_point, geometry.ball_centre)?;
     let xyz_from_machine = setup.xyz_from_machine(rotary)?;
     // In continuous motion the scan moves along the axes alone. Slow motion along the tilt of the beam would hide
     // the lost motion of the axes.
@@ -186,9 +175,7 @@ fn scan_path(
         ScanMotion::Dwell => line(along).chain(line(across)).collect(),
         // Each line goes from the pole to both ends and back. Every section is traversed in both directions, so
         // that effects proportional to velocity cancel.
-        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along]
-            .map(end)
-            .to_vec(),
+        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along].map(end).to_vec(),
     };
     let position = |offset: Vector3<f64>| {
         with_linear_axes(rotary, centre + xyz_from_machine * offset).rounded_to_file_resolution()
@@ -196,11 +183,7 @@ fn scan_path(
     Ok(offsets.into_iter().map(position).collect())
 }
 
-fn check_axis_travel(
-    setup: &LaserSetup<'_>,
-    rotary: &Position,
-    at: &Position,
-) -> Result<(), MethodRefusal> {
+fn check_axis_travel(setup: &LaserSetup<'_>, rotary: &Position, at: &Position) -> Result<(), MethodRefusal> {
     for (axis, value) in at.iter() {
         let Some(spec) = setup.plan.machine.axes.get(&axis) else { continue };
         let value = axis.to_mm_or_deg(value);

@@ -129,12 +129,8 @@ impl Settings {
             "choose about 20: during a longer dwell the machine drifts",
         )?;
         MethodRefusal::require(
-            (0.0..=MAX_DWELL_S).contains(&self.dwell_s)
-                && self.radius_u_um >= 0.0
-                && self.form_u_um >= 0.0,
-            format!(
-                "dwell_s must be 0 to {MAX_DWELL_S}; radius_u_um and form_u_um must be 0 or more"
-            ),
+            (0.0..=MAX_DWELL_S).contains(&self.dwell_s) && self.radius_u_um >= 0.0 && self.form_u_um >= 0.0,
+            format!("dwell_s must be 0 to {MAX_DWELL_S}; radius_u_um and form_u_um must be 0 or more"),
             "omit them, or choose about 0.1 and 0.5",
         )?;
         self.check_harmonics()?;
@@ -153,9 +149,7 @@ impl Settings {
             return Ok(());
         }
         Err(MethodRefusal {
-            reason: format!(
-                "heights_mm has {count} different heights; the beam direction needs three"
-            ),
+            reason: format!("heights_mm has {count} different heights; the beam direction needs three"),
             remedy: "state three or more heights, well apart within the sensor's range, or omit \
                       heights_mm"
                 .to_owned(),
@@ -163,9 +157,7 @@ impl Settings {
     }
 
     fn check_continuous(&self) -> Result<(), MethodRefusal> {
-        let refused = |why: String, instead: &str| {
-            Err(MethodRefusal { reason: why, remedy: instead.to_owned() })
-        };
+        let refused = |why: String, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
         let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
         match self.sampling {
             SamplingMode::Dwell => Ok(()),
@@ -173,22 +165,18 @@ impl Settings {
                 "sampling = \"continuous\" is not possible with a touch probe".to_owned(),
                 "omit sampling, or set by = \"laser\"",
             ),
-            SamplingMode::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => {
-                refused(
-                    format!("rate_hz = {} is not a positive number", self.rate_hz),
-                    "omit it, or choose the sample rate of the sensor, about 1000",
-                )
-            }
-            SamplingMode::Continuous if !(fast.is_finite() && fast >= MIN_FEED_RATIO * feed) => {
-                refused(
-                    format!(
-                        "fast_feed_mm_min is {fast}, feed_mm_min is {feed}: feeds with a ratio below \
+            SamplingMode::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => refused(
+                format!("rate_hz = {} is not a positive number", self.rate_hz),
+                "omit it, or choose the sample rate of the sensor, about 1000",
+            ),
+            SamplingMode::Continuous if !(fast.is_finite() && fast >= MIN_FEED_RATIO * feed) => refused(
+                format!(
+                    "fast_feed_mm_min is {fast}, feed_mm_min is {feed}: feeds with a ratio below \
                      {MIN_FEED_RATIO} do not separate the latency of the sensor from the lost \
                      motion of the axes at reversals"
-                    ),
-                    "choose fast_feed_mm_min about three times feed_mm_min",
-                )
-            }
+                ),
+                "choose fast_feed_mm_min about three times feed_mm_min",
+            ),
             SamplingMode::Continuous => Ok(()),
         }
     }
@@ -197,22 +185,16 @@ impl Settings {
 impl Settings {
     fn check_harmonics(&self) -> Result<(), MethodRefusal> {
         let orders = || self.harmonics.iter().enumerate();
-        let is_repeated =
-            |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);
+        let is_repeated = |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);
         let is_outside = |order: &&u32| !(1..=MAX_HARMONIC_ORDER).contains(*order);
-        let (why, instead) =
-            match (self.harmonics.iter().find(is_outside), orders().find(is_repeated)) {
-                (Some(order), _) => (
-                    format!(
-                        "harmonics contains order {order}; allowed are 1 to {MAX_HARMONIC_ORDER}"
-                    ),
-                    "choose orders that the positions of tilt_deg separate, e.g. harmonics = [2]",
-                ),
-                (None, Some((_, order))) => {
-                    (format!("harmonics contains order {order} twice"), "list each order once")
-                }
-                (None, None) => return Ok(()),
-            };
+        let (why, instead) = match (self.harmonics.iter().find(is_outside), orders().find(is_repeated)) {
+            (Some(order), _) => (
+                format!("harmonics contains order {order}; allowed are 1 to {MAX_HARMONIC_ORDER}"),
+                "choose orders that the positions of tilt_deg separate, e.g. harmonics = [2]",
+            ),
+            (None, Some((_, order))) => (format!("harmonics contains order {order} twice"), "list each order once"),
+            (None, None) => return Ok(()),
+        };
         Err(MethodRefusal { reason: why, remedy: instead.to_owned() })
     }
 }

@@ -114,15 +114,12 @@ impl<'a> LaserSetup<'a> {
         if tilt.is_none() && turn.is_none() {
             return Err(MethodRefusal {
                 reason: format!("the table of {} has no rotary axis", self.chain.topology()),
-                remedy:
-                    "this method measures rotary axes of the table; correct topology in [machine]"
-                        .to_owned(),
+                remedy: "this method measures rotary axes of the table; correct topology in [machine]".to_owned(),
             });
         }
         let positions_of = |axis: Option<&Axis>, configured: &[f64], default: &[f64], key| {
             axis.map(|axis| {
-                self.allowed_positions_deg(*axis, configured, default, key)
-                    .map(|positions| (*axis, positions))
+                self.allowed_positions_deg(*axis, configured, default, key).map(|positions| (*axis, positions))
             })
             .transpose()
         };
@@ -140,9 +137,8 @@ impl<'a> LaserSetup<'a> {
         key: &str,
     ) -> Result<Vec<f64>, MethodRefusal> {
         let Some(spec) = self.plan.machine.axes.get(&axis) else { return Ok(Vec::new()) };
-        let is_inside = |degrees: &f64| {
-            (spec.min - LIMIT_TOLERANCE_DEG..=spec.max + LIMIT_TOLERANCE_DEG).contains(degrees)
-        };
+        let is_inside =
+            |degrees: &f64| (spec.min - LIMIT_TOLERANCE_DEG..=spec.max + LIMIT_TOLERANCE_DEG).contains(degrees);
         let limits = || format!("outside its limits [{}, {}]", spec.min, spec.max);
         if let Some(outside) = configured.iter().find(|degrees| !is_inside(degrees)) {
             return Err(MethodRefusal {
@@ -168,14 +164,10 @@ impl<'a> LaserSetup<'a> {
     }
 }
 
-fn find_ball<'a>(
-    plan: &'a Plan,
-    settings: &Settings,
-) -> Result<(&'a Balls, &'a Ball), MethodRefusal> {
+fn find_ball<'a>(plan: &'a Plan, settings: &Settings) -> Result<(&'a Balls, &'a Ball), MethodRefusal> {
     let refused = |why: String| MethodRefusal {
         reason: why,
-        remedy: "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml"
-            .to_owned(),
+        remedy: "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml".to_owned(),
     };
     let Artefact::Balls(balls) = &plan.artefact else {
         return Err(refused("the artefact is not a sphere".to_owned()));
@@ -217,29 +209,27 @@ fn stylus_as_sensor(plan: &Plan) -> Sensor {
 ///
 /// # Errors
 /// There is no sensor, none with that name, or its direction is zero.
-pub fn select_sensor<'a>(
-    sensors: &'a [Sensor],
-    settings: &Settings,
-) -> Result<&'a Sensor, MethodRefusal> {
+pub fn select_sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sensor, MethodRefusal> {
     let selected = match settings.sensor.as_str() {
         "" => sensors.iter().find(|sensor| sensor.mount.is_spindle()),
         name => sensors.iter().find(|sensor| sensor.name == name),
     };
-    let sensor =
-        selected.ok_or_else(|| {
-            let names: Vec<&str> = sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-            MethodRefusal {
+    let sensor = selected.ok_or_else(|| {
+        let names: Vec<&str> = sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        MethodRefusal {
             reason: match (settings.sensor.as_str(), names.as_slice()) {
                 (_, []) => "the machine has no displacement sensor".to_owned(),
-                (name, _) => format!("the machine file has no sensor `{name}`; its sensors are \
-                                      {}", names.join(", ")),
+                (name, _) => format!(
+                    "the machine file has no sensor `{name}`; its sensors are \
+                                      {}",
+                    names.join(", ")
+                ),
             },
-            remedy:
-                "describe the sensor in [[sensor]] of the machine file, or measure with the touch \
+            remedy: "describe the sensor in [[sensor]] of the machine file, or measure with the touch \
                       probe: by = \"probe\" in [method.laser-r-test]"
-                    .to_owned(),
+                .to_owned(),
         }
-        })?;
+    })?;
     if !sensor.mount.is_spindle() {
         return Err(MethodRefusal {
             reason: format!("sensor `{}` is not in the spindle", sensor.name),
@@ -250,8 +240,7 @@ pub fn select_sensor<'a>(
     if !(direction.norm() - 1.0).abs().is_finite() || (direction.norm() - 1.0).abs() > 0.05 {
         return Err(MethodRefusal {
             reason: format!("direction of sensor `{}` is not a unit vector", sensor.name),
-            remedy: "state the direction in which the readings increase, e.g. [0.0, 0.0, -1.0]"
-                .to_owned(),
+            remedy: "state the direction in which the readings increase, e.g. [0.0, 0.0, -1.0]".to_owned(),
         });
     }
     Ok(sensor)

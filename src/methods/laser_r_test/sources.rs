@@ -12,9 +12,7 @@ use super::pose_groups::{GroupedScans, PoseGroup, sample_noise_mm};
 use super::scan_data::SpotMean;
 use super::setup::LaserSetup;
 use crate::identification::declared::{self, RotaryErrorMotion};
-use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource,
-};
+use crate::identification::{DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
 use machine::Position;
 use machine::frame::{Point, unit_vector};
 use machine::kinematics::ErrorParameter;
@@ -83,8 +81,7 @@ fn common_source(name: &str, effect: Effect) -> UncertaintySource {
 impl DwellPoints<'_> {
     fn noise_source(&self, sample_mm: f64) -> UncertaintySource {
         let spots = self.grouped.spots.iter().zip(&self.distance_per_reading);
-        let each =
-            spots.map(|(spot, along)| sample_mm * along.abs() / (spot.sample_count as f64).sqrt());
+        let each = spots.map(|(spot, along)| sample_mm * along.abs() / (spot.sample_count as f64).sqrt());
         let name = match self.setup.uses_touch_probe() {
             true => "repeatability of a touch",
             false => "noise of the sensor",
@@ -95,8 +92,7 @@ impl DwellPoints<'_> {
 
     fn resolution_source(&self) -> UncertaintySource {
         let each = self.normals.iter().map(|n| declared::resolution_u_mm(self.setup.plan, *n));
-        let source =
-            UncertaintySource::new("resolution of the axes", Effect::Independent(each.collect()));
+        let source = UncertaintySource::new("resolution of the axes", Effect::Independent(each.collect()));
         UncertaintySource { shape: DrawDistribution::Rectangular, ..source }
     }
 
@@ -104,17 +100,14 @@ impl DwellPoints<'_> {
     fn linearity_source(&self) -> UncertaintySource {
         let readings: Vec<f64> = self.grouped.spots.iter().map(|spot| spot.reading_mm).collect();
         let patterns = declared::linearity_patterns(&self.setup.sensor, &readings);
-        let columns = patterns
-            .iter()
-            .map(|p| p.iter().zip(&self.distance_per_reading).map(|(p, a)| p * a).collect());
+        let columns = patterns.iter().map(|p| p.iter().zip(&self.distance_per_reading).map(|(p, a)| p * a).collect());
         UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))
     }
 
     /// Lobing of the touch probe.
     fn lobing_source(&self) -> UncertaintySource {
         let rows = self.grouped.centres.rows.iter().filter(|_| self.setup.uses_touch_probe());
-        let normals =
-            rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
+        let normals = rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
         let patterns = declared::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
         UncertaintySource::new("probe lobing", Effect::Joint(patterns))
     }
@@ -145,9 +138,8 @@ impl DwellPoints<'_> {
     fn linear_axis_source(&self) -> UncertaintySource {
         let positions: Vec<_> = self.grouped.spots.iter().map(|spot| spot.xyz).collect();
         let patterns = declared::linear_motion_patterns(self.setup.plan, &positions);
-        let along = |k: usize, pattern: &[f64]| {
-            self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>()
-        };
+        let along =
+            |k: usize, pattern: &[f64]| self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>();
         let columns = patterns.iter().flat_map(|pattern| [0, 1, 2].map(|k| along(k, pattern)));
         UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
     }
@@ -155,8 +147,7 @@ impl DwellPoints<'_> {
     /// Angular error motions of the linear axes. They are the same for all dwell points of a pose, as a rotation of
     /// the sphere about its centre has no effect.
     fn angular_motion_source(&self, x: &[f64]) -> UncertaintySource {
-        let axes =
-            |(i, group): (usize, &PoseGroup)| group.xyz_at(self.grouped.centres.group_centre(x, i));
+        let axes = |(i, group): (usize, &PoseGroup)| group.xyz_at(self.grouped.centres.group_centre(x, i));
         let points: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(axes).collect();
         let patterns = declared::angular_motion_patterns(self.setup.plan, &points);
         let column = |(error, angles): &(ErrorParameter, Vec<f64>)| {
@@ -168,9 +159,7 @@ impl DwellPoints<'_> {
     }
 
     fn rotary_axis_source(&self, x: &[f64]) -> UncertaintySource {
-        let motions =
-            declared::rotary_error_motions(self.setup.plan, &declared::ROTARY_MOTION_ORDERS)
-                .into_iter();
+        let motions = declared::rotary_error_motions(self.setup.plan, &declared::ROTARY_MOTION_ORDERS).into_iter();
         let columns = motions.map(|motion| self.rotary_motion_column(x, motion));
         UncertaintySource::new("error motions of rotary axes", Effect::Joint(columns.collect()))
     }
@@ -184,10 +173,7 @@ impl DwellPoints<'_> {
     fn shifts_per_unit(&self, x: &[f64], error: ErrorParameter) -> Vec<Vector3<f64>> {
         let (chain, tip) = (&self.setup.chain, Point::from_vec(self.setup.zero_point()));
         let shift = |(i, group): (usize, &PoseGroup)| {
-            let at = with_linear_axes(
-                &group.rotary,
-                group.xyz_at(self.grouped.centres.group_centre(x, i)),
-            );
+            let at = with_linear_axes(&group.rotary, group.xyz_at(self.grouped.centres.group_centre(x, i)));
             let column = chain.jacobian(&at, tip, &[], &[error]);
             group.machine_from_table * column.first().copied().unwrap_or_default()
         };
@@ -230,16 +216,14 @@ impl DwellPoints<'_> {
     fn displacement_per_reference_change(&self, k: usize) -> f64 {
         let steps = self.setup.plan.steps.iter();
         let references = steps.filter(|step| step.kind == StepKind::Reference);
-        let responses =
-            references.map(|step| reference_response(step, k, self.setup.measuring_radius_mm()));
+        let responses = references.map(|step| reference_response(step, k, self.setup.measuring_radius_mm()));
         let most = responses.fold(0.0, f64::max);
         if most > 0.0 { 1.0 / most } else { 1.0 }
     }
 
     fn radius_source(&self) -> UncertaintySource {
         // The radius of a touched sphere is an unknown.
-        let stated =
-            if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um };
+        let stated = if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um };
         let u = stated * 1e-3;
         common_source("radius of the sphere", Effect::Joint(vec![vec![-u; self.normals.len()]]))
     }
@@ -257,9 +241,7 @@ impl DwellPoints<'_> {
             .collect();
         let (mut columns, mut direct_changes) = (Vec::new(), Vec::new());
         for draw in latency.covariance_root.col_iter() {
-            let change = |derivatives: &Vec<f64>| {
-                derivatives.iter().zip(draw.iter()).map(|(by, size)| by * size).sum()
-            };
+            let change = |derivatives: &Vec<f64>| derivatives.iter().zip(draw.iter()).map(|(by, size)| by * size).sum();
             columns.push(each.iter().map(change).collect());
             let mut direct_change = vec![0.0; latency_index];
             direct_change.extend(draw.iter());
@@ -277,8 +259,7 @@ impl DwellPoints<'_> {
 /// of the sphere respond.
 fn reference_response(step: &Step, k: usize, radius: f64) -> f64 {
     let normal = unit_vector(Vector3::from(step.normal)).unwrap_or_default();
-    let path: Vec<Vector3<f64>> =
-        step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz).collect();
+    let path: Vec<Vector3<f64>> = step.scan.iter().flat_map(|scan| &scan.path).map(Position::xyz).collect();
     let middle = path.iter().sum::<Vector3<f64>>() / path.len().max(1) as f64;
     let outward = path.iter().map(|at| {
         let offset = at - middle;

@@ -37,17 +37,14 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
         let label = purpose.label(detail, &rotary);
         ScanRequest { rotary, height_mm, label, is_reference: false, motion: default_motion }
     };
-    let poses = |all: Vec<Position>| {
-        all.into_iter().map(|at| pose(ScanPurpose::Pose, "", at, middle)).collect::<Vec<_>>()
-    };
+    let poses =
+        |all: Vec<Position>| all.into_iter().map(|at| pose(ScanPurpose::Pose, "", at, middle)).collect::<Vec<_>>();
     let (tilted, turned, others) = split_rotary_positions(setup)?;
     let zero = setup.rotary_at_zero();
     check_rank(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
     // The touch probe has no beam.
-    let heights =
-        pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
-    let heights =
-        heights.map(|(height, n)| pose(ScanPurpose::Height, &format!("{n}"), zero.clone(), height));
+    let heights = pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
+    let heights = heights.map(|(height, n)| pose(ScanPurpose::Height, &format!("{n}"), zero.clone(), height));
     let at_zero = |purpose: ScanPurpose, detail: &str, motion: ScanMotion| ScanRequest {
         motion,
         ..pose(purpose, detail, zero.clone(), middle)
@@ -55,40 +52,20 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let find = vec![at_zero(ScanPurpose::Search, "", ScanMotion::Dwell)];
     // References use dwell points: the comparison after an interruption must not depend on a latency.
     let reference = |detail: &str| {
-        vec![ScanRequest {
-            is_reference: true,
-            ..at_zero(ScanPurpose::Pose, detail, ScanMotion::Dwell)
-        }]
+        vec![ScanRequest { is_reference: true, ..at_zero(ScanPurpose::Pose, detail, ScanMotion::Dwell) }]
     };
     let feeds = [("1", ScanMotion::SlowContinuous), ("2", ScanMotion::FastContinuous)];
     let feeds = feeds.into_iter().filter(|_| continuous);
-    let feeds =
-        feeds.map(|(detail, motion)| at_zero(ScanPurpose::Latency, detail, motion)).collect();
+    let feeds = feeds.map(|(detail, motion)| at_zero(ScanPurpose::Latency, detail, motion)).collect();
     let mut stage_plans = vec![
         StagePlan { name: "find the sphere", purpose: ScanPurpose::Search, scans: find },
         StagePlan { name: "latency", purpose: ScanPurpose::Latency, scans: feeds },
-        StagePlan {
-            name: "beam direction",
-            purpose: ScanPurpose::Height,
-            scans: heights.collect(),
-        },
+        StagePlan { name: "beam direction", purpose: ScanPurpose::Height, scans: heights.collect() },
         StagePlan { name: "reference", purpose: ScanPurpose::Pose, scans: reference("first") },
-        StagePlan {
-            name: "zero position: tilted",
-            purpose: ScanPurpose::Pose,
-            scans: poses(tilted),
-        },
-        StagePlan {
-            name: "zero position: turned",
-            purpose: ScanPurpose::Pose,
-            scans: poses(turned),
-        },
+        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::Pose, scans: poses(tilted) },
+        StagePlan { name: "zero position: turned", purpose: ScanPurpose::Pose, scans: poses(turned) },
         StagePlan { name: "poses", purpose: ScanPurpose::Pose, scans: poses(others) },
-        StagePlan {
-            name: "reference, again",
-            purpose: ScanPurpose::Pose,
-            scans: reference("last"),
-        },
+        StagePlan { name: "reference, again", purpose: ScanPurpose::Pose, scans: reference("last") },
     ];
     stage_plans.retain(|stage| !stage.scans.is_empty());
     Ok(stage_plans)
@@ -144,8 +121,7 @@ fn pole_readings_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
 /// The poses do not determine all errors.
 fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRefusal> {
     let settings = setup.settings;
-    let selection =
-        parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
+    let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
     let count = selection.parameters.len();
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters };
@@ -213,8 +189,7 @@ pub fn build_stage(
         }
     }
     let steps = setup.plan.number_steps(id, steps);
-    let found =
-        (stage_plan.purpose != ScanPurpose::Search).then(|| located_artefact(setup, &geometry));
+    let found = (stage_plan.purpose != ScanPurpose::Search).then(|| located_artefact(setup, &geometry));
     let ids = steps.iter().map(|step| step.id).collect();
     Ok((Stage { id, name: stage_plan.name.to_owned(), repeat: 0, steps: ids, found }, steps))
 }

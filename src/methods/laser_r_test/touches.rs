@@ -33,15 +33,9 @@ pub fn touch_steps(
                   position"
             .to_owned(),
     };
-    let access = TouchAccess::new(setup.plan, &setup.plan.artefact)
-        .map_err(|why| refused(why.to_string()))?;
+    let access = TouchAccess::new(setup.plan, &setup.plan.artefact).map_err(|why| refused(why.to_string()))?;
     // Centre of the sphere for which the stated stylus has the same axis positions as the measured stylus.
-    let xyz = parameters::nominal_xyz(
-        &setup.chain,
-        &request.rotary,
-        geometry.zero_point,
-        geometry.ball_centre,
-    )?;
+    let xyz = parameters::nominal_xyz(&setup.chain, &request.rotary, geometry.zero_point, geometry.ball_centre)?;
     let at = with_linear_axes(&request.rotary, xyz);
     let centre = setup.chain.tip_in_table(&at, Point::from_vec(setup.zero_point()), &[]).mm;
     let ball = Ball { centre_mm: centre.into(), ..setup.ball.clone() };
@@ -56,14 +50,7 @@ pub fn touch_steps(
         }
     };
     let kind = if request.is_reference { StepKind::Reference } else { StepKind::Touch };
-    let task = BallTask {
-        ball: &ball,
-        rotary: &request.rotary,
-        approach,
-        touches: TOUCHES_PER_MEASUREMENT,
-    };
+    let task = BallTask { ball: &ball, rotary: &request.rotary, approach, touches: TOUCHES_PER_MEASUREMENT };
     let label = |touch: &str| format!("{}/{touch}", request.label);
-    access
-        .steps(&task, &setup.plan.probe, kind, (0, 0), label)
-        .map_err(|why| refused(why.to_string()))
+    access.steps(&task, &setup.plan.probe, kind, (0, 0), label).map_err(|why| refused(why.to_string()))
 }

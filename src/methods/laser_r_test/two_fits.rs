@@ -8,8 +8,8 @@ use super::centres::CentreEquations;
 use super::model::MachineProblem;
 use super::pose_groups::PoseGroup;
 use crate::identification::{
-    Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances,
-    multiply_vector, solve_each_trial,
+    Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances, multiply_vector,
+    solve_each_trial,
 };
 
 /// Smallest standard uncertainty of a centre, mm.
@@ -33,8 +33,7 @@ impl CentresThenMachine<'_> {
     fn centres_in_table(&self, change: &[f64]) -> Vec<f64> {
         let groups = self.groups.iter().enumerate();
         let coordinates = groups.flat_map(|(i, group)| -> [f64; 3] {
-            (group.machine_from_table.inverse() * self.centres.equation.group_centre(change, i))
-                .into()
+            (group.machine_from_table.inverse() * self.centres.equation.group_centre(change, i)).into()
         });
         coordinates.collect()
     }
@@ -52,15 +51,12 @@ impl ObservationModel for CentresThenMachine<'_> {
     }
 
     fn unknowns(&self) -> usize {
-        self.machine.unknowns()
-            + self.centres.equation.beam_unknown_count()
-            + self.latency_unknown_count
+        self.machine.unknowns() + self.centres.equation.beam_unknown_count() + self.latency_unknown_count
     }
 
     fn linear_response(&self, change: &[f64]) -> Response {
         let centres = multiply_vector(self.centre_gain, change);
-        let Response { unknowns, residuals } =
-            self.machine.linear_response(&self.centres_in_table(&centres));
+        let Response { unknowns, residuals } = self.machine.linear_response(&self.centres_in_table(&centres));
         Response { unknowns: self.join_unknowns(unknowns, &centres), residuals }
     }
 
@@ -98,15 +94,13 @@ pub fn centre_covariances(
 ) -> Vec<Matrix3<f64>> {
     let centre_changes = |change: Vec<f64>| {
         let x = multiply_vector(gain, &change);
-        (0..centres.group_count)
-            .flat_map(|i| <[f64; 3]>::from(centres.group_centre(&x, i)))
-            .collect()
+        (0..centres.group_count).flat_map(|i| <[f64; 3]>::from(centres.group_centre(&x, i))).collect()
     };
-    let changes = sources.iter().filter(|source| source.is_in_weights).flat_map(|source| {
-        (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols()))
-    });
-    let source =
-        UncertaintySource::new("centres", Effect::Joint(changes.map(centre_changes).collect()));
+    let changes = sources
+        .iter()
+        .filter(|source| source.is_in_weights)
+        .flat_map(|source| (0..source.draw_count()).map(|draw| source.observation_change(draw, gain.ncols())));
+    let source = UncertaintySource::new("centres", Effect::Joint(changes.map(centre_changes).collect()));
     let mut covariances = block_covariances(&[source], centres.group_count);
     let least = Matrix3::from_diagonal_element(MIN_CENTRE_STD_U_MM.powi(2));
     covariances.iter_mut().for_each(|covariance| *covariance += least);

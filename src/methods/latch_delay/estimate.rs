@@ -12,12 +12,7 @@ use machine::record::plan::Plan;
 /// Symbol of the scan time between contact and latch.
 const SCAN_TIME_SYMBOL: &str = "T_scan";
 
-pub fn build_estimate(
-    plan: &Plan,
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    scan: &ScanTest,
-) -> Estimate {
+pub fn build_estimate(plan: &Plan, observed: &ObservedTouches, fitted: &FittedDelay, scan: &ScanTest) -> Estimate {
     let declared_mm = declared_scatter_mm(plan, observed);
     let mut estimate = fitted.identification.estimate(super::METHOD_NAME);
     estimate.parameters.push(scan_parameter(scan));
@@ -66,15 +61,10 @@ fn scan_parameter(scan: &ScanTest) -> Parameter {
 }
 
 /// The touches at one feed in their order.
-fn touch_positions(
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    feed: usize,
-) -> EstimatedFunction {
+fn touch_positions(observed: &ObservedTouches, fitted: &FittedDelay, feed: usize) -> EstimatedFunction {
     let um = |mm: f64| Unit::Um.from_internal(mm);
     let touches = observed.touches.iter().zip(&fitted.overtravel_mm);
-    let y: Vec<f64> =
-        touches.filter(|(touch, _)| touch.feed_index == feed).map(|(_, mm)| um(*mm)).collect();
+    let y: Vec<f64> = touches.filter(|(touch, _)| touch.feed_index == feed).map(|(_, mm)| um(*mm)).collect();
     EstimatedFunction {
         symbol: format!("E_F{}", observed.feeds_mm_min[feed]),
         argument: "touch".to_owned(),

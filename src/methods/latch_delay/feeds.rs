@@ -43,11 +43,7 @@ impl TouchFeeds {
         let mut feeds = Self::from_fast_feed(machine, probe, settings.fast_feed_mm_min);
         if settings.fast_feed_mm_min.is_none() {
             while feeds.fast_mm_min * FEED_REDUCTION_FACTOR >= min_mm_min && !fits(&feeds) {
-                feeds = Self::from_fast_feed(
-                    machine,
-                    probe,
-                    Some((feeds.fast_mm_min * FEED_REDUCTION_FACTOR).floor()),
-                );
+                feeds = Self::from_fast_feed(machine, probe, Some((feeds.fast_mm_min * FEED_REDUCTION_FACTOR).floor()));
             }
         }
         let Self { fast_mm_min, .. } = feeds;
@@ -60,10 +56,9 @@ impl TouchFeeds {
                      rate of the axes, {rapid} mm/min",
                     probe.feed_mm_min
                 ),
-                remedy:
-                    "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
+                remedy: "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
                           overtravel allows"
-                        .to_owned(),
+                    .to_owned(),
             });
         }
         if fits(&feeds) {
@@ -78,24 +73,17 @@ impl TouchFeeds {
                 2.0 * feeds.margin_mm,
                 MAX_DELAY_S * 1e3
             ),
-            remedy:
-                "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
+            remedy: "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
                  (mount the part nearer to its stated position)"
-                    .to_owned(),
+                .to_owned(),
         })
     }
 
     fn from_fast_feed(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {
         let fast_mm_min = fast_mm_min.unwrap_or(probe.search_feed_mm_min);
-        let acceleration_distance_mm =
-            ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_mm_min);
+        let acceleration_distance_mm = ACCELERATION_DISTANCE_FACTOR * acceleration_distance_mm(machine, fast_mm_min);
         let margin_mm = acceleration_distance_mm + fast_mm_min / 60.0 * MAX_DELAY_S;
-        Self {
-            measuring_mm_min: probe.feed_mm_min,
-            fast_mm_min,
-            acceleration_distance_mm,
-            margin_mm,
-        }
+        Self { measuring_mm_min: probe.feed_mm_min, fast_mm_min, acceleration_distance_mm, margin_mm }
     }
 }
 
@@ -106,10 +94,7 @@ pub fn acceleration_distance_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
 }
 
 /// Minimum over the linear axes.
-fn min_over_linear_axes(
-    machine: &Machine,
-    value: impl Fn(&machine::record::machine::AxisSpec) -> f64,
-) -> f64 {
+fn min_over_linear_axes(machine: &Machine, value: impl Fn(&machine::record::machine::AxisSpec) -> f64) -> f64 {
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     axes.map(|(_, spec)| value(spec)).fold(f64::INFINITY, f64::min)
 }

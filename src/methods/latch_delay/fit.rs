@@ -6,8 +6,8 @@ use super::observe::{ObservedTouches, Touch};
 use super::outputs;
 use crate::identification::declared::rounding_u_mm;
 use crate::identification::{
-    Effect, EvaluationType, FitFigures, Identification, LinearFit, ResidualTreatment, Solution,
-    Uncertainty, UncertaintySource, identify, unit_slope,
+    Effect, EvaluationType, FitFigures, Identification, LinearFit, ResidualTreatment, Solution, Uncertainty,
+    UncertaintySource, identify, unit_slope,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
@@ -66,10 +66,8 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
     };
     let slope = unit_slope(delay, x.len());
     let outputs = outputs::build_outputs(observed, x, &slope);
-    let identification =
-        identify(&solved, &uncertainty_sources(observed, scatter, &slope), outputs, None)?;
-    let overtravel_mm =
-        residuals.iter().zip(touches).map(|(r, touch)| r + x[delay] * speeds[touch.feed_index]);
+    let identification = identify(&solved, &uncertainty_sources(observed, scatter, &slope), outputs, None)?;
+    let overtravel_mm = residuals.iter().zip(touches).map(|(r, touch)| r + x[delay] * speeds[touch.feed_index]);
     Ok(FittedDelay {
         delay_s: x[delay],
         delay_uncertainty: identification.propagation.uncertainty(&slope),
@@ -81,15 +79,10 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
 }
 
 /// Iterates weights from the scatter and scatter from the residuals.
-fn iterate_weights(
-    observed: &ObservedTouches,
-    a: &Mat<f64>,
-) -> Result<(LinearSolution, [Scatter; 2]), IdentifyError> {
+fn iterate_weights(observed: &ObservedTouches, a: &Mat<f64>) -> Result<(LinearSolution, [Scatter; 2]), IdentifyError> {
     let touches = &observed.touches;
-    let y: Vec<f64> = touches
-        .iter()
-        .map(|touch| touch.contact_distance_mm - observed.mean_contact_distance_mm)
-        .collect();
+    let y: Vec<f64> =
+        touches.iter().map(|touch| touch.contact_distance_mm - observed.mean_contact_distance_mm).collect();
     let min_mm = observed.resolution_mm / 12f64.sqrt();
     let mut scatter = [Scatter { std_dev_mm: 1e-3, dof: 0.0 }; 2];
     let mut solved = None;
@@ -101,17 +94,15 @@ fn iterate_weights(
             constraints: None,
             rank_threshold: RANK_THRESHOLD,
         };
-        let solution = linear::solve_least_squares(&problem).map_err(|error| {
-            IdentifyError::from_solver_error(error, |_| vec![INSEPARABLE_UNKNOWNS.to_owned()])
-        })?;
+        let solution = linear::solve_least_squares(&problem)
+            .map_err(|error| IdentifyError::from_solver_error(error, |_| vec![INSEPARABLE_UNKNOWNS.to_owned()]))?;
         scatter = [0, 1].map(|feed| scatter_at_feed(touches, a, &solution, feed, min_mm));
         if let Some(feed) = (0..2).find(|feed| scatter[*feed].std_dev_mm <= 0.0) {
             return Err(refuse_identical_touches(observed.feeds_mm_min[feed]));
         }
         solved = Some(solution);
     }
-    let solution =
-        solved.ok_or_else(|| IdentifyError::IdentificationFailed("nothing to fit".to_owned()))?;
+    let solution = solved.ok_or_else(|| IdentifyError::IdentificationFailed("nothing to fit".to_owned()))?;
     Ok((solution, scatter))
 }
 
@@ -122,11 +113,7 @@ fn touch_sigma(touches: &[Touch], scatter: [Scatter; 2]) -> Vec<f64> {
 /// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an
 /// effect on the delay itself. `delay`: derivative of the delay by the unknowns. χ² tests none of them, as the
 /// sizes already follow from the residuals.
-fn uncertainty_sources(
-    observed: &ObservedTouches,
-    scatter: [Scatter; 2],
-    delay: &[f64],
-) -> [UncertaintySource; 3] {
+fn uncertainty_sources(observed: &ObservedTouches, scatter: [Scatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
     let feed_source = |feed: usize| {
         let Scatter { std_dev_mm, dof } = scatter[feed];
         let size = |touch: &Touch| if touch.feed_index == feed { std_dev_mm } else { 0.0 };
@@ -136,8 +123,7 @@ fn uncertainty_sources(
         UncertaintySource { evaluation, dof, ..UncertaintySource::new(name, each) }
     };
     let [slow, fast] = observed.speeds_mm_s();
-    let steps: f64 =
-        scatter.iter().map(|s| rounding_u_mm(observed.resolution_mm, s.std_dev_mm).powi(2)).sum();
+    let steps: f64 = scatter.iter().map(|s| rounding_u_mm(observed.resolution_mm, s.std_dev_mm).powi(2)).sum();
     let u_s = steps.sqrt() / (fast - slow);
     let resolution = UncertaintySource {
         direct_changes: vec![delay.iter().map(|slope| slope * u_s).collect()],
@@ -163,13 +149,7 @@ impl TimeSpan {
 }
 
 /// Scatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
-fn scatter_at_feed(
-    touches: &[Touch],
-    a: &Mat<f64>,
-    solution: &LinearSolution,
-    feed: usize,
-    min_mm: f64,
-) -> Scatter {
+fn scatter_at_feed(touches: &[Touch], a: &Mat<f64>, solution: &LinearSolution, feed: usize, min_mm: f64) -> Scatter {
     let (mut squares, mut dof) = (0.0, 0.0);
     for i in (0..touches.len()).filter(|i| touches[*i].feed_index == feed) {
         let hat: f64 = (0..a.ncols()).map(|k| a[(i, k)] * solution.gain[(k, i)]).sum();

@@ -21,10 +21,7 @@ use self::fit::FittedDelay;
 use self::observe::ObservedTouches;
 use self::plan::TouchPath;
 use self::scan_test::ScanTest;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::artefact::position_uncertainty_mm;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -64,21 +61,12 @@ impl Method for LatchDelay {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let feeds = self.choose_feeds(plan)?;
         let touch_path = TouchPath::choose(plan, &self.settings, &feeds)?;
         let (id, name, new_steps) = match done.len() {
-            0 => (
-                0,
-                "search".to_owned(),
-                vec![touch_path.search_step(plan.probe.search_feed_mm_min)],
-            ),
+            0 => (0, "search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
             1 => {
                 if let PositionSource::Measured(readings) = source {
                     observe::check_search_result(plan, &feeds, readings)?;
@@ -98,10 +86,7 @@ impl Method for LatchDelay {
     }
 }
 
-fn evaluate_run(
-    plan: &Plan,
-    readings: &[Reading],
-) -> Result<(ObservedTouches, FittedDelay, ScanTest), IdentifyError> {
+fn evaluate_run(plan: &Plan, readings: &[Reading]) -> Result<(ObservedTouches, FittedDelay, ScanTest), IdentifyError> {
     let observed = observe::observe_touches(plan, readings)?;
     let fitted = fit::fit_delay(&observed)?;
     let scan = scan_test::test_for_scan(&observed, &fitted);
@@ -138,8 +123,7 @@ impl LatchDelayResult {
             delay_text: texts::describe_delay(&observed, &fitted),
             scatter_text: texts::describe_scatter(&observed, &fitted, &scan, declared_mm),
             scatter_mm: fitted.scatter[0].std_dev_mm,
-            scatter_bound_mm: declared_mm
-                .and_then(|mm| texts::scatter_bound_mm(&observed, &fitted, &scan, mm)),
+            scatter_bound_mm: declared_mm.and_then(|mm| texts::scatter_bound_mm(&observed, &fitted, &scan, mm)),
         })
     }
 }

@@ -49,8 +49,7 @@ impl ObservedTouches {
 /// Unit vector from the start of a touch towards its end, and length in mm. Both are zero for a touch without
 /// length.
 fn touch_direction(step: &Step) -> ([f64; 3], f64) {
-    let displacement =
-        Axis::LINEAR.map(|axis| step.to.get_or_zero(axis) - step.from.get_or_zero(axis));
+    let displacement = Axis::LINEAR.map(|axis| step.to.get_or_zero(axis) - step.from.get_or_zero(axis));
     let length = displacement.iter().map(|part| part * part).sum::<f64>().sqrt();
     (displacement.map(|part| if length > 0.0 { part / length } else { 0.0 }), length)
 }
@@ -67,11 +66,7 @@ fn distance_along(step: &Step, position: &Position) -> Option<f64> {
 ///
 /// # Errors
 /// The part is so near to the start, or so far from it, that a fast touch would not have its feed.
-pub fn check_search_result(
-    plan: &Plan,
-    feeds: &TouchFeeds,
-    readings: &[Reading],
-) -> Result<(), MethodRefusal> {
+pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]) -> Result<(), MethodRefusal> {
     let search = plan.steps.iter().find(|step| step.label == SEARCH_LABEL);
     let contact = search.and_then(|step| {
         let reading = readings.iter().find(|reading| reading.step == step.id)?;
@@ -101,21 +96,15 @@ pub fn check_search_result(
 /// # Errors
 /// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one
 /// of them; touches are of different positions or contact the part before they reach their feed.
-pub fn observe_touches(
-    plan: &Plan,
-    readings: &[Reading],
-) -> Result<ObservedTouches, IdentifyError> {
+pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_LABEL).collect();
     check_complete(plan, &steps, readings)?;
     let feeds_mm_min = find_two_feeds(&steps)?;
-    let first = *steps
-        .first()
-        .ok_or_else(|| refuse_incomplete_run("the plan has no touches".to_owned()))?;
+    let first = *steps.first().ok_or_else(|| refuse_incomplete_run("the plan has no touches".to_owned()))?;
     let mut touches = Vec::new();
     for (order, step) in steps.iter().enumerate() {
-        let is_elsewhere = |(axis, value): (Axis, f64)| {
-            (first.from.get_or_zero(axis) - value).abs() > START_TOLERANCE_MM
-        };
+        let is_elsewhere =
+            |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > START_TOLERANCE_MM;
         if step.from.iter().any(is_elsewhere) {
             return Err(refuse_incomplete_run(format!(
                 "{} and {} start at different positions",
@@ -128,33 +117,19 @@ pub fn observe_touches(
             let feed_index = usize::from(step.feed_mm_min == feeds_mm_min[1]);
             let interruption_count = plan.gaps_s.iter().filter(|gap| reading.t_s > **gap).count();
             let sequence = order + reading.repeat as usize * steps.len();
-            touches.push((
-                sequence,
-                Touch { contact_distance_mm, feed_index, t_s: reading.t_s, interruption_count },
-            ));
+            touches.push((sequence, Touch { contact_distance_mm, feed_index, t_s: reading.t_s, interruption_count }));
         }
     }
-    let has_times =
-        touches.iter().any(|(_, touch)| Some(touch.t_s) != touches.first().map(|t| t.1.t_s));
+    let has_times = touches.iter().any(|(_, touch)| Some(touch.t_s) != touches.first().map(|t| t.1.t_s));
     let touches: Vec<Touch> = touches
         .into_iter()
-        .map(
-            |(sequence, touch)| {
-                if has_times { touch } else { Touch { t_s: sequence as f64, ..touch } }
-            },
-        )
+        .map(|(sequence, touch)| if has_times { touch } else { Touch { t_s: sequence as f64, ..touch } })
         .collect();
     check_touch_count(&touches, feeds_mm_min)?;
     let resolution_mm = display_step_mm(plan, touch_direction(first).0.into());
     let mean_contact_distance_mm =
         touches.iter().map(|touch| touch.contact_distance_mm).sum::<f64>() / touches.len() as f64;
-    Ok(ObservedTouches {
-        touches,
-        feeds_mm_min,
-        resolution_mm,
-        mean_contact_distance_mm,
-        has_times,
-    })
+    Ok(ObservedTouches { touches, feeds_mm_min, resolution_mm, mean_contact_distance_mm, has_times })
 }
 
 fn check_complete(plan: &Plan, steps: &[&Step], readings: &[Reading]) -> Result<(), IdentifyError> {
@@ -187,18 +162,11 @@ fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
 }
 
 /// Distance from the start of a touch to the latched position, mm.
-fn contact_distance_at_full_feed(
-    plan: &Plan,
-    step: &Step,
-    reading: &Reading,
-) -> Result<f64, IdentifyError> {
+fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
     let (label, length) = (&step.label, touch_direction(step).1);
-    let at = distance_along(step, &reading.position)
-        .filter(|at| at.is_finite() && reading.t_s.is_finite());
+    let at = distance_along(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());
     let at = at.ok_or_else(|| {
-        IdentifyError::IdentificationFailed(format!(
-            "{label}: X, Y, Z or the time of the reading is not a number"
-        ))
+        IdentifyError::IdentificationFailed(format!("{label}: X, Y, Z or the time of the reading is not a number"))
     })?;
     let run_up = acceleration_distance_mm(&plan.machine, step.feed_mm_min);
     if at >= run_up && length - at >= run_up {

@@ -27,9 +27,6 @@ pub fn build_outputs(observed: &ObservedTouches, x: &[f64], delay: &[f64]) -> Ou
         figure: FigureKind::Curve,
         slopes: line.into_iter().filter_map(|speed| overtravel(speed).slope).collect(),
     };
-    let parameters = vec![
-        Output::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay.to_vec(), x),
-        overtravel(slow),
-    ];
+    let parameters = vec![Output::from_coefficients(DELAY_SYMBOL, Unit::Ms, delay.to_vec(), x), overtravel(slow)];
     Outputs { parameters, curves: vec![over_feed], nonlinear: None }
 }

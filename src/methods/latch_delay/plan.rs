@@ -44,36 +44,23 @@ pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
 impl TouchPath {
     /// # Errors
     /// The axes reach no position, or none is free of collision.
-    pub fn choose(
-        plan: &Plan,
-        settings: &Settings,
-        feeds: &TouchFeeds,
-    ) -> Result<Self, MethodRefusal> {
+    pub fn choose(plan: &Plan, settings: &Settings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
         let within_mm = position_uncertainty_mm(&plan.artefact) + feeds.margin_mm;
         match &plan.artefact {
             Artefact::Cylinder(part) => flank_touch(plan, settings, part, within_mm),
             Artefact::Balls(balls) => ball_touch(plan, settings, balls, within_mm),
             Artefact::DatumCylinder(_) => Err(MethodRefusal {
-                reason: "this method touches the artefact; a datum cylinder is not touched"
-                    .to_owned(),
+                reason: "this method touches the artefact; a datum cylinder is not touched".to_owned(),
                 remedy: "describe the part with kind = \"cylinder\"".to_owned(),
             }),
             Artefact::None => Err(MethodRefusal {
-                reason: "this method touches the artefact; [artefact] states that there is none"
-                    .to_owned(),
-                remedy: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\""
-                    .to_owned(),
+                reason: "this method touches the artefact; [artefact] states that there is none".to_owned(),
+                remedy: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\"".to_owned(),
             }),
         }
     }
 
-    fn touch_step(
-        &self,
-        (id, stage): (u32, u32),
-        kind: StepKind,
-        label: String,
-        feed: f64,
-    ) -> Step {
+    fn touch_step(&self, (id, stage): (u32, u32), kind: StepKind, label: String, feed: f64) -> Step {
         Step {
             id,
             stage,
@@ -107,9 +94,7 @@ impl TouchPath {
         });
         let numbered = (1..).zip(pairs);
         numbered
-            .map(|(id, (number, kind, feed))| {
-                self.touch_step((id, 1), kind, format!("F{feed}/{number:02}"), feed)
-            })
+            .map(|(id, (number, kind, feed))| self.touch_step((id, 1), kind, format!("F{feed}/{number:02}"), feed))
             .collect()
     }
 }
@@ -120,12 +105,7 @@ fn horizontal_direction(degrees: f64) -> Vector3<f64> {
 }
 
 /// Touch of a cylinder at half the height of its flank.
-fn flank_touch(
-    plan: &Plan,
-    settings: &Settings,
-    part: &Cylinder,
-    within_mm: f64,
-) -> Result<TouchPath, MethodRefusal> {
+fn flank_touch(plan: &Plan, settings: &Settings, part: &Cylinder, within_mm: f64) -> Result<TouchPath, MethodRefusal> {
     let axis = Vector3::from(part.axis);
     if axis.z <= MIN_UPRIGHT_COSINE * axis.norm() {
         return Err(MethodRefusal {
@@ -175,11 +155,8 @@ fn flank_touch_from(
     let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     let position = |clearance_mm: f64| {
         let reach = part.radius_mm + plan.probe.ball_radius_mm + clearance_mm;
-        let linear =
-            chain.solve_linear_axes(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
-        linear.map(|linear| {
-            rotary.updated_by(&linear.filter_axes(Axis::is_linear)).rounded_to_file_resolution()
-        })
+        let linear = chain.solve_linear_axes(Point::from_vec(middle + reach * outward), tip, &rotary, &[]);
+        linear.map(|linear| rotary.updated_by(&linear.filter_axes(Axis::is_linear)).rounded_to_file_resolution())
     };
     Ok(TouchPath {
         from: position(within_mm + STANDOFF_MM)?,
@@ -198,12 +175,7 @@ fn axis_out_of_travel(plan: &Plan, path: &TouchPath) -> Option<Axis> {
 }
 
 /// Touch of the first ball that can be measured, from a free direction.
-fn ball_touch(
-    plan: &Plan,
-    settings: &Settings,
-    balls: &Balls,
-    within_mm: f64,
-) -> Result<TouchPath, MethodRefusal> {
+fn ball_touch(plan: &Plan, settings: &Settings, balls: &Balls, within_mm: f64) -> Result<TouchPath, MethodRefusal> {
     let access = TouchAccess::new(plan, &plan.artefact)?;
     let preferred = settings.direction_deg.map_or(Vector3::z(), horizontal_direction);
     let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);

@@ -52,8 +52,7 @@ pub struct ScanTest {
 pub fn test_for_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> ScanTest {
     let [slow, fast] = fitted.scatter;
     let variance_ratio = (fast.std_dev_mm / slow.std_dev_mm).powi(2);
-    let ratio_limit =
-        variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
+    let ratio_limit = variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
     let latch = if variance_ratio > ratio_limit {
         let time = scan_time(observed.speeds_mm_s(), slow, fast);
         // The mean delay of a scan is at least half of its duration.
@@ -94,8 +93,7 @@ fn scan_time(speeds: [f64; 2], slow: Scatter, fast: Scatter) -> ScanTime {
 /// duration.
 fn max_undetected_scan_s(speeds: [f64; 2], fitted: &FittedDelay, variance_ratio: f64) -> f64 {
     let [slow, fast] = fitted.scatter;
-    let widest_ratio =
-        variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);
+    let widest_ratio = variance_ratio_bound(1.0 - SIGNIFICANCE_LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);
     let more = (variance_ratio.max(1.0) * widest_ratio - 1.0).max(0.0) * slow.std_dev_mm.powi(2);
     let by_scatter = (12.0 * more / (speeds[1].powi(2) - speeds[0].powi(2))).sqrt();
     by_scatter.min(2.0 * (fitted.delay_s.max(0.0) + fitted.delay_uncertainty.expanded()))

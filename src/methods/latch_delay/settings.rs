@@ -32,8 +32,7 @@ const MAX_TOUCHES_PER_FEED: u32 = 200;
 impl Settings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
-        let refused =
-            |why, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
+        let refused = |why, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
         if !(MIN_TOUCHES_PER_FEED..=MAX_TOUCHES_PER_FEED).contains(&self.touches) {
             return refused(
                 format!(
@@ -45,10 +44,7 @@ impl Settings {
             );
         }
         if self.direction_deg.is_some_and(|degrees| !(-360.0..=360.0).contains(&degrees)) {
-            return refused(
-                "direction_deg is outside -360 to 360".to_owned(),
-                "omit it, or choose e.g. 90",
-            );
+            return refused("direction_deg is outside -360 to 360".to_owned(), "omit it, or choose e.g. 90");
         }
         Ok(())
     }

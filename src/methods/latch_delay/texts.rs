@@ -110,20 +110,14 @@ pub fn estimate_warnings(
     let is_without_scan = matches!(scan.latch, LatchDiagnosis::NoScan { .. });
     let latch_warning = (!is_without_scan).then(|| describe_latch(observed, fitted, scan));
     let scatter_warning = describe_scatter(observed, fitted, scan, declared_mm);
-    let time_warning =
-        || "the readings have no times (t_s): the drift is fitted over their order".to_owned();
+    let time_warning = || "the readings have no times (t_s): the drift is fitted over their order".to_owned();
     let lines = [latch_warning, describe_delay(observed, fitted), scatter_warning];
     lines.into_iter().flatten().chain((!observed.has_times).then(time_warning)).collect()
 }
 
 /// Text such as `F = 840 against 4.7 at 1 %`.
 fn describe_scan_test(scan: &ScanTest) -> String {
-    format!(
-        "F = {:.1} against {:.1} at {} %",
-        scan.variance_ratio,
-        scan.ratio_limit,
-        SIGNIFICANCE_LEVEL * 100.0
-    )
+    format!("F = {:.1} against {:.1} at {} %", scan.variance_ratio, scan.ratio_limit, SIGNIFICANCE_LEVEL * 100.0)
 }
 
 pub fn describe_conventions(observed: &ObservedTouches, fitted: &FittedDelay) -> Vec<String> {
@@ -146,11 +140,7 @@ pub fn describe_conventions(observed: &ObservedTouches, fitted: &FittedDelay) ->
     ]
 }
 
-pub fn not_identifiable(
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    scan: &ScanTest,
-) -> Vec<String> {
+pub fn not_identifiable(observed: &ObservedTouches, fitted: &FittedDelay, scan: &ScanTest) -> Vec<String> {
     let mut lines = vec![
         "the cause of a constant delay: the filter or radio link of the probe, the control and, if \
          the control latches commanded positions, the following error of the axes have the same \

@@ -1,9 +1,7 @@
 //! Gains and angles of the sensors, from the scanned revolutions together with the values declared in the machine
 //! file.
 
-use estimation::revolutions::{
-    DeclaredSensor, HarmonicData, RowRevolutions, SensorCalibration, calibrate_sensors,
-};
+use estimation::revolutions::{DeclaredSensor, HarmonicData, RowRevolutions, SensorCalibration, calibrate_sensors};
 use machine::record::estimate::{Parameter, Unit};
 
 use super::model::{ProbeLayout, Surface};
@@ -61,8 +59,7 @@ pub fn calibration_parameters(
         };
         let u = calibration.covariance[(i, i)].sqrt();
         let is_better = u < MAX_REPORTED_U_RATIO * declared;
-        is_better
-            .then(|| parameter_without_budget(&symbol, unit, calibration.deviations[i], u, None))
+        is_better.then(|| parameter_without_budget(&symbol, unit, calibration.deviations[i], u, None))
     };
     (0..2 * count).filter_map(parameter).collect()
 }

@@ -4,8 +4,8 @@ use estimation::revolutions::AngleRange;
 use std::ops::RangeInclusive;
 
 use super::layout::{
-    MIN_SENSOR_ANGLE_DEG, Separation, noise_gains, rms_noise_gain, sensor_angle_deg,
-    third_sensor_angles, unit_noise_fit,
+    MIN_SENSOR_ANGLE_DEG, Separation, noise_gains, rms_noise_gain, sensor_angle_deg, third_sensor_angles,
+    unit_noise_fit,
 };
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_rad};
 use super::outputs::ReportedMotions;
@@ -25,10 +25,7 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &Channel| !matches!(c.surface, Surface::Section(i) if i >= sections);
     if !(1..=2).contains(&sections) || !layout.channels.iter().all(is_placed) {
-        return refuse(
-            "a sensor measures at a section without a declared height",
-            "declare one or two sections",
-        );
+        return refuse("a sensor measures at a section without a declared height", "declare one or two sections");
     }
     let radius = |c: &Channel| match c.surface {
         Surface::Face { radius_mm } => Some(radius_mm),
@@ -54,10 +51,7 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
 ///
 /// # Errors
 /// Names the two sensors, and the best angle for the second one outside the `exclusions`.
-pub fn check_sensor_angles(
-    layout: &ProbeLayout,
-    exclusions: &[AngleRange],
-) -> Result<(), MethodRefusal> {
+pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), MethodRefusal> {
     for (i, first) in layout.channels.iter().enumerate() {
         for second in &layout.channels[i + 1..] {
             let is_radial = matches!(first.surface, Surface::Section(_));
@@ -77,15 +71,13 @@ fn refuse_coinciding_sensors(
     exclusions: &[AngleRange],
 ) -> MethodRefusal {
     let [a, b] = [first, second].map(channel_angle_deg);
-    let others =
-        layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
+    let others = layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
     let others: Vec<f64> = others.map(channel_angle_deg).collect();
     let better = match others.as_slice() {
         [first, second, ..] => best_third_angle([*first, *second], exclusions).map(|(deg, _)| deg),
         _ => Some((a + 90.0).rem_euclid(360.0)),
     };
-    let suggestion =
-        better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the lowest noise gain"));
+    let suggestion = better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the lowest noise gain"));
     let why = format!(
         "the sensors {} ({a:.1}°) and {} ({b:.1}°) coincide or are opposed: they do not separate the motion from the \
          artefact",
@@ -120,8 +112,7 @@ pub fn check_orders(
     let Some((component, order)) = undetermined.first() else { return Ok(()) };
     let indexes = layout.index_angles_rad.len();
     let is_better = |count: &usize| {
-        let changed =
-            ProbeLayout { index_angles_rad: equal_index_angles_rad(*count), ..layout.clone() };
+        let changed = ProbeLayout { index_angles_rad: equal_index_angles_rad(*count), ..layout.clone() };
         undetermined_orders(&changed, motions, &orders).is_ok_and(|lost| lost.is_empty())
     };
     let candidates = indexes + 1..=(2 * orders.end() + 1).max(indexes + 1);
@@ -129,8 +120,7 @@ pub fn check_orders(
         || "add a sensor, or reduce harmonics".to_owned(),
         |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
     );
-    let (sensors, lost, symbol) =
-        (layout.channels.len(), undetermined.len(), component.symbol(layout.axis));
+    let (sensors, lost, symbol) = (layout.channels.len(), undetermined.len(), component.symbol(layout.axis));
     let why = format!(
         "{sensors} sensors with {indexes} indexes do not determine {lost} harmonics of the error \
          motions; the first is {symbol} harmonic {order}"
@@ -147,13 +137,11 @@ pub fn describe_weak_points(
     harmonics: usize,
     exclusions: &[AngleRange],
 ) -> Result<String, MethodRefusal> {
-    let axial: Vec<Component> =
-        layout.components().into_iter().filter(|c| *c == Component::Z).collect();
+    let axial: Vec<Component> = layout.components().into_iter().filter(|c| *c == Component::Z).collect();
     let lost = undetermined_orders(layout, &axial, &(1..=harmonics))?;
     let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
     let [ex, ez] = [Component::X, Component::Z].map(|component| component.symbol(layout.axis));
-    let lost = (!lost.is_empty())
-        .then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
+    let lost = (!lost.is_empty()).then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
     let gains = noise_gains(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
     let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {
         format!(
@@ -166,14 +154,10 @@ pub fn describe_weak_points(
 }
 
 /// Noise gain of three sensors of one section in one mounting, and the best angle of the third.
-fn describe_third_sensor(
-    section: &ProbeLayout,
-    exclusions: &[AngleRange],
-) -> Result<Option<String>, MethodRefusal> {
+fn describe_third_sensor(section: &ProbeLayout, exclusions: &[AngleRange]) -> Result<Option<String>, MethodRefusal> {
     let [first, second, third] = section.channels.as_slice() else { return Ok(None) };
     let own = rms_noise_gain(section, Separation::Multiprobe)?;
-    let best = best_third_angle([first, second].map(channel_angle_deg), exclusions)
-        .filter(|(_, gain)| *gain < own);
+    let best = best_third_angle([first, second].map(channel_angle_deg), exclusions).filter(|(_, gain)| *gain < own);
     let better = best.map(|(deg, gain)| format!("; {gain:.2} with {} at {deg:.0}°", third.name));
     Ok(Some(format!(
         " Noise gain of {}, {} and {} over harmonics 2 to 20 in one mounting: {own:.2}{}.",

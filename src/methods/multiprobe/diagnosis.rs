@@ -58,8 +58,7 @@ fn is_chi2_plausible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicDa
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let expected = expected.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
-    chi_square_bounds(dof as f64, CHI2_PROBABILITY)
-        .is_none_or(|(_, upper)| chi2 <= upper * expected)
+    chi_square_bounds(dof as f64, CHI2_PROBABILITY).is_none_or(|(_, upper)| chi2 <= upper * expected)
 }
 
 /// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
@@ -69,18 +68,13 @@ fn is_chi2_plausible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicDa
 ///
 /// # Errors
 /// The errors of [`SeparationFit::new`].
-pub fn check_layout(
-    layout: &ProbeLayout,
-    data: &HarmonicData,
-    expected: f64,
-) -> Result<LayoutCheck, IdentifyError> {
+pub fn check_layout(layout: &ProbeLayout, data: &HarmonicData, expected: f64) -> Result<LayoutCheck, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let as_planned = fit.chi2();
     let indexes = layout.index_angles_rad.len();
     if is_chi2_plausible(as_planned, expected, data) {
         let least = MIN_CONFIRMING_CHI2 * expected.max(1.0);
-        let is_verifiable =
-            (0..indexes).all(|n| chi2_of_index_shift(layout, data, &fit, n) > least);
+        let is_verifiable = (0..indexes).all(|n| chi2_of_index_shift(layout, data, &fit, n) > least);
         let is_confirmed = indexes < 2 || is_verifiable;
         return Ok(if is_confirmed { LayoutCheck::Confirmed } else { LayoutCheck::NotVerifiable });
     }
@@ -89,14 +83,10 @@ pub fn check_layout(
         explained.push((SeparationFit::new(&changed, data)?.chi2().0, diagnosis));
     }
     for (first, affects_later_mountings) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
-        let is_moved =
-            |row: &RowKey| row.index == first || affects_later_mountings && row.index > first;
+        let is_moved = |row: &RowKey| row.index == first || affects_later_mountings && row.index > first;
         if let Some((sum, offset_rad)) = best_index_offset(layout, data, is_moved)? {
             let offset_deg = offset_rad.to_degrees();
-            explained.push((
-                sum,
-                Diagnosis::WrongIndex { first_index: first, affects_later_mountings, offset_deg },
-            ));
+            explained.push((sum, Diagnosis::WrongIndex { first_index: first, affects_later_mountings, offset_deg }));
         }
     }
     let best = explained.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
@@ -123,12 +113,7 @@ fn faulty_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
 }
 
 /// Increase of χ² by a shift of one index by one step.
-fn chi2_of_index_shift(
-    layout: &ProbeLayout,
-    data: &HarmonicData,
-    fit: &SeparationFit,
-    index: usize,
-) -> f64 {
+fn chi2_of_index_shift(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
     fit.difference_chi2(&shifted, data, &fit.predicted_observations(layout, &data.rows))

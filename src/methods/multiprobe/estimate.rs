@@ -35,26 +35,19 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
 /// separate clock; all indexes from one on are wrong.
-pub fn build_estimate(
-    plan: &Plan,
-    settings: &Settings,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn build_estimate(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let mut setup = MultiprobeSetup::new(plan, settings)?;
     let mut observed = observe_revolutions(&setup, readings)?;
     if settings.sampling == TurnSampling::Continuous
-        && let Some(fault) =
-            find_clock_errors(&setup.layout, &observed.forward_rows).into_iter().next()
+        && let Some(fault) = find_clock_errors(&setup.layout, &observed.forward_rows).into_iter().next()
     {
         return Err(refuse_fault(&fault));
     }
     // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
-    let drift_duration_s =
-        if settings.both_directions { 0.0 } else { observed.revolution_duration_s };
+    let drift_duration_s = if settings.both_directions { 0.0 } else { observed.revolution_duration_s };
     let drift_mm_per_revolution = drift_mm_per_s(plan) * drift_duration_s;
     let linearity = Vec::new();
-    let mut sizes =
-        SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity };
+    let mut sizes = SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity };
     let index_warning = check_mountings(&setup, &sizes, &mut observed)?;
     let data = harmonic_data(settings, &observed.rows)?;
     let calibration = calibration::calibrate_layout(&setup.layout, settings, &data)?;
@@ -62,8 +55,7 @@ pub fn build_estimate(
     calibration::correct_rows(&calibration, &mut observed.forward_rows);
     calibration::correct_angles(&calibration, &mut setup.layout);
     sizes.sensor_covariance = Some(calibration.covariance.clone());
-    let trials =
-        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let (_, separated) = separate_motions(&setup, &observed.rows, &sizes, Some(trials))?;
     let mut estimate = separated.identification.estimate(super::METHOD_NAME);
     // The ranges come first, as tolerances are stated for them.
@@ -71,22 +63,13 @@ pub fn build_estimate(
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
     let motions = ReportedMotions::new(&setup.layout, &separated.fit);
     let with_harmonics = motions.motions().filter(|(_, motion)| !motion.harmonics.is_empty());
-    estimate.functions.extend(
-        with_harmonics
-            .map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())),
-    );
+    estimate
+        .functions
+        .extend(with_harmonics.map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())));
     if settings.sampling == TurnSampling::Continuous {
-        estimate.parameters.extend(revolution_values(
-            &setup.layout,
-            &motions,
-            &observed.forward_rows,
-        ));
+        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward_rows));
     }
-    estimate.parameters.extend(calibration::calibration_parameters(
-        &calibration,
-        &setup.layout,
-        settings,
-    ));
+    estimate.parameters.extend(calibration::calibration_parameters(&calibration, &setup.layout, settings));
     estimate.functions.extend(gain_functions(&setup));
     estimate.functions.push(separated.fit.residual_rms_by_order());
     estimate.functions.extend(stability_functions(&setup, &observed.rows));
@@ -94,8 +77,7 @@ pub fn build_estimate(
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
     let mut not_identifiable = motions.not_identifiable();
-    not_identifiable
-        .extend((!is_resampled).then(|| describe_aliased_harmonics(settings.positions)));
+    not_identifiable.extend((!is_resampled).then(|| describe_aliased_harmonics(settings.positions)));
     Ok(Estimate {
         warnings: estimate_warnings(&observed, index_warning, &separated),
         gauge,
@@ -113,17 +95,10 @@ fn describe_aliased_harmonics(positions: usize) -> String {
     )
 }
 
-fn harmonic_data(
-    settings: &Settings,
-    rows: &[RowRevolutions],
-) -> Result<HarmonicData, RevolutionsError> {
+fn harmonic_data(settings: &Settings, rows: &[RowRevolutions]) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
-    let without_drift =
-        |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
-    HarmonicData::from_revolutions(
-        &rows.iter().map(without_drift).collect::<Vec<_>>(),
-        settings.harmonics,
-    )
+    let without_drift = |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
+    HarmonicData::from_revolutions(&rows.iter().map(without_drift).collect::<Vec<_>>(), settings.harmonics)
 }
 
 /// Separates motion and artefact. `sizes`: without the linearity of the sensors, which depends on the rows.
@@ -159,10 +134,7 @@ fn gain_functions(setup: &MultiprobeSetup<'_>) -> Vec<EstimatedFunction> {
 }
 
 /// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
-fn stability_functions(
-    setup: &MultiprobeSetup<'_>,
-    rows: &[RowRevolutions],
-) -> Vec<EstimatedFunction> {
+fn stability_functions(setup: &MultiprobeSetup<'_>, rows: &[RowRevolutions]) -> Vec<EstimatedFunction> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &RowRevolutions| {
         let each: Vec<f64> = row.revolutions.iter().map(|revolution| mean(revolution)).collect();
@@ -170,11 +142,7 @@ fn stability_functions(
     };
     let function = |(number, channel): (usize, &Channel)| {
         let own = rows.iter().filter(|row| row.key.channel == number);
-        function_over_numbers(
-            &format!("stability_{}", channel.name),
-            "revolution",
-            own.flat_map(of_row),
-        )
+        function_over_numbers(&format!("stability_{}", channel.name), "revolution", own.flat_map(of_row))
     };
     setup.layout.channels.iter().enumerate().map(function).collect()
 }
@@ -210,19 +178,16 @@ fn check_mountings(
     let expected = first.identification.propagation.misfit.expected / dof;
     Ok(match check_layout(&setup.layout, &data, expected)? {
         LayoutCheck::Confirmed => None,
-        LayoutCheck::NotVerifiable => Some(
-            "the index angles are not verifiable: the artefact is too round to detect a wrong index"
-                .to_owned(),
-        ),
+        LayoutCheck::NotVerifiable => {
+            Some("the index angles are not verifiable: the artefact is too round to detect a wrong index".to_owned())
+        }
         LayoutCheck::Contradictory => Some(
             "the mountings contradict each other by more than the declared uncertainties, and no \
              single wrong index explains the difference: the form of the artefact (RONt) may be \
              wrong"
                 .to_owned(),
         ),
-        LayoutCheck::Faulty(
-            fault @ Diagnosis::WrongIndex { first_index, affects_later_mountings: false, .. },
-        ) => {
+        LayoutCheck::Faulty(fault @ Diagnosis::WrongIndex { first_index, affects_later_mountings: false, .. }) => {
             observed.rows.retain(|row| row.key.index != first_index);
             observed.forward_rows.retain(|row| row.key.index != first_index);
             Some(format!("not used: {fault}"))

@@ -44,20 +44,14 @@ impl SeparationFit {
 
     /// Observations that the solution predicts with another layout: the effect of a layout error.
     pub fn predicted_observations(&self, layout: &ProbeLayout, rows: &[RowKey]) -> Vec<f64> {
-        let block_observations = |(order, fit): (usize, &BlockFit)| {
-            multiply_vector(&layout.design_matrix(rows, order), &fit.solution.x)
-        };
+        let block_observations =
+            |(order, fit): (usize, &BlockFit)| multiply_vector(&layout.design_matrix(rows, order), &fit.solution.x);
         (1..).zip(&self.blocks).flat_map(block_observations).collect()
     }
 
     /// Σ(difference/σ)² between the observations that the solution predicts with another layout and `others`,
     /// without the first harmonic. `others` are observations, or predictions for another layout.
-    pub fn difference_chi2(
-        &self,
-        layout: &ProbeLayout,
-        data: &HarmonicData,
-        others: &[f64],
-    ) -> f64 {
+    pub fn difference_chi2(&self, layout: &ProbeLayout, data: &HarmonicData, others: &[f64]) -> f64 {
         let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
         let predicted = self.predicted_observations(layout, &data.rows);
         let all = predicted.iter().zip(others).zip(sigma).skip(2 * data.rows.len());

@@ -59,25 +59,16 @@ pub fn rms_noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f6
 }
 
 /// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm.
-pub fn unit_noise_fit(
-    layout: &ProbeLayout,
-    rows: Vec<RowKey>,
-    orders: usize,
-) -> Result<SeparationFit, MethodRefusal> {
+pub fn unit_noise_fit(layout: &ProbeLayout, rows: Vec<RowKey>, orders: usize) -> Result<SeparationFit, MethodRefusal> {
     let means = vec![vec![c64::ZERO; rows.len()]; orders];
     let data = HarmonicData::from_declared_uncertainty(rows, means, 1.0, 2);
-    let refused =
-        |why: String| MethodRefusal::new(why, "correct angles and heights of the sensors");
+    let refused = |why: String| MethodRefusal::new(why, "correct angles and heights of the sensors");
     SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
 /// Angles of the third sensor in steps of `step_deg` outside the `exclusions`, with the noise gain of the
 /// multiprobe separation, in ascending order of it. Angles that do not determine all [`RANKED_HARMONICS`] are omitted.
-pub fn third_sensor_angles(
-    pair_deg: [f64; 2],
-    step_deg: f64,
-    exclusions: &[AngleRange],
-) -> Vec<(f64, f64)> {
+pub fn third_sensor_angles(pair_deg: [f64; 2], step_deg: f64, exclusions: &[AngleRange]) -> Vec<(f64, f64)> {
     let count = (360.0 / step_deg).round().max(1.0) as usize;
     let is_free = |deg: &f64| {
         !exclusions.iter().any(|range| range.contains(*deg))

@@ -34,10 +34,7 @@ use self::outputs::ReportedMotions;
 use self::setup::MultiprobeSetup;
 use self::sources::{SourceSizes, uncertainty_sources};
 use crate::identification::{Identification, Outputs, TrialPlan};
-use crate::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::revolutions::HarmonicData;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -70,12 +67,7 @@ impl Method for Multiprobe {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let setup = MultiprobeSetup::new(plan, &self.settings)?;
         if done.is_empty() {
@@ -84,10 +76,7 @@ impl Method for Multiprobe {
         stages::next_stage(&setup, done, source)
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         crate::named_sensors(METHOD_NAME, &self.settings.sensors, sensors)
     }
 
@@ -118,7 +107,6 @@ fn identify_motions(
     let nonlinear = motions.motion_ranges(sizes.settings.sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let sources = uncertainty_sources(layout, data, &fit, sizes);
-    let identification =
-        crate::identification::identify(&fit.solution(), &sources, outputs, trials)?;
+    let identification = crate::identification::identify(&fit.solution(), &sources, outputs, trials)?;
     Ok(SeparatedMotions { identification, fit })
 }

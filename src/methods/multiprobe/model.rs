@@ -123,9 +123,7 @@ impl ProbeLayout {
     pub fn all_rows(&self) -> Vec<RowKey> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
-        indexes
-            .flat_map(|index| channels.clone().map(move |channel| RowKey { index, channel }))
-            .collect()
+        indexes.flat_map(|index| channels.clone().map(move |channel| RowKey { index, channel })).collect()
     }
 
     /// Derivative of M by the harmonic `order` of the component.
@@ -170,19 +168,14 @@ impl ProbeLayout {
 
     /// Names of the columns of [`design_matrix`](Self::design_matrix).
     pub fn unknown_names(&self, order: usize) -> Vec<String> {
-        let name =
-            |component: Component, part| format!("{}_{part}{order}", component.symbol(self.axis));
+        let name = |component: Component, part| format!("{}_{part}{order}", component.symbol(self.axis));
         self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
     }
 }
 
 /// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first harmonic.
 /// Empty if the layout does not have both components.
-pub fn co_rotating_directions(
-    layout: &ProbeLayout,
-    first: Component,
-    second: Component,
-) -> Vec<Vec<f64>> {
+pub fn co_rotating_directions(layout: &ProbeLayout, first: Component, second: Component) -> Vec<Vec<f64>> {
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);
     let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };

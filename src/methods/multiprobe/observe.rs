@@ -1,8 +1,8 @@
 //! From readings to revolutions at equal angles.
 
 use estimation::revolutions::{
-    AngleSample, RejectedRevolutions, ResampleFilter, Resampler, RowRevolutions, StopScan,
-    append_revolutions, common_revolutions, reject_saturated, remove_incomplete_rows,
+    AngleSample, RejectedRevolutions, ResampleFilter, Resampler, RowRevolutions, StopScan, append_revolutions,
+    common_revolutions, reject_saturated, remove_incomplete_rows,
 };
 use std::collections::BTreeSet;
 
@@ -55,8 +55,7 @@ pub fn observe_revolutions(
             observed.missing_stop_count += missing_stops(setup, step, &own);
             if is_forward {
                 observed.forward_rows.extend(of_scan.iter().cloned());
-                observed.revolution_duration_s =
-                    time_span_s(&own) / setup.settings.revolutions as f64;
+                observed.revolution_duration_s = time_span_s(&own) / setup.settings.revolutions as f64;
             }
             append_revolutions(&mut rows, of_scan);
         }
@@ -70,9 +69,7 @@ fn missing_stops(setup: &MultiprobeSetup<'_>, step: &Step, readings: &[&Reading]
     if !is_dwell(setup) {
         return 0;
     }
-    let stop = |reading: &Reading| {
-        stops_of_scan(setup, step).stop_index(reading.position.get_or_zero(setup.axis))
-    };
+    let stop = |reading: &Reading| stops_of_scan(setup, step).stop_index(reading.position.get_or_zero(setup.axis));
     let measured = readings.iter().filter(|reading| reading.value_mm.is_some());
     let measured: BTreeSet<(i64, &str)> = measured.map(|r| (stop(r), r.sensor.as_str())).collect();
     let stops = step.scan.as_ref().map_or(0, |scan| scan.path.len());
@@ -105,8 +102,7 @@ fn scan_revolutions(
     readings: &[&Reading],
 ) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
     let channel = |name: &String| {
-        let samples =
-            channel_samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
+        let samples = channel_samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
         let stops = stops_of_scan(setup, step);
         // A run resamples a continuous turn to equal angles before it stores the readings.
         match is_dwell(setup) || stops.contains_all_samples(&samples) {
@@ -126,8 +122,7 @@ fn channel_samples<'r>(
     let sample = |reading: &&Reading| AngleSample {
         angle_rad: reading.position.get_or_zero(setup.axis),
         value: -reading.value_mm.unwrap_or(f64::NAN),
-        is_valid: reading.value_mm.is_some()
-            && matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap),
+        is_valid: reading.value_mm.is_some() && matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap),
     };
     let mut samples: Vec<AngleSample> = readings.map(sample).collect();
     reject_saturated(&mut samples);
@@ -135,12 +130,7 @@ fn channel_samples<'r>(
 }
 
 impl ObservedRevolutions {
-    fn record_rejected(
-        &mut self,
-        setup: &MultiprobeSetup<'_>,
-        step: &Step,
-        rejected: Vec<RejectedRevolutions>,
-    ) {
+    fn record_rejected(&mut self, setup: &MultiprobeSetup<'_>, step: &Step, rejected: Vec<RejectedRevolutions>) {
         for of_channel in rejected {
             let name = &setup.layout.channels[of_channel.channel].name;
             self.skipped_data.push(format!("{}: {name}: {of_channel}", step.label));
@@ -148,12 +138,7 @@ impl ObservedRevolutions {
     }
 
     /// Adds the rows of an index. Channels with missing revolutions are omitted.
-    fn add_rows(
-        &mut self,
-        setup: &MultiprobeSetup<'_>,
-        index: usize,
-        mut rows: Vec<RowRevolutions>,
-    ) {
+    fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<RowRevolutions>) {
         for row in remove_incomplete_rows(&mut rows) {
             let name = &setup.layout.channels[row.channel].name;
             self.skipped_data.push(format!(

@@ -6,8 +6,7 @@ use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
 use crate::identification::{
-    Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
-    synchronous_ranges,
+    Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs, synchronous_ranges,
 };
 
 /// Number of points of a curve over one revolution.
@@ -37,9 +36,10 @@ impl<'a> ReportedMotions<'a> {
              and tilt of the artefact and of the indexing stage"
         );
         let derivatives = |(column, component)| {
-            let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
-                harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
-            });
+            let parts =
+                fit.blocks.iter().enumerate().map(|(block, harmonic)| {
+                    harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
+                });
             (component, parts.collect())
         };
         let components = layout.components().into_iter().enumerate();
@@ -48,16 +48,12 @@ impl<'a> ReportedMotions<'a> {
 
     /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
     pub fn not_identifiable(&self) -> Vec<String> {
-        let lost_harmonics =
-            |(component, parts): &(Component, Vec<Option<HarmonicDerivatives>>)| {
-                let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
-                let name = |(_, order): (_, usize)| {
-                    format!("{} harmonic {order}", component.symbol(self.layout.axis))
-                };
-                lost.map(name).collect::<Vec<String>>()
-            };
-        let combinations =
-            self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined.clone());
+        let lost_harmonics = |(component, parts): &(Component, Vec<Option<HarmonicDerivatives>>)| {
+            let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
+            let name = |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol(self.layout.axis));
+            lost.map(name).collect::<Vec<String>>()
+        };
+        let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined.clone());
         self.derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
     }
 
@@ -73,10 +69,7 @@ impl<'a> ReportedMotions<'a> {
         (component, parts): &(Component, Vec<Option<HarmonicDerivatives>>),
     ) -> HarmonicFunction {
         let harmonic = |(block, parts): (usize, &Option<HarmonicDerivatives>)| {
-            let parts = parts
-                .as_ref()?
-                .each_ref()
-                .map(|slope| self.fit.extend_to_all_unknowns(block, slope));
+            let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.extend_to_all_unknowns(block, slope));
             Some(Harmonic { order: (block + 1) as f64, parts })
         };
         let first = usize::from(component.is_form());
@@ -112,17 +105,9 @@ impl<'a> ReportedMotions<'a> {
         };
         let output = |axis: &str, slope: Vec<f64>| {
             let symbol = format!("ecc_{axis}{}", section + 1);
-            Output::from_coefficients(
-                &symbol,
-                Unit::Um,
-                self.fit.extend_to_all_unknowns(0, &slope),
-                &self.fit.x,
-            )
+            Output::from_coefficients(&symbol, Unit::Um, self.fit.extend_to_all_unknowns(0, &slope), &self.fit.x)
         };
-        vec![
-            output("X", slope(0, lever, [cos, sign * sin])),
-            output("Y", slope(1, -lever, [sin, -sign * cos])),
-        ]
+        vec![output("X", slope(0, lever, [cos, sign * sin])), output("Y", slope(1, -lever, [sin, -sign * cos]))]
     }
 
     /// Outputs that are linear in the unknowns: coefficients, eccentricities and curves.
@@ -149,12 +134,8 @@ impl<'a> ReportedMotions<'a> {
             let function = self.harmonic_function(parts);
             match (parts.0, sampling) {
                 (Component::Face, _) => Vec::new(),
-                (Component::Roundness(section), _) => {
-                    Vec::from_iter(function.range(format!("RONt_{}", section + 1)))
-                }
-                (component, TurnSampling::Continuous) => {
-                    synchronous_ranges(&function, component == Component::Z)
-                }
+                (Component::Roundness(section), _) => Vec::from_iter(function.range(format!("RONt_{}", section + 1))),
+                (component, TurnSampling::Continuous) => synchronous_ranges(&function, component == Component::Z),
                 _ => Vec::from_iter(function.range(format!("{}_range", function.symbol))),
             }
         };

@@ -34,11 +34,7 @@ pub fn revolution_values(
 
 /// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
 /// `None`: the channels do not determine the motion.
-fn single_revolutions(
-    layout: &ProbeLayout,
-    own: &[&RowRevolutions],
-    component: Component,
-) -> Option<Vec<Vec<f64>>> {
+fn single_revolutions(layout: &ProbeLayout, own: &[&RowRevolutions], component: Component) -> Option<Vec<Vec<f64>>> {
     let gain = motion_gain(layout, own, component)?;
     let motion = |r: usize| {
         let mut sum = vec![0.0; own[0].revolutions[r].len()];
@@ -51,11 +47,7 @@ fn single_revolutions(
 }
 
 /// Factors, one per row, from the deviations of the channels to the motion at one angle.
-fn motion_gain(
-    layout: &ProbeLayout,
-    own: &[&RowRevolutions],
-    component: Component,
-) -> Option<Vec<f64>> {
+fn motion_gain(layout: &ProbeLayout, own: &[&RowRevolutions], component: Component) -> Option<Vec<f64>> {
     let rows: Vec<RowKey> = own.iter().map(|row| row.key).collect();
     let components = layout.components();
     let columns: Vec<usize> = (0..components.len()).filter(|j| !components[*j].is_form()).collect();

@@ -97,10 +97,7 @@ impl Settings {
         MethodRefusal::require(
             harmonics > 0 && self.highest_order() >= harmonics,
             format!("{positions} positions per revolution do not determine {harmonics} harmonics"),
-            format!(
-                "choose positions = {}, or fewer harmonics",
-                (9 * harmonics.max(1)).div_ceil(2)
-            ),
+            format!("choose positions = {}, or fewer harmonics", (9 * harmonics.max(1)).div_ceil(2)),
         )?;
         MethodRefusal::require(
             (1..=MAX_INDEXES).contains(&self.indexes)
@@ -138,8 +135,7 @@ impl Settings {
     }
 
     pub fn excluded_ranges(&self) -> Vec<AngleRange> {
-        let range =
-            |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
+        let range = |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
         self.excluded_deg.iter().map(range).collect()
     }
 

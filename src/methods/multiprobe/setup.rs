@@ -29,28 +29,23 @@ impl<'a> MultiprobeSetup<'a> {
     /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::find(&plan.machine, &chain)
-            .ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
         let at = position_at_zero(plan, settings, &table)?;
-        let line =
-            chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let line = chain.axis_line(table.axis, &at).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let on_table = ObservedCylinder { chain: &chain, position: &at, cylinder, axis: &line };
         let foot = on_table.foot();
         let observed = |sensor: &'a Sensor| {
-            let surface = on_table.observed_surface(sensor).map_err(|error| {
-                MethodRefusal::new(format!("sensor {}: {error}", sensor.name), error.remedy())
-            })?;
+            let surface = on_table
+                .observed_surface(sensor)
+                .map_err(|error| MethodRefusal::new(format!("sensor {}: {error}", sensor.name), error.remedy()))?;
             Ok((sensor, surface))
         };
-        let surfaces =
-            plan.sensors.iter().map(observed).collect::<Result<Vec<_>, MethodRefusal>>()?;
-        let mut sections: Vec<usize> =
-            surfaces.iter().filter_map(|(_, surface)| surface.section).collect();
+        let surfaces = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, MethodRefusal>>()?;
+        let mut sections: Vec<usize> = surfaces.iter().filter_map(|(_, surface)| surface.section).collect();
         sections.sort_unstable();
         sections.dedup();
-        let channels =
-            surfaces.iter().map(|(sensor, surface)| sensor_channel(sensor, surface, &sections));
+        let channels = surfaces.iter().map(|(sensor, surface)| sensor_channel(sensor, surface, &sections));
         let layout = ProbeLayout {
             channels: channels.collect(),
             section_z_mm: sections.iter().map(|i| foot.z + cylinder.sections[*i].z_mm).collect(),
@@ -75,8 +70,7 @@ impl<'a> MultiprobeSetup<'a> {
         let layout = &self.layout;
         checks::check_surfaces(layout)?;
         checks::check_sensor_angles(layout, &self.settings.excluded_ranges())?;
-        let is_radial =
-            |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
+        let is_radial = |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
         let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();
         checks::check_orders(layout, &motions, 2..=self.settings.harmonics)
     }
@@ -97,8 +91,7 @@ fn sensor_channel(sensor: &Sensor, surface: &ObservedSurface, sections: &[usize]
 fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
     match &plan.artefact {
         Artefact::DatumCylinder(cylinder)
-            if cylinder.axis[2] > 0.0
-                && cylinder.axis[0].hypot(cylinder.axis[1]) < 0.01 * cylinder.axis[2] =>
+            if cylinder.axis[2] > 0.0 && cylinder.axis[0].hypot(cylinder.axis[1]) < 0.01 * cylinder.axis[2] =>
         {
             Ok(cylinder)
         }
@@ -114,11 +107,7 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
 }
 
 /// Positions of the axes with the measured one at zero.
-fn position_at_zero(
-    plan: &Plan,
-    settings: &Settings,
-    table: &TableAxis,
-) -> Result<Position, MethodRefusal> {
+fn position_at_zero(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Position, MethodRefusal> {
     let axis = table.axis;
     MethodRefusal::require(
         settings.at.get(axis).is_none(),

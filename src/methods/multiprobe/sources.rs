@@ -81,28 +81,18 @@ pub fn uncertainty_sources(
     // The first mounting defines the angle of the artefact.
     let indexes = 1..layout.index_angles_rad.len();
     let errors: [(&str, f64, Vec<LayoutChange>); 3] = [
-        (
-            "index angle",
-            declared.u_index_angle_deg.to_radians(),
-            indexes.map(change_index_angle).collect(),
-        ),
+        ("index angle", declared.u_index_angle_deg.to_radians(), indexes.map(change_index_angle).collect()),
         ("section distance", declared.u_section_distance_mm, vec![change_section_distance()]),
         ("face radius", declared.u_face_radius_mm, vec![change_face_radius()]),
     ];
     let of_sensors = sensor_error_effects(layout, data, fit, sizes);
-    let mut all = vec![
-        noise_source(data, fit),
-        fit.declared_source("gain and angle of the sensors", of_sensors),
-    ];
+    let mut all = vec![noise_source(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
     for (name, u, errors) in errors {
-        let columns =
-            errors.iter().map(|change| layout_error_effect(change, u, layout, &data.rows, fit));
+        let columns = errors.iter().map(|change| layout_error_effect(change, u, layout, &data.rows, fit));
         all.push(fit.declared_source(name, columns.collect()));
     }
     all.push(fit.declared_source("linearity of the sensors", sizes.linearity.clone()));
-    all.push(
-        fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)),
-    );
+    all.push(fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)));
     all.retain(|source| !source.is_zero());
     all
 }
@@ -126,20 +116,13 @@ fn sensor_error_effects(
     let channels = 0..count;
     let gains = channels.clone().map(|channel| gain_effect(data, channel));
     let angle = |channel| {
-        let changes = layout_error_effect(
-            &change_channel_angle(channel),
-            ANGLE_STEP_RAD,
-            layout,
-            &data.rows,
-            fit,
-        );
+        let changes = layout_error_effect(&change_channel_angle(channel), ANGLE_STEP_RAD, layout, &data.rows, fit);
         changes.into_iter().map(|effect| effect / ANGLE_STEP_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
     let (u_gain, u_angle) = (sizes.settings.u_gain, sizes.settings.u_sensor_angle_rad());
     let declared = |i: usize| if i < count { u_gain } else { u_angle };
-    let independent =
-        || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });
+    let independent = || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });
     let root = sizes.sensor_covariance.as_ref().map_or_else(independent, cholesky_lower);
     let draw = |column: usize| {
         let mut sum = vec![0.0; effects[0].len()];

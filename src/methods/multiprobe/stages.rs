@@ -25,8 +25,7 @@ pub fn next_stage(
     done: &[Stage],
     source: PositionSource<'_>,
 ) -> Result<NextStage, MethodRefusal> {
-    let labels: Vec<StepLabel> =
-        setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
+    let labels: Vec<StepLabel> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
     let count = |is: fn(&StepLabel) -> bool| labels.iter().filter(|label| is(label)).count();
     let rounds = count(|label| matches!(label, StepLabel::Centring(_)));
     let mounted = count(|label| matches!(label, StepLabel::Mount(_)));
@@ -42,8 +41,7 @@ pub fn next_stage(
             ("centring".to_owned(), steps)
         }
         (rounds, 0, Some(off_centre)) if rounds < MAX_CENTRING_ROUNDS => {
-            let prompt =
-                Step::prompt(format!("centre/{}", rounds + 1), off_centre.prompt_text(setup));
+            let prompt = Step::prompt(format!("centre/{}", rounds + 1), off_centre.prompt_text(setup));
             let prompt = Step { watch: off_centre.watched_sensors(setup), ..prompt };
             let steps = vec![prompt, centring_turn(setup, &turn, rounds + 1)];
             ("centring, once more".to_owned(), steps)
@@ -56,10 +54,7 @@ pub fn next_stage(
         }
         (_, mounted, _) if mounted < setup.settings.indexes => {
             let count = setup.settings.indexes;
-            (
-                format!("mounting {} of {count}", mounted + 1),
-                mounting_steps(setup, &turn, mounted + 1)?,
-            )
+            (format!("mounting {} of {count}", mounted + 1), mounting_steps(setup, &turn, mounted + 1)?)
         }
         _ => return Ok(NextStage::Done),
     };
@@ -73,11 +68,7 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
          sensors ({}) to the middle of their ranges. All axes will move to the positions of `at` \
          (rotary axes without a position to 0°), then the table will turn once.{}",
         names.join(", "),
-        describe_weak_points(
-            &setup.layout,
-            setup.settings.harmonics,
-            &setup.settings.excluded_ranges()
-        )?
+        describe_weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.excluded_ranges())?
     );
     let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
@@ -87,21 +78,11 @@ fn first_mount_prompt(setup: &MultiprobeSetup<'_>) -> Result<Step, MethodRefusal
 fn centring_turn(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], round: usize) -> Step {
     let step_deg = 360.0 / CENTRING_STOP_COUNT as f64;
     let angles = (0..=CENTRING_STOP_COUNT).map(|k| turn_deg[0] + k as f64 * step_deg);
-    turn_scan(
-        setup,
-        StepLabel::Centring(round),
-        StepKind::Scan,
-        angles.collect(),
-        dwell_sampling(setup),
-    )
+    turn_scan(setup, StepLabel::Centring(round), StepKind::Scan, angles.collect(), dwell_sampling(setup))
 }
 
 /// Steps of one mounting, counted from 1.
-fn mounting_steps(
-    setup: &MultiprobeSetup<'_>,
-    turn_deg: &[f64],
-    number: usize,
-) -> Result<Vec<Step>, MethodRefusal> {
+fn mounting_steps(setup: &MultiprobeSetup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<Step>, MethodRefusal> {
     let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
@@ -123,22 +104,16 @@ fn mounting_steps(
     let start = turn_deg[0];
     let sampling = match setup.settings.sampling {
         TurnSampling::Dwell => dwell_sampling(setup),
-        TurnSampling::Continuous => Sampling::Continuous {
-            rate_hz: setup.settings.rate_hz,
-            per_revolution: Some(setup.settings.positions),
-        },
+        TurnSampling::Continuous => {
+            Sampling::Continuous { rate_hz: setup.settings.rate_hz, per_revolution: Some(setup.settings.positions) }
+        }
     };
     let turns = |label, angles| turn_scan(setup, label, StepKind::Scan, angles, sampling);
     // After an interruption the reference of the same mounting is repeated. It has two stops, so that the scan is a
     // turn.
     let reference = vec![start, start + 90.0];
-    let reference = turn_scan(
-        setup,
-        StepLabel::Reference(number),
-        StepKind::Reference,
-        reference,
-        dwell_sampling(setup),
-    );
+    let reference =
+        turn_scan(setup, StepLabel::Reference(number), StepKind::Reference, reference, dwell_sampling(setup));
     let mut steps = vec![prompt, reference, turns(StepLabel::Forward(number), forward)];
     if setup.settings.both_directions {
         steps.push(turns(StepLabel::Backward(number), backward));
@@ -157,18 +132,13 @@ fn turn_scan(
     angles_deg: Vec<f64>,
     sampling: Sampling,
 ) -> Step {
-    let position =
-        |deg: &f64| setup.start_position.clone().with(setup.axis, setup.axis.to_mm_or_rad(*deg));
+    let position = |deg: &f64| setup.start_position.clone().with(setup.axis, setup.axis.to_mm_or_rad(*deg));
     let path: Vec<Position> = angles_deg.iter().map(position).collect();
     Step {
         kind,
         feed_mm_min: setup.settings.feed_deg_min,
         sensors: setup.plan.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
-        normal: setup
-            .plan
-            .sensors
-            .first()
-            .map_or([0.0; 3], |sensor| sensor.direction.map(|part| -part)),
+        normal: setup.plan.sensors.first().map_or([0.0; 3], |sensor| sensor.direction.map(|part| -part)),
         ..Step::scan(label.to_string(), Scan { path, sampling })
     }
 }
@@ -185,8 +155,8 @@ fn turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusa
         TurnSampling::Dwell => 0,
         TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,
     };
-    let steps = RevolutionSteps { positions, revolutions, lead_steps: lead }
-        .range_within_limits(setup.plan, setup.axis)?;
+    let steps =
+        RevolutionSteps { positions, revolutions, lead_steps: lead }.range_within_limits(setup.plan, setup.axis)?;
     let numbers: Vec<i64> = match sampling {
         TurnSampling::Dwell => steps.collect(),
         TurnSampling::Continuous => vec![*steps.start(), *steps.end()],

@@ -81,11 +81,7 @@ type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
 impl<'a> Predictor<'a> {
     /// # Errors
     /// The machine has no kinematics; the estimate has no errors of its axes.
-    pub fn new(
-        machine: &Machine,
-        estimate: &'a Estimate,
-        zero: WorkZero,
-    ) -> Result<Self, MethodRefusal> {
+    pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(machine)?;
         let known_errors = KnownErrors::from_estimate(estimate, &chain)?;
         let tip = Point::from_vec(Vector3::from(machine.tool_mm));
@@ -96,13 +92,11 @@ impl<'a> Predictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured;
-        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, zero_displacement: None }
-            .with_work_zero())
+        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, zero_displacement: None }.with_work_zero())
     }
 
     fn with_work_zero(mut self) -> Self {
-        self.zero_displacement =
-            self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
+        self.zero_displacement = self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
         self
     }
 
@@ -151,8 +145,8 @@ impl<'a> Predictor<'a> {
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
     fn point_displacement(&self, at: &Position, point: Point<SpindleFrame>) -> Displacement {
         let Self { chain, known_errors, .. } = self;
-        let displacement = chain.tip_in_table(at, point, &known_errors.errors).mm
-            - chain.tip_in_table(at, point, &[]).mm;
+        let displacement =
+            chain.tip_in_table(at, point, &known_errors.errors).mm - chain.tip_in_table(at, point, &[]).mm;
         (displacement, chain.jacobian(at, point, &known_errors.errors, &known_errors.parameters()))
     }
 
@@ -163,14 +157,10 @@ impl<'a> Predictor<'a> {
     /// An axis is outside its range; the estimate does not state the ranges.
     pub fn check_measured_range(&self, at: &Position) -> Result<(), MethodRefusal> {
         self.check_has_ranges()?;
-        for (axis, value) in at.iter().filter(|(axis, _)| !self.measured_ranges.contains_key(axis))
-        {
+        for (axis, value) in at.iter().filter(|(axis, _)| !self.measured_ranges.contains_key(axis)) {
             MethodRefusal::require(
                 value == 0.0,
-                format!(
-                    "{axis} {:.3} was not measured: the estimate has no range of {axis}",
-                    axis.to_mm_or_deg(value)
-                ),
+                format!("{axis} {:.3} was not measured: the estimate has no range of {axis}", axis.to_mm_or_deg(value)),
                 EXTRAPOLATION_REMEDY,
             )?;
         }
@@ -206,11 +196,8 @@ impl<'a> Predictor<'a> {
         // The work zero does not affect a direction.
         let (zero, zero_columns) = self.displacement_at_zero(at);
         let own = tip.derivatives.iter().zip(&zero_columns);
-        let turned: Vec<Vector3<f64>> = columns
-            .iter()
-            .zip(own)
-            .map(|(above, (tip, zero))| (above - tip - zero) / DIRECTION_BASE_MM)
-            .collect();
+        let turned: Vec<Vector3<f64>> =
+            columns.iter().zip(own).map(|(above, (tip, zero))| (above - tip - zero) / DIRECTION_BASE_MM).collect();
         PoseError {
             tip_error_mm: tip.error_mm,
             u_tip_error_mm: standard_uncertainty(&tip.derivatives, &self.known_errors.covariance),

@@ -31,8 +31,7 @@ impl Predictor<'_> {
     /// The estimate does not state the ranges over which it was measured.
     pub fn slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
         self.check_has_ranges()?;
-        let ranged =
-            |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
+        let ranged = |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
         let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);
         let linear = self.measured_ranges.iter().filter(|(axis, _)| axis.is_linear());
         let linear: Position = linear.map(|(axis, range)| (*axis, middle(range))).collect();
@@ -43,36 +42,24 @@ impl Predictor<'_> {
                 Some(z) => vec![z[0], middle(z), z[1]],
                 None => vec![others.get_or_zero(Axis::Z)],
             };
-            let nearest_to_zero = |(axis, [least, most]): (&Axis, &[f64; 2])| {
-                (*axis, axis.to_mm_or_rad(0.0_f64.clamp(*least, *most)))
-            };
+            let nearest_to_zero =
+                |(axis, [least, most]): (&Axis, &[f64; 2])| (*axis, axis.to_mm_or_rad(0.0_f64.clamp(*least, *most)));
             let rotary = self.measured_ranges.iter().filter(|(axis, _)| !axis.is_linear());
             let at_zero: Position = rotary.map(nearest_to_zero).collect();
             slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.updated_by(&at_zero)));
             for z in levels {
-                slices.push(self.slice(
-                    (Axis::X, x),
-                    (Axis::Y, y),
-                    others.clone().with(Axis::Z, z),
-                ));
+                slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.clone().with(Axis::Z, z)));
             }
         }
-        let rotary: Vec<(Axis, &[f64; 2])> = [Axis::A, Axis::B, Axis::C]
-            .into_iter()
-            .filter_map(|axis| Some((axis, ranged(&axis)?)))
-            .collect();
+        let rotary: Vec<(Axis, &[f64; 2])> =
+            [Axis::A, Axis::B, Axis::C].into_iter().filter_map(|axis| Some((axis, ranged(&axis)?))).collect();
         if let [tilt, turn] = rotary[..] {
             slices.push(self.slice(turn, tilt, others));
         }
         Ok(slices)
     }
 
-    fn slice(
-        &self,
-        horizontal: (Axis, &[f64; 2]),
-        vertical: (Axis, &[f64; 2]),
-        others: Position,
-    ) -> ErrorSlice {
+    fn slice(&self, horizontal: (Axis, &[f64; 2]), vertical: (Axis, &[f64; 2]), others: Position) -> ErrorSlice {
         let positions = |[least, most]: &[f64; 2]| -> Vec<f64> {
             let step = (most - least) / (POSITIONS_PER_AXIS - 1) as f64;
             (0..POSITIONS_PER_AXIS).map(|k| least + step * k as f64).collect()
@@ -82,8 +69,7 @@ impl Predictor<'_> {
             let at = others.clone().with(horizontal.0, horizontal.0.to_mm_or_rad(x));
             at.with(vertical.0, vertical.0.to_mm_or_rad(y))
         };
-        let poses: Vec<Position> =
-            rows.iter().flat_map(|y| columns.iter().map(|x| pose(*y, *x))).collect();
+        let poses: Vec<Position> = rows.iter().flat_map(|y| columns.iter().map(|x| pose(*y, *x))).collect();
         let tips = self.tip_errors(&poses);
         let errors = self.pose_errors(&poses, &tips);
         let by_row = |value: fn(&super::PoseError) -> f64| -> Vec<Vec<f64>> {

@@ -38,9 +38,7 @@ fn errors_are_those_of_the_matrix_products() {
     let tool = Vector3::from(machine.tool_mm);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let nominal = Truth { errors: Default::default(), tool };
-    let off = |xyz: [f64; 3], triple| {
-        truth.tip(Vector3::from(xyz), triple) - nominal.tip(Vector3::from(xyz), triple)
-    };
+    let off = |xyz: [f64; 3], triple| truth.tip(Vector3::from(xyz), triple) - nominal.tip(Vector3::from(xyz), triple);
     let along = Vector3::z() * 100.0;
     let direction = |xyz: [f64; 3], triple| {
         let of = |of: &Truth| {
@@ -102,19 +100,15 @@ fn a_correction_leaves_the_uncertainty() {
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().with_corrected_errors(&symbols).unwrap();
     assert!(corrected.pose_error(&half_turn).tip_error_mm.norm() < 1e-12);
-    let [error, _] = corrected.volume_errors(
-        std::slice::from_ref(&half_turn),
-        &corrected.tip_errors(std::slice::from_ref(&half_turn)),
-    );
+    let [error, _] = corrected
+        .volume_errors(std::slice::from_ref(&half_turn), &corrected.tip_errors(std::slice::from_ref(&half_turn)));
     assert!((error.largest_95_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
     let rest = new().with_corrected_errors(&["EX0C"]).unwrap().pose_error(&half_turn).tip_error_mm;
     let mut without = paper_errors();
     without.iter_mut().filter(|(symbol, _)| symbol == "EX0C").for_each(|(_, value)| *value = 0.0);
     let tool = Vector3::from(machine.tool_mm);
-    let (truth, nominal) = (
-        Truth { errors: without.into_iter().collect(), tool },
-        Truth { errors: Default::default(), tool },
-    );
+    let (truth, nominal) =
+        (Truth { errors: without.into_iter().collect(), tool }, Truth { errors: Default::default(), tool });
     let off = |xyz: Vector3<f64>, triple| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
     let expected = off(Vector3::new(30.0, 20.0, 400.0), [0.0, std::f64::consts::PI, 0.0])
         - off(Vector3::new(0.0, 0.0, -tool.z), [0.0; 3]);
@@ -126,11 +120,7 @@ fn a_correction_leaves_the_uncertainty() {
 #[test]
 fn slices_are_made_of_poses() {
     let (machine, mut estimate) = (machine(), measured());
-    estimate.measured.extend([
-        (Axis::C, [0.0, 360.0]),
-        (Axis::Y, [-100.0, 100.0]),
-        (Axis::Z, [300.0, 500.0]),
-    ]);
+    estimate.measured.extend([(Axis::C, [0.0, 360.0]), (Axis::Y, [-100.0, 100.0]), (Axis::Z, [300.0, 500.0])]);
     let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
     let slices = predictor.slices(&tilted).unwrap();
@@ -140,19 +130,11 @@ fn slices_are_made_of_poses() {
     let at = predictor.pose_error(&position([300.0, -100.0, 500.0], [0.5, 1.0, 0.0]));
     let (error, u) = (slices[3].error_mm[0][6], slices[3].u_mm[0][6]);
     assert_eq!((error, u), (at.tip_error_mm.norm(), at.u_tip_error_mm.norm()));
-    let at = predictor.pose_error(&position(
-        [0.0, 0.0, 400.0],
-        [-90_f64.to_radians(), std::f64::consts::TAU, 0.0],
-    ));
+    let at = predictor.pose_error(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
     assert!((slices[4].error_mm[0][6] - at.tip_error_mm.norm()).abs() < 1e-12);
     assert_eq!((slices[4].horizontal.0, slices[4].vertical.0), (Axis::C, Axis::B));
     estimate.measured.clear();
-    assert!(
-        Predictor::new(&machine, &estimate, WorkZero::TableOrigin)
-            .unwrap()
-            .slices(&tilted)
-            .is_err()
-    );
+    assert!(Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap().slices(&tilted).is_err());
 }
 
 /// An offset of C along X with the work zero at C = 0: the uncertainty of the tip is twice that of the offset
@@ -160,8 +142,7 @@ fn slices_are_made_of_poses() {
 #[test]
 fn uncertainty_is_zeroed_too() {
     let mut estimate = measured();
-    let of =
-        |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
+    let of = |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
     let mut predictor = Predictor::new(&machine(), &estimate, WorkZero::TableOrigin).unwrap();
@@ -186,32 +167,19 @@ fn uncertainty_is_zeroed_too() {
 fn what_was_not_measured_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
     let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
-    assert!(
-        predictor
-            .check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0))
-            .is_ok()
-    );
-    let why =
-        predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
+    assert!(predictor.check_measured_range(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
+    let why = predictor.check_measured_range(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().reason;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
     // An axis that the pose does not name is at 0.
-    let why =
-        predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
+    let why = predictor.check_measured_range(&Position::new().with(Axis::C, 1.0)).unwrap_err().reason;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
     let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
-    let why =
-        predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
+    let why = predictor.check_measured_range(&Position::new().with(Axis::X, 1.0)).unwrap_err().reason;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
     let predictor = Predictor::new(&machine, &estimate, WorkZero::TableOrigin).unwrap();
-    assert!(
-        predictor
-            .check_measured_range(&Position::new())
-            .unwrap_err()
-            .reason
-            .contains("does not contain")
-    );
+    assert!(predictor.check_measured_range(&Position::new()).unwrap_err().reason.contains("does not contain"));
     // An estimate of another machine.
     let mut other = machine.clone();
     other.topology = other.topology.replace('B', "A");
@@ -276,9 +244,7 @@ fn touches_are_points_of_the_workpiece() {
     plan.machine.axes.get_mut(&Axis::X).unwrap().resolution_um = 1.0;
     plan.machine.drift_um_per_h = 5.0;
     let later = Reading { t_s: 3600.0, ..reading.clone() };
-    let u =
-        WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm
-            * 1e3;
+    let u = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().workpiece_point(&later).unwrap().u_mm * 1e3;
     assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
 }
 

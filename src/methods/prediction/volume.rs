@@ -43,9 +43,7 @@ impl Predictor<'_> {
     pub fn grid_poses(&self) -> Result<Vec<Position>, MethodRefusal> {
         self.check_has_ranges()?;
         let mut poses = vec![Position::new()];
-        for (axis, [least, most]) in
-            self.measured_ranges.iter().filter(|(axis, _)| **axis != Axis::S)
-        {
+        for (axis, [least, most]) in self.measured_ranges.iter().filter(|(axis, _)| **axis != Axis::S) {
             let count = match axis.is_linear() {
                 _ if least == most => 1,
                 true => POSITIONS_PER_LINEAR_AXIS,
@@ -53,9 +51,7 @@ impl Predictor<'_> {
             };
             let step = (most - least) / (count - 1).max(1) as f64;
             let at = |k: usize| axis.to_mm_or_rad(least + k as f64 * step);
-            let with = |pose: &Position| {
-                (0..count).map(|k| pose.clone().with(*axis, at(k))).collect::<Vec<_>>()
-            };
+            let with = |pose: &Position| (0..count).map(|k| pose.clone().with(*axis, at(k))).collect::<Vec<_>>();
             poses = poses.iter().flat_map(with).collect();
         }
         Ok(poses)
@@ -69,16 +65,14 @@ impl Predictor<'_> {
         let root = cholesky_lower(&self.known_errors.covariance);
         let count = root.ncols();
         let trials = (MAX_TRIAL_POSES / poses.len().max(1)).clamp(TRIAL_LIMITS[0], TRIAL_LIMITS[1]);
-        let units = DrawStream::from_key(MONTE_CARLO_SEED, &[])
-            .unit_draws(trials, &vec![DrawDistribution::Normal; count]);
+        let units =
+            DrawStream::from_key(MONTE_CARLO_SEED, &[]).unit_draws(trials, &vec![DrawDistribution::Normal; count]);
         let trial_errors = |trial: usize| {
             let unit = |draw: usize| units[draw * trials + trial];
-            let change =
-                |j: usize| (0..count).map(|draw| root[(j, draw)] * unit(draw)).sum::<f64>();
+            let change = |j: usize| (0..count).map(|draw| root[(j, draw)] * unit(draw)).sum::<f64>();
             let errors: Vec<f64> = (0..root.nrows()).map(change).collect();
-            let moved = tips.iter().map(|tip| {
-                tip.derivatives.iter().zip(&errors).map(|(column, error)| column * *error).sum()
-            });
+            let moved =
+                tips.iter().map(|tip| tip.derivatives.iter().zip(&errors).map(|(column, error)| column * *error).sum());
             let mut moved: Vec<Vector3<f64>> = moved.collect();
             let relative_to_zero = largest_and_mean(&zeroed, &moved);
             fit.subtract_rigid_motion(&mut moved);
@@ -90,8 +84,7 @@ impl Predictor<'_> {
             let [largest_mm, mean_mm] = largest_and_mean(deviations, &unchanged);
             let of_trials = |index: usize| trials.iter().map(move |trial| trial[k][index]);
             let u = |index: usize| standard_deviation(of_trials(index));
-            let worst = (0..deviations.len())
-                .max_by(|a, b| deviations[*a].norm().total_cmp(&deviations[*b].norm()));
+            let worst = (0..deviations.len()).max_by(|a, b| deviations[*a].norm().total_cmp(&deviations[*b].norm()));
             VolumeError {
                 largest_mm,
                 u_largest_mm: u(0),
@@ -108,8 +101,7 @@ impl Predictor<'_> {
     pub fn describe_volume_errors(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
         let names = ["relative to the work zero", "after a best fit of the workpiece"];
         let line = |(reference, error): (&str, VolumeError)| {
-            let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst_pose, .. } =
-                error;
+            let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst_pose, .. } = error;
             format!(
                 "error of the tip {reference}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
                 largest_mm * 1e3,
@@ -128,11 +120,7 @@ impl Predictor<'_> {
     ///
     /// # Errors
     /// A symbol is not an error of the estimate.
-    pub fn describe_corrected_error(
-        self,
-        symbols: &[&str],
-        poses: &[Position],
-    ) -> Result<String, MethodRefusal> {
+    pub fn describe_corrected_error(self, symbols: &[&str], poses: &[Position]) -> Result<String, MethodRefusal> {
         let names = symbols.join(", ");
         let corrected = self.with_corrected_errors(symbols)?;
         let [error, _] = corrected.volume_errors(poses, &corrected.tip_errors(poses));

@@ -50,20 +50,12 @@ impl<'a> WorkpieceFrame<'a> {
     /// The machine has no kinematics; the estimate has no errors of its axes.
     pub fn new(plan: &'a Plan, estimate: Option<&'a Estimate>) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let known =
-            estimate.map(|estimate| KnownErrors::from_estimate(estimate, &chain)).transpose()?;
+        let known = estimate.map(|estimate| KnownErrors::from_estimate(estimate, &chain)).transpose()?;
         let stylus = Stylus::from_estimate(plan, estimate);
         let symbols = known.iter().flat_map(|known| known.symbols.iter().copied());
-        let symbols: Vec<&str> =
-            symbols.chain(stylus.estimated_axes.iter().map(|k| STYLUS_SYMBOLS[*k])).collect();
+        let symbols: Vec<&str> = symbols.chain(stylus.estimated_axes.iter().map(|k| STYLUS_SYMBOLS[*k])).collect();
         let covariance = estimate.and_then(|estimate| prior_covariance(estimate, &symbols));
-        Ok(Self {
-            plan,
-            chain,
-            known_errors: known,
-            stylus,
-            covariance: covariance.unwrap_or_else(Mat::new),
-        })
+        Ok(Self { plan, chain, known_errors: known, stylus, covariance: covariance.unwrap_or_else(Mat::new) })
     }
 
     /// Origin of the stylus coordinates, in words.
@@ -74,8 +66,7 @@ impl<'a> WorkpieceFrame<'a> {
                 .to_owned(),
             3 => "stylus of the estimate".to_owned(),
             _ => {
-                let names: Vec<&str> =
-                    self.stylus.estimated_axes.iter().map(|k| STYLUS_SYMBOLS[*k]).collect();
+                let names: Vec<&str> = self.stylus.estimated_axes.iter().map(|k| STYLUS_SYMBOLS[*k]).collect();
                 format!(
                     "{} of the estimate, the other stylus coordinates as stated in the machine \
                          file",
@@ -92,24 +83,18 @@ impl<'a> WorkpieceFrame<'a> {
             Some(known) => (&known.errors[..], known.parameters()),
             None => (&[][..], Vec::new()),
         };
-        let position = |point: Point<SpindleFrame>| {
-            self.chain.tip_in_table(&reading.position, point, errors).mm
-        };
+        let position = |point: Point<SpindleFrame>| self.chain.tip_in_table(&reading.position, point, errors).mm;
         let mut columns = self.chain.jacobian(&reading.position, tip, errors, &parameters);
         let is_touch = reading.value_mm.is_none();
-        let by_stylus =
-            |k: usize| position(Point::from_vec(tip.mm + Vector3::ith(k, 1.0))) - position(tip);
+        let by_stylus = |k: usize| position(Point::from_vec(tip.mm + Vector3::ith(k, 1.0))) - position(tip);
         let (estimated, stated): (Vec<usize>, Vec<usize>) =
             (0..3).partition(|k| self.stylus.estimated_axes.contains(k));
         let no_effect = Vector3::zeros;
-        columns.extend(
-            estimated.into_iter().map(|k| if is_touch { by_stylus(k) } else { no_effect() }),
-        );
+        columns.extend(estimated.into_iter().map(|k| if is_touch { by_stylus(k) } else { no_effect() }));
         let offset_mm = if is_touch { self.plan.probe.stylus_offset_um * 1e-3 } else { 0.0 };
         let own = point_u_mm(self.plan, is_touch, reading.t_s).powi(2);
-        let own = stated.into_iter().fold(Vector3::repeat(own), |sum, k| {
-            sum + (by_stylus(k) * offset_mm).map(|mm| mm * mm)
-        });
+        let own =
+            stated.into_iter().fold(Vector3::repeat(own), |sum, k| sum + (by_stylus(k) * offset_mm).map(|mm| mm * mm));
         let variance = standard_uncertainty(&columns, &self.covariance).map(|u| u * u) + own;
         Some(WorkpiecePoint { position_mm: position(tip), u_mm: variance.map(f64::sqrt) })
     }
@@ -120,8 +105,7 @@ impl<'a> WorkpieceFrame<'a> {
             return Some(Point::from_vec(self.stylus.offset_mm));
         };
         let along = Vector3::from(sensor.direction) * reading.value_mm?;
-        (sensor.mount == SensorMount::Spindle)
-            .then(|| Point::from_vec(Vector3::from(sensor.zero_mm) + along))
+        (sensor.mount == SensorMount::Spindle).then(|| Point::from_vec(Vector3::from(sensor.zero_mm) + along))
     }
 }
 
@@ -129,13 +113,11 @@ impl Stylus {
     /// The stylus of the estimate; coordinates that the estimate does not contain with their covariance come
     /// from the machine file.
     fn from_estimate(plan: &Plan, estimate: Option<&Estimate>) -> Self {
-        let mut stylus =
-            Self { offset_mm: Vector3::from(plan.machine.tool_mm), estimated_axes: Vec::new() };
+        let mut stylus = Self { offset_mm: Vector3::from(plan.machine.tool_mm), estimated_axes: Vec::new() };
         let Some(estimate) = estimate else { return stylus };
         for (k, symbol) in STYLUS_SYMBOLS.into_iter().enumerate() {
             let parameter = estimate.parameters.iter().find(|p| p.symbol == symbol);
-            let known = parameter
-                .filter(|p| p.identifiable && prior_covariance(estimate, &[symbol]).is_some());
+            let known = parameter.filter(|p| p.identifiable && prior_covariance(estimate, &[symbol]).is_some());
             if let Some(parameter) = known {
                 stylus.offset_mm[k] = parameter.value / parameter.unit.from_internal(1.0);
                 stylus.estimated_axes.push(k);

@@ -87,8 +87,7 @@ fn repeatability_by_direction(
     }
     let of_direction = |k: usize| {
         let dof = (touches[k] - groups[k].len() as f64).max(1.0);
-        let scatter =
-            PooledScatter { s_mm: (squares[k] / dof).sqrt(), dof: dof as usize, ..fitted.scatter };
+        let scatter = PooledScatter { s_mm: (squares[k] / dof).sqrt(), dof: dof as usize, ..fitted.scatter };
         scatter.without_rounding().map(|mm| mm * 1e3)
     };
     let (y, u) = (0..count).map(of_direction).map(|[s, u]| (s, u)).unzip();
@@ -105,10 +104,7 @@ fn repeatability_by_direction(
     }
 }
 
-fn describe_not_identifiable(
-    setup: &QualificationSetup<'_>,
-    fitted: &QualificationFit,
-) -> Vec<String> {
+fn describe_not_identifiable(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
     let layout = &fitted.layout;
     let mut lines = Vec::new();
     if !layout.separates_order(1) {
@@ -125,8 +121,7 @@ fn describe_not_identifiable(
                 .to_owned(),
         );
     }
-    let higher =
-        layout.map_orders.iter().filter(|order| **order > 2 && !layout.separates_order(**order));
+    let higher = layout.map_orders.iter().filter(|order| **order > 2 && !layout.separates_order(**order));
     let higher: Vec<String> = higher.map(u32::to_string).collect();
     if !higher.is_empty() {
         let orders = higher.join(", ");
@@ -141,10 +136,7 @@ fn describe_not_identifiable(
         });
     }
     let last = setup.highest_order();
-    lines.push(format!(
-        "orders above {last}: order k is aliased with order {} - k",
-        setup.settings.azimuths
-    ));
+    lines.push(format!("orders above {last}: order k is aliased with order {} - k", setup.settings.azimuths));
     lines.extend(fitted.identification.outlier_check.describe_detection_limits());
     lines
 }

@@ -7,9 +7,7 @@ use super::observe::ObservedTouches;
 use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
-use crate::identification::{
-    FitFigures, Identification, LinearFit, Measurement, Solution, identify,
-};
+use crate::identification::{FitFigures, Identification, LinearFit, Measurement, Solution, identify};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
@@ -28,8 +26,7 @@ pub fn fit_touches(
     observed: &ObservedTouches,
 ) -> Result<QualificationFit, IdentifyError> {
     let layout = UnknownsLayout::new(observed, setup.highest_order());
-    let rows: Vec<Vec<f64>> =
-        observed.touches.iter().map(|touch| layout.design_row(observed, touch)).collect();
+    let rows: Vec<Vec<f64>> = observed.touches.iter().map(|touch| layout.design_row(observed, touch)).collect();
     let a = Mat::from_fn(rows.len(), layout.unknowns(), |i, j| rows[i][j]);
     let equal = solve_unknowns(observed, &layout, &a, 1e-3)?;
     let group_deviations_mm = subtract_group_means(observed, &equal.residuals);
@@ -40,12 +37,7 @@ pub fn fit_touches(
     let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / u_mm).collect();
     let measurements = touch_measurements(observed, &solution.residuals, u_mm);
     let solved = Solution {
-        model: &LinearFit {
-            x: &solution.x,
-            design_matrix: &a,
-            sigma: &sigma,
-            gain: &solution.gain,
-        },
+        model: &LinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
         residuals: &weighted,
         has_declared_sizes: true,
         figures: FitFigures::from_linear(&solution),
@@ -72,13 +64,10 @@ fn solve_unknowns(
         rank_threshold: RANK_THRESHOLD,
     };
     let lost = |survey: &RankAnalysis| {
-        let seen = |unknown: &usize| {
-            (0..survey.nullity).any(|k| survey.null_space[(*unknown, k)].abs() > 1e-6)
-        };
+        let seen = |unknown: &usize| (0..survey.nullity).any(|k| survey.null_space[(*unknown, k)].abs() > 1e-6);
         (0..layout.unknowns()).filter(seen).map(|unknown| layout.name(unknown)).collect()
     };
-    linear::solve_least_squares(&problem)
-        .map_err(|error| IdentifyError::from_solver_error(error, lost))
+    linear::solve_least_squares(&problem).map_err(|error| IdentifyError::from_solver_error(error, lost))
 }
 
 /// Each residual less the mean of its group. The result is free of systematic model errors of a direction.
@@ -117,11 +106,7 @@ fn pooled_scatter(
     .into())
 }
 
-fn touch_measurements(
-    observed: &ObservedTouches,
-    residuals: &[f64],
-    u_mm: f64,
-) -> Vec<Measurement> {
+fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<Measurement> {
     let touches = observed.touches.iter().zip(residuals).enumerate();
     let measurement = |(i, (touch, residual)): (usize, (&super::observe::MeasuredTouch, &f64))| {
         let in_words = format!("touch {}", touch.label);

@@ -78,11 +78,7 @@ impl UnknownsLayout {
     }
 
     pub fn unknowns(&self) -> usize {
-        if self.fast_orders.is_empty() {
-            self.delay_index()
-        } else {
-            self.fast_index(self.fast_orders.len())
-        }
+        if self.fast_orders.is_empty() { self.delay_index() } else { self.fast_index(self.fast_orders.len()) }
     }
 
     /// Derivatives of the touch's distance by all unknowns.
@@ -120,10 +116,7 @@ impl UnknownsLayout {
                 format!("order {} of the map", order(&self.map_orders, self.map_index(0)))
             }
             _ if unknown < self.delay_index() => {
-                format!(
-                    "order {} of the ball's form",
-                    order(&self.stationary_orders, self.stationary_start())
-                )
+                format!("order {} of the ball's form", order(&self.stationary_orders, self.stationary_start()))
             }
             _ if unknown == self.delay_index() => "the latch delay".to_owned(),
             _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_index(0))),

@@ -16,10 +16,7 @@ mod stages;
 pub use settings::Settings;
 
 use self::setup::QualificationSetup;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use crate::identification::probe_map;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -49,12 +46,7 @@ impl Method for ProbeQualification {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         stages::next_stage(&QualificationSetup::new(plan, &self.settings)?, done, source)
     }
 

@@ -75,10 +75,7 @@ impl StepReading<'_> {
 
 /// # Errors
 /// Readings do not belong to the plan, are missing or do not fit a sphere.
-pub fn observe_touches(
-    setup: &QualificationSetup<'_>,
-    readings: &[Reading],
-) -> Result<ObservedTouches, IdentifyError> {
+pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let step_readings = match_readings(setup, readings)?;
     let slow = step_readings.iter().filter(|step_readings| !step_readings.is_fast(setup));
     let points: Vec<[f64; 3]> = slow.map(|step_readings| step_readings.stylus_mm.into()).collect();
@@ -98,11 +95,7 @@ pub fn observe_touches(
         MeasuredTouch {
             label: step_readings.step.label.clone(),
             normal,
-            normal_in_spindle: setup
-                .chain
-                .machine_from_spindle(&step_readings.position, &[])
-                .rotation
-                .inverse()
+            normal_in_spindle: setup.chain.machine_from_spindle(&step_readings.position, &[]).rotation.inverse()
                 * normal,
             radial_deviation_mm: from_centre.norm() - radius_mm,
             axes_mm: step_readings.position.xyz(),
@@ -110,17 +103,14 @@ pub fn observe_touches(
             orientation: setup.orientation_index(&step_readings.position),
             t_s: step_readings.reading.t_s,
             segment,
-            group: *groups
-                .entry((direction_label(&step_readings.step.label), segment))
-                .or_insert(number),
+            group: *groups.entry((direction_label(&step_readings.step.label), segment)).or_insert(number),
         }
     };
     let touches: Vec<MeasuredTouch> = step_readings.iter().map(touch).collect();
     let times = || touches.iter().map(|touch| touch.t_s);
     Ok(ObservedTouches {
         orientations_deg: setup.orientations_deg(),
-        speeds_mm_s: [setup.plan.probe.feed_mm_min, setup.fast_feed_mm_min()]
-            .map(|feed| feed / 60.0),
+        speeds_mm_s: [setup.plan.probe.feed_mm_min, setup.fast_feed_mm_min()].map(|feed| feed / 60.0),
         radius_mm,
         times_s: [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)],
         touches,

@@ -11,17 +11,11 @@ use crate::identification::{Curve, Output, Outputs, unit_slope};
 /// Step of the curves, degrees.
 const CURVE_STEP_DEG: usize = 5;
 
-pub fn build_outputs(
-    setup: &QualificationSetup<'_>,
-    layout: &UnknownsLayout,
-    x: &[f64],
-) -> Outputs {
+pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x: &[f64]) -> Outputs {
     let mut parameters = Vec::new();
     if let Some(first) = layout.map_orders.iter().position(|order| *order == 1) {
         // A stylus that is offset towards the surface contacts it earlier.
-        for (symbol, at) in
-            [("x_stylus", layout.map_index(first)), ("y_stylus", layout.map_index(first) + 1)]
-        {
+        for (symbol, at) in [("x_stylus", layout.map_index(first)), ("y_stylus", layout.map_index(first) + 1)] {
             let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
             parameters.push(Output::from_coefficients(symbol, Unit::Um, slope, x));
         }
@@ -36,37 +30,23 @@ pub fn build_outputs(
         parameters.extend(parts.map(|(symbol, at)| Output::from_unknown(&symbol, Unit::Um, at, x)));
     }
     parameters.push(Output::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
-    let mut curves =
-        vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
+    let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
     if !layout.fast_orders.is_empty() {
         parameters.push(Output::from_unknown("t_latch", Unit::Ms, layout.delay_index(), x));
-        curves.push(azimuth_curve(
-            "E_probe_fast",
-            layout,
-            x,
-            layout.fast_index(0),
-            &layout.fast_orders,
-        ));
+        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_index(0), &layout.fast_orders));
     }
     Outputs { parameters, curves, nonlinear: None }
 }
 
 /// Curve over the azimuth, perpendicular to the spindle. `first`: index of the first unknown of the `orders`.
-fn azimuth_curve(
-    symbol: &str,
-    layout: &UnknownsLayout,
-    x: &[f64],
-    first: usize,
-    orders: &[u32],
-) -> Curve {
+fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize, orders: &[u32]) -> Curve {
     let degrees: Vec<f64> = (0..360).step_by(CURVE_STEP_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
         let mut slope = vec![0.0; layout.unknowns()];
         for (index, order) in orders.iter().enumerate() {
             let at = first + 2 * index;
-            slope[at..at + 2]
-                .copy_from_slice(&harmonic_factors(*order, &Vector3::new(cos, sin, 0.0)));
+            slope[at..at + 2].copy_from_slice(&harmonic_factors(*order, &Vector3::new(cos, sin, 0.0)));
         }
         slope
     };

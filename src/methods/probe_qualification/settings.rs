@@ -65,10 +65,7 @@ impl Settings {
         )?;
         MethodRefusal::require(
             (2..=MAX_REPEATS).contains(&self.repeats),
-            format!(
-                "repeats = {}: the repeatability requires 2 to 100 touches in each direction",
-                self.repeats
-            ),
+            format!("repeats = {}: the repeatability requires 2 to 100 touches in each direction", self.repeats),
             "choose repeats = 3",
         )?;
         MethodRefusal::require(
@@ -92,9 +89,7 @@ impl Settings {
         let least = MIN_TRAVEL_MM + OFFSET_SIGMAS * offset_mm;
         MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
-            format!(
-                "standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"
-            ),
+            format!("standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"),
             "remove both settings, or choose 0.5 and 1.0",
         )
     }

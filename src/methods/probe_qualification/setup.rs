@@ -39,16 +39,13 @@ impl<'a> QualificationSetup<'a> {
             ));
         };
         let rotary = plan.machine.rotary_zero_position();
-        let setup =
-            Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary };
+        let setup = Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary };
         settings.check_azimuths(setup.highest_order())?;
         settings.check_length(plan.probe.stylus_offset_um * 1e-3)?;
         let (slow, fast) = (plan.probe.feed_mm_min, setup.fast_feed_mm_min());
         MethodRefusal::require(
             fast > slow && fast <= plan.probe.search_feed_mm_min,
-            format!(
-                "the fast feed of {fast} mm/min is not between the measuring feed and the search feed"
-            ),
+            format!("the fast feed of {fast} mm/min is not between the measuring feed and the search feed"),
             "remove fast_feed_mm_min, and set search_feed_mm_min of [probe] above feed_mm_min",
         )?;
         let is_axis = plan.machine.axes.contains_key(&Axis::S);
@@ -107,8 +104,7 @@ impl<'a> QualificationSetup<'a> {
             let is_measured = !step.label.starts_with(SEARCH_LABEL);
             self.balls.balls.iter().find(|ball| is_measured && ball.id == id)
         });
-        let none =
-            || IdentifyError::IdentificationFailed("the plan has no touch of a ball".to_owned());
+        let none = || IdentifyError::IdentificationFailed("the plan has no touch of a ball".to_owned());
         measured.ok_or_else(none)
     }
 
@@ -128,11 +124,7 @@ impl<'a> QualificationSetup<'a> {
     }
 
     /// Centre of a ball from its search touches, table frame, mm.
-    fn measured_centre(
-        &self,
-        id: &str,
-        readings: &[Reading],
-    ) -> Result<Vector3<f64>, MethodRefusal> {
+    fn measured_centre(&self, id: &str, readings: &[Reading]) -> Result<Vector3<f64>, MethodRefusal> {
         let again = || "start a new run".to_owned();
         let of_ball = |step: &&Step| {
             let mut parts = step.label.split('/');
@@ -145,8 +137,7 @@ impl<'a> QualificationSetup<'a> {
             touches.extend(latest.first().map(|reading| step.from.updated_by(&reading.position)));
         }
         let measured = evaluate_ball(id, &touches, &self.plan.machine, &self.plan.probe);
-        let measured = measured
-            .map_err(|reason| MethodRefusal { reason: reason.to_string(), remedy: again() })?;
+        let measured = measured.map_err(|reason| MethodRefusal { reason: reason.to_string(), remedy: again() })?;
         Ok(measured.centre_mm)
     }
 }

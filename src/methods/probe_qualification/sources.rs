@@ -6,12 +6,8 @@ use nalgebra::Vector3;
 use super::layout::{UnknownsLayout, harmonic_factors};
 use super::observe::{MeasuredTouch, ObservedTouches};
 use super::setup::QualificationSetup;
-use crate::identification::declared::{
-    display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_mm,
-};
-use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource,
-};
+use crate::identification::declared::{display_step_mm, half_backlash_mm, linear_motion_patterns, rounding_u_mm};
+use crate::identification::{DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
 
 /// Repeatability of touches in one direction.
 #[derive(Debug, Clone, Copy)]
@@ -95,11 +91,7 @@ fn resolution_columns(
 
 /// For a section with largest less smallest radius f, any order may have the amplitude f/2 at any phase: its cosine
 /// and sine parts have the standard deviation f/√8 each.
-fn form_columns(
-    setup: &QualificationSetup<'_>,
-    layout: &UnknownsLayout,
-    touches: &[MeasuredTouch],
-) -> Vec<Vec<f64>> {
+fn form_columns(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
     let size_mm = setup.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map_orders.iter().filter(|order| **order > 1);
     let column = |order: u32, part: usize| {
@@ -113,16 +105,14 @@ fn form_columns(
 fn squareness_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
     let size_mm = setup.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
     let touches = observed.touches.iter();
-    let column = |(i, j): (usize, usize)| {
-        touches.clone().map(|touch| size_mm * touch.normal[i] * touch.normal[j]).collect()
-    };
+    let column =
+        |(i, j): (usize, usize)| touches.clone().map(|touch| size_mm * touch.normal[i] * touch.normal[j]).collect();
     [(0, 1), (0, 2), (1, 2)].map(column).into()
 }
 
 /// Error motion of the spindle: the ball is displaced in the spindle frame at each orientation.
 fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -> Vec<Vec<f64>> {
-    let size_mm =
-        setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
+    let size_mm = setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
         let at = |touch: &MeasuredTouch| {
             if touch.orientation == orientation { touch.normal[k] } else { 0.0 }

@@ -75,11 +75,7 @@ struct OrientationPlan<'a> {
 }
 
 impl<'a> OrientationPlan<'a> {
-    fn new(
-        setup: &'a QualificationSetup<'a>,
-        found: &'a Balls,
-        index: usize,
-    ) -> Result<Self, MethodRefusal> {
+    fn new(setup: &'a QualificationSetup<'a>, found: &'a Balls, index: usize) -> Result<Self, MethodRefusal> {
         let access = TouchAccess::new(setup.plan, &Artefact::Balls(found.clone()))?;
         Ok(Self { setup, found, access, rotary: setup.rotary_positions(index), index })
     }
@@ -92,8 +88,7 @@ impl<'a> OrientationPlan<'a> {
             steps.extend(self.slow_round(ball, level, round)?);
             if self.index == 0 {
                 let label = |touch: &str| format!("fast/{}/S0/{touch}/{round}", ball.id);
-                let fast =
-                    self.steps_along(ball, &self.circle_directions(level), label)?.into_iter();
+                let fast = self.steps_along(ball, &self.circle_directions(level), label)?.into_iter();
                 let feed_mm_min = self.setup.fast_feed_mm_min();
                 steps.extend(fast.map(|step| Step { feed_mm_min, ..step }));
             }
@@ -115,9 +110,8 @@ impl<'a> OrientationPlan<'a> {
             }
         }
         let none = || format!("[artefact] has no ball `{ball_id}`");
-        Err(first_refusal.unwrap_or_else(|| {
-            MethodRefusal::new(none(), "correct `ball` in [method.probe-qualification]")
-        }))
+        Err(first_refusal
+            .unwrap_or_else(|| MethodRefusal::new(none(), "correct `ball` in [method.probe-qualification]")))
     }
 
     /// Azimuth and elevation of each touch of a circle, degrees.
@@ -135,8 +129,7 @@ impl<'a> OrientationPlan<'a> {
             // The azimuths are between those of the lower circle.
             let half = 180.0 / count as f64;
             let every_other = directions.iter().step_by(2);
-            let above = every_other
-                .map(|[azimuth, level]| [azimuth + half, level + SECOND_CIRCLE_OFFSET_DEG]);
+            let above = every_other.map(|[azimuth, level]| [azimuth + half, level + SECOND_CIRCLE_OFFSET_DEG]);
             directions.extend(above.collect::<Vec<_>>());
         }
         directions.push([0.0, 90.0]);

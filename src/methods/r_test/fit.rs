@@ -13,10 +13,7 @@ use crate::IdentifyError;
 use crate::identification::ObservationEquation;
 
 /// The equation, weighted by the sources that are independent between observations.
-pub fn weighted_equation<'a>(
-    nest: &'a SensorNest<'a>,
-    observed: &'a ObservedMeans,
-) -> SensorEquations<'a> {
+pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> SensorEquations<'a> {
     let equation = SensorEquations::unweighted(nest, observed);
     let sigma = standard_uncertainties(&equation);
     SensorEquations { sigma_mm: sigma, ..equation }
@@ -25,8 +22,7 @@ pub fn weighted_equation<'a>(
 /// # Errors
 /// The means do not separate the unknowns, or the iteration does not converge.
 pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
-    let sensors: Vec<&str> =
-        equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let sensors: Vec<&str> = equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let names = equation.unknowns.names(&sensors);
     let unsolved = |why: NonlinearError| {
         let lost = |survey: &RankAnalysis| name_null_space(survey.null_space.as_ref(), &names);
@@ -41,9 +37,6 @@ pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolutio
     minimise_squares(equation.initial_values(), |x| equation.rows(x), residuals).map_err(unsolved)
 }
 
-pub fn survey_rank(
-    equation: &SensorEquations<'_>,
-    x: &[f64],
-) -> Result<RankAnalysis, NonlinearError> {
+pub fn survey_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
     Ok(factorise(equation.rows(x)).0.analyse_rank()?)
 }

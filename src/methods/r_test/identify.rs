@@ -8,8 +8,7 @@ use super::settings::Settings;
 use super::sources::uncertainty_sources;
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, FitFigures, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan,
-    rms,
+    self, FitFigures, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::nonlinear::NonlinearSolution;
@@ -31,11 +30,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// # Errors
 /// Readings do not belong to the plan or do not separate the unknowns, or a sensor has another direction or gain
 /// than declared.
-pub fn identify(
-    plan: &Plan,
-    settings: &Settings,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let nest = SensorNest::new(plan, settings)?;
     let observed = observe_means(&nest, readings)?;
     let equation = weighted_equation(&nest, &observed);
@@ -46,8 +41,8 @@ pub fn identify(
     )?;
     let minimum = solve_equation(&equation)?;
     equation.check_sensors(&minimum.x)?;
-    let survey = survey_rank(&equation, &minimum.x)
-        .map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
+    let survey =
+        survey_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let unknowns = minimum.x.len();
     let weighted = minimum.residuals.iter().zip(&equation.sigma_mm);
@@ -65,8 +60,7 @@ pub fn identify(
         measurements: &sensor_measurements(&equation, &minimum),
     };
     let sources = uncertainty_sources(&equation, &minimum.x);
-    let trials =
-        TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
+    let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let outputs = outputs::build_outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
     let axis = nest.axis;
@@ -99,21 +93,12 @@ pub fn identify(
 }
 
 /// One measurement for the mean of each sensor at each point.
-fn sensor_measurements(
-    equation: &SensorEquations<'_>,
-    minimum: &NonlinearSolution,
-) -> Vec<Measurement> {
+fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<Measurement> {
     let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma_mm).enumerate();
     let measurement = |(i, ((mean, residual), sigma)): (usize, ((&SensorMean, &f64), &f64))| {
         let label = mean.label.clone();
         let in_words = format!("the mean {label}");
-        Measurement {
-            label,
-            description: in_words,
-            rows: i..i + 1,
-            residual_mm: residual * sigma,
-            u_mm: *sigma,
-        }
+        Measurement { label, description: in_words, rows: i..i + 1, residual_mm: residual * sigma, u_mm: *sigma }
     };
     rows.map(measurement).collect()
 }
@@ -125,10 +110,7 @@ fn estimate_warnings(
 ) -> Vec<String> {
     let mut lines = Vec::new();
     let missing = observed.missing_points;
-    lines.extend(
-        (missing > 0)
-            .then(|| format!("{missing} points of a sensor have no distance and are not used")),
-    );
+    lines.extend((missing > 0).then(|| format!("{missing} points of a sensor have no distance and are not used")));
     let interruptions = equation.unknowns.interruption_count;
     lines.extend((interruptions > 0).then(|| {
         "the measurement was interrupted: a shift during the interruption is attributed to the \

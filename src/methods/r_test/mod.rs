@@ -19,10 +19,7 @@ mod stages;
 pub use settings::Settings;
 
 use self::nest::SensorNest;
-use crate::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -53,20 +50,12 @@ impl Method for RTest {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         stages::next_stage(&SensorNest::new(plan, &self.settings)?, done, source)
     }
 
-    fn required_sensors<'a>(
-        &self,
-        sensors: &'a [Sensor],
-    ) -> Result<Vec<&'a Sensor>, MethodRefusal> {
+    fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
         crate::named_sensors(METHOD_NAME, &self.settings.sensors, sensors)
     }
 

@@ -92,15 +92,11 @@ impl<'a> SensorEquations<'a> {
     /// The equation with unit weights.
     pub fn unweighted(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> Self {
         let means = observed.means.as_slice();
-        let is_stop =
-            |mean: &SensorMean| matches!(mean.displacement, Displacement::UnknownAtStop(_));
+        let is_stop = |mean: &SensorMean| matches!(mean.displacement, Displacement::UnknownAtStop(_));
         let stops = if means.iter().any(is_stop) { nest.settings.positions } else { 0 };
         let interruptions = means.iter().map(|mean| mean.interruption_count).max().unwrap_or(0);
-        let unknowns = UnknownIndices {
-            sensor_count: nest.sensors.len(),
-            interruption_count: interruptions,
-            stop_count: stops,
-        };
+        let unknowns =
+            UnknownIndices { sensor_count: nest.sensors.len(), interruption_count: interruptions, stop_count: stops };
         Self { nest, means, unknowns, sigma_mm: vec![1.0; means.len() + 2] }
     }
 
@@ -129,8 +125,8 @@ impl<'a> SensorEquations<'a> {
                 first.map_or(Vector3::zeros(), |first| UnknownIndices::vector_at(x, first))
             }
         };
-        let steps = (0..mean.interruption_count)
-            .map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step(i)));
+        let steps =
+            (0..mean.interruption_count).map(|i| UnknownIndices::vector_at(x, self.unknowns.interruption_step(i)));
         own + mean.machine_from_table.inverse() * steps.sum::<Vector3<f64>>()
     }
 
@@ -155,21 +151,16 @@ impl<'a> SensorEquations<'a> {
         let curvature = x[unknowns.curvature()];
         let by_gradient = w - across * (curvature * along);
         let by_displacement = gradient + across * curvature;
-        let mut slopes = vec![
-            (unknowns.offset(mean.sensor), 1.0),
-            (unknowns.curvature(), across.norm_squared() / 2.0),
-        ];
-        let mut add =
-            |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
+        let mut slopes = vec![(unknowns.offset(mean.sensor), 1.0), (unknowns.curvature(), across.norm_squared() / 2.0)];
+        let mut add = |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
         add(unknowns.gradient(mean.sensor), by_gradient);
         if let Displacement::UnknownAtStop(stop) = mean.displacement
             && let Some(first) = unknowns.displacement(stop)
         {
             add(first, by_displacement);
         }
-        (0..mean.interruption_count).for_each(|i| {
-            add(unknowns.interruption_step(i), mean.machine_from_table * by_displacement)
-        });
+        (0..mean.interruption_count)
+            .for_each(|i| add(unknowns.interruption_step(i), mean.machine_from_table * by_displacement));
         slopes
     }
 
@@ -202,14 +193,9 @@ impl<'a> SensorEquations<'a> {
             let gradient = self.gradient(x, number);
             let cosine = |direction: &Vector3<f64>| gradient.normalize().dot(direction);
             if cosine(&Vector3::from(sensor.direction)) < MIN_DIRECTION_COSINE {
-                let is_like =
-                    |candidate: &&&_| cosine(&sensor_direction(candidate)) >= MIN_DIRECTION_COSINE;
+                let is_like = |candidate: &&&_| cosine(&sensor_direction(candidate)) >= MIN_DIRECTION_COSINE;
                 let swapped = self.nest.sensors.iter().find(is_like);
-                return Err(refuse_direction(
-                    &sensor.name,
-                    gradient,
-                    swapped.map(|s| s.name.as_str()),
-                ));
+                return Err(refuse_direction(&sensor.name, gradient, swapped.map(|s| s.name.as_str())));
             }
             if (gradient.norm() - 1.0).abs() > MAX_GAIN_ERROR {
                 return Err(MethodRefusal {
@@ -263,13 +249,9 @@ impl ObservationEquation for SensorEquations<'_> {
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let of_means =
-            self.means.iter().map(|mean| mean.value_mm - self.predicted_reading(mean, x));
-        let rows: Vec<f64> = of_means
-            .chain(self.sphere_residuals(x))
-            .zip(change)
-            .map(|(r, change)| r + change)
-            .collect();
+        let of_means = self.means.iter().map(|mean| mean.value_mm - self.predicted_reading(mean, x));
+        let rows: Vec<f64> =
+            of_means.chain(self.sphere_residuals(x)).zip(change).map(|(r, change)| r + change).collect();
         self.weighted_change(&rows)
     }
 

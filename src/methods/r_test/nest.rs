@@ -37,20 +37,13 @@ impl<'a> SensorNest<'a> {
     /// at one point on the axis.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
-        let table = TableAxis::find(&plan.machine, &chain)
-            .ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();
         let centre = nest_centre(&sensors, plan.probe.ball_radius_mm)?;
         let tip = Point::<SpindleFrame>::from_vec(Vector3::from(plan.machine.tool_mm));
-        let xyz = chain.solve_linear_axes(
-            Point::<TableFrame>::from_vec(centre),
-            tip,
-            &table.zero_position,
-            &[],
-        )?;
+        let xyz = chain.solve_linear_axes(Point::<TableFrame>::from_vec(centre), tip, &table.zero_position, &[])?;
         let origin = table.zero_position.filter_axes(|axis| axis != Axis::S).updated_by(&xyz);
-        let line =
-            chain.axis_line(table.axis, &origin).ok_or_else(MethodRefusal::missing_rotary_table)?;
+        let line = chain.axis_line(table.axis, &origin).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sphere = chain.machine_from_spindle(&origin, &[]).transform_point(&tip.mm.into());
         let sphere_from_axis = sphere.coords - line.point;
         MethodRefusal::require(
@@ -72,8 +65,7 @@ impl<'a> SensorNest<'a> {
     /// Displacement of the sphere's centre from the origin at these axis positions, table frame, mm.
     pub fn displacement(&self, at: &Position) -> Vector3<f64> {
         let tip = self.tip();
-        self.chain.tip_in_table(at, tip, &[]).mm
-            - self.chain.tip_in_table(&self.origin, tip, &[]).mm
+        self.chain.tip_in_table(at, tip, &[]).mm - self.chain.tip_in_table(&self.origin, tip, &[]).mm
     }
 
     /// Rotation from the table frame to the machine frame with the measured axis at `angle`, rad.
@@ -84,10 +76,7 @@ impl<'a> SensorNest<'a> {
 
     /// Position of the sphere's centre relative to the nominal axis, mm.
     pub fn sphere_position(&self) -> Vector3<f64> {
-        self.chain
-            .machine_from_spindle(&self.origin, &[])
-            .transform_point(&self.tip().mm.into())
-            .coords
+        self.chain.machine_from_spindle(&self.origin, &[]).transform_point(&self.tip().mm.into()).coords
     }
 
     /// Angle of a stop, rad.
@@ -123,18 +112,15 @@ fn nest_centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Meth
     let directions = || sensors.iter().map(|sensor| Vector3::from(sensor.direction));
     let normal: Matrix3<f64> = directions().map(|along| along * along.transpose()).sum();
     let scale = sensors.len() as f64 / 3.0;
-    let inverse = normal
-        .try_inverse()
-        .filter(|_| normal.determinant().sqrt() > MIN_DIRECTION_DETERMINANT * scale.powf(1.5));
+    let inverse =
+        normal.try_inverse().filter(|_| normal.determinant().sqrt() > MIN_DIRECTION_DETERMINANT * scale.powf(1.5));
     let Some(inverse) = inverse else {
         return Err(MethodRefusal::new(
             "the directions of the sensors are coplanar",
             "correct the directions: they must not lie in one plane; right angles are best",
         ));
     };
-    let contact_point = |sensor: &&Sensor| {
-        Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm
-    };
+    let contact_point = |sensor: &&Sensor| Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm;
     let along = |sensor: &&Sensor| {
         let direction = Vector3::from(sensor.direction);
         direction * direction.dot(&contact_point(sensor))

@@ -46,15 +46,11 @@ pub struct ObservedMeans {
 
 /// # Errors
 /// A reading belongs to no step of the plan, or a scan has no reading.
-pub fn observe_means(
-    nest: &SensorNest<'_>,
-    readings: &[Reading],
-) -> Result<ObservedMeans, IdentifyError> {
+pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<ObservedMeans, IdentifyError> {
     IdentifyError::check_steps(nest.plan, readings)?;
     let mut observed = ObservedMeans::default();
     for step in &nest.plan.steps {
-        let is_used =
-            [CALIBRATION_LABEL, FORWARD_LABEL, BACKWARD_LABEL].contains(&step.label.as_str());
+        let is_used = [CALIBRATION_LABEL, FORWARD_LABEL, BACKWARD_LABEL].contains(&step.label.as_str());
         if let (true, Some(scan)) = (is_used, &step.scan) {
             let own = latest_readings(step, readings)?;
             for point in 0..scan.path.len() {
@@ -73,8 +69,7 @@ fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) ->
         point.iter().map(|(axis, at)| (reading.position.get_or_zero(axis) - at).powi(2)).sum()
     };
     let nearest = |reading: &Reading| {
-        (0..path.len())
-            .min_by(|a, b| distance(reading, &path[*a]).total_cmp(&distance(reading, &path[*b])))
+        (0..path.len()).min_by(|a, b| distance(reading, &path[*a]).total_cmp(&distance(reading, &path[*b])))
     };
     readings.iter().filter(|reading| nearest(reading) == Some(point)).copied().collect()
 }
@@ -83,8 +78,7 @@ impl ObservedMeans {
     /// Numbers the interruptions. Only those with means on either side count: an interrupted scan is measured again
     /// as a whole.
     fn number_interruptions(&mut self) {
-        let counts: BTreeSet<usize> =
-            self.means.iter().map(|mean| mean.interruption_count).collect();
+        let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.interruption_count).collect();
         for mean in &mut self.means {
             mean.interruption_count = counts.range(..mean.interruption_count).count();
         }
@@ -104,10 +98,8 @@ impl ObservedMeans {
         };
         for (sensor, declared) in nest.sensors.iter().enumerate() {
             let own = readings.iter().filter(|reading| reading.sensor == declared.name);
-            let good =
-                own.filter(|reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap));
-            let samples: Vec<(f64, f64)> =
-                good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
+            let good = own.filter(|reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap));
+            let samples: Vec<(f64, f64)> = good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
             let count = samples.len() as f64;
             if samples.is_empty() {
                 self.missing_points += usize::from(!readings.is_empty());

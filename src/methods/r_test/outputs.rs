@@ -15,18 +15,13 @@ type Derivatives = [Vec<f64>; 3];
 
 pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
     let stops = equation.unknowns.stop_count;
-    let totals: Vec<Derivatives> =
-        (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
+    let totals: Vec<Derivatives> = (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
     let mean = mean_derivatives(&totals);
-    let motions: Vec<Derivatives> = totals
-        .iter()
-        .enumerate()
-        .map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean))
-        .collect();
+    let motions: Vec<Derivatives> =
+        totals.iter().enumerate().map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean)).collect();
     let axis = equation.nest.axis;
-    let location = |k: usize, along: &str| {
-        Output::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x)
-    };
+    let location =
+        |k: usize, along: &str| Output::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x);
     let curve = |symbol: String, k: usize, all: &[Derivatives], figure| {
         let slopes: Vec<Vec<f64>> = all.iter().map(|slopes| slopes[k].clone()).collect();
         let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(s, x)| s * x).sum();
@@ -42,15 +37,9 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
         }
     };
     let names = ["X", "Y", "Z"].into_iter().enumerate();
-    let total = |k: usize, along: &str| {
-        curve(format!("E{along}{axis}_total"), k, &totals, FigureKind::Curve)
-    };
+    let total = |k: usize, along: &str| curve(format!("E{along}{axis}_total"), k, &totals, FigureKind::Curve);
     let mut curves = vec![total(0, "X"), total(1, "Y")];
-    curves.extend(
-        names
-            .clone()
-            .map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FigureKind::Polar)),
-    );
+    curves.extend(names.clone().map(|(k, along)| curve(format!("E{along}{axis}"), k, &motions, FigureKind::Polar)));
     let ranges = names.map(|(k, along)| RangeOutput {
         symbol: format!("E{along}{axis}_range"),
         unit: Unit::Um,

@@ -10,8 +10,8 @@ use crate::identification::declared::{
     backlash_lags_mm, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,
 };
 use crate::identification::{
-    DrawDistribution, Effect, EvaluationType, ObservationEquation, ResidualTreatment,
-    UncertaintySource, block_covariances,
+    DrawDistribution, Effect, EvaluationType, ObservationEquation, ResidualTreatment, UncertaintySource,
+    block_covariances,
 };
 use machine::{Axis, Position};
 
@@ -67,11 +67,7 @@ impl SourceBuilder<'_> {
     }
 
     /// Change of the observations: of each mean, then of the sphere's position.
-    fn observation_column(
-        &self,
-        of_mean: impl Fn(&SensorMean) -> f64,
-        of_sphere: [f64; 2],
-    ) -> Vec<f64> {
+    fn observation_column(&self, of_mean: impl Fn(&SensorMean) -> f64, of_sphere: [f64; 2]) -> Vec<f64> {
         self.equation.means.iter().map(of_mean).chain(of_sphere).collect()
     }
 
@@ -81,13 +77,8 @@ impl SourceBuilder<'_> {
 
     fn noise_source(&self) -> UncertaintySource {
         let sensors = &self.equation.nest.sensors;
-        let of_sample = |mean: &SensorMean| {
-            sensors[mean.sensor].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3)
-        };
-        let each = self.observation_column(
-            |mean| of_sample(mean) / (mean.sample_count as f64).sqrt(),
-            [0.0; 2],
-        );
+        let of_sample = |mean: &SensorMean| sensors[mean.sensor].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3);
+        let each = self.observation_column(|mean| of_sample(mean) / (mean.sample_count as f64).sqrt(), [0.0; 2]);
         let noise = UncertaintySource::new("noise of the sensor", Effect::Independent(each));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
@@ -96,8 +87,7 @@ impl SourceBuilder<'_> {
     /// sphere's position.
     fn resolution_source(&self) -> UncertaintySource {
         let u = |axis: Axis| resolution_u_mm(self.equation.nest.plan, axis.direction());
-        let moved: Vec<Vector3<f64>> =
-            self.equation.means.iter().filter_map(calibration_displacement).collect();
+        let moved: Vec<Vector3<f64>> = self.equation.means.iter().filter_map(calibration_displacement).collect();
         let mut columns = Vec::new();
         let mut points: Vec<Vector3<f64>> = Vec::new();
         for point in moved {
@@ -106,11 +96,10 @@ impl SourceBuilder<'_> {
             }
             points.push(point);
             for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-                let of_mean =
-                    |mean: &SensorMean| match calibration_displacement(mean) == Some(point) {
-                        true => self.gradient(mean)[k] * u(axis),
-                        false => 0.0,
-                    };
+                let of_mean = |mean: &SensorMean| match calibration_displacement(mean) == Some(point) {
+                    true => self.gradient(mean)[k] * u(axis),
+                    false => 0.0,
+                };
                 columns.push(self.observation_column(of_mean, [0.0; 2]));
             }
         }
@@ -152,11 +141,8 @@ impl SourceBuilder<'_> {
             // The form is declared for the circle around the spindle's axis that the sensors measure.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
-        let patterns =
-            azimuth_patterns(size_mm, &LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
-        let columns = patterns
-            .into_iter()
-            .map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
+        let patterns = azimuth_patterns(size_mm, &LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
+        let columns = patterns.into_iter().map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());
         self.common_source("form of the sphere", columns.collect())
     }
 
@@ -171,13 +157,11 @@ impl SourceBuilder<'_> {
     fn backlash_columns(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
         let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION_LABEL);
-        let path =
-            calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
+        let path = calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
         let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz).collect();
         let lags = backlash_lags_mm(nest.plan, &xyz);
         let at_stops = lags.last().copied().unwrap_or_default();
-        let displacements: Vec<Vector3<f64>> =
-            path.iter().map(|at| nest.displacement(at)).collect();
+        let displacements: Vec<Vector3<f64>> = path.iter().map(|at| nest.displacement(at)).collect();
         // The mean of a point includes all visits of it.
         let mean_lag_change = |by: Vector3<f64>| -> Vector3<f64> {
             let visits = displacements.iter().zip(&lags).filter(|(position, _)| **position == by);
@@ -192,10 +176,7 @@ impl SourceBuilder<'_> {
                 }
                 Displacement::UnknownAtStop(_) => 0.0,
             };
-            self.observation_column(
-                of_mean,
-                [0, 1].map(|axis| if axis == k { -at_stops[k] } else { 0.0 }),
-            )
+            self.observation_column(of_mean, [0, 1].map(|axis| if axis == k { -at_stops[k] } else { 0.0 }))
         };
         [0, 1, 2].map(column).into()
     }

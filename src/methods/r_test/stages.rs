@@ -1,9 +1,7 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
 use super::fit;
-use super::label::{
-    BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, MOUNT_PROMPT_LABEL, REFERENCE_LABEL,
-};
+use super::label::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, MOUNT_PROMPT_LABEL, REFERENCE_LABEL};
 use super::nest::SensorNest;
 use super::observe::observe_means;
 use super::settings::Settings;
@@ -41,9 +39,8 @@ pub fn next_stage(
 
 /// Checks the sensors before the table turns.
 fn check_sensors(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<(), MethodRefusal> {
-    let failed = |why: String| {
-        MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run")
-    };
+    let failed =
+        |why: String| MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run");
     let observed = observe_means(nest, readings).map_err(|error| failed(error.to_string()))?;
     let equation = fit::weighted_equation(nest, &observed);
     let minimum = fit::solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
@@ -82,15 +79,8 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
     // The reference has two stops, so that the scan is a turn.
     let reference = forward[..2].to_vec();
     let turn = |label, kind, angles: Vec<f64>| {
-        let position =
-            |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.to_mm_or_rad(*deg));
-        dwell_scan(
-            nest,
-            label,
-            kind,
-            angles.iter().map(position).collect(),
-            nest.settings.feed_deg_min,
-        )
+        let position = |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.to_mm_or_rad(*deg));
+        dwell_scan(nest, label, kind, angles.iter().map(position).collect(), nest.settings.feed_deg_min)
     };
     Ok(vec![
         turn(REFERENCE_LABEL, StepKind::Reference, reference),
@@ -105,18 +95,12 @@ fn turn_scans(nest: &SensorNest<'_>) -> Result<Vec<Step>, MethodRefusal> {
 /// The axis limits do not allow a revolution.
 fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusal> {
     let positions = nest.settings.positions;
-    let steps = RevolutionSteps { positions, revolutions: 1, lead_steps: 0 }
-        .range_within_limits(nest.plan, nest.axis)?;
+    let steps =
+        RevolutionSteps { positions, revolutions: 1, lead_steps: 0 }.range_within_limits(nest.plan, nest.axis)?;
     Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 
-fn dwell_scan(
-    nest: &SensorNest<'_>,
-    label: &str,
-    kind: StepKind,
-    path: Vec<Position>,
-    feed_mm_min: f64,
-) -> Step {
+fn dwell_scan(nest: &SensorNest<'_>, label: &str, kind: StepKind, path: Vec<Position>, feed_mm_min: f64) -> Step {
     let Settings { dwell_s, samples, .. } = *nest.settings;
     let scan = Scan { path, sampling: Sampling::Dwell { dwell_s, samples } };
     Step {

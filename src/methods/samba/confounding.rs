@@ -14,13 +14,8 @@ use machine::{Axis, Position, frame::Point};
 /// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
 /// all directions.
 const TEST_POSE_COUNT: usize = 60;
-const TEST_BALLS_MM: [[f64; 3]; 5] = [
-    [-152.0, 11.0, 41.0],
-    [149.0, -23.0, 57.0],
-    [160.0, 161.0, 178.0],
-    [-158.0, 137.0, 95.0],
-    [31.0, -166.0, 76.0],
-];
+const TEST_BALLS_MM: [[f64; 3]; 5] =
+    [[-152.0, 11.0, 41.0], [149.0, -23.0, 57.0], [160.0, 161.0, 178.0], [-158.0, 137.0, 95.0], [31.0, -166.0, 76.0]];
 /// Their square roots give angles that repeat in no axis.
 const ANGLE_PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 /// Stylus on the axis of the spindle, mm. Only there is a tilt of the spindle equivalent to an offset.
@@ -115,11 +110,7 @@ impl MeasuringConditions<'_> {
     }
 
     /// What `error` is inseparable from, given the errors `identified`; `None` if it is separable.
-    pub fn confounding(
-        &self,
-        error: ErrorParameter,
-        identified: &[ErrorParameter],
-    ) -> Option<Confounding> {
+    pub fn confounding(&self, error: ErrorParameter, identified: &[ErrorParameter]) -> Option<Confounding> {
         let all = [identified, &[error]].concat();
         let UnknownColumns { stylus, balls, mut machine } = self.columns(&all);
         let column = machine.pop()?;
@@ -127,20 +118,14 @@ impl MeasuringConditions<'_> {
         let stylus = free.iter().map(|k| stylus[*k].clone());
         let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
         let shares = find_linear_combination(&known, &column, min_independent_share(&error))?;
-        let is_named = |j: usize| {
-            column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * column_norm(&column)
-        };
+        let is_named =
+            |j: usize| column_norm(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * column_norm(&column);
         let of_errors = identified.iter().map(|known| (known.to_string(), error_kind(*known)));
-        let of_stylus =
-            free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), ErrorKind::Offset));
+        let of_stylus = free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), ErrorKind::Offset));
         let mut confounding = Confounding::default();
-        for (j, (name, name_kind)) in
-            of_errors.chain(of_stylus).enumerate().filter(|(j, _)| is_named(*j))
-        {
+        for (j, (name, name_kind)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| is_named(*j)) {
             let share = shares[j];
-            if name_kind == error_kind(error)
-                && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE
-            {
+            if name_kind == error_kind(error) && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE {
                 let sign = if share < 0.0 { '-' } else { '+' };
                 confounding.sums.push(format!("{name} is reported as {name} {sign} {error}"));
             }
@@ -157,15 +142,11 @@ impl MeasuringConditions<'_> {
         let mut stylus = vec![Vec::new(); 3];
         let mut balls = vec![Vec::new(); 3 * positions.len()];
         let mut machine = vec![Vec::new(); errors.len()];
-        for (pose, ball) in
-            (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b)))
-        {
+        for (pose, ball) in (0..TEST_POSE_COUNT).flat_map(|pose| (0..positions.len()).map(move |b| (pose, b))) {
             let Some(position) = self.pose_at(pose, positions[ball]) else { continue };
-            let of_errors =
-                self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
+            let of_errors = self.chain.jacobian(&position, Point::from_vec(TEST_STYLUS_MM), &[], errors);
             let table = self.chain.machine_from_table(&position, &[]).rotation;
-            let of_stylus =
-                table.inverse() * self.chain.machine_from_spindle(&position, &[]).rotation;
+            let of_stylus = table.inverse() * self.chain.machine_from_spindle(&position, &[]).rotation;
             for axis in 0..3 {
                 let own = |j| f64::from(u8::from(j == 3 * ball + axis));
                 balls.iter_mut().enumerate().for_each(|(j, column)| column.push(own(j)));
@@ -190,8 +171,7 @@ impl MeasuringConditions<'_> {
     /// Positions of the balls, in pairs for the certified lengths first; and the directions of the lengths.
     fn ball_positions(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
         const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
-        let lengths =
-            if self.length_directions.is_empty() { ALONG_X } else { self.length_directions };
+        let lengths = if self.length_directions.is_empty() { ALONG_X } else { self.length_directions };
         let mut positions = Vec::new();
         for (along, centre) in lengths.iter().zip(TEST_BALLS_MM.iter().cycle()) {
             let middle = Vector3::from(*centre) * 0.3;

@@ -44,14 +44,12 @@ impl GeometrySolution<'_> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
                 let centres = &self.observed.centres;
-                let visits: Vec<usize> =
-                    (0..centres.len()).filter(|i| centres[*i].ball == ball).collect();
+                let visits: Vec<usize> = (0..centres.len()).filter(|i| centres[*i].ball == ball).collect();
                 (1..visits.len()).map(move |split| (visits.clone(), split))
             })
             .collect();
         let steps = candidates.iter().map(|(visits, split)| self.ball_step(visits, *split));
-        let (best, (reduction, step)) =
-            steps.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
+        let (best, (reduction, step)) = steps.enumerate().max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b))?;
         let (visits, split) = &candidates[best];
         let variance = (self.chi2() - reduction) / self.dof().checked_sub(3)?.max(1) as f64;
         let probability = 1.0 - 2.0 * FALSE_ALARM_PROBABILITY / candidates.len() as f64;
@@ -66,8 +64,7 @@ impl GeometrySolution<'_> {
     /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
     fn describe_moved_ball(&self, visits: &[usize], split: usize, um: f64) -> String {
         let centre = |visit: usize| &self.observed.centres[visits[visit]];
-        let (ball, before) =
-            (self.ball_id(centre(split).ball), centre(split - 1).label.indexation_number());
+        let (ball, before) = (self.ball_id(centre(split).ball), centre(split - 1).label.indexation_number());
         let after = centre(split).label.indexation_number();
         let single = match split {
             1 => format!("its first measurement, at indexation {before}, is wrong"),
@@ -76,8 +73,7 @@ impl GeometrySolution<'_> {
             }
             _ => String::new(),
         };
-        let alternative =
-            if single.is_empty() { single } else { format!(", or {single} (dirt, a loose ball)") };
+        let alternative = if single.is_empty() { single } else { format!(", or {single} (dirt, a loose ball)") };
         format!(
             "ball {ball} probably moved by {um:.1} µm between its measurements at indexations \
              {before} and {after}{alternative}: tighten the ball and measure again"
@@ -91,8 +87,7 @@ impl GeometrySolution<'_> {
             let mut column = vec![0.0; self.minimum.residuals.len()];
             for centre in visits.iter().skip(split) {
                 let effect = -(self.problem.weight(*centre) * axis.direction());
-                column[self.problem.measurement_row(*centre)..][..3]
-                    .copy_from_slice(effect.as_slice());
+                column[self.problem.measurement_row(*centre)..][..3].copy_from_slice(effect.as_slice());
             }
             self.minimum.factored.remainder(&column)
         };
@@ -153,8 +148,7 @@ impl GeometrySolution<'_> {
     pub fn under_measured_balls(&self) -> Vec<String> {
         let lines = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
             let centres = self.observed.centres.iter().filter(|centre| centre.ball == ball);
-            let positions: std::collections::BTreeSet<usize> =
-                centres.map(|s| s.commanded_index).collect();
+            let positions: std::collections::BTreeSet<usize> = centres.map(|s| s.commanded_index).collect();
             (positions.len() < 3).then(|| {
                 format!(
                     "ball {} was measured at {} indexations: fewer than three determine only its \

@@ -94,25 +94,10 @@ impl GeometryProblem {
             }
         }
         let zero = vec![0.0; model.parameters().len()];
-        let machine_from_table: Vec<Matrix3<f64>> = positions
-            .iter()
-            .map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse())
-            .collect();
-        let weights = measurements
-            .iter()
-            .map(|s| s.whitening * machine_from_table[s.position_index])
-            .collect();
-        Self {
-            model,
-            stylus,
-            positions,
-            measurements,
-            certified_lengths,
-            groups,
-            ball_unknowns,
-            weights,
-            first_rows,
-        }
+        let machine_from_table: Vec<Matrix3<f64>> =
+            positions.iter().map(|position| model.tip_function(position, &zero, Vector3::zeros()).inverse()).collect();
+        let weights = measurements.iter().map(|s| s.whitening * machine_from_table[s.position_index]).collect();
+        Self { model, stylus, positions, measurements, certified_lengths, groups, ball_unknowns, weights, first_rows }
     }
 
     pub fn model(&self) -> &GeometryModel {
@@ -182,13 +167,10 @@ impl GeometryProblem {
             x[first + i] = self.stylus[*k];
         }
         let mut counts = vec![0.0; self.ball_unknowns.len()];
-        for (measurement, tip) in
-            self.measurements.iter().zip(self.measured_positions(&x, measured))
-        {
+        for (measurement, tip) in self.measurements.iter().zip(self.measured_positions(&x, measured)) {
             counts[measurement.ball] += 1.0;
             let first = self.ball_unknowns[measurement.ball];
-            let mean =
-                vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball];
+            let mean = vector_at(&x, first) + (tip - vector_at(&x, first)) / counts[measurement.ball];
             set_vector(&mut x, first, mean);
         }
         x
@@ -198,22 +180,15 @@ impl GeometryProblem {
     ///
     /// # Errors
     /// The measurements do not separate the unknowns; the iteration does not converge.
-    pub fn solve(
-        &self,
-        measured: &ObservedValues,
-        start: Vec<f64>,
-    ) -> Result<NonlinearSolution, NonlinearError> {
+    pub fn solve(&self, measured: &ObservedValues, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {
         minimise_squares(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
     }
 
     /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
     pub fn measured_positions(&self, x: &[f64], measured: &ObservedValues) -> Vec<Vector3<f64>> {
         let (errors, tool) = self.errors_and_stylus(x);
-        let tip_functions: Vec<_> = self
-            .positions
-            .iter()
-            .map(|position| self.model.tip_function(position, errors, tool))
-            .collect();
+        let tip_functions: Vec<_> =
+            self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect();
         self.measurements
             .iter()
             .zip(&measured.xyz)
@@ -248,22 +223,17 @@ impl GeometryProblem {
     }
 
     fn length_vector(&self, x: &[f64], bar: &LengthConstraint) -> Vector3<f64> {
-        vector_at(x, self.ball_unknowns[bar.to_ball])
-            - vector_at(x, self.ball_unknowns[bar.from_ball])
+        vector_at(x, self.ball_unknowns[bar.to_ball]) - vector_at(x, self.ball_unknowns[bar.from_ball])
     }
 
     /// The model linearised at `x`, group by group.
     pub fn rows(&self, x: &[f64], measured: &ObservedValues) -> Vec<BlockRows> {
         let (errors, tool) = self.errors_and_stylus(x);
-        let models: Vec<IndexationModel> = self
-            .positions
-            .par_iter()
-            .map(|position| self.model.at_indexation(position, errors, tool))
-            .collect();
+        let models: Vec<IndexationModel> =
+            self.positions.par_iter().map(|position| self.model.at_indexation(position, errors, tool)).collect();
         let group_rows = |group: &BallGroup| {
             let count = 3 * group.measurements.len() + group.certified_lengths.len();
-            let mut rows =
-                BlockRows::zeros(count, 3 * group.balls.len(), self.shared_unknown_count());
+            let mut rows = BlockRows::zeros(count, 3 * group.balls.len(), self.shared_unknown_count());
             let first = self.ball_unknowns[group.balls[0]];
             for (n, i) in group.measurements.iter().enumerate() {
                 let indexed = &models[self.measurements[*i].position_index];
@@ -271,14 +241,7 @@ impl GeometryProblem {
             }
             for (n, i) in group.certified_lengths.iter().enumerate() {
                 let row = 3 * group.measurements.len() + n;
-                self.fill_length_row(
-                    &mut rows,
-                    row,
-                    first,
-                    &self.certified_lengths[*i],
-                    x,
-                    measured.lengths[*i],
-                );
+                self.fill_length_row(&mut rows, row, first, &self.certified_lengths[*i], x, measured.lengths[*i]);
             }
             rows
         };
@@ -298,8 +261,7 @@ impl GeometryProblem {
         x: &[f64],
         xyz: Vector3<f64>,
     ) {
-        let (weight, ball_unknown) =
-            (self.weights[i], self.ball_unknowns[self.measurements[i].ball]);
+        let (weight, ball_unknown) = (self.weights[i], self.ball_unknowns[self.measurements[i].ball]);
         let value = weight * (vector_at(x, ball_unknown) - indexed.tip(xyz));
         (0..3).for_each(|k| rows.set_value(row + k, value[k]));
         let mut set = |j: usize, column: Vector3<f64>| {
@@ -339,11 +301,8 @@ impl GeometryProblem {
     /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
     pub fn ideal_values(&self, x: &[f64]) -> ObservedValues {
         let (errors, tool) = self.errors_and_stylus(x);
-        let tip_functions: Vec<AffinePoint> = self
-            .positions
-            .iter()
-            .map(|position| self.model.tip_function(position, errors, tool))
-            .collect();
+        let tip_functions: Vec<AffinePoint> =
+            self.positions.iter().map(|position| self.model.tip_function(position, errors, tool)).collect();
         let xyz = self.measurements.iter().map(|measurement| {
             let tip = &tip_functions[measurement.position_index];
             let ball = vector_at(x, self.ball_unknowns[measurement.ball]);
@@ -362,10 +321,8 @@ fn group_balls(
 ) -> Vec<BallGroup> {
     let mut group_of: Vec<usize> = (0..balls).collect();
     for bar in certified_lengths {
-        let (kept, merged) = (
-            group_of[bar.from_ball].min(group_of[bar.to_ball]),
-            group_of[bar.from_ball].max(group_of[bar.to_ball]),
-        );
+        let (kept, merged) =
+            (group_of[bar.from_ball].min(group_of[bar.to_ball]), group_of[bar.from_ball].max(group_of[bar.to_ball]));
         group_of.iter_mut().filter(|group| **group == merged).for_each(|group| *group = kept);
     }
     let mut groups = vec![BallGroup::default(); balls];
@@ -374,10 +331,7 @@ fn group_balls(
         .iter()
         .enumerate()
         .for_each(|(i, measurement)| groups[group_of[measurement.ball]].measurements.push(i));
-    certified_lengths
-        .iter()
-        .enumerate()
-        .for_each(|(i, bar)| groups[group_of[bar.from_ball]].certified_lengths.push(i));
+    certified_lengths.iter().enumerate().for_each(|(i, bar)| groups[group_of[bar.from_ball]].certified_lengths.push(i));
     groups.retain(|group| !group.balls.is_empty());
     groups
 }

@@ -5,9 +5,7 @@ use super::outputs;
 use super::settings::Settings;
 use super::solution::{GeometrySolution, solve_geometry};
 use crate::IdentifyError;
-use crate::identification::{
-    self, FitFigures, LeastSquares, Solution, TrialPlan, UncertaintySource,
-};
+use crate::identification::{self, FitFigures, LeastSquares, Solution, TrialPlan, UncertaintySource};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -26,11 +24,7 @@ const STABLE_DIGITS: u32 = 1;
 /// A sphere fit is so nearly linear that touches drawn and fitted one by one give the same u to two digits,
 /// even with ten times the scatter of a probe
 /// (`regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do`).
-pub fn identify(
-    plan: &Plan,
-    settings: &Settings,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let solved = solve_geometry(plan, settings, readings)?;
     let GeometrySolution { problem, sources, measured, minimum, survey, .. } = &solved;
     let solution = Solution {
@@ -46,13 +40,8 @@ pub fn identify(
     Ok(outputs::build_estimate(&solved, &identified))
 }
 
-fn trial_plan(
-    settings: &Settings,
-    problem: &GeometryProblem,
-    sources: &[UncertaintySource],
-) -> TrialPlan {
-    let draws =
-        sources.iter().flat_map(|s| (0..s.draw_count()).map(|draw| s.draw_span(draw).1.len()));
+fn trial_plan(settings: &Settings, problem: &GeometryProblem, sources: &[UncertaintySource]) -> TrialPlan {
+    let draws = sources.iter().flat_map(|s| (0..s.draw_count()).map(|draw| s.draw_span(draw).1.len()));
     let operations = draws.sum::<usize>() + 100 * problem.row_count() + 1;
     let max = (MAX_OPERATIONS / operations).clamp(MIN_ADAPTIVE_TRIALS, 200_000);
     TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max)

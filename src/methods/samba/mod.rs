@@ -18,19 +18,14 @@ pub mod tests;
 mod warnings;
 
 pub use crate::identification::LeastSquares;
-pub use fit::{
-    BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues,
-};
+pub use fit::{BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues};
 pub use model::GeometryModel;
 pub use settings::Settings;
 
 use std::sync::Arc;
 
 use self::design::DesignSetup;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use crate::ball_measurement::{self, BallVisit, VisitCache};
 use crate::identification::{
     describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
@@ -48,9 +43,7 @@ pub struct Samba {
 impl Samba {
     fn visits(&self, setup: &DesignSetup<'_>) -> Result<Arc<[BallVisit]>, MethodRefusal> {
         self.visits_cache.get_or_design(setup.plan, || {
-            design::design_visits(setup, |visits| {
-                ball_measurement::machine_time_s(&setup.measurement_setup(), visits)
-            })
+            design::design_visits(setup, |visits| ball_measurement::machine_time_s(&setup.measurement_setup(), visits))
         })
     }
 }
@@ -75,12 +68,7 @@ impl Method for Samba {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = DesignSetup::new(plan, &self.settings)?;
         let visits = self.visits(&setup)?;
         ball_measurement::next_stage(&setup.measurement_setup(), &visits, done, source)
@@ -91,13 +79,11 @@ impl Method for Samba {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let settings =
-            Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings = Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
         let estimate = identify::identify(&with_assumed_repeatability(plan), &settings, &readings)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;
-        let of_machine =
-            describe_expected_uncertainty(&estimate, |parameter| parameter.symbol.starts_with('E'));
+        let of_machine = describe_expected_uncertainty(&estimate, |parameter| parameter.symbol.starts_with('E'));
         let lines = of_machine.into_iter().chain(describe_assumed_repeatability(plan));
         Ok(lines.chain(estimate.not_identifiable).collect())
     }

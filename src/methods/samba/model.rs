@@ -51,12 +51,9 @@ impl GeometryModel {
         fixed_axes: Vec<Axis>,
         length_directions: Vec<Vector3<f64>>,
     ) -> Self {
-        let free_stylus = MeasuringConditions {
-            chain: &chain,
-            fixed_axes: &fixed_axes,
-            length_directions: &length_directions,
-        }
-        .free_stylus_coordinates();
+        let free_stylus =
+            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions }
+                .free_stylus_coordinates();
         Self { chain, parameters, fixed_axes, length_directions, free_stylus }
     }
 
@@ -87,13 +84,7 @@ impl GeometryModel {
     /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which the
     /// stylus ball centre coincides with it). `errors` are in the order of the parameters, mm, rad, mm/mm;
     /// `tool` is the stylus from the spindle datum, mm.
-    pub fn rows(
-        &self,
-        position: &Position,
-        errors: &[f64],
-        tool: Vector3<f64>,
-        ball: Vector3<f64>,
-    ) -> MeasurementRows {
+    pub fn rows(&self, position: &Position, errors: &[f64], tool: Vector3<f64>, ball: Vector3<f64>) -> MeasurementRows {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         MeasurementRows {
             misclosure: self.chain.tip_in_table(position, tip, &terms).mm - ball,
@@ -115,12 +106,7 @@ impl GeometryModel {
     }
 
     /// The tip on the table as a function of X, Y, Z, with the rotary axes and the spindle as in `position`.
-    pub fn tip_function(
-        &self,
-        position: &Position,
-        errors: &[f64],
-        tool: Vector3<f64>,
-    ) -> AffinePoint {
+    pub fn tip_function(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> AffinePoint {
         let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
         let zero = position.filter_axes(|axis| !axis.is_linear());
         AffinePoint {
@@ -130,12 +116,7 @@ impl GeometryModel {
     }
 
     /// The results of [`GeometryModel::rows`] for all X, Y, Z, with the rotary axes and the spindle as in `position`.
-    pub fn at_indexation(
-        &self,
-        position: &Position,
-        errors: &[f64],
-        tool: Vector3<f64>,
-    ) -> IndexationModel {
+    pub fn at_indexation(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> IndexationModel {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         let derivatives = |xyz: Vector3<f64>| {
             let position = position.updated_by(&Position::from_xyz(xyz));
@@ -143,9 +124,10 @@ impl GeometryModel {
         };
         let columns = derivatives(Vector3::zeros());
         let steps = Axis::LINEAR.map(|axis| derivatives(axis.direction() * AFFINE_STEP_MM));
-        let machine = columns.iter().enumerate().map(|(k, column)| {
-            AffinePoint::from_values(*column, [0, 1, 2].map(|axis: usize| steps[axis][k]))
-        });
+        let machine = columns
+            .iter()
+            .enumerate()
+            .map(|(k, column)| AffinePoint::from_values(*column, [0, 1, 2].map(|axis: usize| steps[axis][k])));
         IndexationModel {
             tip: self.tip_function(position, errors, tool),
             error_functions: machine.collect(),

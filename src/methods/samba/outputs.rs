@@ -8,9 +8,7 @@ use super::fit::vector_at;
 use super::omitted_errors::{OmittedError, describe_omitted_errors, omitted_errors};
 use super::solution::GeometrySolution;
 use super::warnings::{self, describe_rotary_position};
-use crate::identification::{
-    Identification, Output, Outputs, describe_aliased_orders, reported_unit,
-};
+use crate::identification::{Identification, Output, Outputs, describe_aliased_orders, reported_unit};
 use machine::kinematics::{ErrorParameter, ErrorShape};
 use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
@@ -47,12 +45,7 @@ fn not_identifiable(
     omitted: &[OmittedError],
 ) -> Vec<String> {
     let angles = |axis: Axis| -> Vec<f64> {
-        solved
-            .observed
-            .commanded_positions
-            .iter()
-            .map(|position| position.get_or_zero(axis))
-            .collect()
+        solved.observed.commanded_positions.iter().map(|position| position.get_or_zero(axis)).collect()
     };
     let axes = solved.problem.model().chain().topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear());
@@ -86,20 +79,11 @@ fn residual_arrows(solved: &GeometrySolution<'_>, identified: &Identification) -
         }
     };
     let group = |(index, position): (usize, &Position)| {
-        let at_position =
-            (0..residuals.len()).filter(|i| observed.centres[*i].commanded_index == index);
-        ArrowGroup {
-            name: describe_rotary_position(position),
-            arrows: at_position.map(arrow).collect(),
-        }
+        let at_position = (0..residuals.len()).filter(|i| observed.centres[*i].commanded_index == index);
+        ArrowGroup { name: describe_rotary_position(position), arrows: at_position.map(arrow).collect() }
     };
     let groups = observed.commanded_positions.iter().enumerate().map(group).collect();
-    ArrowFigure {
-        symbol: "residuals".to_owned(),
-        unit: Unit::Um,
-        groups,
-        figure: VectorKind::Arrows,
-    }
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
 }
 
 /// The direction in the scaled unknowns that the measurements determine least.
@@ -126,35 +110,27 @@ fn weakest_direction(solved: &GeometrySolution<'_>) -> Option<String> {
 fn gauge_lines(solved: &GeometrySolution<'_>, omitted: &[OmittedError]) -> Vec<String> {
     let model = solved.problem.model();
     let reported = omitted.iter().map(|omitted| omitted.error);
-    let reported: Vec<ErrorParameter> =
-        reported.chain(model.parameters().iter().copied()).collect();
+    let reported: Vec<ErrorParameter> = reported.chain(model.parameters().iter().copied()).collect();
     let held: Vec<String> = model
         .chain()
         .topology()
         .axes()
         .flat_map(|axis| Axis::ALL.map(|component| (component, axis)))
-        .filter_map(|(component, axis)| {
-            ErrorParameter::new(component, axis, ErrorShape::Location).ok()
-        })
+        .filter_map(|(component, axis)| ErrorParameter::new(component, axis, ErrorShape::Location).ok())
         .filter(|error| !reported.contains(error))
         .map(|error| error.to_string())
         .collect();
     let mut lines = vec![
         format!("held at zero, because equivalent to reported errors: {}", held.join(", ")),
-        "ball coordinates: in the table frame of the identified machine, all rotary axes at zero"
-            .to_owned(),
+        "ball coordinates: in the table frame of the identified machine, all rotary axes at zero".to_owned(),
         "the result describes the machine at the middle of the measurement".to_owned(),
     ];
-    let unrequested: Vec<String> =
-        omitted.iter().filter_map(OmittedError::unrequested_name).collect();
+    let unrequested: Vec<String> = omitted.iter().filter_map(OmittedError::unrequested_name).collect();
     if !unrequested.is_empty() {
         lines.push(format!("held at zero, because not requested: {}", unrequested.join(", ")));
     }
     for k in (0..3).filter(|k| !model.free_stylus_coordinates().contains(k)) {
-        lines.push(format!(
-            "tool_{} keeps its stated value: it only shifts all balls equally",
-            ["x", "y", "z"][k]
-        ));
+        lines.push(format!("tool_{} keeps its stated value: it only shifts all balls equally", ["x", "y", "z"][k]));
     }
     if !model.chain().topology().contains(Axis::S) {
         lines.push("tool_x and tool_y include the offset of the spindle (EX0S, EY0S)".to_owned());

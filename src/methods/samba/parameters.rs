@@ -39,10 +39,7 @@ pub fn select_parameters(
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {
         let parameter = name.parse().map_err(|why| refuse_parameters(format!("{why}")))?;
-        conditions
-            .chain
-            .check_parameter(parameter)
-            .map_err(|why| refuse_parameters(format!("{why}")))?;
+        conditions.chain.check_parameter(parameter).map_err(|why| refuse_parameters(format!("{why}")))?;
         if parameters.contains(&parameter) {
             return Err(refuse_parameters(format!("`{name}` is listed twice")));
         }
@@ -109,14 +106,11 @@ mod tests {
     #[track_caller]
     fn check(topology: &str, expected: &[&str]) {
         let chain = KinematicChain::new(&machine(topology)).unwrap();
-        let mut found: Vec<String> = implied_parameters(MeasuringConditions {
-            chain: &chain,
-            fixed_axes: &[],
-            length_directions: &[],
-        })
-        .iter()
-        .map(ToString::to_string)
-        .collect();
+        let mut found: Vec<String> =
+            implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[], length_directions: &[] })
+                .iter()
+                .map(ToString::to_string)
+                .collect();
         let mut expected = expected.to_vec();
         println!("{topology}: {found:?}");
         found.sort();
@@ -127,10 +121,8 @@ mod tests {
     /// The topology of paper 4 implies the thirteen errors of its table 2.
     #[test]
     fn paper_4_thirteen_errors_are_implied() {
-        let thirteen = [
-            "EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1",
-            "EYY1", "EZZ1",
-        ];
+        let thirteen =
+            ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C", "EB0Z", "EA0Y", "EC0Y", "EY0S", "EX0S", "EXX1", "EYY1", "EZZ1"];
         check("wCBXFZYSt", &thirteen);
     }
 
@@ -143,14 +135,8 @@ mod tests {
         let gains = ["EXX1", "EYY1", "EZZ1"];
         let with_gains = |names: &[&'static str]| [names, &gains].concat();
         let squareness = ["EA0Z", "EB0Z", "EC0Y"];
-        check(
-            "wCAYFXZt",
-            &with_gains(&[&squareness[..], &["EY0C", "EA0C", "EB0C", "EB0A", "EC0A"]].concat()),
-        );
-        check(
-            "wAFXYZBt",
-            &with_gains(&[&squareness[..], &["EZ0B", "EA0B", "EC0B", "EB0A", "EC0A"]].concat()),
-        );
+        check("wCAYFXZt", &with_gains(&[&squareness[..], &["EY0C", "EA0C", "EB0C", "EB0A", "EC0A"]].concat()));
+        check("wAFXYZBt", &with_gains(&[&squareness[..], &["EZ0B", "EA0B", "EC0B", "EB0A", "EC0A"]].concat()));
         let four = [&squareness[..], &["EA0C", "EB0C", "EXX1", "EYY1"]].concat();
         check("wCFXYZt", &four);
         check("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
@@ -168,8 +154,7 @@ mod tests {
     fn regress_gains_follow_the_certified_lengths() {
         let x = nalgebra::Vector3::new(304.8, 0.0, -0.42).normalize();
         let slant = nalgebra::Vector3::new(-0.99, 0.12, 0.05).normalize();
-        let (y, diagonal) =
-            (nalgebra::Vector3::y(), nalgebra::Vector3::new(1.0, 1.0, 0.0).normalize());
+        let (y, diagonal) = (nalgebra::Vector3::y(), nalgebra::Vector3::new(1.0, 1.0, 0.0).normalize());
         for (topology, lengths, gains) in [
             ("wBFXYZt", vec![x], vec!["EXX1", "EZZ1"]),
             ("wBFXYZt", vec![slant], vec!["EXX1", "EZZ1"]),
@@ -181,11 +166,8 @@ mod tests {
             ("wCFXYZt", vec![x], vec!["EXX1", "EYY1"]),
         ] {
             let chain = KinematicChain::new(&machine(topology)).unwrap();
-            let set = implied_parameters(MeasuringConditions {
-                chain: &chain,
-                fixed_axes: &[],
-                length_directions: &lengths,
-            });
+            let set =
+                implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[], length_directions: &lengths });
             let found = set.iter().filter(|error| error.shape() == ErrorShape::Gain);
             let found: Vec<String> = found.map(ToString::to_string).collect();
             assert_eq!(found, gains, "{topology}, {lengths:?}");
@@ -197,8 +179,7 @@ mod tests {
     fn regress_a_head_that_stands_has_no_errors_of_its_own() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {
             let (with_head, plain) = (machine(topology), machine(without));
-            let (head, plain) =
-                (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());
+            let (head, plain) = (KinematicChain::new(&with_head).unwrap(), KinematicChain::new(&plain).unwrap());
             let stands = implied_parameters(MeasuringConditions {
                 chain: &head,
                 fixed_axes: &[Axis::B],
@@ -206,20 +187,11 @@ mod tests {
             });
             assert_eq!(
                 stands,
-                implied_parameters(MeasuringConditions {
-                    chain: &plain,
-                    fixed_axes: &[],
-                    length_directions: &[]
-                }),
+                implied_parameters(MeasuringConditions { chain: &plain, fixed_axes: &[], length_directions: &[] }),
                 "{topology}"
             );
             assert!(
-                implied_parameters(MeasuringConditions {
-                    chain: &head,
-                    fixed_axes: &[],
-                    length_directions: &[]
-                })
-                .len()
+                implied_parameters(MeasuringConditions { chain: &head, fixed_axes: &[], length_directions: &[] }).len()
                     > stands.len()
             );
         }
@@ -231,14 +203,11 @@ mod tests {
     #[test]
     fn a_spindle_that_does_not_turn_has_no_place_of_its_own() {
         let chain = KinematicChain::new(&machine("wCBXFZYSt")).unwrap();
-        let names: Vec<String> = implied_parameters(MeasuringConditions {
-            chain: &chain,
-            fixed_axes: &[Axis::S],
-            length_directions: &[],
-        })
-        .iter()
-        .map(ToString::to_string)
-        .collect();
+        let names: Vec<String> =
+            implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[Axis::S], length_directions: &[] })
+                .iter()
+                .map(ToString::to_string)
+                .collect();
         assert_eq!(names.len(), 11, "{names:?}");
         assert!(!names.contains(&"EX0S".to_owned()));
     }
@@ -250,11 +219,7 @@ mod tests {
             let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
             select_parameters(
                 &names,
-                MeasuringConditions {
-                    chain: &chain,
-                    fixed_axes: &[Axis::S],
-                    length_directions: &[],
-                },
+                MeasuringConditions { chain: &chain, fixed_axes: &[Axis::S], length_directions: &[] },
             )
         };
         assert_eq!(ask(&["EXC_sin2", "EA0C"]).unwrap().len(), 2);

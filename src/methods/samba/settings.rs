@@ -139,10 +139,7 @@ impl Settings {
         self.touch_settings().check()?;
         MethodRefusal::require(
             (1..=MAX_BALL_MEASUREMENTS).contains(&self.balls) && self.indexations > 0,
-            format!(
-                "a budget of {} balls at {} indexations is not possible",
-                self.balls, self.indexations
-            ),
+            format!("a budget of {} balls at {} indexations is not possible", self.balls, self.indexations),
             "omit balls and indexations (defaults 109 and 32), or choose up to 2000 balls",
         )?;
         MethodRefusal::require(

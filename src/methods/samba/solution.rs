@@ -61,23 +61,10 @@ pub fn solve_geometry<'a>(
         .map_err(|why| unsolved_error(why, &names))?;
     // First the spheres are fitted on the nominal machine, then on the identified one.
     let matrices = problem.motion_matrices(&start.x);
-    observed
-        .refit(&matrices)
-        .map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
+    observed.refit(&matrices).map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
     let measured = observed_values(&observed, &balls.lengths);
     let minimum = problem.solve(&measured, start.x).map_err(|why| unsolved_error(why, &names))?;
-    Ok(GeometrySolution {
-        plan,
-        settings,
-        observed,
-        balls,
-        problem,
-        sources,
-        names,
-        survey,
-        measured,
-        minimum,
-    })
+    Ok(GeometrySolution { plan, settings, observed, balls, problem, sources, names, survey, measured, minimum })
 }
 
 impl GeometrySolution<'_> {
@@ -92,12 +79,7 @@ impl GeometrySolution<'_> {
         let Self { problem, minimum, .. } = self;
         let tips = problem.measured_positions(&minimum.x, &self.measured);
         let ball = |ball| vector_at(&minimum.x, problem.ball_unknown(ball));
-        self.observed
-            .centres
-            .iter()
-            .zip(tips)
-            .map(|(centre, tip)| tip - ball(centre.ball))
-            .collect()
+        self.observed.centres.iter().zip(tips).map(|(centre, tip)| tip - ball(centre.ball)).collect()
     }
 }
 
@@ -136,21 +118,13 @@ fn refuse_no_measurement(left_out: &[String], readings: &[Reading]) -> MethodRef
 }
 
 /// The model of the machine with the selected errors.
-fn build_model(
-    plan: &Plan,
-    settings: &Settings,
-    balls: &Balls,
-) -> Result<GeometryModel, IdentifyError> {
-    let refused =
-        |why: String| MethodRefusal { reason: why, remedy: "correct the machine file".to_owned() };
+fn build_model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<GeometryModel, IdentifyError> {
+    let refused = |why: String| MethodRefusal { reason: why, remedy: "correct the machine file".to_owned() };
     let chain = KinematicChain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
     let fixed_axes = parameters::fixed_axes(plan, settings, &chain);
     let length_directions = length_directions(balls);
-    let conditions = MeasuringConditions {
-        chain: &chain,
-        fixed_axes: &fixed_axes,
-        length_directions: &length_directions,
-    };
+    let conditions =
+        MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
     let parameters = parameters::select_parameters(&settings.parameters, conditions)?;
     Ok(GeometryModel::from_parts(chain, parameters, fixed_axes, length_directions))
 }
@@ -193,22 +167,13 @@ fn build_problem(
     });
     let least = Matrix3::from_diagonal_element(MIN_MEASUREMENT_U_MM.powi(2));
     let covariances = block_covariances::<3>(sources, observed.centres.len());
-    let measurements =
-        observed.centres.iter().zip(covariances).map(|(centre, covariance)| BallMeasurement {
-            position_index: centre.rotary_index,
-            ball: centre.ball,
-            whitening: whitening_matrix(least + covariance),
-        });
-    let (positions, stylus) =
-        (observed.rotary_positions.clone(), Vector3::from(plan.machine.tool_mm));
-    GeometryProblem::new(
-        model,
-        positions,
-        measurements.collect(),
-        bars.collect(),
-        balls.balls.len(),
-        stylus,
-    )
+    let measurements = observed.centres.iter().zip(covariances).map(|(centre, covariance)| BallMeasurement {
+        position_index: centre.rotary_index,
+        ball: centre.ball,
+        whitening: whitening_matrix(least + covariance),
+    });
+    let (positions, stylus) = (observed.rotary_positions.clone(), Vector3::from(plan.machine.tool_mm));
+    GeometryProblem::new(model, positions, measurements.collect(), bars.collect(), balls.balls.len(), stylus)
 }
 
 fn unsolved_error(why: NonlinearError, names: &[String]) -> IdentifyError {
@@ -217,8 +182,7 @@ fn unsolved_error(why: NonlinearError, names: &[String]) -> IdentifyError {
 
 /// Names of all unknowns in their order: machine errors by their ISO names, stylus, balls.
 pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
-    let mut names: Vec<String> =
-        problem.model().parameters().iter().map(ToString::to_string).collect();
+    let mut names: Vec<String> = problem.model().parameters().iter().map(ToString::to_string).collect();
     let stylus = problem.model().free_stylus_coordinates().iter();
     names.extend(stylus.map(|k| format!("tool_{}", ["x", "y", "z"][*k])));
     names.resize(problem.unknown_count(), String::new());
@@ -234,11 +198,7 @@ pub fn unknown_names(problem: &GeometryProblem, balls: &Balls) -> Vec<String> {
 pub fn describe_undetermined(survey: &RankAnalysis, names: &[String]) -> Vec<String> {
     let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| {
         let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();
-        if gains > 1 {
-            format!("the uniform scale (declare a certified length): {line}")
-        } else {
-            line
-        }
+        if gains > 1 { format!("the uniform scale (declare a certified length): {line}") } else { line }
     });
     lines.collect()
 }

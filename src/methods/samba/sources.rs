@@ -2,9 +2,7 @@
 //! mm), then each certified length (mm).
 
 use super::model::length_u_parts_mm;
-use crate::ball_measurement::{
-    ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources,
-};
+use crate::ball_measurement::{ObservedBalls, angular_source, nonzero_spans, rotary_source, touch_sources};
 use crate::identification::{ObservationSpan, ResidualTreatment, UncertaintySource};
 use machine::kinematics::KinematicChain;
 use machine::record::artefact::CertifiedLength;

@@ -11,10 +11,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declaring_settings: "repeatability_um or error_motion_um",
 };
 
-pub fn estimate_warnings(
-    solved: &GeometrySolution<'_>,
-    identified: &Identification,
-) -> Vec<String> {
+pub fn estimate_warnings(solved: &GeometrySolution<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.observed.skipped_measurements.clone();
     lines.extend(misfit_warning(solved, identified));
     lines.extend(solved.moved_ball_warning());
@@ -47,8 +44,7 @@ fn describe_sag_errors(solved: &GeometrySolution<'_>) -> String {
         let offset = error.component().is_linear() && carried.contains(&error.axis());
         error.shape() == ErrorShape::Location && (error.component() == tilting || offset)
     };
-    let names: Vec<String> =
-        model.parameters().iter().filter(is_affected).map(ToString::to_string).collect();
+    let names: Vec<String> = model.parameters().iter().filter(is_affected).map(ToString::to_string).collect();
     if names.is_empty() {
         return String::new();
     }
@@ -61,19 +57,14 @@ fn ball_form_warnings(solved: &GeometrySolution<'_>) -> Vec<String> {
     let centres = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;
     let radius = |ball: usize| solved.balls.balls[ball].radius_mm + stylus;
-    let radius_errors: Vec<f64> =
-        centres.iter().map(|centre| centre.radius_mm - radius(centre.ball)).collect();
+    let radius_errors: Vec<f64> = centres.iter().map(|centre| centre.radius_mm - radius(centre.ball)).collect();
     let mut sorted = radius_errors.clone();
     sorted.sort_by(f64::total_cmp);
     let common = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let mut lines = Vec::new();
     for (centre, radius_error) in centres.iter().zip(&radius_errors) {
         let (form_um, off_um) = (centre.form_mm * 1e3, 2e3 * (radius_error - common));
-        let subject = format!(
-            "ball {} at indexation {}",
-            centre.label.ball,
-            centre.label.indexation_number()
-        );
+        let subject = format!("ball {} at indexation {}", centre.label.ball, centre.label.indexation_number());
         if form_um > solved.settings.form_limit_um {
             lines.push(format!(
                 "{subject}: the form error is {form_um:.1} µm: check for dirt, a loose ball or a \
@@ -118,7 +109,6 @@ fn unstable_trials_warning(identified: &Identification) -> Option<String> {
 /// Text of a rotary position, e.g. `B -30°, C 90°`.
 pub fn describe_rotary_position(position: &Position) -> String {
     let axes = position.iter().filter(|(axis, _)| !axis.is_linear());
-    let named: Vec<String> =
-        axes.map(|(axis, value)| format!("{axis} {:.0}°", axis.to_mm_or_deg(value))).collect();
+    let named: Vec<String> = axes.map(|(axis, value)| format!("{axis} {:.0}°", axis.to_mm_or_deg(value))).collect();
     named.join(", ")
 }

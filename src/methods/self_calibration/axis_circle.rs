@@ -15,8 +15,7 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
     let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.axis.axis);
     let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
-    let centre =
-        |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
+    let centre = |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
     let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };
     let own = [0, 1].map(|i| parts.identification.propagation.uncertainty(&slopes[i]));
     let centre_expanded = own.each_ref().map(|own| own.expanded() * 1e3);
@@ -38,7 +37,5 @@ pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
 
 /// E_total at each angle of the axis at the first height, mm.
 fn axis_points(layout: &UnknownsLayout, x: &[f64]) -> Vec<[f64; 2]> {
-    (0..layout.design.position_count)
-        .map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]])
-        .collect()
+    (0..layout.design.position_count).map(|i| [x[layout.ex_index(0, i)], x[layout.ey_index(0, i)]]).collect()
 }

@@ -72,9 +72,7 @@ impl Design {
             });
         }
         let probes = match &settings.probe_angles_deg {
-            Some(angles) => {
-                angles.iter().map(|deg| grid_index(*deg, n)).collect::<Result<_, _>>()?
-            }
+            Some(angles) => angles.iter().map(|deg| grid_index(*deg, n)).collect::<Result<_, _>>()?,
             None => default_probe_indices(n),
         };
         let design = Self { position_count: n, probe_indices: probes };
@@ -88,16 +86,14 @@ impl Design {
         if self.probe_indices.first() != Some(&0) || self.probe_indices.len() < 2 {
             return Err(MethodRefusal {
                 reason: "the first of the probe_angles_deg of Test 1 must be 0°, followed by at least one more \
-                    angle".to_owned(),
+                    angle"
+                    .to_owned(),
                 remedy,
             });
         }
         let twice = |(i, k): (usize, &usize)| self.probe_indices[..i].contains(k);
         if self.probe_indices.iter().enumerate().any(twice) {
-            return Err(MethodRefusal {
-                reason: "probe_angles_deg contains an angle twice".to_owned(),
-                remedy,
-            });
+            return Err(MethodRefusal { reason: "probe_angles_deg contains an angle twice".to_owned(), remedy });
         }
         let common = self.probe_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
         if common > 1 {
@@ -146,17 +142,11 @@ impl Design {
 
     fn grid_touch(&self, test: CalibrationTest, i: usize) -> GridTouch {
         match test {
-            CalibrationTest::One(probe) => {
-                GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] }
+            CalibrationTest::One(probe) => GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] },
+            CalibrationTest::Three => {
+                GridTouch { test, c_index: i, phi_index: (self.position_count - i) % self.position_count }
             }
-            CalibrationTest::Three => GridTouch {
-                test,
-                c_index: i,
-                phi_index: (self.position_count - i) % self.position_count,
-            },
-            CalibrationTest::Two | CalibrationTest::Reference(_) => {
-                GridTouch { test, c_index: 0, phi_index: i }
-            }
+            CalibrationTest::Two | CalibrationTest::Reference(_) => GridTouch { test, c_index: 0, phi_index: i },
         }
     }
 

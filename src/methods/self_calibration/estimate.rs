@@ -30,9 +30,7 @@ pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
     estimate.gauge = describe_gauge(parts, &estimate);
     estimate.not_identifiable = describe_not_identifiable(parts);
     let radial = RadialCheck::new(parts);
-    estimate
-        .not_identifiable
-        .extend(parts.identification.outlier_check.describe_detection_limits());
+    estimate.not_identifiable.extend(parts.identification.outlier_check.describe_detection_limits());
     if radial.higher.as_ref().is_some_and(|higher| higher.is_excessive) {
         estimate.verdict = Verdict::UndecidedModel;
     }
@@ -90,8 +88,7 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
     let mut lines = vec![
         "common scale of X and Y: inseparable from the radius R".to_owned(),
         "machine origin: fixed by the gauge".to_owned(),
-        "co-rotating first harmonic of the error motion: inseparable from the part's set-up"
-            .to_owned(),
+        "co-rotating first harmonic of the error motion: inseparable from the part's set-up".to_owned(),
     ];
     let n = parts.fit.layout.design.position_count;
     lines.push(format!(
@@ -132,17 +129,16 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String
             "the readings do not confirm the sense of {axis}: use an eccentric or lobed part, and a number \
             of positions divisible by 4"
         )),
-        SenseCheck::Contradicted => lines.push(format!(
-            "the readings contradict the stated sense of {axis}: check [axes.{axis}] positive"
-        )),
+        SenseCheck::Contradicted => {
+            lines.push(format!("the readings contradict the stated sense of {axis}: check [axes.{axis}] positive"))
+        }
     }
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
     lines.extend(parts.identification.outlier_check.warnings.iter().cloned());
     lines.extend(radial.warnings(axis));
     if !parts.has_times && parts.settings.drift_order > 0 {
         lines.push(
-            "the readings have no times: the drift was fitted over their order and the planned machine time"
-                .to_owned(),
+            "the readings have no times: the drift was fitted over their order and the planned machine time".to_owned(),
         );
     }
     lines.extend(describe_interruption_steps(parts));
@@ -158,17 +154,11 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
         let at = layout.step_index(quantity, gap);
         let slope = unit_slope(at, layout.unknowns());
         let expanded = parts.identification.propagation.uncertainty(&slope).expanded();
-        format!(
-            "{} {:+.2} ± {:.2}",
-            DRIFTING_QUANTITIES[quantity],
-            parts.fit.x[at] * 1e3,
-            expanded * 1e3
-        )
+        format!("{} {:+.2} ± {:.2}", DRIFTING_QUANTITIES[quantity], parts.fit.x[at] * 1e3, expanded * 1e3)
     };
     let mut lines: Vec<String> = (0..layout.gaps.len())
         .map(|gap| {
-            let steps: Vec<String> =
-                (0..DRIFTING_QUANTITIES.len()).map(|quantity| um(gap, quantity)).collect();
+            let steps: Vec<String> = (0..DRIFTING_QUANTITIES.len()).map(|quantity| um(gap, quantity)).collect();
             format!("interruption: a step was fitted and removed, {} µm", steps.join(", "))
         })
         .collect();

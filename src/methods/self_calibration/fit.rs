@@ -4,9 +4,7 @@ use faer::{Mat, MatRef, Scale};
 
 use super::model::{Observation, UnknownsLayout};
 use super::second_order::SecondOrderCorrection;
-use crate::identification::{
-    FitFigures, LinearFit, ObservationModel, Response, multiply_vector, rms,
-};
+use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply_vector, rms};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
@@ -43,8 +41,7 @@ impl Fit {
         second_order: bool,
     ) -> Result<Self, LinearError> {
         let a = layout.matrix(&observations);
-        let radii: Vec<f64> =
-            observations.iter().map(|observation| observation.radius_mm).collect();
+        let radii: Vec<f64> = observations.iter().map(|observation| observation.radius_mm).collect();
         let gauge = layout.gauge();
         let solution = linear::solve_least_squares(&LinearProblem {
             a: a.as_ref(),
@@ -54,15 +51,8 @@ impl Fit {
             rank_threshold: RANK_THRESHOLD,
         })?;
         let bend = second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
-        let mut fit = Self {
-            layout,
-            observations,
-            sigma,
-            design_matrix: a,
-            solution,
-            second_order: bend,
-            x: Vec::new(),
-        };
+        let mut fit =
+            Self { layout, observations, sigma, design_matrix: a, solution, second_order: bend, x: Vec::new() };
         let x = fit.solve_each_perturbation(Mat::zeros(1, radii.len()).as_ref());
         fit.x = x.row(0).iter().copied().collect();
         Ok(fit)
@@ -95,8 +85,7 @@ impl Fit {
     /// Residuals of the corrected radii, mm.
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
-        let mut radii =
-            Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius_mm);
+        let mut radii = Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius_mm);
         if let Some(bend) = &self.second_order {
             bend.add_terms(&x, &mut radii);
         }
@@ -106,11 +95,7 @@ impl Fit {
 
     pub fn figures(&self, residuals: &[f64]) -> FitFigures {
         let unknowns = self.layout.unknowns() - self.layout.gauge().nrows();
-        FitFigures {
-            unknowns,
-            residual_rms_mm: rms(residuals),
-            ..FitFigures::from_linear(&self.solution)
-        }
+        FitFigures { unknowns, residual_rms_mm: rms(residuals), ..FitFigures::from_linear(&self.solution) }
     }
 
     /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For
@@ -120,9 +105,7 @@ impl Fit {
             return self.solution.gain.clone();
         }
         let rows = self.observations.len();
-        let moved = |by: f64| {
-            self.solve_each_perturbation((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref())
-        };
+        let moved = |by: f64| self.solve_each_perturbation((Scale(by) * Mat::<f64>::identity(rows, rows)).as_ref());
         let (up, down) = (moved(DERIVATIVE_STEP_MM), moved(-DERIVATIVE_STEP_MM));
         (up - down).transpose() * Scale(0.5 / DERIVATIVE_STEP_MM)
     }
@@ -169,11 +152,7 @@ impl ObservationModel for LinearisedFit<'_> {
 
     /// First order, then one second-order correction at that point. The correction contracts an error of some 1e-8
     /// mm by 2e-2 or less.
-    fn functions_with_changes(
-        &self,
-        changes: MatRef<'_, f64>,
-        slopes: MatRef<'_, f64>,
-    ) -> Mat<f64> {
+    fn functions_with_changes(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         let Fit { x, second_order: bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();
         if let Some(bend) = bend {

@@ -6,8 +6,7 @@ use super::plan::StepPlanner;
 use super::settings::Settings;
 use crate::IdentifyError;
 use crate::identification::{
-    KnownMotions, describe_assumed_repeatability, describe_expected_uncertainty,
-    with_assumed_repeatability,
+    KnownMotions, describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
 };
 use machine::Axis;
 use machine::record::plan::{Plan, Step};
@@ -32,10 +31,9 @@ pub fn forecast_results(
     let mut readings = nominal_readings(plan, settings);
     let unchecked = unchecked_steps(plan, settings, planner, known_motions)?;
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
-    let again: Vec<Reading> =
-        again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
-    let repeated = (!again.is_empty())
-        .then(|| format!("touches without redundancy, repeated at the end: {}", again.len()));
+    let again: Vec<Reading> = again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
+    let repeated =
+        (!again.is_empty()).then(|| format!("touches without redundancy, repeated at the end: {}", again.len()));
     readings.extend(again);
     let interval_s = machine_s / readings.len().max(1) as f64;
     for (number, reading) in readings.iter_mut().enumerate() {
@@ -46,13 +44,10 @@ pub fn forecast_results(
     let estimate = estimate::build_estimate(&parts);
     let symbols = &estimate.covariance.symbols;
     let expected =
-        describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol))
-            .into_iter();
-    let aliased =
-        estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
+        describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
+    let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
     let limits = parts.identification.outlier_check.describe_detection_limits();
-    let better =
-        suggest_positions(plan, planner.axis().axis, parts.fit.layout.design.position_count);
+    let better = suggest_positions(plan, planner.axis().axis, parts.fit.layout.design.position_count);
     Ok(expected
         .chain(describe_assumed_repeatability(plan))
         .chain(aliased)
@@ -88,9 +83,7 @@ pub fn unchecked_steps(
     let readings = nominal_readings(plan, settings);
     let parts = solve_cycle(&declared, settings, planner, known_motions, &readings, |_| None)?;
     let found = &parts.identification.outlier_check.detectable_deviations;
-    let is_unchecked = |step: &&Step| {
-        found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label)
-    };
+    let is_unchecked = |step: &&Step| found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
     Ok(plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 

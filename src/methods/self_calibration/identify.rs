@@ -12,8 +12,7 @@ use super::settings::Settings;
 use super::solved_cycle::SolvedCycle;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, KnownMotions, Measurement, Outputs, Solution, TrialPlan, UncertaintySource,
-    block_covariances,
+    self, KnownMotions, Measurement, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::RankAnalysis;
@@ -42,30 +41,20 @@ fn trial_plan(settings: &Settings, fit: &Fit) -> TrialPlan {
 
 /// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
 /// nominal design, including drift and heights.
-pub fn check_well_posed(
-    plan: &Plan,
-    settings: &Settings,
-    planner: &StepPlanner<'_>,
-) -> Result<(), MethodRefusal> {
+pub fn check_well_posed(plan: &Plan, settings: &Settings, planner: &StepPlanner<'_>) -> Result<(), MethodRefusal> {
     let mut plan = plan.clone();
     plan.steps = planner.cycle_steps(planner.nominal_part())?;
     let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
-    let refused = |reason: IdentifyError| {
-        MethodRefusal {
+    let refused = |reason: IdentifyError| MethodRefusal {
         reason: format!("this cycle does not separate the unknowns: {reason}"),
-        remedy: "lower drift_order, keep references = true, or increase the distance between the heights"
-            .to_owned(),
-    }
+        remedy: "lower drift_order, keep references = true, or increase the distance between the heights".to_owned(),
     };
     let (heights, known_motions) = (planner.heights(), KnownMotions::default());
-    let axis =
-        ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
+    let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
     let (layout, observed) = observe_cycle(&plan, settings, &axis, &readings).map_err(refused)?;
     let sigma = vec![1.0; observed.observations.len()];
     let axis = planner.axis().axis;
-    fit_observations(axis, layout, observed.observations, sigma, settings)
-        .map(drop)
-        .map_err(refused)
+    fit_observations(axis, layout, observed.observations, sigma, settings).map(drop).map_err(refused)
 }
 
 /// A reading at the start of its touch. Only its position in the design is used.
@@ -114,8 +103,7 @@ pub fn fit_cycle(
     let (layout, observed) = observe_cycle(plan, settings, axis, readings)?;
     let ObservedCycle { observations, half_duration_s, has_times, skipped_readings, .. } = observed;
     let (spindle, heights) = (settings.spindle, axis.heights);
-    let mut sources =
-        uncertainty_sources(plan, &layout, &observations, spindle, half_duration_s, heights);
+    let mut sources = uncertainty_sources(plan, &layout, &observations, spindle, half_duration_s, heights);
     sources.extend(rotary_axis_sources(plan, &layout, &observations, axis));
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
@@ -137,14 +125,7 @@ pub fn identify(
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let trials = |fit: &Fit| Some(trial_plan(settings, fit));
-    Ok(estimate::build_estimate(&solve_cycle(
-        plan,
-        settings,
-        planner,
-        known_motions,
-        readings,
-        trials,
-    )?))
+    Ok(estimate::build_estimate(&solve_cycle(plan, settings, planner, known_motions, readings, trials)?))
 }
 
 /// The solved cycle with its uncertainty.
@@ -195,18 +176,11 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurem
         step.map_or_else(|| id.to_string(), |step| step.label.clone())
     };
     let all = fit.observations.iter().zip(residuals).zip(&fit.sigma).enumerate();
-    let measurement =
-        |(i, ((observation, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
-            let label = label(observation.step);
-            let in_words = format!("touch {label}");
-            Measurement {
-                label,
-                description: in_words,
-                rows: i..i + 1,
-                residual_mm: *residual,
-                u_mm: *sigma,
-            }
-        };
+    let measurement = |(i, ((observation, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
+        let label = label(observation.step);
+        let in_words = format!("touch {label}");
+        Measurement { label, description: in_words, rows: i..i + 1, residual_mm: *residual, u_mm: *sigma }
+    };
     all.map(measurement).collect()
 }
 
@@ -218,8 +192,7 @@ fn fit_observations(
     settings: &Settings,
 ) -> Result<Fit, IdentifyError> {
     let names = layout.names(axis);
-    let lost =
-        |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));
+    let lost = |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));
     Fit::new(layout, observations, sigma, settings.second_order)
         .map_err(|error| IdentifyError::from_solver_error(error, lost))
 }

@@ -22,10 +22,7 @@ pub fn remove_interruptions(
     if gaps_s.is_empty() {
         return Ok((Vec::new(), 0));
     }
-    if observations
-        .iter()
-        .all(|observation| observation.relative_time == observations[0].relative_time)
-    {
+    if observations.iter().all(|observation| observation.relative_time == observations[0].relative_time) {
         return Err(IdentifyError::IdentificationFailed(
             "the measurement was interrupted, but the readings have no times (t_s)".to_owned(),
         ));
@@ -49,8 +46,7 @@ pub fn remove_interruptions(
 }
 
 fn direction_count(observation: &[Observation]) -> usize {
-    let mut angles: Vec<usize> =
-        observation.iter().map(|observation| observation.phi_index).collect();
+    let mut angles: Vec<usize> = observation.iter().map(|observation| observation.phi_index).collect();
     angles.sort_unstable();
     angles.dedup();
     angles.len()
@@ -72,9 +68,7 @@ fn join_segments(segments: &mut [Vec<Observation>]) -> Vec<f64> {
         let (first, last) = span(segment);
         if let Some(end) = end {
             gaps.push(end + pause / 2.0);
-            segment
-                .iter_mut()
-                .for_each(|observation| observation.relative_time += end + pause - first);
+            segment.iter_mut().for_each(|observation| observation.relative_time += end + pause - first);
         }
         end = Some(end.map_or(last, |end| end + pause + last - first));
     }

@@ -37,10 +37,7 @@ use self::observe::ObservedAxis;
 use self::plan::{PartGeometry, StepPlanner};
 use self::table_axis::TableAxis;
 use super::identification::KnownMotions;
-use super::{
-    IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource,
-    RegisteredMethod,
-};
+use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::estimate::Estimate;
@@ -57,28 +54,17 @@ pub struct SelfCalibration {
 impl SelfCalibration {
     fn new_stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
         let id = plan.steps.last().map_or(0, |step| step.stage + 1);
-        Stage {
-            id: if repeat == 0 { id } else { id + repeat - 1 },
-            name,
-            repeat,
-            steps,
-            found: None,
-        }
+        Stage { id: if repeat == 0 { id } else { id + repeat - 1 }, name, repeat, steps, found: None }
     }
 
     /// The fit without the estimate, for the benchmark of the trials.
     ///
     /// # Errors
     /// The errors of `identify`.
-    pub fn fit_cycle(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-    ) -> Result<FittedCycle, IdentifyError> {
+    pub fn fit_cycle(&self, plan: &Plan, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
         let planner = StepPlanner::new(plan, &self.settings)?;
         let (heights, known_motions) = (planner.heights(), KnownMotions::default());
-        let axis =
-            ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
+        let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
         identify::fit_cycle(plan, &self.settings, &axis, readings)
     }
 
@@ -96,11 +82,7 @@ impl SelfCalibration {
     }
 
     /// Steps of touches that no other touch checks. They are repeated.
-    fn unchecked_steps(
-        &self,
-        plan: &Plan,
-        planner: &StepPlanner<'_>,
-    ) -> Result<Vec<u32>, MethodRefusal> {
+    fn unchecked_steps(&self, plan: &Plan, planner: &StepPlanner<'_>) -> Result<Vec<u32>, MethodRefusal> {
         let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
         forecast::unchecked_steps(plan, &self.settings, planner, &known_motions)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
@@ -109,12 +91,7 @@ impl SelfCalibration {
     /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
     /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
     /// their standoff, and half of that is the position uncertainty.
-    fn measured_artefact(
-        &self,
-        plan: &Plan,
-        planner: &StepPlanner<'_>,
-        part: PartGeometry,
-    ) -> Artefact {
+    fn measured_artefact(&self, plan: &Plan, planner: &StepPlanner<'_>, part: PartGeometry) -> Artefact {
         let stated = planner.stated_part();
         let ball = plan.probe.ball_radius_mm;
         Artefact::Cylinder(planner.axis().part_in_table_frame(&Cylinder {
@@ -147,12 +124,7 @@ impl Method for SelfCalibration {
         serde_json::to_value(&self.settings).unwrap_or_default()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let planner = StepPlanner::new(plan, &self.settings)?;
         let located = usize::from(self.settings.locate);
         if self.settings.locate && done.is_empty() {
@@ -169,12 +141,8 @@ impl Method for SelfCalibration {
         let pass = (done.len() - located) as u32;
         if let Some(first) = done.get(located) {
             let (name, steps) = match pass.cmp(&self.settings.repeats) {
-                Ordering::Less => {
-                    (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone())
-                }
-                Ordering::Equal => {
-                    (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), self.unchecked_steps(plan, &planner)?)
-                }
+                Ordering::Less => (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone()),
+                Ordering::Equal => (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), self.unchecked_steps(plan, &planner)?),
                 Ordering::Greater => return Ok(NextStage::Done),
             };
             if steps.is_empty() {
@@ -185,9 +153,7 @@ impl Method for SelfCalibration {
             return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
         }
         let part = match source {
-            PositionSource::Measured(readings) if self.settings.locate => {
-                locate_part(plan, &planner, readings)?
-            }
+            PositionSource::Measured(readings) if self.settings.locate => locate_part(plan, &planner, readings)?,
             _ => planner.nominal_part(),
         };
         self.cycle_stage(plan, &planner, part)
@@ -196,8 +162,7 @@ impl Method for SelfCalibration {
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
         let planner = StepPlanner::new(plan, &self.settings)?;
         let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        let lines =
-            forecast::forecast_results(plan, &self.settings, &planner, &known_motions, machine_s);
+        let lines = forecast::forecast_results(plan, &self.settings, &planner, &known_motions, machine_s);
         lines.map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
     }
 
@@ -218,16 +183,11 @@ impl Method for SelfCalibration {
 }
 
 /// Centre of the part and radius of the ball centres, from the locating touches.
-fn locate_part(
-    plan: &Plan,
-    planner: &StepPlanner<'_>,
-    readings: &[Reading],
-) -> Result<PartGeometry, MethodRefusal> {
+fn locate_part(plan: &Plan, planner: &StepPlanner<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
     let nominal = planner.nominal_part();
     let refused = |reason: String| MethodRefusal {
         reason,
-        remedy: "check that the part of [artefact] is on the table, then start a new run"
-            .to_owned(),
+        remedy: "check that the part of [artefact] is on the table, then start a new run".to_owned(),
     };
     let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL_PREFIX);
     let (tops, flank): (Vec<_>, Vec<_>) = plan
@@ -238,20 +198,14 @@ fn locate_part(
         .map(|(step, reading)| (step, planner.axis().ball_centre(step, reading)))
         .partition(|(step, _)| plan::is_top_touch(step));
     let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
-    let found = circle::fit_circle(&centres)
-        .map_err(|error| refused(format!("the part could not be located: {error}")))?;
+    let found =
+        circle::fit_circle(&centres).map_err(|error| refused(format!("the part could not be located: {error}")))?;
     let uncertainty_mm = planner.stated_part().uncertainty_mm;
     let top = tops.first().map_or(nominal.top_contact_z_mm, |(_, centre)| centre.z);
-    let part = PartGeometry {
-        centre: found.centre,
-        contact_radius_mm: found.radius,
-        top_contact_z_mm: top,
-    };
+    let part = PartGeometry { centre: found.centre, contact_radius_mm: found.radius, top_contact_z_mm: top };
     let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
-    let (larger, higher) = (
-        part.contact_radius_mm - nominal.contact_radius_mm,
-        part.top_contact_z_mm - nominal.top_contact_z_mm,
-    );
+    let (larger, higher) =
+        (part.contact_radius_mm - nominal.contact_radius_mm, part.top_contact_z_mm - nominal.top_contact_z_mm);
     if away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm {
         return Err(refused(format!(
             "the located part deviates from [artefact] by {away:.3} mm in position, {larger:.3} mm in \

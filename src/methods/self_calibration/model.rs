@@ -51,8 +51,7 @@ impl UnknownsLayout {
     }
 
     pub fn unknowns(&self) -> usize {
-        self.heights * self.unknowns_per_height()
-            + DRIFTING_QUANTITIES.len() * (self.drift_order + self.gaps.len())
+        self.heights * self.unknowns_per_height() + DRIFTING_QUANTITIES.len() * (self.drift_order + self.gaps.len())
     }
 
     pub fn radius_index(&self, height: usize) -> usize {
@@ -81,8 +80,7 @@ impl UnknownsLayout {
 
     /// Index of the step of one drifting quantity at an interruption.
     pub fn step_index(&self, quantity: usize, gap: usize) -> usize {
-        let before = self.heights * self.unknowns_per_height()
-            + DRIFTING_QUANTITIES.len() * self.drift_order;
+        let before = self.heights * self.unknowns_per_height() + DRIFTING_QUANTITIES.len() * self.drift_order;
         before + DRIFTING_QUANTITIES.len() * gap + quantity
     }
 
@@ -109,12 +107,10 @@ impl UnknownsLayout {
         }
         for (quantity, name) in DRIFTING_QUANTITIES.into_iter().enumerate() {
             for power in 1..=self.drift_order {
-                names[self.drift_index(quantity, power)] =
-                    format!("drift of {name}, power {power}");
+                names[self.drift_index(quantity, power)] = format!("drift of {name}, power {power}");
             }
             for gap in 0..self.gaps.len() {
-                names[self.step_index(quantity, gap)] =
-                    format!("step of {name}, interruption {}", gap + 1);
+                names[self.step_index(quantity, gap)] = format!("step of {name}, interruption {}", gap + 1);
             }
         }
         names
@@ -139,12 +135,10 @@ impl UnknownsLayout {
             a[(row, self.w_index(observation.height, theta))] = 1.0;
             for (quantity, along) in [normal.x, normal.y, 1.0].into_iter().enumerate() {
                 for power in 1..=self.drift_order {
-                    a[(row, self.drift_index(quantity, power))] =
-                        observation.relative_time.powi(power as i32) * along;
+                    a[(row, self.drift_index(quantity, power))] = observation.relative_time.powi(power as i32) * along;
                 }
                 for gap in 0..self.gaps.len() {
-                    a[(row, self.step_index(quantity, gap))] =
-                        self.step_function(observation, gap) * along;
+                    a[(row, self.step_index(quantity, gap))] = self.step_function(observation, gap) * along;
                 }
             }
         }
@@ -192,11 +186,8 @@ impl UnknownsLayout {
             "machine origin: E_radial has no first harmonic"
         };
         vec![
-            format!(
-                "EX{axis}_total(0°) = EY{axis}_total(0°) = 0: displacements are relative to {axis} = 0"
-            ),
-            "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale are part of R"
-                .to_owned(),
+            format!("EX{axis}_total(0°) = EY{axis}_total(0°) = 0: displacements are relative to {axis} = 0"),
+            "W_radial(0°) = 0 and E_radial(0°) = 0: radius and common X/Y scale are part of R".to_owned(),
             origin.to_owned(),
         ]
     }

@@ -49,12 +49,7 @@ impl ObservedAxis<'_> {
     }
 
     /// Derivative of each radius by an error motion of the axis along or about `component`.
-    pub fn radii_by_motion(
-        &self,
-        layout: &UnknownsLayout,
-        observations: &[Observation],
-        component: Axis,
-    ) -> Vec<f64> {
+    pub fn radii_by_motion(&self, layout: &UnknownsLayout, observations: &[Observation], component: Axis) -> Vec<f64> {
         let of_radius = |observation: &Observation| {
             let normal = layout.normal(observation.phi_index);
             let across = Vector3::z().cross(&normal);
@@ -93,8 +88,7 @@ pub fn extract_observations(
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed("all readings are flagged".to_owned()));
     }
-    let (mut gaps, skipped_readings) =
-        interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
+    let (mut gaps, skipped_readings) = interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
     let mut half_duration_s = scale_times(&mut observations, &mut gaps);
     let has_times = half_duration_s > 0.0;
     if !has_times {
@@ -118,8 +112,7 @@ fn readings_by_step<'a>(
     plan: &Plan,
     readings: &'a [Reading],
 ) -> Result<BTreeMap<u32, Vec<&'a Reading>>, IdentifyError> {
-    let mut by_step: BTreeMap<u32, Vec<&Reading>> =
-        plan.steps.iter().map(|step| (step.id, Vec::new())).collect();
+    let mut by_step: BTreeMap<u32, Vec<&Reading>> = plan.steps.iter().map(|step| (step.id, Vec::new())).collect();
     for reading in readings {
         let Some(list) = by_step.get_mut(&reading.step) else {
             return Err(IdentifyError::UnknownStep { step: reading.step });
@@ -156,8 +149,7 @@ fn reduce_reading(
     }
     let [nx, ny, _] = step.normal;
     let phi = ny.atan2(nx);
-    if (nx.hypot(ny) - 1.0).abs() > 1e-3 || !is_on_grid(design, phi) || !is_on_grid(design, planned)
-    {
+    if (nx.hypot(ny) - 1.0).abs() > 1e-3 || !is_on_grid(design, phi) || !is_on_grid(design, planned) {
         return Err(IdentifyError::IdentificationFailed(format!(
             "step {} ({}): `normal` or {name} is not on the grid of {} positions",
             step.id, step.label, design.position_count
@@ -198,9 +190,7 @@ fn scale_times(observations: &mut [Observation], gaps: &mut [f64]) -> f64 {
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);
     let half = if last > first { (last - first) / 2.0 } else { 0.0 };
-    for time in
-        observations.iter_mut().map(|observation| &mut observation.relative_time).chain(gaps)
-    {
+    for time in observations.iter_mut().map(|observation| &mut observation.relative_time).chain(gaps) {
         *time = if half > 0.0 { (*time - first - half) / half } else { 0.0 };
     }
     half

@@ -25,9 +25,7 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
 fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
     let heights = layout.heights as f64;
     let radius = (0..layout.heights).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
-    let output = |symbol: &str, unit, coefficients: Vec<f64>| {
-        Output::from_coefficients(symbol, unit, coefficients, x)
-    };
+    let output = |symbol: &str, unit, coefficients: Vec<f64>| Output::from_coefficients(symbol, unit, coefficients, x);
     let location = |component| format!("E{component}0{axis}");
     let mut list = vec![
         output(
@@ -45,34 +43,20 @@ fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -
     let spread: f64 = z.iter().map(|value| (value - mean).powi(2)).sum();
     if layout.heights > 1 && spread > 0.0 {
         // A tilt a about X moves the axis by −a·z in Y, a tilt b about Y by +b·z in X.
-        let a = sum_over_heights(layout, |h| {
-            (axis_position_coefficients(layout, h).1, -(z[h] - mean) / spread)
-        });
-        let b = sum_over_heights(layout, |h| {
-            (axis_position_coefficients(layout, h).0, (z[h] - mean) / spread)
-        });
+        let a = sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).1, -(z[h] - mean) / spread));
+        let b = sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).0, (z[h] - mean) / spread));
         list.push(output(&location("A"), Unit::Urad, a));
         list.push(output(&location("B"), Unit::Urad, b));
     }
-    let scale = sum_over_heights(layout, |h| {
-        (scale_and_squareness_coefficients(layout, h, radius).0, 1.0 / heights)
-    });
-    let square = sum_over_heights(layout, |h| {
-        (scale_and_squareness_coefficients(layout, h, radius).1, 1.0 / heights)
-    });
+    let scale = sum_over_heights(layout, |h| (scale_and_squareness_coefficients(layout, h, radius).0, 1.0 / heights));
+    let square = sum_over_heights(layout, |h| (scale_and_squareness_coefficients(layout, h, radius).1, 1.0 / heights));
     list.push(output("EYY1-EXX1", Unit::UmPerM, scale));
     list.push(output("EC0Y", Unit::Urad, square));
     list
 }
 
 /// The functions of one height.
-fn build_functions(
-    layout: &UnknownsLayout,
-    axis: Axis,
-    height: usize,
-    suffix: &str,
-    x: &[f64],
-) -> Vec<Curve> {
+fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
     let n = layout.design.position_count;
     let unit_vector = |index: usize| {
         let mut coefficients = vec![0.0; layout.unknowns()];
@@ -108,12 +92,7 @@ fn build_functions(
 }
 
 /// Error motion at the grid angle `i`: the displacement without the effect of the axis position.
-pub fn error_motion_coefficients(
-    layout: &UnknownsLayout,
-    height: usize,
-    i: usize,
-    along_y: bool,
-) -> Vec<f64> {
+pub fn error_motion_coefficients(layout: &UnknownsLayout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
     let (cx, cy) = axis_position_coefficients(layout, height);
     let (sin, cos) = layout.design.angle(i).sin_cos();
     let own = if along_y { layout.ey_index(height, i) } else { layout.ex_index(height, i) };
@@ -172,11 +151,7 @@ fn sum_over_heights(layout: &UnknownsLayout, part: impl Fn(usize) -> (Vec<f64>, 
 
 /// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
 /// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
-pub fn scale_and_squareness_coefficients(
-    layout: &UnknownsLayout,
-    height: usize,
-    radius: f64,
-) -> (Vec<f64>, Vec<f64>) {
+pub fn scale_and_squareness_coefficients(layout: &UnknownsLayout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
     let n = layout.design.position_count;
     let mut scale = vec![0.0; layout.unknowns()];
     let mut square = vec![0.0; layout.unknowns()];

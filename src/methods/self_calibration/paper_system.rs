@@ -23,10 +23,8 @@ pub struct PaperSystem {
 impl PaperSystem {
     pub fn new(design: &Design) -> Self {
         let touches: Vec<GridTouch> = design.cycle_touches(false);
-        let layout =
-            UnknownsLayout { design: design.clone(), heights: 1, drift_order: 0, gaps: Vec::new() };
-        let observations: Vec<Observation> =
-            touches.iter().map(|t| unmeasured_observation(*t)).collect();
+        let layout = UnknownsLayout { design: design.clone(), heights: 1, drift_order: 0, gaps: Vec::new() };
+        let observations: Vec<Observation> = touches.iter().map(|t| unmeasured_observation(*t)).collect();
         let full = layout.matrix(&observations);
         let without_r = layout.unknowns() - 1;
         // The first touch of the cycle, Test 1a at C = 0, is the reference of every difference.

@@ -92,9 +92,7 @@ impl<'a> StepPlanner<'a> {
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
         let z = self.heights()[0];
-        let top = || {
-            self.touch_step(&spec(0, "Z".to_owned()), self.top_contact_position(part), Vector3::z())
-        };
+        let top = || self.touch_step(&spec(0, "Z".to_owned()), self.top_contact_position(part), Vector3::z());
         let top = self.settings.touches_top().then(top).transpose()?;
         let first = u32::from(top.is_some());
         let round = (0..4u32).map(|quarter| {
@@ -102,11 +100,7 @@ impl<'a> StepPlanner<'a> {
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
-            self.touch_step(
-                &spec(first + quarter, place),
-                centre + part.contact_radius_mm * normal,
-                normal,
-            )
+            self.touch_step(&spec(first + quarter, place), centre + part.contact_radius_mm * normal, normal)
         });
         top.map(Ok).into_iter().chain(round).collect()
     }
@@ -129,24 +123,12 @@ impl<'a> StepPlanner<'a> {
             for (i, touch) in touches.iter().enumerate() {
                 let id = (first + steps.len()) as u32;
                 let label = format!("{}{suffix}", self.label(*touch));
-                steps.push(self.cycle_step(
-                    self.cycle_spec(id, stage, label, *touch),
-                    *z,
-                    *touch,
-                    part,
-                )?);
+                steps.push(self.cycle_step(self.cycle_spec(id, stage, label, *touch), *z, *touch, part)?);
                 let next = touches.get(i + 1).map(|next| next.test);
-                if touch.test.is_reference()
-                    && next != Some(touch.test)
-                    && self.settings.z_reference
-                {
+                if touch.test.is_reference() && next != Some(touch.test) && self.settings.z_reference {
                     let label = format!("{}/Z{suffix}", touch.test.name());
                     let spec = self.cycle_spec(id + 1, stage, label, *touch);
-                    steps.push(self.touch_step(
-                        &spec,
-                        self.top_contact_position(part),
-                        Vector3::z(),
-                    )?);
+                    steps.push(self.touch_step(&spec, self.top_contact_position(part), Vector3::z())?);
                 }
             }
         }
@@ -164,9 +146,7 @@ impl<'a> StepPlanner<'a> {
 
     fn label(&self, touch: GridTouch) -> String {
         let degrees = |index| self.design.angle(index).to_degrees().round();
-        let place = if touch.c_index == 0
-            && !matches!(touch.test, super::design::CalibrationTest::One(_))
-        {
+        let place = if touch.c_index == 0 && !matches!(touch.test, super::design::CalibrationTest::One(_)) {
             format!("P{:03}", degrees(touch.phi_index))
         } else {
             format!("{}{:03}", self.axis.axis, degrees(touch.c_index))
@@ -189,13 +169,7 @@ impl<'a> StepPlanner<'a> {
     }
 
     /// A touch of the flank along its ray through the stated axis.
-    fn cycle_step(
-        &self,
-        spec: StepSpec,
-        z: f64,
-        touch: GridTouch,
-        part: PartGeometry,
-    ) -> Result<Step, MethodRefusal> {
+    fn cycle_step(&self, spec: StepSpec, z: f64, touch: GridTouch, part: PartGeometry) -> Result<Step, MethodRefusal> {
         let angle = self.design.angle(touch.phi_index);
         let axis = self.axis.point_at_height(z);
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
@@ -215,12 +189,7 @@ impl<'a> StepPlanner<'a> {
 
     /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
-    fn touch_step(
-        &self,
-        spec: &StepSpec,
-        contact: Vector3<f64>,
-        normal: Vector3<f64>,
-    ) -> Result<Step, MethodRefusal> {
+    fn touch_step(&self, spec: &StepSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == SpindleMode::Follow {
@@ -274,9 +243,7 @@ impl<'a> StepPlanner<'a> {
                     spec.min,
                     spec.max
                 ),
-                remedy: format!(
-                    "this method requires a full revolution of {axis}; correct the limits in [axes]"
-                ),
+                remedy: format!("this method requires a full revolution of {axis}; correct the limits in [axes]"),
             })
     }
 }

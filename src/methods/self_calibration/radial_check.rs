@@ -41,14 +41,10 @@ impl RadialCheck {
     pub fn new(parts: &SolvedCycle<'_>) -> Self {
         let highest = parts.fit.layout.design.position_count / 2;
         let of_orders = |orders: std::ops::RangeInclusive<usize>| {
-            let slopes: Vec<Vec<f64>> =
-                orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
+            let slopes: Vec<Vec<f64>> = orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
             combine_harmonics(parts, &slopes)
         };
-        Self {
-            second: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER),
-            higher: of_orders(PARAMETER_ORDER + 1..=highest),
-        }
+        Self { second: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER), higher: of_orders(PARAMETER_ORDER + 1..=highest) }
     }
 
     pub fn warnings(&self, axis: machine::Axis) -> Vec<String> {

@@ -38,8 +38,7 @@ pub struct HeightForms {
 
 impl SecondOrderCorrection {
     pub fn new(layout: &UnknownsLayout, observations: &[Observation]) -> Self {
-        let contacts =
-            observations.iter().map(|observation| Contact::new(layout, observation)).collect();
+        let contacts = observations.iter().map(|observation| Contact::new(layout, observation)).collect();
         let heights = (0..layout.heights).map(|height| HeightForms::new(layout, height)).collect();
         Self { contacts, heights }
     }
@@ -47,8 +46,7 @@ impl SecondOrderCorrection {
     /// Adds τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, to `radii` (trials × observations, mm) at
     /// the unknowns `x` (trials × unknowns).
     pub fn add_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
-        let heights: Vec<HeightTrials> =
-            self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
+        let heights: Vec<HeightTrials> = self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
         for (i, contact) in self.contacts.iter().enumerate() {
             contact.add_terms(x, &heights[contact.height], radii.col_as_slice_mut(i));
         }
@@ -114,8 +112,7 @@ impl WithSimd for AddTerms<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { cos, sin, lateral_mm, ex, ey, slope, scale, squareness, curvature, radii } =
-            self;
+        let Self { cos, sin, lateral_mm, ex, ey, slope, scale, squareness, curvature, radii } = self;
         let (squared, mixed) = (sin * sin, sin * cos);
         let trials = radii.len();
         let (ex, ey, slope) = (&ex[..trials], &ey[..trials], &slope[..trials]);
@@ -139,8 +136,7 @@ impl HeightForms {
             unit[j] = 1.0;
             let interpolant = TrigonometricInterpolant::new(&unit);
             for i in 0..n {
-                forms[(layout.w_index(height, j), i)] =
-                    interpolant.derivative(layout.design.angle(i));
+                forms[(layout.w_index(height, j), i)] = interpolant.derivative(layout.design.angle(i));
             }
         }
         let (scale_difference, squareness) = scale_and_squareness_coefficients(layout, height, 1.0);

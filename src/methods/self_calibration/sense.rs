@@ -39,9 +39,6 @@ pub fn check_sense(fit: &Fit) -> SenseCheck {
 }
 
 fn error_motion_rms(layout: &UnknownsLayout, x: &[f64]) -> f64 {
-    let at = |i| {
-        [false, true]
-            .map(|along_y| dot(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2))
-    };
+    let at = |i| [false, true].map(|along_y| dot(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
     (0..layout.design.position_count).flat_map(at).sum::<f64>().sqrt()
 }

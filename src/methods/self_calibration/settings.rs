@@ -149,9 +149,7 @@ impl Settings {
             || format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
             "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
-        let close = |(i, a): (usize, &f64)| {
-            self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_STEP_MM)
-        };
+        let close = |(i, a): (usize, &f64)| self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_STEP_MM);
         require(
             !self.heights_mm.iter().enumerate().any(close),
             || "two values of heights_mm differ by less than 1 mm".to_owned(),
@@ -160,10 +158,6 @@ impl Settings {
     }
 }
 
-fn require(
-    holds: bool,
-    reason: impl FnOnce() -> String,
-    remedy: &str,
-) -> Result<(), MethodRefusal> {
+fn require(holds: bool, reason: impl FnOnce() -> String, remedy: &str) -> Result<(), MethodRefusal> {
     if holds { Ok(()) } else { Err(MethodRefusal { reason: reason(), remedy: remedy.to_owned() }) }
 }

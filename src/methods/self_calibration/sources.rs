@@ -6,9 +6,8 @@ use super::model::{Observation, UnknownsLayout};
 use super::observe::ObservedAxis;
 use super::settings::SpindleMode;
 use crate::identification::declared::{
-    RotaryErrorMotion, angular_motion_patterns, drift_mm_per_s, half_backlash_mm,
-    linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
-    rotary_error_motions, stylus_offset_u_mm,
+    RotaryErrorMotion, angular_motion_patterns, drift_mm_per_s, half_backlash_mm, linear_motion_patterns,
+    lobing_patterns, repeatability_mm, resolution_u_mm, rotary_error_motions, stylus_offset_u_mm,
 };
 use crate::identification::{self, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
 use machine::Axis;
@@ -24,12 +23,10 @@ pub fn uncertainty_sources(
     seconds_per_unit: f64,
     heights: &[f64],
 ) -> Vec<UncertaintySource> {
-    let normals: Vec<Vector3<f64>> =
-        observations.iter().map(|s| layout.normal(s.phi_index)).collect();
+    let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.normal(s.phi_index)).collect();
     let repeatability = Effect::Independent(vec![repeatability_mm(plan); observations.len()]);
     let repeatability = UncertaintySource::new("repeatability of a touch", repeatability);
-    let resolution =
-        Effect::Independent(normals.iter().map(|n| resolution_u_mm(plan, *n)).collect());
+    let resolution = Effect::Independent(normals.iter().map(|n| resolution_u_mm(plan, *n)).collect());
     let resolution = UncertaintySource::new("resolution", resolution);
     let mut list = vec![
         UncertaintySource { evaluation: EvaluationType::A, ..repeatability },
@@ -70,23 +67,17 @@ pub fn rotary_axis_sources(
     observations: &[Observation],
     axis: &ObservedAxis<'_>,
 ) -> Vec<UncertaintySource> {
-    let angles: Vec<f64> = observations
-        .iter()
-        .map(|observations| axis.commanded_angle(&layout.design, observations))
-        .collect();
+    let angles: Vec<f64> =
+        observations.iter().map(|observations| axis.commanded_angle(&layout.design, observations)).collect();
     let by_component = |component| axis.radii_by_motion(layout, observations, component);
     let is_lost = |error: &ErrorParameter| match error.shape() {
-        ErrorShape::Cos(n) | ErrorShape::Sin(n) => {
-            (n as usize).is_multiple_of(layout.design.position_count)
-        }
+        ErrorShape::Cos(n) | ErrorShape::Sin(n) => (n as usize).is_multiple_of(layout.design.position_count),
         _ => false,
     };
     let motions = rotary_error_motions(plan, &[layout.design.position_count as u32]);
     let declared = motions.into_iter().filter(|motion| {
         let RotaryErrorMotion { error, .. } = motion;
-        error.axis() == axis.axis.axis
-            && is_lost(error)
-            && !axis.known_motions.has_component(error.component())
+        error.axis() == axis.axis.axis && is_lost(error) && !axis.known_motions.has_component(error.component())
     });
     let column = |RotaryErrorMotion { error, size_mm }| {
         let by = by_component(error.component());
@@ -100,11 +91,7 @@ pub fn rotary_axis_sources(
 }
 
 /// Offset of the stylus from its stated position. If the spindle follows the probe angle, it changes only R.
-fn stylus_offset_columns(
-    plan: &Plan,
-    normals: &[Vector3<f64>],
-    spindle: SpindleMode,
-) -> Vec<Vec<f64>> {
+fn stylus_offset_columns(plan: &Plan, normals: &[Vector3<f64>], spindle: SpindleMode) -> Vec<Vec<f64>> {
     let u = stylus_offset_u_mm(plan);
     match spindle {
         SpindleMode::Follow => vec![vec![u; normals.len()]],
@@ -129,11 +116,7 @@ fn drift_columns(
 ) -> Vec<Vec<f64>> {
     let rate = drift_mm_per_s(plan) * seconds_per_unit;
     let column = |component: fn(&Vector3<f64>) -> f64| {
-        observations
-            .iter()
-            .zip(normals)
-            .map(|(s, n)| rate * s.relative_time * component(n))
-            .collect()
+        observations.iter().zip(normals).map(|(s, n)| rate * s.relative_time * component(n)).collect()
     };
     vec![column(|n| n.x), column(|n| n.y), column(|_| 1.0)]
 }
@@ -145,15 +128,9 @@ fn backlash_columns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
 }
 
 /// Contact points relative to the axis at the mean height, where its location is reported.
-fn contact_points(
-    observations: &[Observation],
-    normals: &[Vector3<f64>],
-    heights: &[f64],
-) -> Vec<Vector3<f64>> {
+fn contact_points(observations: &[Observation], normals: &[Vector3<f64>], heights: &[f64]) -> Vec<Vector3<f64>> {
     let mean = heights.iter().sum::<f64>() / heights.len() as f64;
-    let point = |(s, n): (&Observation, &Vector3<f64>)| {
-        n * s.radius_mm + Vector3::z() * (heights[s.height] - mean)
-    };
+    let point = |(s, n): (&Observation, &Vector3<f64>)| n * s.radius_mm + Vector3::z() * (heights[s.height] - mean);
     observations.iter().zip(normals).map(point).collect()
 }
 
@@ -187,9 +164,8 @@ fn linear_axis_columns(
     heights: &[f64],
 ) -> Vec<Vec<f64>> {
     let points = contact_points(observations, normals, heights);
-    let along_ray = |pattern: &[f64], k: usize| {
-        pattern.iter().zip(normals).map(|(value, n)| -value * n[k]).collect::<Vec<f64>>()
-    };
+    let along_ray =
+        |pattern: &[f64], k: usize| pattern.iter().zip(normals).map(|(value, n)| -value * n[k]).collect::<Vec<f64>>();
     let patterns = linear_motion_patterns(plan, &points);
     patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
 }
@@ -197,11 +173,7 @@ fn linear_axis_columns(
 /// Steps in interruptions. The references are touched with the axis at 0. They measure a step, but not whether the
 /// table moved, as the fit assumes, or the part on the table, which turns with the axis. All shares are equally
 /// likely. `x`: the solution with its steps.
-pub fn interruption_source(
-    layout: &UnknownsLayout,
-    observations: &[Observation],
-    x: &[f64],
-) -> UncertaintySource {
+pub fn interruption_source(layout: &UnknownsLayout, observations: &[Observation], x: &[f64]) -> UncertaintySource {
     let column = |gap: usize, k: usize| {
         let step = x[layout.step_index(k, gap)] / 3f64.sqrt();
         let at = |s: &Observation| {

@@ -47,10 +47,7 @@ impl TableAxis {
         let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
         if spindle.z < MIN_UPRIGHT_COSINE {
             return Err(MethodRefusal {
-                reason: format!(
-                    "the spindle is not along Z with {}",
-                    describe_positions(&still, axis)
-                ),
+                reason: format!("the spindle is not along Z with {}", describe_positions(&still, axis)),
                 remedy: "correct `at` in [method.self-calibration]".to_owned(),
             });
         }
@@ -87,11 +84,7 @@ impl TableAxis {
     }
 
     /// Positions X, Y, Z at which the ball's centre is at `centre`. `orientation` contains S if the spindle turns.
-    pub fn solve_linear_axes(
-        &self,
-        centre: Vector3<f64>,
-        orientation: &Position,
-    ) -> Result<Position, KinematicsError> {
+    pub fn solve_linear_axes(&self, centre: Vector3<f64>, orientation: &Position) -> Result<Position, KinematicsError> {
         let target = self.table_pose.inverse_transform_point(&centre.into()).coords;
         let target = Point::<TableFrame>::from_vec(target);
         let others = self.rest_position.updated_by(orientation);
@@ -119,8 +112,7 @@ impl TableAxis {
         }
         let position = step.from.updated_by(&reading.position);
         let angle = position.get_or_zero(self.axis);
-        let on_table =
-            self.chain.tip_in_table(&position, self.stylus_tip, &known_motions.errors(angle)).mm;
+        let on_table = self.chain.tip_in_table(&position, self.stylus_tip, &known_motions.errors(angle)).mm;
         let turned = self.rest_position.clone().with(self.axis, angle);
         self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
     }
@@ -128,12 +120,7 @@ impl TableAxis {
     /// Derivative of the radius of a touch by the error motion of this axis along or about `component`, if this
     /// motion is subtracted: mm per mm or rad. `centre`: centre of the ball. `normal`: outward unit vector, machine
     /// frame.
-    pub fn radius_by_motion(
-        &self,
-        component: Axis,
-        centre: Vector3<f64>,
-        normal: Vector3<f64>,
-    ) -> f64 {
+    pub fn radius_by_motion(&self, component: Axis, centre: Vector3<f64>, normal: Vector3<f64>) -> f64 {
         let along = self.line.carrier_pose.rotation * component.direction();
         match component.is_linear() {
             true => -normal.dot(&along),
@@ -168,8 +155,10 @@ fn rest_position_of_axes(plan: &Plan, at: &Position) -> Result<Position, MethodR
         let degrees = axis.to_mm_or_deg(value);
         if !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)) {
             return Err(MethodRefusal {
-                reason: format!("`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
-                    outside its limits"),
+                reason: format!(
+                    "`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
+                    outside its limits"
+                ),
                 remedy: "give in `at` of [method.self-calibration] only rotary axes of [axes], within their \
                     limits"
                     .to_owned(),
@@ -203,9 +192,8 @@ fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position
     };
     let places = still.iter().flat_map(|(other, _)| [90.0, -90.0].map(|degrees| (other, degrees)));
     let place = places.into_iter().find(|(other, degrees)| upright(*other, *degrees));
-    let example = place.map_or(String::new(), |(other, degrees)| {
-        format!(", for example at = {{ {other} = {degrees:.1} }}")
-    });
+    let example =
+        place.map_or(String::new(), |(other, degrees)| format!(", for example at = {{ {other} = {degrees:.1} }}"));
     MethodRefusal {
         reason: format!(
             "no rotary axis that carries the workpiece is along Z with {}",

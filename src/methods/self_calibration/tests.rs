@@ -12,8 +12,7 @@ use super::outputs::{axis_position_coefficients, dot};
 use super::paper_system::PaperSystem;
 use super::settings::Settings;
 use crate::identification::{
-    Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource,
-    identify, multiply_vector,
+    Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
 };
 use estimation::linear::{LinearSolution, analyse_rank};
 use estimation::monte_carlo::TrialCount;
@@ -44,9 +43,7 @@ fn gate_g1_rank_and_condition_of_the_papers_design() {
     let form = paper_design(8, 1);
     let free = analyse_rank(form.design_matrix.as_ref(), None, RANK_THRESHOLD).unwrap();
     assert_eq!((free.rank, free.nullity), (26, 6));
-    let fixed =
-        analyse_rank(form.design_matrix.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD)
-            .unwrap();
+    let fixed = analyse_rank(form.design_matrix.as_ref(), Some(form.gauge.as_ref()), RANK_THRESHOLD).unwrap();
     assert_eq!((fixed.rank, fixed.nullity), (26, 0));
     assert!((fixed.condition_unscaled - 21.88).abs() < 0.01, "{}", fixed.condition_unscaled);
 }
@@ -56,8 +53,7 @@ fn regress_rank_deficiency_is_gcd_minus_one() {
     for n in 4..=36 {
         for k_b in 1..n {
             let form = paper_design(n, k_b);
-            let nullity =
-                analyse_rank(form.design_matrix.as_ref(), None, RANK_THRESHOLD).unwrap().nullity;
+            let nullity = analyse_rank(form.design_matrix.as_ref(), None, RANK_THRESHOLD).unwrap().nullity;
             assert_eq!(nullity - 6, gcd(k_b, n) - 1, "N = {n}, k_b = {k_b}");
         }
     }
@@ -66,11 +62,7 @@ fn regress_rank_deficiency_is_gcd_minus_one() {
 #[test]
 fn regress_45_degrees_works_for_8_positions_only() {
     for n in [8, 16, 24, 32] {
-        let settings = Settings {
-            positions: n,
-            probe_angles_deg: Some(vec![0.0, 45.0]),
-            ..Settings::default()
-        };
+        let settings = Settings { positions: n, probe_angles_deg: Some(vec![0.0, 45.0]), ..Settings::default() };
         match Design::new(&settings) {
             Ok(_) => assert_eq!(n, 8),
             Err(refused) => {
@@ -84,8 +76,7 @@ fn regress_45_degrees_works_for_8_positions_only() {
 
 /// Standard deviations of the unknowns from Monte Carlo trials, for differences of unit uncertainty.
 fn standard_deviations(form: &PaperSystem, trials: usize) -> Vec<f64> {
-    let LinearSolution { x, gain, rank, condition, dof, .. } =
-        form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
+    let LinearSolution { x, gain, rank, condition, dof, .. } = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let sigma = vec![1.0; form.touches.len()];
     let unknowns = (0..x.len()).map(|j| Output::from_unknown("x", Unit::Mm, j, &x));
     let outputs = Outputs { parameters: unknowns.collect(), ..Outputs::default() };
@@ -113,12 +104,7 @@ fn paper_table_5_uncertainties() {
     for line in include_str!("../../../tests/data/paper1-table5.csv").lines().skip(2) {
         let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
         let i = ((row[0] / 45.0).round() as i64).rem_euclid(8) as usize;
-        let own = [
-            layout.ex_index(0, i),
-            layout.ey_index(0, i),
-            layout.er_index(0, i),
-            layout.w_index(0, i),
-        ];
+        let own = [layout.ex_index(0, i), layout.ey_index(0, i), layout.er_index(0, i), layout.w_index(0, i)];
         for (column, index) in own.into_iter().enumerate() {
             let printed = row[column + 1];
             let excepted = i == 4 && column == 3;
@@ -151,8 +137,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
 #[test]
 fn regress_a_third_probe_angle_tames_the_noise() {
     for (n, paper, third) in [(8, 3.34, 1.40), (24, f64::NAN, 1.88), (36, 13.8, 2.06)] {
-        let with =
-            PaperSystem::new(&Design { position_count: n, probe_indices: vec![0, 1, n / 4] });
+        let with = PaperSystem::new(&Design { position_count: n, probe_indices: vec![0, 1, n / 4] });
         let worst = worst_sigma(&with);
         assert!((worst - third).abs() < 0.006, "N = {n}: {worst}");
         if paper.is_finite() {
@@ -167,12 +152,9 @@ fn regress_a_third_probe_angle_tames_the_noise() {
 fn regress_noise_free_linear_recovery() {
     let form = paper_design(8, 1);
     let mut rng = seeded_stream(7, &[1]);
-    let mut truth: Vec<f64> =
-        (0..form.design_matrix.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
+    let mut truth: Vec<f64> = (0..form.design_matrix.ncols()).map(|_| StandardNormal.sample(&mut rng)).collect();
     let l = &form.layout;
-    for zero in
-        [l.ex_index(0, 0), l.ey_index(0, 0), l.er_index(0, 0), l.w_index(0, 0), l.er_index(0, 4)]
-    {
+    for zero in [l.ex_index(0, 0), l.ey_index(0, 0), l.er_index(0, 0), l.w_index(0, 0), l.er_index(0, 4)] {
         truth[zero - 1] = 0.0;
     }
     truth[l.er_index(0, 6) - 1] = truth[l.er_index(0, 2) - 1];
@@ -232,8 +214,7 @@ fn regress_second_order_correction_on_exact_geometry() {
     for turn in 0..16 {
         let (sin, cos) = (TAU * f64::from(turn) / 16.0).sin_cos();
         let axis = [0.050, -0.030];
-        let part =
-            RoundPart { reach: 48.0, centre: [axis[0] + 1.5 * cos, axis[1] + 1.5 * sin], axis };
+        let part = RoundPart { reach: 48.0, centre: [axis[0] + 1.5 * cos, axis[1] + 1.5 * sin], axis };
         for (i, second_order) in [false, true].into_iter().enumerate() {
             let found = identified_axis(&part, 8, second_order);
             let off = (found[0] - axis[0]).hypot(found[1] - axis[1]);
@@ -250,8 +231,7 @@ fn regress_second_order_correction_on_exact_geometry() {
 fn gate_g1_shifted_origins() {
     let axis = [0.003, 0.005];
     let centre = [0.4, -0.3];
-    let shifts =
-        (0..9).filter(|i| *i != 4).map(|i| [i % 3 - 1, i / 3 - 1].map(|s| 0.02 * f64::from(s)));
+    let shifts = (0..9).filter(|i| *i != 4).map(|i| [i % 3 - 1, i / 3 - 1].map(|s| 0.02 * f64::from(s)));
     for shift in shifts {
         let moved = |p: [f64; 2]| [p[0] - shift[0], p[1] - shift[1]];
         let part = RoundPart { reach: 48.0, centre: moved(centre), axis: moved(axis) };
@@ -283,12 +263,7 @@ fn paper_table_6_circle_centre() {
         let noise: Vec<f64> = (0..32).map(|_| StandardNormal.sample(&mut rng)).collect();
         let x = multiply_vector(&solution.gain, &noise);
         let points: Vec<[f64; 2]> = (0..8)
-            .map(|i| {
-                [
-                    truth(i)[0] + x[layout.ex_index(0, i) - 1],
-                    truth(i)[1] + x[layout.ey_index(0, i) - 1],
-                ]
-            })
+            .map(|i| [truth(i)[0] + x[layout.ex_index(0, i) - 1], truth(i)[1] + x[layout.ey_index(0, i) - 1]])
             .collect();
         let centre = circle::fit_circle(&points).unwrap().centre;
         for i in 0..2 {
@@ -321,8 +296,7 @@ fn regress_drift_needs_references_only_where_it_says_so() {
             let time = 2.0 * i as f64 / last - 1.0;
             let (sin, cos) = design.angle(t.phi_index).sin_cos();
             let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
-            let radius =
-                part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)) + drift;
+            let radius = part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)) + drift;
             Observation {
                 step: 0,
                 height: 0,

@@ -34,27 +34,22 @@ impl Dialect {
     /// # Errors
     /// The name is unknown (the error lists the known names), or the folder is not complete.
     pub fn from_name(name: &str) -> Result<Self, DialectError> {
-        let folder = DIALECT_FOLDERS.get_dir(name).ok_or_else(|| DialectError::UnknownDialect {
-            name: name.to_owned(),
-            known: Self::names(),
-        })?;
-        Self::from_folder(folder).map_err(|reason| DialectError::InvalidFolder {
-            folder: name.to_owned(),
-            reason: reason.to_string(),
-        })
+        let folder = DIALECT_FOLDERS
+            .get_dir(name)
+            .ok_or_else(|| DialectError::UnknownDialect { name: name.to_owned(), known: Self::names() })?;
+        Self::from_folder(folder)
+            .map_err(|reason| DialectError::InvalidFolder { folder: name.to_owned(), reason: reason.to_string() })
     }
 
     fn names() -> Vec<String> {
-        let mut names: Vec<_> =
-            DIALECT_FOLDERS.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
+        let mut names: Vec<_> = DIALECT_FOLDERS.dirs().map(|dir| dir.path().to_string_lossy().into_owned()).collect();
         names.sort();
         names
     }
 
     fn from_folder(folder: &'static Dir<'static>) -> Result<Self, Box<dyn std::error::Error>> {
-        let text = |path: &std::path::Path| {
-            folder.get_file(path).and_then(|file| file.contents_utf8()).unwrap_or_default()
-        };
+        let text =
+            |path: &std::path::Path| folder.get_file(path).and_then(|file| file.contents_utf8()).unwrap_or_default();
         let spec: DialectSpec = toml::from_str(text(&folder.path().join("dialect.toml")))?;
         if !READABLE_LANGUAGES.contains(&spec.language.as_str()) {
             return Err(format!("unknown language `{}`", spec.language).into());
@@ -123,10 +118,8 @@ impl Dialect {
 
     /// Inputs that report the state of the probe, and the fault that each reports when it is on.
     pub fn health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
-        let inputs = [
-            (&self.options.error_input, ProbeFault::Error),
-            (&self.options.battery_input, ProbeFault::Battery),
-        ];
+        let inputs =
+            [(&self.options.error_input, ProbeFault::Error), (&self.options.battery_input, ProbeFault::Battery)];
         inputs.into_iter().filter_map(|(input, fault)| Some((input.as_deref()?, fault)))
     }
 }

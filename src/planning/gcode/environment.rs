@@ -14,11 +14,7 @@ pub(super) fn template_environment() -> Environment<'static> {
     environment
 }
 
-fn refuse_unformatted_number(
-    out: &mut Output,
-    state: &mut State,
-    value: &Value,
-) -> Result<(), Error> {
+fn refuse_unformatted_number(out: &mut Output, state: &mut State, value: &Value) -> Result<(), Error> {
     if value.is_number() && !value.is_integer() {
         let reason = "the template prints a number without the filter `num`";
         return Err(Error::new(ErrorKind::InvalidOperation, reason));

@@ -33,9 +33,7 @@ impl DialectError {
 pub enum RenderError {
     #[error("the value {0} is not a finite number")]
     NotFinite(f64),
-    #[error(
-        "the dialect {dialect} has no template `{missing_template}`: the control does not support this motion"
-    )]
+    #[error("the dialect {dialect} has no template `{missing_template}`: the control does not support this motion")]
     Unsupported { dialect: String, missing_template: &'static str },
     #[error("the dialect {dialect} has no word for the axis {axis}")]
     NoWord { dialect: String, axis: Axis },
@@ -59,13 +57,12 @@ impl RenderError {
             Self::Unsupported { dialect, missing_template } => {
                 format!("choose another dialect, or add gcode-templates/{dialect}/{missing_template}.j2")
             }
-            Self::NoWord { dialect, axis } => format!(
-                "choose another dialect, or add {axis} to gcode-templates/{dialect}/dialect.toml"
-            ),
-            Self::NotFinite(_)
-            | Self::StepTooLarge(_)
-            | Self::NoTarget
-            | Self::Template { .. } => "report this error with the plan".to_owned(),
+            Self::NoWord { dialect, axis } => {
+                format!("choose another dialect, or add {axis} to gcode-templates/{dialect}/dialect.toml")
+            }
+            Self::NotFinite(_) | Self::StepTooLarge(_) | Self::NoTarget | Self::Template { .. } => {
+                "report this error with the plan".to_owned()
+            }
         }
     }
 }

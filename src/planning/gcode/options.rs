@@ -68,8 +68,7 @@ impl DialectOptions {
         let mut words: Vec<(String, &str, SwitchEffect)> = Vec::new();
         let probe = [("on", &self.probe_on, true), ("off", &self.probe_off, false)];
         for (key, text, on) in probe {
-            let declared =
-                text.iter().map(|t| (format!("[probe] {key}"), t, SwitchEffect::Probe(on)));
+            let declared = text.iter().map(|t| (format!("[probe] {key}"), t, SwitchEffect::Probe(on)));
             words.extend(declared.map(|(key, text, switch)| (key, text.as_str(), switch)));
         }
         for (axis, clamp) in &self.clamps {

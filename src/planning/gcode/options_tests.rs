@@ -11,9 +11,7 @@ const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 fn machine() -> Machine {
     let axis = |clamp: Option<u32>| {
-        let clamp = clamp.map(
-            |output| json!({"close": format!("M65 P{output}"), "open": format!("M64 P{output}")}),
-        );
+        let clamp = clamp.map(|output| json!({"close": format!("M65 P{output}"), "open": format!("M64 P{output}")}));
         json!({"min": -360, "max": 360, "clamp": clamp})
     };
     serde_json::from_value(json!({
@@ -64,8 +62,7 @@ fn program(dialect: &Dialect) -> String {
 fn regress_the_text_with_options_is_its_golden_output() {
     for name in ["grbl", "linuxcnc"] {
         let dialect = dialect(name);
-        let (root, extension) =
-            (concat!(env!("CARGO_MANIFEST_DIR"), "/../.."), dialect.extension());
+        let (root, extension) = (concat!(env!("CARGO_MANIFEST_DIR"), "/../.."), dialect.extension());
         let path = format!("{root}/gcode-templates/{name}/golden-options.{extension}");
         if std::env::var_os("TRUED_BLESS").is_some() {
             std::fs::write(&path, program(&dialect)).unwrap();
@@ -134,8 +131,7 @@ fn words_that_are_no_switches_are_refused_with_their_key() {
         ("m65 p1", "declared for another function as well"),
     ] {
         let probe = Probe { on: Some(word.to_owned()), ..probe("0", "1") };
-        let refused =
-            Dialect::from_name("linuxcnc").unwrap().with_options(&machine(), &probe).unwrap_err();
+        let refused = Dialect::from_name("linuxcnc").unwrap().with_options(&machine(), &probe).unwrap_err();
         // `off` comes later, so of two equal words the second one is refused.
         let key = if word == "m65 p1" { "[probe] off = " } else { "[probe] on = " };
         let text = refused.to_string();
@@ -147,8 +143,7 @@ fn words_that_are_no_switches_are_refused_with_their_key() {
 fn an_input_is_named_as_the_control_names_it() {
     for (name, input) in [("grbl", "3"), ("grbl", "P"), ("linuxcnc", "O"), ("linuxcnc", "64")] {
         let probe = Probe { off: None, on: None, ..probe(input, input) };
-        let refused =
-            Dialect::from_name(name).unwrap().with_options(&machine(), &probe).unwrap_err();
+        let refused = Dialect::from_name(name).unwrap().with_options(&machine(), &probe).unwrap_err();
         assert!(refused.to_string().starts_with("[probe] error_input"), "{refused}");
     }
 }

@@ -79,25 +79,15 @@ impl Dialect {
         }
         let (to, feed) = match (motion, read.kind) {
             (Motion::Rapid { to }, MotionKind::Rapid) => (to, None),
-            (
-                Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min },
-                MotionKind::Feed,
-            )
+            (Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min }, MotionKind::Feed)
             | (Motion::Guarded { to, feed_mm_min }, MotionKind::Probe { must_touch: false })
-            | (Motion::Probe { to, feed_mm_min }, MotionKind::Probe { .. }) => {
-                (to, Some(*feed_mm_min))
-            }
+            | (Motion::Probe { to, feed_mm_min }, MotionKind::Probe { .. }) => (to, Some(*feed_mm_min)),
             (Motion::Dwell { seconds }, MotionKind::Dwell { seconds: read }) => {
                 return check_value("dwell", *seconds, read, THIRD_DECIMAL_TOLERANCE);
             }
             (Motion::Orient { s }, MotionKind::Orient { s: read }) => {
                 let turn = (s - read + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
-                return check_value(
-                    "orientation",
-                    0.0,
-                    Axis::S.to_mm_or_deg(turn),
-                    THIRD_DECIMAL_TOLERANCE,
-                );
+                return check_value("orientation", 0.0, Axis::S.to_mm_or_deg(turn), THIRD_DECIMAL_TOLERANCE);
             }
             (_, kind) => return Err(format!("the motion is a {kind:?}")),
         };
@@ -107,12 +97,7 @@ impl Dialect {
         for (axis, value) in to.iter() {
             let other = read.target.get(axis).ok_or_else(|| format!("{axis} does not move"))?;
             let half_unit = axis.to_mm_or_deg(self.rounding_tolerance(axis));
-            check_value(
-                &axis.to_string(),
-                axis.to_mm_or_deg(value),
-                axis.to_mm_or_deg(other),
-                half_unit,
-            )?;
+            check_value(&axis.to_string(), axis.to_mm_or_deg(value), axis.to_mm_or_deg(other), half_unit)?;
         }
         match (feed, read.feed_mm_min) {
             (Some(feed), Some(read)) => check_value("feed", feed, read, THIRD_DECIMAL_TOLERANCE),

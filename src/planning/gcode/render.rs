@@ -66,11 +66,7 @@ impl Dialect {
     }
 
     /// A whole program: head, blocks, foot; each line ends with a newline.
-    pub fn render_program(
-        &self,
-        program: &ProgramHeader,
-        blocks: &[Block],
-    ) -> Result<String, RenderError> {
+    pub fn render_program(&self, program: &ProgramHeader, blocks: &[Block]) -> Result<String, RenderError> {
         let mut lines = self.render_head(program)?;
         for block in blocks {
             lines.extend(self.render_block(block)?);
@@ -105,10 +101,7 @@ fn comment_text(text: &str) -> String {
 
 /// Template of a motion and its names: `to` (axis words), `feed` (mm/min), `s_deg` (0 to 360), `seconds`; with
 /// `to`, also the machine's options (`options`).
-fn motion_template(
-    dialect: &Dialect,
-    motion: &Motion,
-) -> Result<(&'static str, TemplateValues), RenderError> {
+fn motion_template(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, TemplateValues), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
         let mut names = vec![("to", axis_words(dialect, to)?)];
         names.extend(dialect.options.template_values(Some(to)));
@@ -151,18 +144,10 @@ fn axis_words(dialect: &Dialect, to: &Position) -> Result<Value, RenderError> {
         .collect()
 }
 
-fn render_lines(
-    dialect: &Dialect,
-    template: &'static str,
-    names: TemplateValues,
-) -> Result<Vec<String>, RenderError> {
-    let unsupported = |_| RenderError::Unsupported {
-        dialect: dialect.spec.name.clone(),
-        missing_template: template,
-    };
+fn render_lines(dialect: &Dialect, template: &'static str, names: TemplateValues) -> Result<Vec<String>, RenderError> {
+    let unsupported = |_| RenderError::Unsupported { dialect: dialect.spec.name.clone(), missing_template: template };
     let found = dialect.templates.get_template(template).map_err(unsupported)?;
-    let text =
-        found.render(Value::from_pairs(names)).map_err(|error| template_error(template, &error))?;
+    let text = found.render(Value::from_pairs(names)).map_err(|error| template_error(template, &error))?;
     Ok(text.lines().map(str::to_owned).collect())
 }
 

@@ -49,10 +49,6 @@ impl InputNaming {
             }
         };
         let (key, value) = (key.to_owned(), input.to_owned());
-        if holds {
-            Ok(())
-        } else {
-            Err(DialectError::InvalidOption { key, value, reason: reason.to_owned() })
-        }
+        if holds { Ok(()) } else { Err(DialectError::InvalidOption { key, value, reason: reason.to_owned() }) }
     }
 }

@@ -30,17 +30,13 @@ fn blocks(orient: bool) -> Vec<Block> {
         Motion::Feed { to: at(&[(Y, 12.3456), (Z, 1.0 / 3.0)]), feed_mm_min: 120.0 },
         Motion::Rapid { to: at(&[(X, -150.5), (Y, 99.999_99), (C, -359.999)]) },
     ];
-    vec![
-        Block { step: 0, repeat: 0, motions: first },
-        Block { step: 99_999, repeat: 2, motions: second },
-    ]
+    vec![Block { step: 0, repeat: 0, motions: first }, Block { step: 99_999, repeat: 2, motions: second }]
 }
 
 const NAMES: [&str; 3] = ["grbl", "grbl-m19", "linuxcnc"];
 
 fn program(name: &str) -> String {
-    let program =
-        ProgramHeader { title: "golden (50%)", axes: &AXES, log: Some("/var/tmp/golden.log") };
+    let program = ProgramHeader { title: "golden (50%)", axes: &AXES, log: Some("/var/tmp/golden.log") };
     Dialect::from_name(name).unwrap().render_program(&program, &blocks(name != "grbl")).unwrap()
 }
 
@@ -96,8 +92,7 @@ fn unknown_dialects_are_answered_with_the_known_ones() {
 #[test]
 fn what_cannot_be_written_is_refused_by_type() {
     let dialect = Dialect::from_name("grbl").unwrap();
-    let render =
-        |motion| dialect.render_block(&Block { step: 1, repeat: 0, motions: vec![motion] });
+    let render = |motion| dialect.render_block(&Block { step: 1, repeat: 0, motions: vec![motion] });
     let nan = Motion::Rapid { to: at(&[(Axis::X, f64::NAN)]) };
     assert!(matches!(render(nan), Err(RenderError::NotFinite(v)) if v.is_nan()));
     let feed = Motion::Probe { to: at(&[(Axis::X, 1.0)]), feed_mm_min: f64::INFINITY };
@@ -134,10 +129,7 @@ fn motions(text: &str) -> Vec<rs274::ReadMotion> {
 fn the_reader_follows_modal_state() {
     let read = motions("G1 X1 F100\nY2\nG91 X2 (still G1)\nG20 X1 F1\nG90 G0 C90\n");
     let kinds: Vec<_> = read.iter().map(|m| m.kind).collect();
-    assert_eq!(
-        kinds,
-        [MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Rapid]
-    );
+    assert_eq!(kinds, [MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Feed, MotionKind::Rapid]);
     assert_eq!(read[1].target, at(&[(Axis::Y, 2.0)]));
     assert_eq!(read[2].target, at(&[(Axis::X, 3.0)]));
     assert!((read[3].target.get_or_zero(Axis::X) - 28.4).abs() < 1e-12, "an inch further");
@@ -154,15 +146,8 @@ fn a_frame_is_the_machines_only_if_its_offsets_are_known() {
     assert_eq!(frame(&with_g55, Some("G54")), work("G55"));
     assert_eq!(frame(&with_g55, Some("G55")), MotionFrame::Machine);
     assert_eq!(frame(&format!("{SET}G55\nG53 G0 X1"), None), MotionFrame::Machine);
-    assert_eq!(
-        frame("G21 G90 G94 G61 G54 G49\nG0 X1", Some("G54")),
-        work("G54"),
-        "G92 may be active"
-    );
-    assert_eq!(
-        frame("G21 G90 G94 G61 G49 G92.1\nG0 X1", Some("G54")),
-        work("an unknown work offset")
-    );
+    assert_eq!(frame("G21 G90 G94 G61 G54 G49\nG0 X1", Some("G54")), work("G54"), "G92 may be active");
+    assert_eq!(frame("G21 G90 G94 G61 G49 G92.1\nG0 X1", Some("G54")), work("an unknown work offset"));
     let zeroed = format!("{SET}G10 L2 P6 X0 Y0\nG59\n");
     assert_eq!(frame(&format!("{zeroed}G0 X1"), None), MotionFrame::Machine);
     assert_eq!(frame(&format!("{zeroed}G0 Z1"), None), work("G59"), "Z was not set to zero");
@@ -208,13 +193,8 @@ fn the_reader_refuses_what_it_does_not_know_and_names_the_line() {
     assert!(unset("G21 G90 G61\nG0 X1").reason.contains("G94"));
     assert_eq!(read_program("G21 G90 G94 G61.1\nG0 X1", None).unwrap().len(), 1);
     assert!(read_program(&format!("{SET}M2\nG0 X1"), None).unwrap_err().reason.contains("end"));
-    assert!(
-        read_program(&format!("{SET}o<a> if [1]\nM2"), None).unwrap_err().reason.contains("no end")
-    );
-    assert!(
-        read_program(&format!("{SET}o<a> if [1]\nM72\no<a> endif"), None).is_err(),
-        "does not stop"
-    );
+    assert!(read_program(&format!("{SET}o<a> if [1]\nM2"), None).unwrap_err().reason.contains("no end"));
+    assert!(read_program(&format!("{SET}o<a> if [1]\nM72\no<a> endif"), None).is_err(), "does not stop");
     assert!(read_program(&format!("{SET}o<a> if [1]\nM2\no<a> endif\n"), None).unwrap().is_empty());
 }
 

@@ -58,11 +58,7 @@ impl Dialect {
     }
 
     /// Renders one program, with a unit for each motion.
-    fn render_lines_text(
-        &self,
-        axes: &[Axis],
-        blocks: &[Block],
-    ) -> Result<TransmissionText, RenderError> {
+    fn render_lines_text(&self, axes: &[Axis], blocks: &[Block]) -> Result<TransmissionText, RenderError> {
         let program = ProgramHeader { title: "stage", axes, log: None };
         let mut text = join_lines(self.render_head(&program)?);
         let head_lines = text.lines().count();
@@ -80,27 +76,17 @@ impl Dialect {
     fn line_unit(&self, block: &Block, motion: &Motion) -> Result<TransmissionUnit, RenderError> {
         let motions = vec![motion.clone()];
         let lines = self.render_block(&Block { motions: motions.clone(), ..*block })?;
-        Ok(TransmissionUnit {
-            motions,
-            text: join_lines(lines),
-            clamp_wait_s: self.clamp_wait_s(motion),
-        })
+        Ok(TransmissionUnit { motions, text: join_lines(lines), clamp_wait_s: self.clamp_wait_s(motion) })
     }
 
     /// Renders a program for each part of a block. The probe stays on from program to program.
-    fn render_programs(
-        &self,
-        axes: &[Axis],
-        log: &str,
-        blocks: &[Block],
-    ) -> Result<TransmissionText, RenderError> {
+    fn render_programs(&self, axes: &[Axis], log: &str, blocks: &[Block]) -> Result<TransmissionText, RenderError> {
         let dialect = self.without_probe_off();
         let mut all = Vec::new();
         for block in blocks {
             let parts = block.motions.split_inclusive(is_back_off);
-            let units: Vec<TransmissionUnit> = parts
-                .map(|motions| dialect.program_unit(axes, log, block, motions))
-                .collect::<Result<_, _>>()?;
+            let units: Vec<TransmissionUnit> =
+                parts.map(|motions| dialect.program_unit(axes, log, block, motions)).collect::<Result<_, _>>()?;
             all.push(units);
         }
         let programs = all.iter().flatten().map(|unit| unit.text.clone()).collect();

@@ -95,10 +95,7 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
     let refusal = result(way(15.0, 12.51)).unwrap_err();
     let body = "ball 1".to_owned();
     assert_eq!(refusal.line, TOUCH);
-    assert_eq!(
-        refusal.reason,
-        RefusalReason::TouchCanMiss { body: body.clone(), uncertainty: 0.5 }
-    );
+    assert_eq!(refusal.reason, RefusalReason::TouchCanMiss { body: body.clone(), uncertainty: 0.5 });
     assert_eq!(result(way(17.0, 13.01)).unwrap_err().reason, RefusalReason::TouchWithoutContact);
     // Limit of the start: contact at 13 mm plus the uncertainty of 0.5 mm.
     assert!(result(way(13.51, 11.0)).is_ok());
@@ -147,8 +144,7 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
 /// The stem of the touched ball moves with the ball: contact stops the stylus ball before the stem.
 #[test]
 fn the_own_stem_is_looked_at_as_far_as_contact_lets_the_ball_come() {
-    let thick =
-        |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
+    let thick = |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
     // Limit of the stem's radius: 13 − 0.11 − 3 mm at contact, not 11 − 3 mm at the end of the touch.
     assert!(proven(&thick(9.8)).is_ok());
     assert_near(&thick(9.95), TOUCH, ["stylus ball", "stem of ball 1"]);

@@ -95,15 +95,12 @@ impl BodyShape {
             }
             ShapeCore::Box(cuboid) => {
                 let signs = [-1.0, 1.0];
-                let corner = |x, y, z| {
-                    Vector3::from(cuboid.half_extents).component_mul(&Vector3::new(x, y, z))
-                };
+                let corner = |x, y, z| Vector3::from(cuboid.half_extents).component_mul(&Vector3::new(x, y, z));
                 let all = signs.iter().flat_map(|x| signs.iter().map(move |y| (*x, *y)));
                 (all.flat_map(|(x, y)| signs.map(|z| corner(x, y, z))).collect(), 0.0)
             }
         };
-        let placed =
-            points.into_iter().map(|p| self.carrier_from_core.transform_point(&p.into()).coords);
+        let placed = points.into_iter().map(|p| self.carrier_from_core.transform_point(&p.into()).coords);
         (placed.collect(), radius + self.rounding_radius)
     }
 

@@ -41,12 +41,8 @@ pub fn body_gap(
     }
     let rounding_radius = one.rounding_radius + other.rounding_radius;
     let between = |direction: Vector3<f64>| {
-        let off = lateral
-            .map_or(0.0, |lateral| lateral.amount_mm * direction.cross(&lateral.direction).norm());
-        BodyGap {
-            distance_mm: gap_across_mm(one, other, direction) - off - rounding_radius,
-            direction,
-        }
+        let off = lateral.map_or(0.0, |lateral| lateral.amount_mm * direction.cross(&lateral.direction).norm());
+        BodyGap { distance_mm: gap_across_mm(one, other, direction) - off - rounding_radius, direction }
     };
     let wider = |a: BodyGap, b: BodyGap| if b.distance_mm > a.distance_mm { b } else { a };
     let line = b.translation.vector - a.translation.vector;
@@ -55,7 +51,6 @@ pub fn body_gap(
     if first.distance_mm > sufficient_mm(start) {
         return first;
     }
-    let widest =
-        if max_sufficient_mm.is_finite() { max_sufficient_mm + rounding_radius } else { f64::MAX };
+    let widest = if max_sufficient_mm.is_finite() { max_sufficient_mm + rounding_radius } else { f64::MAX };
     separating_directions(one, other, start, widest).into_iter().map(between).fold(first, wider)
 }

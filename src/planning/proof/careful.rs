@@ -10,9 +10,7 @@ use super::rules;
 use super::scene::ClearanceRule;
 use crate::gcode::rs274::ReadMotion;
 use crate::turn_feeds;
-use crate::unconfirmed_approach::{
-    MIN_PROBING_MOVE_MM, round_radius_mm, unconfirmed_search_feed_mm_min,
-};
+use crate::unconfirmed_approach::{MIN_PROBING_MOVE_MM, round_radius_mm, unconfirmed_search_feed_mm_min};
 use machine::{Axis, Position};
 
 /// Rounding tolerance of the text, mm.
@@ -23,9 +21,7 @@ impl ProgramCheck<'_> {
     pub(super) fn check_z_at_top(&self, target: &Position) -> CheckResult {
         let aside = |(axis, to): (Axis, f64)| {
             let expected = Position::new().with(axis, to);
-            axis != Axis::Z
-                && rules::find_axis_mismatch(self.position(), &expected, self.request().dialect)
-                    .is_some()
+            axis != Axis::Z && rules::find_axis_mismatch(self.position(), &expected, self.request().dialect).is_some()
         };
         let top = self.request().plan.machine.axes.get(&Axis::Z).map(|spec| spec.max);
         let top: Position = top.map(|z| (Axis::Z, z)).into_iter().collect();
@@ -61,22 +57,17 @@ impl ProgramCheck<'_> {
         {
             let most = turn_feeds::max_turn_feed_deg_min(plan, &self.chain, axis, self.position());
             rules::check_max_feed("the turn", motion, most)?;
-            return self.check_move(
-                &motion.target,
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-            );
+            return self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM));
         }
         rules::check_max_feed("the short move", motion, unconfirmed_search_feed_mm_min(plan))?;
         let ends = self.position().updated_by(&motion.target);
         let turns = motion.target.iter().any(|(axis, _)| !axis.is_linear());
         let known = motion.target.iter().all(|(axis, _)| self.position().get(axis).is_some());
         let dialect = self.request().dialect;
-        let is_at =
-            |place: &Position| rules::find_axis_mismatch(self.position(), place, dialect).is_none();
+        let is_at = |place: &Position| rules::find_axis_mismatch(self.position(), place, dialect).is_none();
         // The machine may already be above a step within rounding; at the start of the touch, the next move must be
         // the touch.
-        let replaces_touch =
-            is_at(&motion.target) && self.step().is_some_and(|step| is_at(&step.from));
+        let replaces_touch = is_at(&motion.target) && self.step().is_some_and(|step| is_at(&step.from));
         if turns
             || !known
             || replaces_touch
@@ -89,16 +80,11 @@ impl ProgramCheck<'_> {
     }
 
     /// Required clearance of a guarded move without rotary axes.
-    pub(super) fn unconfirmed_guarded_rule(
-        &self,
-        motion: &ReadMotion,
-    ) -> Result<ClearanceRule, RefusalReason> {
+    pub(super) fn unconfirmed_guarded_rule(&self, motion: &ReadMotion) -> Result<ClearanceRule, RefusalReason> {
         if !self.is_probing_round(motion) {
             self.check_z_at_top(&motion.target)?;
         }
-        let slow =
-            rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request().plan))
-                .is_ok();
+        let slow = rules::check_max_feed("", motion, unconfirmed_search_feed_mm_min(self.request().plan)).is_ok();
         Ok(match slow || self.confirmed.is_any() {
             true => self.guarded_move_rule(),
             false => ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),

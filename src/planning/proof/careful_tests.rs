@@ -11,9 +11,7 @@ const CAREFUL: &str = "N0 G38.3 Z450 F1500\nN0 G38.3 X50 F1500\nN0 G38.3 Z250 F1
 
 #[track_caller]
 fn reason(lines: &str) -> RefusalReason {
-    proven_as(&plan(|_| {}), lines, Some(&beside()), ConfirmedDirections::default())
-        .unwrap_err()
-        .reason
+    proven_as(&plan(|_| {}), lines, Some(&beside()), ConfirmedDirections::default()).unwrap_err().reason
 }
 
 #[test]
@@ -22,10 +20,7 @@ fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
     assert!(proven_as(&plan, CAREFUL, Some(&beside()), ConfirmedDirections::default()).is_ok());
     let low = CAREFUL.replace("Z450", "Z440");
     assert!(matches!(reason(&low), RefusalReason::SidewaysBelowTopZ(_)), "{}", reason(&low));
-    assert!(matches!(
-        reason(CAREFUL.split_once('\n').unwrap().1),
-        RefusalReason::SidewaysBelowTopZ(_)
-    ));
+    assert!(matches!(reason(CAREFUL.split_once('\n').unwrap().1), RefusalReason::SidewaysBelowTopZ(_)));
     for rapid in ["N0 G38.3 Z450 F1500", "N0 G38.3 X50 F1500", "N0 G38.3 Z250 F1500"] {
         let words = rapid.split_whitespace().find(|word| word.starts_with(['X', 'Z'])).unwrap();
         let lines = CAREFUL.replacen(rapid, &format!("N0 G53 G0 {words}"), 1);
@@ -53,17 +48,13 @@ fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
     to_zero(&format!("N0 G53 G1 C0 F{:.0}", most * 0.99)).unwrap();
     let refused = |turn: &str| to_zero(turn).unwrap_err().reason;
     let too_fast = refused(&format!("N0 G53 G1 C0 F{:.0}", most * 1.01));
-    assert!(
-        matches!(too_fast, RefusalReason::WrongFeed { motion_name: "the turn", .. }),
-        "{too_fast}"
-    );
+    assert!(matches!(too_fast, RefusalReason::WrongFeed { motion_name: "the turn", .. }), "{too_fast}");
     assert_eq!(refused("N0 G53 G0 C0"), RefusalReason::RapidBeforeConfirmation);
     assert_eq!(refused("N0 G38.3 C0 F100"), RefusalReason::TurnBeforeConfirmation);
     assert_eq!(refused("N0 G53 G1 B0 C0 F100"), RefusalReason::UnexpectedFeedMove);
     let low = "N0 G53 G1 C0 F100\n".to_owned() + CAREFUL;
     let from = beside().with(Axis::C, std::f64::consts::PI);
-    let refusal =
-        proven_as(&turning, &low, Some(&from), ConfirmedDirections::default()).unwrap_err();
+    let refusal = proven_as(&turning, &low, Some(&from), ConfirmedDirections::default()).unwrap_err();
     assert!(matches!(refusal.reason, RefusalReason::SidewaysBelowTopZ(_)), "{refusal}");
 }
 
@@ -79,10 +70,7 @@ fn a_feed_move_may_stand_for_a_probing_move_that_is_too_short() {
     let long = short.replacen("X50.2", "X50.4", 1);
     assert_eq!(reason(&long), RefusalReason::UnexpectedFeedMove);
     let fast = short.replacen("G1 X50 F300", "G1 X50 F400", 1);
-    assert!(matches!(
-        reason(&fast),
-        RefusalReason::WrongFeed { motion_name: "the short move", .. }
-    ));
+    assert!(matches!(reason(&fast), RefusalReason::WrongFeed { motion_name: "the short move", .. }));
 }
 
 /// Touches along X, Y and Z confirm; touches along three normals of which two are opposite do not.

@@ -103,10 +103,7 @@ pub(super) fn check_retract(request: &JogProofRequest<'_>, programs: &[String]) 
     check_no_approach(request, &motion).map_err(refusal)
 }
 
-fn read_single_move(
-    request: &JogProofRequest<'_>,
-    programs: &[String],
-) -> Result<ReadMotion, ProofRefusal> {
+fn read_single_move(request: &JogProofRequest<'_>, programs: &[String]) -> Result<ReadMotion, ProofRefusal> {
     let motions = read_programs(request.dialect, programs)?;
     <[ReadMotion; 1]>::try_from(motions).map(|[motion]| motion).map_err(|motions| ProofRefusal {
         step: None,
@@ -117,11 +114,7 @@ fn read_single_move(
 
 /// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
 /// longer than `longest`, mm or degrees.
-fn check_axis(
-    request: &JogProofRequest<'_>,
-    motion: &ReadMotion,
-    longest: f64,
-) -> Result<(), RefusalReason> {
+fn check_axis(request: &JogProofRequest<'_>, motion: &ReadMotion, longest: f64) -> Result<(), RefusalReason> {
     let JogProofRequest { plan, axis, dialect, .. } = *request;
     if let MotionFrame::Work(slot) = &motion.frame {
         return Err(RefusalReason::NotMachineCoordinates(slot.clone()));
@@ -142,10 +135,7 @@ fn check_axis(
 }
 
 /// Checks that contact stops the move, or that its feed is limited.
-fn check_guard_or_feed(
-    request: &JogProofRequest<'_>,
-    motion: &ReadMotion,
-) -> Result<(), RefusalReason> {
+fn check_guard_or_feed(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<(), RefusalReason> {
     let JogProofRequest { plan, axis, .. } = *request;
     match motion.kind {
         // Moves of linear axes are guarded: contact stops them.
@@ -159,10 +149,7 @@ fn check_guard_or_feed(
 }
 
 /// Checks the clearance for every axis that the drives may actually move.
-fn check_clearance(
-    request: &JogProofRequest<'_>,
-    motion: &ReadMotion,
-) -> Result<Option<Clearance>, RefusalReason> {
+fn check_clearance(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
     let JogProofRequest { plan, position, axis, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
     let from = axis_commands(plan, position)?;
@@ -189,24 +176,14 @@ fn check_clearance(
 }
 
 /// Checks that no declared body is approached, at the assumed position of the machine.
-fn check_no_approach(
-    request: &JogProofRequest<'_>,
-    motion: &ReadMotion,
-) -> Result<Option<Clearance>, RefusalReason> {
+fn check_no_approach(request: &JogProofRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, RefusalReason> {
     let JogProofRequest { plan, position, axis, to, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
-    let joint_path = JointPath {
-        from: axis_commands(plan, position)?,
-        to: axis_commands(plan, &position.clone().with(axis, to))?,
-    };
+    let joint_path =
+        JointPath { from: axis_commands(plan, position)?, to: axis_commands(plan, &position.clone().with(axis, to))? };
     let nearest_pair = scene.nearest_pair(&joint_path, &ClearanceRule::Retract, f64::INFINITY)?;
     let line = motion.line;
-    Ok(nearest_pair.map(|(clearance_mm, between)| Clearance {
-        step: 0,
-        line,
-        clearance_mm,
-        between,
-    }))
+    Ok(nearest_pair.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
 }
 
 /// Commands of all axes; the spindle, if not oriented, is at zero.

@@ -10,21 +10,11 @@ use machine::{Axis, Position};
 
 type CheckResult<E> = Result<Option<Clearance>, E>;
 
-fn proven(
-    plan: &Plan,
-    lines: &str,
-    target: (Axis, f64),
-    position: &Position,
-) -> CheckResult<RefusalReason> {
+fn proven(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> CheckResult<RefusalReason> {
     checked(plan, lines, target, position, check_jog)
 }
 
-fn retracted(
-    plan: &Plan,
-    lines: &str,
-    target: (Axis, f64),
-    position: &Position,
-) -> CheckResult<RefusalReason> {
+fn retracted(plan: &Plan, lines: &str, target: (Axis, f64), position: &Position) -> CheckResult<RefusalReason> {
     checked(plan, lines, target, position, check_retract)
 }
 
@@ -98,10 +88,7 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     assert!(z("N1 G53 G1 Z299 F60", 299.0).is_ok());
     assert_eq!(z("N1 G53 G1 X101 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
     assert_eq!(z("N1 G53 G1 X101 Z301 F60", 301.0), Err(RefusalReason::WrongAxis(Axis::X)));
-    assert!(
-        matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))),
-        "the other sense"
-    );
+    assert!(matches!(z("N1 G53 G1 Z299 F60", 301.0), Err(RefusalReason::WrongTarget(_))), "the other sense");
     assert!(z("N1 G53 G1 Z302 F60", 302.0).is_ok());
     let long = z("N1 G53 G1 Z302.5 F60", 302.5);
     assert_eq!(long, Err(RefusalReason::JogTooLong { by: 2.5, most: 2.0 }));
@@ -112,10 +99,7 @@ fn a_retract_is_one_short_slow_feed_move_of_one_linear_axis() {
     let twice = z("N1 G53 G1 Z301 F60\nN1 G53 G1 Z301 F60", 301.0);
     assert_eq!(twice, Err(RefusalReason::NotSingleMove(2)));
     assert!(z("N1 G1 Z301 F60\nG54", 301.0).is_ok(), "G59 holds zeros");
-    assert!(matches!(
-        z("G54\nN1 G1 Z301 F60", 301.0),
-        Err(RefusalReason::NotMachineCoordinates(_))
-    ));
+    assert!(matches!(z("G54\nN1 G1 Z301 F60", 301.0), Err(RefusalReason::NotMachineCoordinates(_))));
 
     let turn = retracted(&plan, "N1 G53 G1 C1 F60", (Axis::C, 1.0), &beside());
     assert_eq!(turn, Err(RefusalReason::InvalidRetract));
@@ -154,9 +138,7 @@ fn a_retract_approaches_no_declared_body() {
     assert!(x(&boxed, 103.9, 104.9).is_ok());
     let near = x(&boxed, 104.1, 105.1);
     let between = ["stylus ball", "clamp"].map(str::to_owned);
-    assert!(
-        matches!(near, Err(RefusalReason::ClearanceTooSmall { between: found, .. }) if found == between)
-    );
+    assert!(matches!(near, Err(RefusalReason::ClearanceTooSmall { between: found, .. }) if found == between));
     // Nearer than the margin, the ball may keep its distance, and may leave.
     assert!(x(&boxed, 106.5, 105.5).is_ok());
     assert!(matches!(x(&boxed, 106.5, 106.6), Err(RefusalReason::ClearanceTooSmall { .. })));

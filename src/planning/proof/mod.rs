@@ -67,9 +67,7 @@ mod scan_tests;
 mod tests;
 
 pub use jog::{JogProofRequest, prove_jog, prove_retract};
-pub use proven::{
-    AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks,
-};
+pub use proven::{AlteredBlock, ProvenBlock, ProvenUnit, StageProofError, StageProofRequest, prove_blocks};
 pub use proven_modes::{ProvenModes, prove_modes};
 pub use refusal::{ProofRefusal, RefusalReason};
 
@@ -119,9 +117,6 @@ pub fn prove_programs(request: &ProofRequest<'_>) -> Result<Proof, ProofRefusal>
 }
 
 /// Like [`prove_programs`], for programs that were read back already.
-fn prove_motions(
-    request: &ProofRequest<'_>,
-    motions: Vec<ReadMotion>,
-) -> Result<Proof, ProofRefusal> {
+fn prove_motions(request: &ProofRequest<'_>, motions: Vec<ReadMotion>) -> Result<Proof, ProofRefusal> {
     program_check::ProgramCheck::begin(request, motions)?.check_all_motions()
 }

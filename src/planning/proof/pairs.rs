@@ -62,11 +62,7 @@ impl BodyPair {
     /// Whether only the rotation of the spindle moves them relative to each other: the nose, and the parts that it
     /// holds.
     fn is_spindle_rotation_only(&self) -> bool {
-        self.one
-            .carrier_chain
-            .axes()
-            .chain(self.other.carrier_chain.axes())
-            .all(|axis| axis == Axis::S)
+        self.one.carrier_chain.axes().chain(self.other.carrier_chain.axes()).all(|axis| axis == Axis::S)
     }
 }
 
@@ -85,8 +81,7 @@ pub fn collision_pairs(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyP
             pairs.push(pair);
         } else if !pair.is_spindle_rotation_only() {
             let (one, other) = (&pair.one.name, &pair.other.name);
-            let reason =
-                format!("nearer than {MIN_UNGUARDED_CLEARANCE_MM} mm with all axes at zero");
+            let reason = format!("nearer than {MIN_UNGUARDED_CLEARANCE_MM} mm with all axes at zero");
             unchecked.push(format!("{one} against {other}: {reason}"));
         }
     }
@@ -94,16 +89,12 @@ pub fn collision_pairs(bodies: &[CollisionBody], uncertainty: f64) -> (Vec<BodyP
 }
 
 /// Each pair once: for bodies of two sides, the tool's body first, the bed's last.
-fn make_pair(
-    bodies: &[CollisionBody],
-    one: usize,
-    other: usize,
-    uncertainty: f64,
-) -> Option<BodyPair> {
+fn make_pair(bodies: &[CollisionBody], one: usize, other: usize, uncertainty: f64) -> Option<BodyPair> {
     let (a, b) = (bodies.get(one)?, bodies.get(other)?);
     let comes_first = match (a.carrier_chain.side(), b.carrier_chain.side()) {
-        (MachineSide::Tool, MachineSide::Workpiece | MachineSide::Bed)
-        | (MachineSide::Workpiece, MachineSide::Bed) => true,
+        (MachineSide::Tool, MachineSide::Workpiece | MachineSide::Bed) | (MachineSide::Workpiece, MachineSide::Bed) => {
+            true
+        }
         (first, second) => first == second && one < other,
     };
     if !comes_first || a.carrier_chain.has_same_axes_as(&b.carrier_chain) {
@@ -111,41 +102,25 @@ fn make_pair(
     }
     let role = pair_role(a, b, bodies);
     let of_artefact = |body: &CollisionBody| {
-        matches!(
-            body.role,
-            BodyRole::Touched(_) | BodyRole::StemOf(_) | BodyRole::MotionFrame | BodyRole::Datum
-        )
+        matches!(body.role, BodyRole::Touched(_) | BodyRole::StemOf(_) | BodyRole::MotionFrame | BodyRole::Datum)
     };
     let measured_gap = match (a.role, b.role) {
         (BodyRole::StylusBall, BodyRole::TableSensor { min_gap_mm }) => Some(min_gap_mm),
         _ => None,
     };
-    let is_contact_detected =
-        matches!(a.role, BodyRole::StylusBall | BodyRole::StylusStem) && of_artefact(b);
+    let is_contact_detected = matches!(a.role, BodyRole::StylusBall | BodyRole::StylusStem) && of_artefact(b);
     let position_uncertainty_mm = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
     let [of_one, of_other] = CarrierChain::relative_chains(&a.carrier_chain, &b.carrier_chain);
     let body_indices = [one, other];
-    let (one, other) = (
-        CollisionBody { carrier_chain: of_one, ..a.clone() },
-        CollisionBody { carrier_chain: of_other, ..b.clone() },
-    );
-    Some(BodyPair {
-        one,
-        other,
-        body_indices,
-        role,
-        is_contact_detected,
-        position_uncertainty_mm,
-        measured_gap,
-    })
+    let (one, other) =
+        (CollisionBody { carrier_chain: of_one, ..a.clone() }, CollisionBody { carrier_chain: of_other, ..b.clone() });
+    Some(BodyPair { one, other, body_indices, role, is_contact_detected, position_uncertainty_mm, measured_gap })
 }
 
 fn pair_role(one: &CollisionBody, other: &CollisionBody, bodies: &[CollisionBody]) -> PairRole {
     match (one.role, other.role) {
         (BodyRole::StylusBall, BodyRole::Touched(number)) => PairRole::Touch(number),
-        (_, BodyRole::Touched(number) | BodyRole::StemOf(number))
-            if moves_with_stylus(one, bodies) =>
-        {
+        (_, BodyRole::Touched(number) | BodyRole::StemOf(number)) if moves_with_stylus(one, bodies) => {
             PairRole::NearTouched(number)
         }
         _ => PairRole::Separate,
@@ -154,9 +129,8 @@ fn pair_role(one: &CollisionBody, other: &CollisionBody, bodies: &[CollisionBody
 
 /// Whether the same linear and rotary axes move the body as the stylus ball, the rotation of the spindle apart.
 fn moves_with_stylus(body: &CollisionBody, bodies: &[CollisionBody]) -> bool {
-    let axes = |body: &CollisionBody| -> Vec<Axis> {
-        body.carrier_chain.axes().filter(|axis| *axis != Axis::S).collect()
-    };
+    let axes =
+        |body: &CollisionBody| -> Vec<Axis> { body.carrier_chain.axes().filter(|axis| *axis != Axis::S).collect() };
     let ball = bodies.iter().find(|other| other.role == BodyRole::StylusBall);
     ball.is_some_and(|ball| axes(ball) == axes(body))
 }

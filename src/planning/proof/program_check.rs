@@ -59,10 +59,7 @@ pub(super) type CheckResult = Result<(), RefusalReason>;
 
 impl<'a> ProgramCheck<'a> {
     /// Begins the check. `motions`: the motions of the request's programs, as read back.
-    pub fn begin(
-        request: &'a ProofRequest<'a>,
-        motions: Vec<ReadMotion>,
-    ) -> Result<Self, ProofRefusal> {
+    pub fn begin(request: &'a ProofRequest<'a>, motions: Vec<ReadMotion>) -> Result<Self, ProofRefusal> {
         let at = |line| move |reason| ProofRefusal { step: None, line, reason };
         let mut turns = Vec::new();
         let mut scenes = Vec::new();
@@ -75,8 +72,7 @@ impl<'a> ProgramCheck<'a> {
             }
         }
         let position = request.position.cloned().unwrap_or_default();
-        let chain =
-            KinematicChain::new(&request.plan.machine).map_err(|error| at(1)(error.into()))?;
+        let chain = KinematicChain::new(&request.plan.machine).map_err(|error| at(1)(error.into()))?;
         Ok(Self {
             request,
             motions,
@@ -129,10 +125,7 @@ impl<'a> ProgramCheck<'a> {
 
     /// Scene of the current stage; before any step, of the first stage.
     fn scene(&self) -> Option<&Scene> {
-        let stage = self
-            .step_index
-            .and_then(|turn| self.step_queue.get(turn))
-            .map_or(0, |(_, stage)| *stage);
+        let stage = self.step_index.and_then(|turn| self.step_queue.get(turn)).map_or(0, |(_, stage)| *stage);
         self.scenes.get(stage)
     }
 
@@ -157,13 +150,10 @@ impl<'a> ProgramCheck<'a> {
             MotionKind::Feed => self.check_back_off(motion),
             _ if self.phase == StepPhase::Touched => Err(RefusalReason::MissingBackOff),
             MotionKind::Orient { s } => self.check_orientation(s),
-            MotionKind::Rapid if !self.is_confirmed() => {
-                Err(RefusalReason::RapidBeforeConfirmation)
+            MotionKind::Rapid if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            MotionKind::Rapid => {
+                self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))
             }
-            MotionKind::Rapid => self.check_move(
-                &motion.target,
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-            ),
             MotionKind::Probe { must_touch } => self.check_probing_move(motion, must_touch),
             MotionKind::Stop => Err(RefusalReason::UnexpectedStop),
         }
@@ -205,10 +195,9 @@ impl<'a> ProgramCheck<'a> {
             (None, StepPhase::Touched) => {
                 return Err(RefusalReason::IncompleteStep("the back-off from contact"));
             }
-            (None, StepPhase::BackedOff) => self.check_move(
-                &Position::new(),
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-            )?,
+            (None, StepPhase::BackedOff) => {
+                self.check_move(&Position::new(), &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))?
+            }
             (None, _) => return Err(RefusalReason::IncompleteStep("the touch")),
         }
         self.proof.steps.extend(self.nearest.take());
@@ -223,9 +212,7 @@ impl<'a> ProgramCheck<'a> {
             self.complete_step()?;
         }
         let next = self.step_index.map_or(0, |turn| turn + 1);
-        self.step_queue
-            .get(next)
-            .map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
+        self.step_queue.get(next).map_or(Ok(()), |(step, _)| Err(RefusalReason::MissingStep(step.id)))
     }
 
     /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
@@ -268,11 +255,7 @@ impl<'a> ProgramCheck<'a> {
 
     /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
     pub(super) fn guarded_move_rule(&self) -> ClearanceRule {
-        if self.proof.motions == 0 {
-            ClearanceRule::LeavingStart
-        } else {
-            ClearanceRule::GuardedMove
-        }
+        if self.proof.motions == 0 { ClearanceRule::LeavingStart } else { ClearanceRule::GuardedMove }
     }
 
     fn check_touch(&mut self, motion: &ReadMotion, step: &Step) -> CheckResult {
@@ -290,10 +273,7 @@ impl<'a> ProgramCheck<'a> {
         // At its start, the ball is clear of the artefact, wherever the artefact is.
         self.check_clearance(&JointPath { from, to: from }, &ClearanceRule::GuardedMove)?;
         self.check_clearance(&joint_path, &ClearanceRule::TouchOtherBodies(reach.body))?;
-        self.check_clearance(
-            &reach.joint_path,
-            &ClearanceRule::TouchMovingParts(reach.body, reach.lateral),
-        )?;
+        self.check_clearance(&reach.joint_path, &ClearanceRule::TouchMovingParts(reach.body, reach.lateral))?;
         self.position = self.position.filter_axes(|axis| motion.target.get(axis).is_none());
         self.phase = StepPhase::Touched;
         Ok(())
@@ -323,10 +303,9 @@ impl<'a> ProgramCheck<'a> {
         let turned = |by: f64| self.position.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {
-            (Ok(from), Ok(to)) => self.check_clearance(
-                &JointPath { from, to },
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-            )?,
+            (Ok(from), Ok(to)) => {
+                self.check_clearance(&JointPath { from, to }, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))?
+            }
             _ => self.unchecked_lines.push(self.line),
         }
         self.position.set(Axis::S, s);
@@ -357,8 +336,7 @@ impl<'a> ProgramCheck<'a> {
     /// Checks that the path is free, and keeps the smallest clearance.
     fn check_clearance(&mut self, joint_path: &JointPath, rule: &ClearanceRule) -> CheckResult {
         let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-        let nearest_pair =
-            self.scene().map_or(Ok(None), |scene| scene.nearest_pair(joint_path, rule, most))?;
+        let nearest_pair = self.scene().map_or(Ok(None), |scene| scene.nearest_pair(joint_path, rule, most))?;
         if let Some((clearance_mm, between)) = nearest_pair {
             let step = self.step().map_or(0, |step| step.id);
             self.nearest = Some(Clearance { step, line: self.line, clearance_mm, between });
@@ -372,12 +350,10 @@ impl<'a> ProgramCheck<'a> {
         proof.nearest = proof.steps.iter().min_by(least).cloned();
         let scene = self.scenes.into_iter().next();
         proof.not_looked_at = scene.map_or(Vec::new(), |scene| scene.unchecked_items);
-        if let (Some(first), Some(last)) =
-            (self.unchecked_lines.first(), self.unchecked_lines.last())
-        {
-            proof.not_looked_at.push(format!(
-                "the path of lines {first} to {last}, before the positions of all axes are known"
-            ));
+        if let (Some(first), Some(last)) = (self.unchecked_lines.first(), self.unchecked_lines.last()) {
+            proof
+                .not_looked_at
+                .push(format!("the path of lines {first} to {last}, before the positions of all axes are known"));
         }
         proof
     }

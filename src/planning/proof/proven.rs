@@ -5,9 +5,7 @@ use sha2::{Digest as _, Sha256};
 use super::refusal::{ProofRefusal, RefusalReason};
 use super::{ProofRequest, StageSteps, prove_motions};
 use crate::gcode::rs274::ReadMotion;
-use crate::gcode::{
-    Dialect, ReadBackMismatch, RenderError, Transmission, TransmissionText, TransmissionUnit,
-};
+use crate::gcode::{Dialect, ReadBackMismatch, RenderError, Transmission, TransmissionText, TransmissionUnit};
 use crate::{ConfirmedDirections, motion_target};
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
@@ -74,14 +72,8 @@ pub struct AlteredBlock {
 }
 
 impl ProvenBlock {
-    fn new(
-        block: &Block,
-        start_position: Position,
-        transmission: Transmission,
-        units: Vec<ProvenUnit>,
-    ) -> Self {
-        let mut block =
-            Self { step: block.step, start_position, transmission, units, digest: [0; 32] };
+    fn new(block: &Block, start_position: Position, transmission: Transmission, units: Vec<ProvenUnit>) -> Self {
+        let mut block = Self { step: block.step, start_position, transmission, units, digest: [0; 32] };
         block.digest = block.computed_digest();
         block
     }
@@ -125,11 +117,8 @@ impl ProvenBlock {
 ///
 /// # Errors
 /// A block cannot be rendered; the first line that is wrong or cannot be proven.
-pub fn prove_blocks(
-    request: &StageProofRequest<'_>,
-) -> Result<(Proof, Vec<ProvenBlock>), StageProofError> {
-    let StageProofRequest { plan, stages, position, confirmed, dialect, transmission, blocks } =
-        *request;
+pub fn prove_blocks(request: &StageProofRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), StageProofError> {
+    let StageProofRequest { plan, stages, position, confirmed, dialect, transmission, blocks } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let sent = dialect.render_for_transmission(transmission, &axes, blocks)?;
     let read = read_programs(dialect, &sent.programs)?;
@@ -169,9 +158,7 @@ pub(super) fn read_back_block(
     let blocks = std::slice::from_ref(block);
     let read = read_programs(dialect, &sent.programs)?;
     let mut proven = proven_units(dialect, blocks, transmission, sent, read, start_position)?;
-    proven
-        .pop()
-        .ok_or(StageProofError::Refused(refusal_at(1, RefusalReason::MissingStep(block.step))))
+    proven.pop().ok_or(StageProofError::Refused(refusal_at(1, RefusalReason::MissingStep(block.step))))
 }
 
 /// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
@@ -193,9 +180,7 @@ fn proven_units(
             last_line += unit.text.lines().count();
             let own = std::iter::from_fn(|| remaining.next_if(|motion| motion.line <= last_line));
             let read_motions: Vec<ReadMotion> = own.collect();
-            dialect
-                .check_motions(block.step, &unit.motions, &read_motions)
-                .map_err(mismatch_refusal)?;
+            dialect.check_motions(block.step, &unit.motions, &read_motions).map_err(mismatch_refusal)?;
             parts.push(ProvenUnit { unit, read_motions });
         }
         proven.push(ProvenBlock::new(block, start_position.clone(), transmission.clone(), parts));
@@ -209,27 +194,19 @@ fn proven_units(
 
 /// Motions of programs that are sent one after the other, each read from an unknown state. The line numbers
 /// continue from program to program.
-pub(super) fn read_programs(
-    dialect: &Dialect,
-    programs: &[String],
-) -> Result<Vec<ReadMotion>, ProofRefusal> {
+pub(super) fn read_programs(dialect: &Dialect, programs: &[String]) -> Result<Vec<ReadMotion>, ProofRefusal> {
     let (mut all, mut before) = (Vec::new(), 0);
     for program in programs {
-        let read = dialect.read_back(program).map_err(|error| {
-            refusal_at(before + error.line, RefusalReason::Unreadable(error.reason))
-        })?;
-        all.extend(
-            read.into_iter().map(|motion| ReadMotion { line: before + motion.line, ..motion }),
-        );
+        let read = dialect
+            .read_back(program)
+            .map_err(|error| refusal_at(before + error.line, RefusalReason::Unreadable(error.reason)))?;
+        all.extend(read.into_iter().map(|motion| ReadMotion { line: before + motion.line, ..motion }));
         before += program.lines().count();
     }
     Ok(all)
 }
 
-fn check_line_lengths(
-    transmission: &Transmission,
-    sent: &TransmissionText,
-) -> Result<(), ProofRefusal> {
+fn check_line_lengths(transmission: &Transmission, sent: &TransmissionText) -> Result<(), ProofRefusal> {
     let Transmission::Lines { max_line_bytes } = *transmission else { return Ok(()) };
     let mut lines = sent.blocks.iter().flatten().flat_map(|unit| unit.text.lines());
     match lines.find(|line| line.len() >= max_line_bytes) {
@@ -313,8 +290,7 @@ mod tests {
         let to = Position::new().with(Axis::Z, -20.0);
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
         let block = Block { step: 3, repeat: 0, motions };
-        let (dialect, lines) =
-            (Dialect::from_name("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
+        let (dialect, lines) = (Dialect::from_name("grbl").unwrap(), Transmission::Lines { max_line_bytes: 80 });
         let refused = prove_text_only(&block, Position::new(), &[Axis::Z], &dialect, &lines);
         assert!(matches!(refused, Err(StageProofError::Refused(_))), "{refused:?}");
     }

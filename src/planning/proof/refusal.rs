@@ -67,9 +67,7 @@ pub enum RefusalReason {
     WrongTouchStart(PositionMismatch),
     #[error("the move ends with {0}")]
     WrongTarget(PositionMismatch),
-    #[error(
-        "the touch is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm"
-    )]
+    #[error("the touch is {length:.3} mm long, more than the probe's overtravel of {overtravel} mm")]
     TouchTooLong { length: f64, overtravel: f64 },
     #[error("the probing move requires contact (G38.2), but is not the touch of the step")]
     UnexpectedProbingMove,
@@ -77,13 +75,9 @@ pub enum RefusalReason {
     RepeatedTouch,
     #[error("the stylus ball does not reach the artefact before the touch ends")]
     TouchWithoutContact,
-    #[error(
-        "the touch would miss {body} if the position of {body} is off by {uncertainty} mm (uncertainty_mm)"
-    )]
+    #[error("the touch would miss {body} if the position of {body} is off by {uncertainty} mm (uncertainty_mm)")]
     TouchCanMiss { body: String, uncertainty: f64 },
-    #[error(
-        "the touch meets {body} {off:.0}° away from the contact direction of the step (`normal`)"
-    )]
+    #[error("the touch meets {body} {off:.0}° away from the contact direction of the step (`normal`)")]
     WrongContactSide { body: String, off: f64 },
     #[error("the position of {0} is unknown")]
     UnknownPosition(Axis),
@@ -141,9 +135,7 @@ fn clearance_note(min_clearance_mm: f64) -> String {
     if min_clearance_mm >= MIN_UNGUARDED_CLEARANCE_MM {
         format!("; required for an unguarded or rotary move: {min_clearance_mm} mm")
     } else if min_clearance_mm > 0.0 {
-        format!(
-            "; required, because the probe does not detect this contact: {min_clearance_mm:.2} mm"
-        )
+        format!("; required, because the probe does not detect this contact: {min_clearance_mm:.2} mm")
     } else {
         String::new()
     }
@@ -161,19 +153,13 @@ impl ProofRefusal {
             RefusalReason::OutsideLimits { .. } => {
                 "move the part nearer to the middle of the travel, or correct the limits in [axes]"
             }
-            RefusalReason::TouchWithoutContact => {
-                "correct [artefact] in the machine file, or locate the part first"
-            }
-            RefusalReason::TouchCanMiss { .. } => {
-                "increase the method's search_mm, or lower [artefact] uncertainty_mm"
-            }
+            RefusalReason::TouchWithoutContact => "correct [artefact] in the machine file, or locate the part first",
+            RefusalReason::TouchCanMiss { .. } => "increase the method's search_mm, or lower [artefact] uncertainty_mm",
             RefusalReason::TouchTooLong { .. } => {
                 "set the part up nearer to its position in the machine file and lower [artefact] \
                  uncertainty_mm, or lower the method's distances"
             }
-            RefusalReason::BrakingTooLong { .. } => {
-                "lower this feed in [probe] of the machine file"
-            }
+            RefusalReason::BrakingTooLong { .. } => "lower this feed in [probe] of the machine file",
             RefusalReason::Kinematics(_) | RefusalReason::UnknownCarrier { .. } => {
                 "correct [machine], [axes] and [[solid]] in the machine file"
             }

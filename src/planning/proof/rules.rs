@@ -25,10 +25,8 @@ pub fn check_limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -
     for (axis, value) in motion.target.updated_by(&spindle).iter() {
         let spec = machine.axes.get(&axis).ok_or(RefusalReason::UnknownAxis(axis))?;
         let slack = dialect.rounding_tolerance(axis);
-        let within = |value: f64| {
-            (axis.to_mm_or_rad(spec.min) - slack..=axis.to_mm_or_rad(spec.max) + slack)
-                .contains(&value)
-        };
+        let within =
+            |value: f64| (axis.to_mm_or_rad(spec.min) - slack..=axis.to_mm_or_rad(spec.max) + slack).contains(&value);
         let turns: &[f64] = if axis == Axis::S { &[0.0, -TAU, TAU] } else { &[0.0] };
         if !turns.iter().any(|turn| within(value + turn)) {
             let (value, min, max) = (axis.to_mm_or_deg(value), spec.min, spec.max);
@@ -38,11 +36,7 @@ pub fn check_limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -
     Ok(())
 }
 
-pub fn check_exact_feed(
-    motion_name: &'static str,
-    motion: &ReadMotion,
-    expected: f64,
-) -> CheckResult {
+pub fn check_exact_feed(motion_name: &'static str, motion: &ReadMotion, expected: f64) -> CheckResult {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
     if (feed - expected).abs() <= FEED_TOLERANCE_MM_MIN {
         return Ok(());
@@ -59,11 +53,7 @@ pub fn check_max_feed(motion_name: &'static str, motion: &ReadMotion, most: f64)
 }
 
 /// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
-pub fn braking_distance_mm(
-    motion: &ReadMotion,
-    machine: &Machine,
-    probe: &Probe,
-) -> Result<f64, RefusalReason> {
+pub fn braking_distance_mm(motion: &ReadMotion, machine: &Machine, probe: &Probe) -> Result<f64, RefusalReason> {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let weakest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
@@ -93,10 +83,7 @@ pub struct AxisMismatch {
 }
 
 impl AxisMismatch {
-    pub fn into_refusal_reason(
-        self,
-        reason: impl FnOnce(PositionMismatch) -> RefusalReason,
-    ) -> RefusalReason {
+    pub fn into_refusal_reason(self, reason: impl FnOnce(PositionMismatch) -> RefusalReason) -> RefusalReason {
         let Self { axis, actual, expected } = self;
         match actual {
             Some(actual) => reason(PositionMismatch {
@@ -110,11 +97,7 @@ impl AxisMismatch {
 }
 
 /// The first axis of `expected` that is at another position, beyond rounding.
-pub fn find_axis_mismatch(
-    position: &Position,
-    expected: &Position,
-    dialect: &Dialect,
-) -> Option<AxisMismatch> {
+pub fn find_axis_mismatch(position: &Position, expected: &Position, dialect: &Dialect) -> Option<AxisMismatch> {
     expected.iter().find_map(|(axis, expected)| {
         let Some(actual) = position.get(axis) else {
             return Some(AxisMismatch { axis, actual: None, expected });

@@ -18,12 +18,7 @@ use machine::{Axis, Position};
 const DWELL_TOLERANCE_S: f64 = 0.000_501;
 
 impl ProgramCheck<'_> {
-    pub(super) fn check_scan_motion(
-        &mut self,
-        motion: &ReadMotion,
-        step: &Step,
-        scan: &Scan,
-    ) -> CheckResult {
+    pub(super) fn check_scan_motion(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> CheckResult {
         self.begin_scan_in_place(scan)?;
         match (motion.kind, self.phase) {
             (MotionKind::Dwell { seconds }, StepPhase::Scanning { reached_count, dwelled_s }) => {
@@ -38,18 +33,13 @@ impl ProgramCheck<'_> {
                 self.check_dwell(scan)?;
                 rules::check_exact_feed("the scan", motion, step.feed_mm_min)?;
                 if self.is_in_nest() && !has_rotary_motion(motion) {
-                    rules::check_max_feed(
-                        "the move between sensors",
-                        motion,
-                        self.nest_feed_mm_min(),
-                    )?;
+                    rules::check_max_feed("the move between sensors", motion, self.nest_feed_mm_min())?;
                 }
                 self.check_scan_point(motion, scan, reached_count)
             }
             (MotionKind::Feed, _) => {
                 let ends = self.position().updated_by(&motion.target);
-                match rules::find_axis_mismatch(&ends, &first_point(scan)?, self.request().dialect)
-                {
+                match rules::find_axis_mismatch(&ends, &first_point(scan)?, self.request().dialect) {
                     None => {
                         let most = self.max_approach_feed(motion, scan)?;
                         rules::check_max_feed("the approach to the scan", motion, most)?;
@@ -60,13 +50,10 @@ impl ProgramCheck<'_> {
             }
             (MotionKind::Stop, _) => Err(RefusalReason::UnexpectedStop),
             (_, StepPhase::Scanning { .. }) => Err(RefusalReason::OffScanPath),
-            (MotionKind::Rapid, _) if !self.is_confirmed() => {
-                Err(RefusalReason::RapidBeforeConfirmation)
+            (MotionKind::Rapid, _) if !self.is_confirmed() => Err(RefusalReason::RapidBeforeConfirmation),
+            (MotionKind::Rapid, _) => {
+                self.check_move(&motion.target, &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM))
             }
-            (MotionKind::Rapid, _) => self.check_move(
-                &motion.target,
-                &ClearanceRule::MinClearance(MIN_UNGUARDED_CLEARANCE_MM),
-            ),
             (MotionKind::Orient { s }, _) => self.check_orientation(s),
             (MotionKind::Probe { .. }, _) => Err(RefusalReason::ProbeInScan),
         }
@@ -77,18 +64,13 @@ impl ProgramCheck<'_> {
     fn max_approach_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, RefusalReason> {
         let plan = self.request().plan;
         let in_nest = self.is_in_nest();
-        let near = if in_nest {
-            nest_feed_mm_min(plan)
-        } else {
-            near_part_feed_mm_min(plan, self.confirmed)
-        };
+        let near = if in_nest { nest_feed_mm_min(plan) } else { near_part_feed_mm_min(plan, self.confirmed) };
         if self.is_confirmed() {
             let turn = self.max_turn_feed(motion).filter(|_| in_nest);
             return Ok(turn.unwrap_or(near));
         }
-        let is_turned = |axis: Axis| {
-            scan.path.windows(2).any(|way| way[0].get_or_zero(axis) != way[1].get_or_zero(axis))
-        };
+        let is_turned =
+            |axis: Axis| scan.path.windows(2).any(|way| way[0].get_or_zero(axis) != way[1].get_or_zero(axis));
         let mut rotary = motion.target.iter().filter(|(axis, _)| !axis.is_linear());
         if rotary.any(|(axis, _)| !is_turned(axis)) {
             self.check_z_at_top(&motion.target)?;
@@ -129,9 +111,7 @@ impl ProgramCheck<'_> {
         if is_any || !scan.is_rotary_only() {
             return Ok(());
         }
-        if rules::find_axis_mismatch(self.position(), &first_point(scan)?, self.request().dialect)
-            .is_none()
-        {
+        if rules::find_axis_mismatch(self.position(), &first_point(scan)?, self.request().dialect).is_none() {
             self.phase = StepPhase::Scanning { reached_count: 1, dwelled_s: 0.0 };
         }
         Ok(())

@@ -148,8 +148,7 @@ fn nest(at_x: f64, change: impl FnOnce(&mut Value)) -> Plan {
                 "direction": along, "range_mm": [-1.0, 1.0], "stand_off_mm": 1.5,
                 "body_radius_mm": 4.0, "body_length_mm": 30.0})
         };
-        let point =
-            |x: f64, z: f64, c: f64| json!({"X": x, "Y": 0.0, "Z": 180.0 + z, "B": 0.0, "C": c});
+        let point = |x: f64, z: f64, c: f64| json!({"X": x, "Y": 0.0, "Z": 180.0 + z, "B": 0.0, "C": c});
         let path = [
             point(0.0, 0.0, 0.0),
             point(0.1, 0.0, 0.0),
@@ -204,8 +203,7 @@ fn the_ball_in_a_nest_moves_and_the_table_turns_about_it() {
 #[test]
 fn between_the_sensors_the_ball_moves_slowly() {
     let plan = nest(0.0, |_| {});
-    let near =
-        |refusal: ProofRefusal| matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. });
+    let near = |refusal: ProofRefusal| matches!(refusal.reason, RefusalReason::ClearanceTooSmall { .. });
     let feed = |refusal: ProofRefusal| matches!(refusal.reason, RefusalReason::WrongFeed { .. });
     // A hold must stop within 0.5 mm: at most 98 mm/min.
     assert!(feed(nest_refused(&plan, "Z180 F60", "Z180 F120")));
@@ -216,12 +214,7 @@ fn between_the_sensors_the_ball_moves_slowly() {
     let in_nest = beside().with(Axis::X, 0.0).with(Axis::Z, 180.0);
     let from_nest = |feed: &str| {
         let text = IN_NEST.replacen("Z450 F60", &format!("Z450 F{feed}"), 1);
-        proven_as(
-            &plan,
-            &text.replacen("N0 G53 G1 X0 F60\n", "", 1),
-            Some(&in_nest),
-            ConfirmedDirections::all(),
-        )
+        proven_as(&plan, &text.replacen("N0 G53 G1 X0 F60\n", "", 1), Some(&in_nest), ConfirmedDirections::all())
     };
     from_nest("60").unwrap();
     assert!(near(from_nest("1000").unwrap_err()));
@@ -234,9 +227,7 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
     // 5 mm along X move the ball nearer to one sensor by 5 mm · cos 35.26°, more than its gap.
     for at_x in [-5.0, 5.0, -1.4] {
         let refusal = nest_refused(&nest(at_x, |_| {}), "N0 G53 G1 Z450", "N0 G53 G1 Z450");
-        let RefusalReason::ClearanceTooSmall { between: [one, other], min_clearance_mm, .. } =
-            &refusal.reason
-        else {
+        let RefusalReason::ClearanceTooSmall { between: [one, other], min_clearance_mm, .. } = &refusal.reason else {
             panic!("{refusal}")
         };
         assert_eq!((one.as_str(), *min_clearance_mm), ("stylus ball", 0.5), "{other}");
@@ -255,8 +246,7 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
                 "to_mm": [x + 10.0, 5.0, 150.0]}]);
         })
     };
-    let prove_programs =
-        |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), ConfirmedDirections::default());
+    let prove_programs = |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), ConfirmedDirections::default());
     // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: it is beside the post from 120 mm
     // on.
     prove_programs(32.3).unwrap();

@@ -7,10 +7,7 @@ use super::body::{BodyRole, BodyShape, CollisionBody};
 use super::body_gap::LateralUncertainty;
 use super::pairs::{BodyPair, PairRole, collision_pairs};
 use super::refusal::RefusalReason;
-use super::sweep::{
-    CLEARANCE_TOLERANCE_MM, ClearanceDemand, JointPath, min_distance_on_path,
-    nearest_point_to_origin,
-};
+use super::sweep::{CLEARANCE_TOLERANCE_MM, ClearanceDemand, JointPath, min_distance_on_path, nearest_point_to_origin};
 use machine::Axis;
 use machine::artefact::{self, ArtefactBody};
 use machine::frame::Pose;
@@ -75,12 +72,7 @@ impl Scene {
         unchecked_items.extend(builder.sides_without_solid(plan));
         for keepout in &plan.keepout {
             let [low, high] = [keepout.min_mm, keepout.max_mm].map(Vector3::from);
-            builder.add(
-                &keepout.name,
-                BodyRole::Other,
-                Carrier::Bed,
-                BodyShape::cuboid(low, high),
-            )?;
+            builder.add(&keepout.name, BodyRole::Other, Carrier::Bed, BodyShape::cuboid(low, high))?;
         }
         for solid in &plan.solids {
             builder.add(&solid.name, BodyRole::Other, solid.on, BodyShape::from_solid(solid))?;
@@ -118,14 +110,11 @@ impl Scene {
         let mut nearest = max_clearance_mm;
         let centres = (!joint_path.has_rotation()).then(|| self.body_centres(joint_path));
         for pair in &self.pairs {
-            let Some((min_clearance_mm, lateral)) = required_clearance(rule, pair, joint_path)
-            else {
+            let Some((min_clearance_mm, lateral)) = required_clearance(rule, pair, joint_path) else {
                 continue;
             };
-            let counts = !pair.is_on_one_side()
-                && (!matches!(pair.role, PairRole::Touch(_)) || min_clearance_mm > 0.0);
-            let position_uncertainty_mm =
-                if lateral.is_none() { pair.position_uncertainty_mm } else { 0.0 };
+            let counts = !pair.is_on_one_side() && (!matches!(pair.role, PairRole::Touch(_)) || min_clearance_mm > 0.0);
+            let position_uncertainty_mm = if lateral.is_none() { pair.position_uncertainty_mm } else { 0.0 };
             let demand = ClearanceDemand {
                 min_clearance_mm,
                 position_uncertainty_mm,
@@ -145,11 +134,7 @@ impl Scene {
                 Ok(_) => {}
                 Err(clearance) => {
                     let clearance = clearance.max(0.0);
-                    return Err(RefusalReason::ClearanceTooSmall {
-                        between: between(),
-                        clearance,
-                        min_clearance_mm,
-                    });
+                    return Err(RefusalReason::ClearanceTooSmall { between: between(), clearance, min_clearance_mm });
                 }
             }
         }
@@ -165,13 +150,9 @@ impl Scene {
         };
         let mut centres = Vec::with_capacity(self.bodies.len());
         for body in &self.bodies {
-            let known =
-                poses.iter().find(|(carried, _)| carried.has_same_axes_as(&body.carrier_chain));
+            let known = poses.iter().find(|(carried, _)| carried.has_same_axes_as(&body.carrier_chain));
             let pose = known.map_or_else(
-                || {
-                    [&joint_path.from, &joint_path.to]
-                        .map(|commands| body.carrier_chain.pose(commands))
-                },
+                || [&joint_path.from, &joint_path.to].map(|commands| body.carrier_chain.pose(commands)),
                 |(_, pose)| *pose,
             );
             if known.is_none() {
@@ -190,10 +171,8 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
     };
     let apart = nearest_point_to_origin(other[0] - one[0], other[1] - one[1]).norm();
     let reach = pair.one.shape.bounds().1 + pair.other.shape.bounds().1;
-    let uncertainty_mm =
-        demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
-    apart - reach - uncertainty_mm
-        > demand.min_clearance_mm.max(demand.nearest - CLEARANCE_TOLERANCE_MM)
+    let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
+    apart - reach - uncertainty_mm > demand.min_clearance_mm.max(demand.nearest - CLEARANCE_TOLERANCE_MM)
 }
 
 /// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the pair
@@ -205,21 +184,16 @@ fn required_clearance(
 ) -> Option<(f64, Option<LateralUncertainty>)> {
     Some(match (rule, pair.role) {
         (ClearanceRule::MinClearance(min_clearance_mm), _) => (*min_clearance_mm, None),
-        (ClearanceRule::InNest(min_clearance_mm), _) => {
-            (pair.measured_gap.unwrap_or(*min_clearance_mm), None)
-        }
+        (ClearanceRule::InNest(min_clearance_mm), _) => (pair.measured_gap.unwrap_or(*min_clearance_mm), None),
         (ClearanceRule::GuardedMove, _) => (pair.guarded_clearance_mm(), None),
-        (ClearanceRule::LeavingStart, _) => (
-            start_clearance_mm(pair, joint_path).unwrap_or(0.0).min(pair.guarded_clearance_mm()),
-            None,
-        ),
+        (ClearanceRule::LeavingStart, _) => {
+            (start_clearance_mm(pair, joint_path).unwrap_or(0.0).min(pair.guarded_clearance_mm()), None)
+        }
         (ClearanceRule::Retract, _) => match start_clearance_mm(pair, joint_path) {
             Some(apart) => (apart.min(MIN_UNGUARDED_CLEARANCE_MM), None),
             None => return None,
         },
-        (ClearanceRule::TouchOtherBodies(touched_body), role)
-            if !role.concerns_body(*touched_body) =>
-        {
+        (ClearanceRule::TouchOtherBodies(touched_body), role) if !role.concerns_body(*touched_body) => {
             (UNDETECTED_CLEARANCE_MM, None)
         }
         (ClearanceRule::TouchMovingParts(touched_body, lateral), PairRole::NearTouched(number))
@@ -235,12 +209,8 @@ fn required_clearance(
 /// intersect at the assumed positions.
 fn start_clearance_mm(pair: &BodyPair, joint_path: &JointPath) -> Option<f64> {
     let start = JointPath { from: joint_path.from, to: joint_path.from };
-    let demand = ClearanceDemand {
-        min_clearance_mm: 0.0,
-        position_uncertainty_mm: 0.0,
-        lateral: None,
-        nearest: f64::INFINITY,
-    };
+    let demand =
+        ClearanceDemand { min_clearance_mm: 0.0, position_uncertainty_mm: 0.0, lateral: None, nearest: f64::INFINITY };
     match min_distance_on_path(&start, &pair.one, &pair.other, &demand) {
         Ok(Some(apart)) => Some(apart - pair.position_uncertainty_mm - LEAVING_TOLERANCE_MM),
         _ => None,
@@ -267,23 +237,11 @@ struct SceneBuilder {
 }
 
 impl SceneBuilder {
-    fn add(
-        &mut self,
-        name: &str,
-        role: BodyRole,
-        on: Carrier,
-        shape: BodyShape,
-    ) -> Result<(), RefusalReason> {
+    fn add(&mut self, name: &str, role: BodyRole, on: Carrier, shape: BodyShape) -> Result<(), RefusalReason> {
         let missing = || RefusalReason::UnknownCarrier { solid: name.to_owned() };
         let carried = self.chain.carrier_chain(on).ok_or_else(missing)?;
         let corners = shape.corners();
-        self.bodies.push(CollisionBody {
-            name: name.to_owned(),
-            role,
-            shape,
-            carrier_chain: carried,
-            corners,
-        });
+        self.bodies.push(CollisionBody { name: name.to_owned(), role, shape, carrier_chain: carried, corners });
         Ok(())
     }
 
@@ -298,14 +256,11 @@ impl SceneBuilder {
         let mut balls_without_stem: Vec<usize> = (0..touched.len()).collect();
         for part in &parts {
             let carries = |touched: &&ArtefactBody| match part.shape {
-                artefact::BodyShape::Cylinder { from, .. } => {
-                    BodyShape::from_part(touched).distance(from) <= 0.0
-                }
+                artefact::BodyShape::Cylinder { from, .. } => BodyShape::from_part(touched).distance(from) <= 0.0,
                 artefact::BodyShape::Ball { .. } => false,
             };
             let own = |other: &&ArtefactBody| std::ptr::eq(*other, part);
-            let number =
-                |condition: &dyn Fn(&&ArtefactBody) -> bool| touched.iter().position(condition);
+            let number = |condition: &dyn Fn(&&ArtefactBody) -> bool| touched.iter().position(condition);
             let role = if let Some(number) = number(&own) {
                 BodyRole::Touched(number)
             } else {
@@ -315,8 +270,7 @@ impl SceneBuilder {
             self.add(&part.name, role, Carrier::Table, BodyShape::from_part(part))?;
         }
         let stems = matches!(artefact, Artefact::Balls(_));
-        let balls_without_stem =
-            balls_without_stem.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
+        let balls_without_stem = balls_without_stem.iter().filter(|_| stems).filter_map(|number| touched.get(*number));
         Ok(balls_without_stem.map(|part| format!("stem of {}", part.name)).collect())
     }
 
@@ -344,9 +298,7 @@ impl SceneBuilder {
                 let role = match sensor.mount {
                     SensorMount::Table => {
                         let at_near_end = sensor.stand_off_mm + sensor.range_mm[0];
-                        BodyRole::TableSensor {
-                            min_gap_mm: at_near_end.clamp(0.0, MIN_UNGUARDED_CLEARANCE_MM),
-                        }
+                        BodyRole::TableSensor { min_gap_mm: at_near_end.clamp(0.0, MIN_UNGUARDED_CLEARANCE_MM) }
                     }
                     SensorMount::Spindle | SensorMount::Bed => BodyRole::Sensor,
                 };
@@ -362,12 +314,7 @@ impl SceneBuilder {
     fn add_probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, RefusalReason> {
         let probe = &plan.probe;
         let ball = Vector3::from(plan.machine.tool_mm);
-        self.add(
-            "stylus ball",
-            BodyRole::StylusBall,
-            on,
-            BodyShape::ball(ball, probe.ball_radius_mm),
-        )?;
+        self.add("stylus ball", BodyRole::StylusBall, on, BodyShape::ball(ball, probe.ball_radius_mm))?;
         let end = ball + Vector3::z() * probe.stem_length_mm;
         let top = end + Vector3::z() * probe.body_length_mm;
         let parts = [

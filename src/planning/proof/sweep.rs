@@ -70,8 +70,7 @@ pub fn min_distance_on_path(
 ) -> Result<Option<f64>, f64> {
     let bounds = (one.shape.bounds(), other.shape.bounds());
     let reaches = bounds.0.1 + bounds.1.1;
-    let uncertainty_mm =
-        demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
+    let uncertainty_mm = demand.position_uncertainty_mm + demand.lateral.map_or(0.0, |lateral| lateral.amount_mm);
     let relative_translation = relative_translation(joint_path, one, other);
     let mut nearest = demand.nearest;
     // Middle and half-length of the parts that are not evaluated yet.
@@ -83,8 +82,8 @@ pub fn min_distance_on_path(
         let end = at_end(other, bounds.1) - at_end(one, bounds.0);
         unit_vector(nearest_point_to_origin(end - goes, end)).unwrap_or(Vector3::x())
     });
-    let [one_goes, other_goes] = [one, other]
-        .map(|body| body.carrier_chain.motion_between(&joint_path.from, &joint_path.to));
+    let [one_goes, other_goes] =
+        [one, other].map(|body| body.carrier_chain.motion_between(&joint_path.from, &joint_path.to));
     while let Some((at, share)) = parts.pop() {
         let (middle, half) = (joint_path.position_at(at), joint_path.half_extent(share));
         let sweep = |body: &CollisionBody, goes: &CarrierMotion| {
@@ -100,12 +99,10 @@ pub fn min_distance_on_path(
         if centres - reaches - uncertainty_mm > required_mm + stray {
             continue;
         }
-        let (one_at, other_at) =
-            (one.shape.in_machine_frame(&one_at), other.shape.in_machine_frame(&other_at));
+        let (one_at, other_at) = (one.shape.in_machine_frame(&one_at), other.shape.in_machine_frame(&other_at));
         // Without rotation, the gap across one direction changes linearly along the path.
-        let change = |direction: Vector3<f64>| {
-            relative_translation.map_or(stray, |goes| share * goes.dot(&direction).abs())
-        };
+        let change =
+            |direction: Vector3<f64>| relative_translation.map_or(stray, |goes| share * goes.dot(&direction).abs());
         let wide = required_mm + demand.position_uncertainty_mm;
         let enough = (|direction| wide + change(direction), wide + stray);
         let nearest_gap = body_gap(&one_at, &other_at, direction_hint, demand.lateral, enough);
@@ -126,14 +123,9 @@ pub fn min_distance_on_path(
 }
 
 /// Displacement of the other body relative to the first, mm, machine frame; `None` if either rotates.
-fn relative_translation(
-    joint_path: &JointPath,
-    one: &CollisionBody,
-    other: &CollisionBody,
-) -> Option<Vector3<f64>> {
-    let turns = |body: &CollisionBody| {
-        body.carrier_chain.axes().any(|axis| !axis.is_linear() && joint_path.moves_axis(axis))
-    };
+fn relative_translation(joint_path: &JointPath, one: &CollisionBody, other: &CollisionBody) -> Option<Vector3<f64>> {
+    let turns =
+        |body: &CollisionBody| body.carrier_chain.axes().any(|axis| !axis.is_linear() && joint_path.moves_axis(axis));
     let goes = |body: &CollisionBody| {
         body.carrier_chain.pose(&joint_path.to).translation.vector
             - body.carrier_chain.pose(&joint_path.from).translation.vector

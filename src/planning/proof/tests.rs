@@ -33,11 +33,7 @@ pub(super) fn beside() -> Position {
     axes.into_iter().collect()
 }
 
-pub(super) fn proven_from(
-    plan: &Plan,
-    lines: &str,
-    position: Option<&Position>,
-) -> Result<Proof, ProofRefusal> {
+pub(super) fn proven_from(plan: &Plan, lines: &str, position: Option<&Position>) -> Result<Proof, ProofRefusal> {
     proven_as(plan, lines, position, ConfirmedDirections::all())
 }
 
@@ -51,14 +47,7 @@ pub(super) fn proven_as(
     let text = format!("G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59\n{lines}");
     let stages = [StageSteps { steps: &[0], found_artefact: None }];
     let programs = &[text];
-    prove_programs(&ProofRequest {
-        plan,
-        stages: &stages,
-        position,
-        confirmed,
-        dialect: &dialect,
-        programs,
-    })
+    prove_programs(&ProofRequest { plan, stages: &stages, position, confirmed, dialect: &dialect, programs })
 }
 
 /// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
@@ -243,10 +232,7 @@ fn a_machine_stopped_beside_the_part_may_rise() {
     let plan = plan(|_| {});
     let low = |x: f64| beside().updated_by(&[(Axis::X, x), (Axis::Z, 170.0)].into_iter().collect());
     let refused = |x: f64, lines: &str| {
-        matches!(
-            proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason,
-            RefusalReason::ClearanceTooSmall { .. }
-        )
+        matches!(proven_from(&plan, lines, Some(&low(x))).unwrap_err().reason, RefusalReason::ClearanceTooSmall { .. })
     };
     assert!(!refused(48.3, "N0 G38.3 Z300 F1500\n"));
     assert!(refused(48.3, "N0 G53 G0 Z300\n"));
@@ -336,14 +322,7 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
         let (stages, position) = ([StageSteps { steps: &[1, 0], found_artefact: None }], beside());
         let (stages, position) = (stages.as_slice(), Some(&position));
         let (dialect, programs, confirmed) = (&dialect, [text], ConfirmedDirections::all());
-        prove_programs(&ProofRequest {
-            plan: &plan,
-            stages,
-            position,
-            confirmed,
-            dialect,
-            programs: &programs,
-        })
+        prove_programs(&ProofRequest { plan: &plan, stages, position, confirmed, dialect, programs: &programs })
     };
     let slow = WHOLE.split_once('\n').unwrap().1.replace("F1500", "F300");
     // After the stop, the position is unknown: the program must move all axes, with the careful rules.
@@ -351,15 +330,9 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
     let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
     assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");
     let reason = |lines: &str| proven(lines).unwrap_err().reason;
-    assert!(matches!(
-        reason(&format!("{up}{slow}")),
-        RefusalReason::WrongStepOrder { expected: Some(1), .. }
-    ));
+    assert!(matches!(reason(&format!("{up}{slow}")), RefusalReason::WrongStepOrder { expected: Some(1), .. }));
     assert_eq!(reason(&format!("N1 M0\n{WHOLE}")), RefusalReason::RapidBeforeConfirmation);
     assert_eq!(reason(&format!("N1 M0\nN1 M0\n{up}{slow}")), RefusalReason::UnexpectedStop);
     assert_eq!(reason(&format!("N1 M0\nN0 M0\n{up}{slow}")), RefusalReason::UnexpectedStop);
-    assert_eq!(
-        reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")),
-        RefusalReason::MotionInPrompt
-    );
+    assert_eq!(reason(&format!("N1 G53 G0 Z300\nN1 M0\n{up}{slow}")), RefusalReason::MotionInPrompt);
 }

@@ -61,29 +61,19 @@ pub fn touch_reach(
     normal: [f64; 3],
 ) -> Result<TouchReach, RefusalReason> {
     let line = BallLine::new(scene, joint_path).ok_or(RefusalReason::TouchWithoutContact)?;
-    let met = scene.touched_bodies().filter_map(|(number, body)| {
-        Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?))
-    });
-    let (number, body, at) =
-        met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
+    let met = scene
+        .touched_bodies()
+        .filter_map(|(number, body)| Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?)));
+    let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
     if let Some(ball) = body.shape.as_ball() {
         line.check_never_misses(body, ball, scene.uncertainty)?;
         line.check_aim(body, ball.0, at, Vector3::from(normal))?;
     }
     let farthest = line.latest_contact_share(&body.shape, at, scene.uncertainty);
-    let end =
-        (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
-    let stop =
-        std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
-    let lateral = LateralUncertainty {
-        direction: line.table.rotation * line.along,
-        amount_mm: scene.uncertainty,
-    };
-    Ok(TouchReach {
-        body: number,
-        joint_path: JointPath { from: joint_path.from, to: stop },
-        lateral,
-    })
+    let end = (farthest + (MAX_PRE_TRAVEL_MM + braking) / line.from.metric_distance(&line.to)).min(1.0);
+    let stop = std::array::from_fn(|i| joint_path.from[i] + end * (joint_path.to[i] - joint_path.from[i]));
+    let lateral = LateralUncertainty { direction: line.table.rotation * line.along, amount_mm: scene.uncertainty };
+    Ok(TouchReach { body: number, joint_path: JointPath { from: joint_path.from, to: stop }, lateral })
 }
 
 impl BallLine {
@@ -130,8 +120,7 @@ impl BallLine {
         (centre, radius): (Vector3<f64>, f64),
         uncertainty: f64,
     ) -> Result<(), RefusalReason> {
-        let ahead =
-            (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));
+        let ahead = (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));
         let apart = centre.metric_distance(&(self.from + ahead * self.along));
         if apart <= radius + self.radius - uncertainty + TEXT_ROUNDING_MM {
             return Ok(());

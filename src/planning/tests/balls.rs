@@ -53,21 +53,13 @@ fn first(plan: &Plan) -> Ball {
     }
 }
 
-fn touches(
-    plan: &Plan,
-    rotary: &Position,
-    count: usize,
-) -> Result<Vec<TouchDirection>, BallAccessError> {
+fn touches(plan: &Plan, rotary: &Position, count: usize) -> Result<Vec<TouchDirection>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
     let task = BallTask { ball: &first(plan), rotary, approach: SLOW, touches: count };
     access.accessible_touches(&task)
 }
 
-fn steps(
-    plan: &Plan,
-    rotary: &Position,
-    approach: BallApproach,
-) -> Result<Vec<Step>, BallAccessError> {
+fn steps(plan: &Plan, rotary: &Position, approach: BallApproach) -> Result<Vec<Step>, BallAccessError> {
     let access = TouchAccess::new(plan, &plan.artefact).unwrap();
     let task = BallTask { ball: &first(plan), rotary, approach, touches: 5 };
     access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
@@ -107,9 +99,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     // The stem is horizontal and below the stylus at +45°: only that touch is moved.
     let found = touches(&with_stem([1.0, 1.0, 0.0]), &indexed(0.0, 0.0), 5).unwrap();
     let h = 0.5_f64.sqrt();
-    for (contact, normal) in
-        found.iter().zip([[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0]])
-    {
+    for (contact, normal) in found.iter().zip([[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0]]) {
         let moved = (contact.normal - Vector3::from(normal)).norm() > 1e-9;
         assert_eq!(moved, contact.name == "+45", "{contact:?}");
     }
@@ -117,10 +107,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     // The stem is above the ball: the pole is not accessible.
     let above = touches(&with_stem([0.0, 0.0, 1.0]), &indexed(0.0, 0.0), 5).unwrap_err();
     let (touch, obstacle) = ("pole".to_owned(), "stem of ball 1".to_owned());
-    assert_eq!(
-        above,
-        BallAccessError::ObstacleTooNear { touch, tool: "stylus ball".to_owned(), obstacle }
-    );
+    assert_eq!(above, BallAccessError::ObstacleTooNear { touch, tool: "stylus ball".to_owned(), obstacle });
     // The same stem, turned below the ball.
     assert_eq!(touches(&with_stem([0.0, 0.0, 1.0]), &indexed(180.0, 0.0), 5).unwrap().len(), 5);
 }
@@ -128,9 +115,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
 #[test]
 fn another_ball_below_the_probe_or_above_the_ball_is_in_the_way() {
     let down = [0.0, 0.0, -1.0];
-    let pair = |x: f64, z: f64| {
-        plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], down), ball("2", [x, 0.0, z], down)])
-    };
+    let pair = |x: f64, z: f64| plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], down), ball("2", [x, 0.0, z], down)]);
     let refused = |plan: &Plan, b: f64| touches(plan, &indexed(b, 0.0), 5).unwrap_err().to_string();
     // The probe body begins 150 mm above the stylus ball and is 20 mm in radius.
     assert!(touches(&pair(30.0, 180.0), &indexed(0.0, 0.0), 5).is_ok());
@@ -216,8 +201,7 @@ fn readings(plan: &Plan, rotary: &Position, off: f64) -> Vec<Position> {
 fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
     let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     let rotary = indexed(-30.0, 90.0);
-    let measured =
-        evaluate_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
+    let measured = evaluate_ball("3", &readings(&plan, &rotary, 0.0), &plan.machine, &plan.probe).unwrap();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
     let centre = access.centre(&first(&plan), &rotary).unwrap();
     for axis in Axis::LINEAR {
@@ -235,8 +219,7 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
 fn dirt_and_a_wrong_ball_are_said_in_words() {
     let plan = plan(TABLE, &[ball("3", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
     let rotary = indexed(-30.0, 90.0);
-    let dirty =
-        evaluate_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
+    let dirty = evaluate_ball("3", &readings(&plan, &rotary, 0.1), &plan.machine, &plan.probe).unwrap();
     let limits = BallLimits { form_mm: 0.015, diameter_mm: 0.2 };
     let words = dirty.check("3", 20.0, &limits).unwrap_err().to_string();
     assert!(words.starts_with("ball 3 at B −30°, C 90°, S 90°: the form deviation 0.0"), "{words}");
@@ -253,31 +236,19 @@ fn dirt_and_a_wrong_ball_are_said_in_words() {
 #[test]
 fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     let machine = plan(TABLE, &[]).machine;
-    let xy = [
-        [0.0, 0.0],
-        [90.0, 10.0],
-        [20.0, 80.0],
-        [-70.0, 40.0],
-        [60.0, -90.0],
-        [-40.0, -60.0],
-        [5.0, 55.0],
-    ];
-    let places: Vec<Position> =
-        xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
+    let xy = [[0.0, 0.0], [90.0, 10.0], [20.0, 80.0], [-70.0, 40.0], [60.0, -90.0], [-40.0, -60.0], [5.0, 55.0]];
+    let places: Vec<Position> = xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
     let found = TravelTimes::from_xy_positions(&places, None, &machine).visiting_order(1);
     let seconds = |order: &[usize]| -> f64 {
         let pairs = order.windows(2);
-        pairs
-            .map(|pair| time::motion_time_s(&places[pair[0]], &places[pair[1]], None, &machine))
-            .sum()
+        pairs.map(|pair| time::motion_time_s(&places[pair[0]], &places[pair[1]], None, &machine)).sum()
     };
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(seconds(order)));
     assert!((seconds(&found) - best).abs() < 1e-9, "{found:?}");
     // The same from a given start position, which is not one of the places.
     let position = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
-    let found =
-        TravelTimes::from_xy_positions(&places, Some(&position), &machine).visiting_order(1);
+    let found = TravelTimes::from_xy_positions(&places, Some(&position), &machine).visiting_order(1);
     let begin = |order: &[usize]| time::motion_time_s(&position, &places[order[0]], None, &machine);
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(begin(order) + seconds(order)));
@@ -314,8 +285,7 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
     for step in &plan.steps {
         let motions = blocks.iter().flat_map(|block| &block.motions);
         let position = Some(end_position(motions, &Position::new())).filter(|_| !blocks.is_empty());
-        let start =
-            BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() };
+        let start = BlockStart { position: position.as_ref(), confirmed: ConfirmedDirections::all() };
         blocks.push(touch_block(&plan, step, 0, start, &clearance).unwrap());
     }
     let mut position = end_position(&blocks[0].motions, &Position::new());

@@ -64,8 +64,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     let learn = vec![point(0.0, 0.0, 0.0), point(0.1, 0.0, 0.0), point(0.0, 0.1, 0.0)];
     let ring = vec![point(0.0, 0.0, 0.0), point(0.0, 0.0, 1.0), point(0.0, 0.0, 2.0)];
     let turned = vec![point(0.1, 0.0, 1.0), point(0.0, 0.0, 1.0)];
-    let steps =
-        vec![scan(0, learn), scan(1, ring), scan(2, turned), scan(3, vec![point(0.0, 0.0, 0.0)])];
+    let steps = vec![scan(0, learn), scan(1, ring), scan(2, turned), scan(3, vec![point(0.0, 0.0, 0.0)])];
     let plan = nest_plan(steps);
     let clearance = SafeHeights::above_plan_artefact(&plan).unwrap();
     let mut position = point(50.0, 120.0, 0.5);
@@ -87,9 +86,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     };
     assert_eq!([0, 1, 2, 3].map(count), [2, 0, 0, 0]);
     let motions = || planned.iter().flatten().flat_map(|block| &block.motions);
-    assert!(
-        !motions().any(|motion| matches!(motion, Motion::Rapid { .. } | Motion::Guarded { .. }))
-    );
+    assert!(!motions().any(|motion| matches!(motion, Motion::Rapid { .. } | Motion::Guarded { .. })));
     let [up, down, first] = [0, 1, 2].map(|block| &planned[0][block].motions);
     assert_eq!(up.iter().filter_map(motion_target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
     // The near ends of the measuring lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is
@@ -127,8 +124,7 @@ fn a_turn_begins_in_an_unconfirmed_nest_but_another_way_begins_above_it() {
     let way = step_blocks(&plan, &plan.steps[1], 0, start, &clearance).unwrap();
     is_proven(&only(1), &way, &position);
     let count = |number: usize| {
-        let start =
-            BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
+        let start = BlockStart { position: Some(&position), confirmed: ConfirmedDirections::default() };
         let blocks = step_blocks(&plan, &plan.steps[number], 0, start, &clearance).unwrap();
         out_of_range_block_count(plan.steps[number].scan.as_ref().unwrap(), blocks.len())
     };

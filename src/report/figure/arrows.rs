@@ -4,18 +4,14 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{round_step, tick_label, value_bounds};
-use super::{
-    Area, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, draw_picture,
-    text_style,
-};
+use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use crate::report::number;
 use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, Unit};
 
 /// Width of the square panels, height of the scale below them, and size of the picture, in picture units.
 pub(super) const PANEL_SIZE: i32 = 500;
 pub(super) const SCALE_HEIGHT: i32 = 70;
-pub(super) const PICTURE_SIZE: (u32, u32) =
-    (3 * PANEL_SIZE as u32, (PANEL_SIZE + SCALE_HEIGHT) as u32);
+pub(super) const PICTURE_SIZE: (u32, u32) = (3 * PANEL_SIZE as u32, (PANEL_SIZE + SCALE_HEIGHT) as u32);
 /// Axes of each panel, to the right and upwards: from above, and from two sides.
 pub(super) const PANEL_VIEWS: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
 /// Distance from the middle of a panel to the farthest position, and length of the longest arrow without a
@@ -72,37 +68,20 @@ impl ArrowScales {
         })
     }
 
-    fn draw_panel(
-        &self,
-        area: &Area<'_>,
-        panel: i32,
-        sides: [usize; 2],
-        group: &ArrowGroup,
-    ) -> DrawResult {
+    fn draw_panel(&self, area: &Area<'_>, panel: i32, sides: [usize; 2], group: &ArrowGroup) -> DrawResult {
         let left = panel * PANEL_SIZE;
         draw_frame(area, panel, sides)?;
         // Flagged arrows are drawn last, on top.
-        let order = finite_arrows(group)
-            .filter(|a| !a.flagged)
-            .chain(finite_arrows(group).filter(|a| a.flagged));
+        let order = finite_arrows(group).filter(|a| !a.flagged).chain(finite_arrows(group).filter(|a| a.flagged));
         for arrow in order {
             let from = sides.map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]));
-            let from = (
-                left + PANEL_SIZE / 2 + from[0].round() as i32,
-                PANEL_SIZE / 2 - from[1].round() as i32,
-            );
+            let from = (left + PANEL_SIZE / 2 + from[0].round() as i32, PANEL_SIZE / 2 - from[1].round() as i32);
             self.draw_flagged_arrow(area, from, sides.map(|k| arrow.vector[k]), arrow)?;
         }
         Ok(())
     }
 
-    fn draw_flagged_arrow(
-        &self,
-        area: &Area<'_>,
-        from: (i32, i32),
-        along: [f64; 2],
-        arrow: &Arrow,
-    ) -> DrawResult {
+    fn draw_flagged_arrow(&self, area: &Area<'_>, from: (i32, i32), along: [f64; 2], arrow: &Arrow) -> DrawResult {
         let colour = if arrow.flagged { FIT_COLOUR } else { LINE_COLOUR };
         area.draw(&Circle::new(from, 4, INK_COLOUR.mix(0.5).filled()))?;
         let factor = self.arrow_scale(arrow.vector);
@@ -145,11 +124,7 @@ impl ArrowScales {
 
     /// Whether a flagged arrow is drawn shorter than to scale.
     pub(in crate::report) fn has_shortened_arrows(&self, figure: &ArrowFigure) -> bool {
-        figure
-            .groups
-            .iter()
-            .flat_map(finite_arrows)
-            .any(|a| self.vector * vector_length(a.vector) > MAX_ARROW_LENGTH)
+        figure.groups.iter().flat_map(finite_arrows).any(|a| self.vector * vector_length(a.vector) > MAX_ARROW_LENGTH)
     }
 }
 

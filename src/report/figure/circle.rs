@@ -12,10 +12,8 @@ use machine::record::estimate::CircleFigure;
 
 /// Side of the plot, which is square so that circles are not distorted.
 const PLOT_SIDE: u32 = 744;
-const PICTURE_SIZE: (u32, u32) = (
-    Y_LABEL_WIDTH + PLOT_SIDE + 3 * PICTURE_MARGIN,
-    X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN,
-);
+const PICTURE_SIZE: (u32, u32) =
+    (Y_LABEL_WIDTH + PLOT_SIDE + 3 * PICTURE_MARGIN, X_LABEL_HEIGHT + PLOT_SIDE + 2 * PICTURE_MARGIN);
 
 /// Draws the figure; `None` if the circle is not finite.
 pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
@@ -34,16 +32,12 @@ pub(in crate::report) fn draw_circle(figure: &CircleFigure) -> Option<String> {
         let axis = |middle: f64| TickedAxis::round(middle - half..middle + half);
         let mut chart = draw_axes(area, (axis(x), &x_name), (axis(y), &y_name))?;
         chart.draw_series([Polygon::new(ellipse(ux, uy), FIT_COLOUR.mix(BAND_OPACITY))])?;
-        chart.draw_series([PathElement::new(
-            points.clone(),
-            LINE_COLOUR.mix(0.5).stroke_width(2),
-        )])?;
+        chart.draw_series([PathElement::new(points.clone(), LINE_COLOUR.mix(0.5).stroke_width(2))])?;
         let fitted = ellipse(figure.radius, figure.radius);
         chart.draw_series([PathElement::new(fitted, FIT_COLOUR.stroke_width(3))])?;
         let cross = [vec![(x - ux, y), (x + ux, y)], vec![(x, y - uy), (x, y + uy)]];
         chart.draw_series(cross.map(|line| PathElement::new(line, FIT_COLOUR.stroke_width(3))))?;
-        chart
-            .draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE_COLOUR.filled())))?;
+        chart.draw_series(points.iter().map(|point| Circle::new(*point, 8, LINE_COLOUR.filled())))?;
         Ok(())
     })
 }

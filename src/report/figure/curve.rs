@@ -10,17 +10,13 @@ use machine::record::estimate::EstimatedFunction;
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
 pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
-    let (low, high) = value_bounds(
-        samples
-            .iter()
-            .flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]),
-    )?;
+    let (low, high) =
+        value_bounds(samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]))?;
     let (low, high) = add_margin((low, high));
     let x_axis = x_axis(function, samples)?;
     let (x_name, y_name) = axis_names(function);
     draw_picture(PICTURE_SIZE, |area| {
-        let mut chart =
-            super::draw_axes(area, (x_axis, &x_name), (TickedAxis::round(low..high), &y_name))?;
+        let mut chart = super::draw_axes(area, (x_axis, &x_name), (TickedAxis::round(low..high), &y_name))?;
         for samples in samples.chunk_by(|sample, next| sample.x <= next.x) {
             let upper = samples.iter().map(|sample| (sample.x, sample.y + sample.half_width));
             let lower = samples.iter().rev().map(|sample| (sample.x, sample.y - sample.half_width));
@@ -29,9 +25,7 @@ pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[Sample]) -> Op
             let line: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
             chart.draw_series([PathElement::new(line.clone(), LINE_COLOUR.stroke_width(4))])?;
             if line.len() <= MAX_MARKS {
-                chart.draw_series(
-                    line.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())),
-                )?;
+                chart.draw_series(line.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
             }
         }
         Ok(())

@@ -110,13 +110,11 @@ mod tests {
     /// 2 + 1.5·cos θ − 0.8·sin θ + 0.6·cos 3θ: a circle about (1.5, −0.8) and three lobes of ±0.6 on it.
     #[test]
     fn an_error_motion_value_is_taken_about_its_centre() {
-        let lobes =
-            |turn: f64| 1.5 * turn.cos() - 0.8 * turn.sin() + 0.6 * (3.0 * turn).cos() + 2.0;
+        let lobes = |turn: f64| 1.5 * turn.cos() - 0.8 * turn.sin() + 0.6 * (3.0 * turn).cos() + 2.0;
         for symbol in ["EXC", "EAC", "EZA", "EXB"] {
             let (centre, circles) = error_motion(&of_angle(symbol, 1, lobes)).unwrap();
             assert_eq!(centre, MotionCentre::LeastSquares, "{symbol}");
-            let known =
-                [(circles.centre[0], 1.5), (circles.centre[1], -0.8), (circles.value(), 1.2)];
+            let known = [(circles.centre[0], 1.5), (circles.centre[1], -0.8), (circles.value(), 1.2)];
             for (found, expected) in known {
                 assert!((found - expected).abs() < 1e-12, "{symbol}: {found}");
             }
@@ -136,15 +134,11 @@ mod tests {
             unequal.x.remove(12);
             unequal.y.remove(12);
         });
-        let (_, circles) =
-            error_motion(&EstimatedFunction { u: vec![0.0; 43], ..unequal }).unwrap();
+        let (_, circles) = error_motion(&EstimatedFunction { u: vec![0.0; 43], ..unequal }).unwrap();
         // At unequal angles the lobes are not orthogonal to the circle.
         assert!((circles.centre[0] - 1.5).abs() < 0.3 && circles.value() >= 1.2 - 1e-9);
         let one_angle = EstimatedFunction { x: vec![45.0; 8], ..wave(FigureKind::Polar, 8) };
-        assert_eq!(
-            error_motion(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }),
-            None
-        );
+        assert_eq!(error_motion(&EstimatedFunction { symbol: "EXC".to_owned(), ..one_angle }), None);
     }
 
     /// For cos θ + 0.6·cos 3θ the rings are from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
@@ -152,16 +146,10 @@ mod tests {
     fn the_circles_of_an_error_motion_touch_the_curve() {
         let motion = of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());
         let svg = draw_function(&motion, 2.0).unwrap();
-        let lines: Vec<Vec<f64>> = svg
-            .lines()
-            .filter(|line| line.contains("stroke=\"#C2571A\""))
-            .map(coordinates)
-            .collect();
+        let lines: Vec<Vec<f64>> =
+            svg.lines().filter(|line| line.contains("stroke=\"#C2571A\"")).map(coordinates).collect();
         let [inner, outer, across, upright] = lines.as_slice() else { panic!("{}", lines.len()) };
-        assert_eq!(
-            (&across[..], &upright[..]),
-            (&[492.0, 450.0, 528.0, 450.0][..], &[510.0, 432.0, 510.0, 468.0][..])
-        );
+        assert_eq!((&across[..], &upright[..]), (&[492.0, 450.0, 528.0, 450.0][..], &[510.0, 432.0, 510.0, 468.0][..]));
         // At 0° the outer circle is at 0.6 + 1 µm, at 180° the inner one at −0.6 − 1 µm.
         assert_eq!(outer[..2], [450.0 + 240.0 + 96.0, 450.0]);
         assert_eq!(inner[180..182], [450.0 - 240.0 + 96.0, 450.0]);

@@ -115,10 +115,7 @@ mod tests {
         let mean = values.iter().sum::<f64>() / 8.0;
         assert!((top.0 - mean).abs() <= step, "{top:?}");
         for alike in [0.0, -3.0, 1e9] {
-            assert_eq!(
-                HistogramBins::from_values(&[alike; 5]).unwrap().counts.iter().sum::<usize>(),
-                5
-            );
+            assert_eq!(HistogramBins::from_values(&[alike; 5]).unwrap().counts.iter().sum::<usize>(), 5);
         }
         assert!(HistogramBins::from_values(&[]).is_none());
         let one_far = [vec![0.0; 1000], vec![1e6]].concat();

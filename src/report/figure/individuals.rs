@@ -6,10 +6,7 @@ use plotters::prelude::*;
 use super::legend::{self, DASH_PATTERN, LegendSymbol};
 use super::scale::{TickedAxis, add_margin, value_bounds};
 use super::strip::{self, Temperatures};
-use super::{
-    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH,
-    draw_picture,
-};
+use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH, draw_picture};
 use crate::report::number;
 use machine::record::estimate::Unit;
 
@@ -35,8 +32,7 @@ pub struct IndividualsChart {
 }
 
 /// Units of time with their lengths in seconds.
-const TIME_UNITS: [(f64, &str); 4] =
-    [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
+const TIME_UNITS: [(f64, &str); 4] = [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
 
 /// Data of the chart with its scales.
 struct ScaledChart {
@@ -57,11 +53,9 @@ impl IndividualsChart {
         let legend_entries = self.legend_entries(unit, &scaled.tolerance);
         let temperature_range = strip::temperature_range(&self.temperatures);
         let rows = if legend_entries.is_empty() { 0 } else { legend::ROW_HEIGHT };
-        let below =
-            if temperature_range.is_some() { legend::ROW_HEIGHT + strip::STRIP_HEIGHT } else { 0 };
+        let below = if temperature_range.is_some() { legend::ROW_HEIGHT + strip::STRIP_HEIGHT } else { 0 };
         let x_name = format!("{word} before now");
-        let y_name =
-            format!("{} / {}", number::plain_symbol(&self.symbol), number::unit_symbol(unit));
+        let y_name = format!("{} / {}", number::plain_symbol(&self.symbol), number::unit_symbol(unit));
         let time = TickedAxis::round(scaled.time.0..scaled.time.1);
         draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + rows + below), |area| {
             let (above, rest) = area.split_vertically(rows as i32);
@@ -77,17 +71,13 @@ impl IndividualsChart {
 
     fn scale_data(&self, scale: f64) -> Option<ScaledChart> {
         let finite = self.values.iter().filter(|value| value.iter().all(|part| part.is_finite()));
-        let samples: Vec<Sample> = finite
-            .map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half_width: *half })
-            .collect();
+        let samples: Vec<Sample> =
+            finite.map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half_width: *half }).collect();
         let limits = self.limits.map(|(limits, _)| limits).into_iter().flatten();
-        let ends = samples
-            .iter()
-            .flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+        let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
         let (mut low, mut high) = value_bounds(ends.chain(limits))?;
         let most = MAX_RANGE_RATIO * (high - low).max(f64::MIN_POSITIVE);
-        let mut tolerance: Vec<f64> =
-            self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
+        let mut tolerance: Vec<f64> = self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
         // The nearer line first: there may be room for one only.
         let middle = (low + high) / 2.0;
         tolerance.sort_by(|one, other| (one - middle).abs().total_cmp(&(other - middle).abs()));
@@ -106,33 +96,21 @@ impl IndividualsChart {
     /// Entries of the legend.
     fn legend_entries(&self, unit: Unit, drawn: &[f64]) -> Vec<(LegendSymbol, String)> {
         let mut legend_entries = Vec::new();
-        legend_entries
-            .extend(self.limits.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
+        legend_entries.extend(self.limits.map(|_| (LegendSymbol::Band, "control limits".to_owned())));
         legend_entries.extend(self.tolerance.map(|limit| {
             let beyond = match drawn.len() {
                 2 => "",
                 1 => " (one line beyond)",
                 _ => " (beyond)",
             };
-            (
-                LegendSymbol::Dashed,
-                format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)),
-            )
+            (LegendSymbol::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit_symbol(unit)))
         }));
-        legend_entries
-            .extend((!self.steps.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
+        legend_entries.extend((!self.steps.is_empty()).then(|| (LegendSymbol::StepMark, "step".to_owned())));
         legend_entries
     }
 
-    fn draw_chart(
-        &self,
-        area: &Area<'_>,
-        scaled: &ScaledChart,
-        x: (TickedAxis, &str),
-        y_name: &str,
-    ) -> DrawResult {
-        let ScaledChart { samples, time: (first, last), scale, value: (low, high), tolerance } =
-            scaled;
+    fn draw_chart(&self, area: &Area<'_>, scaled: &ScaledChart, x: (TickedAxis, &str), y_name: &str) -> DrawResult {
+        let ScaledChart { samples, time: (first, last), scale, value: (low, high), tolerance } = scaled;
         let mut chart = super::draw_axes(area, x, (TickedAxis::round(*low..*high), y_name))?;
         if let Some(([lower, centre, upper], from)) = self.limits {
             let begin = self.values.get(from).map_or(*first, |[t_s, ..]| t_s / scale);
@@ -145,12 +123,7 @@ impl IndividualsChart {
         }
         for y in tolerance {
             let (line, (dash, gap)) = ([(*first, *y), (*last, *y)], DASH_PATTERN);
-            chart.draw_series(DashedLineSeries::new(
-                line,
-                dash,
-                gap,
-                INK_COLOUR.stroke_width(4),
-            ))?;
+            chart.draw_series(DashedLineSeries::new(line, dash, gap, INK_COLOUR.stroke_width(4)))?;
         }
         for t_s in &self.steps {
             let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
@@ -163,15 +136,13 @@ impl IndividualsChart {
         chart.draw_series(bars)?;
         let joined: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
         chart.draw_series([PathElement::new(joined.clone(), LINE_COLOUR.stroke_width(2))])?;
-        chart
-            .draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
+        chart.draw_series(joined.iter().map(|point| Circle::new(*point, 7, LINE_COLOUR.filled())))?;
         Ok(())
     }
 
     /// Largest unit of time of which the chart covers at least two.
     fn time_unit(&self) -> (f64, &'static str) {
-        let [first, last] = [self.values.first(), self.values.last()]
-            .map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
+        let [first, last] = [self.values.first(), self.values.last()].map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
         let reach = (last - first).max(-first);
         TIME_UNITS.into_iter().find(|(scale, _)| reach >= 2.0 * scale).unwrap_or((1.0, "seconds"))
     }
@@ -208,12 +179,7 @@ mod tests {
         assert!((begins - dots[4]).abs() <= 1.0, "{begins} {dots:?}");
         let none = IndividualsChart { values: vec![[0.0, f64::NAN, 1.0]], ..chart.clone() };
         assert_eq!(none.draw(Unit::Um), None);
-        let soon = IndividualsChart {
-            values: vec![[-30.0, 1.0, 1.0]],
-            limits: None,
-            steps: vec![],
-            ..chart
-        };
+        let soon = IndividualsChart { values: vec![[-30.0, 1.0, 1.0]], limits: None, steps: vec![], ..chart };
         assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
     }
 
@@ -229,8 +195,7 @@ mod tests {
     fn across(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
         let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
         let lines = svg.lines().filter(|line| line.contains("<polyline"));
-        let lines =
-            lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(points);
+        let lines = lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(points);
         let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
         let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW_HEIGHT));
         lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
@@ -251,9 +216,7 @@ mod tests {
     #[test]
     fn the_tolerance_is_dashed_and_lies_where_it_is_stated() {
         let svg = days(Some(3.25)).draw(Unit::Um).unwrap();
-        assert!(
-            inside(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits")
-        );
+        assert!(inside(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits"));
         let limits: Vec<f64> = across(&svg, "#C2571A", 3).iter().map(|line| line[2]).collect();
         let [lower, upper] = limits[..] else { panic!("{limits:?}") };
         let per_um = (lower - upper) / 3.0;
@@ -293,9 +256,8 @@ mod tests {
     #[test]
     fn temperatures_lie_below_over_the_same_time_and_with_gaps() {
         let chart = days(None);
-        let spindle = |(day, value): (usize, &[f64; 3])| {
-            (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64))
-        };
+        let spindle =
+            |(day, value): (usize, &[f64; 3])| (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64));
         let bed = |value: &[f64; 3]| (value[0], Some(20.0));
         let temperatures = vec![
             ("spindle".to_owned(), chart.values.iter().enumerate().map(spindle).collect()),
@@ -306,14 +268,11 @@ mod tests {
         let svg = IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
         assert!(inside(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
         assert!(!plain.contains("temperature"));
-        let circles =
-            svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
-        let dots: Vec<f64> =
-            circles.map(|line| attributes(line, "cx")[0].parse().unwrap()).collect();
+        let circles = svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
+        let dots: Vec<f64> = circles.map(|line| attributes(line, "cx")[0].parse().unwrap()).collect();
         let lines = svg.lines().filter(|line| line.contains("<polyline")).map(points);
         let below = 616.0;
-        let curves: Vec<_> =
-            lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
+        let curves: Vec<_> = lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
         let lengths: Vec<_> = curves.iter().map(Vec::len).collect();
         assert_eq!(lengths, [3, 5, 10]);
         // Each mark is below the value of the same run, and the temperature axis is linear.

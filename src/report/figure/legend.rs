@@ -30,11 +30,7 @@ pub(super) enum LegendSymbol {
 }
 
 /// Draws one row that begins at `left`.
-pub(super) fn draw_legend(
-    area: &Area<'_>,
-    left: u32,
-    entries: &[(LegendSymbol, String)],
-) -> DrawResult {
+pub(super) fn draw_legend(area: &Area<'_>, left: u32, entries: &[(LegendSymbol, String)]) -> DrawResult {
     let (mut x, middle) = (left as i32, ROW_HEIGHT as i32 / 2);
     for (piece, text) in entries {
         draw_symbol(area, *piece, (x, middle))?;
@@ -50,15 +46,9 @@ fn draw_symbol(area: &Area<'_>, piece: LegendSymbol, (x, y): (i32, i32)) -> Draw
     let across = |x: i32, length: i32, y: i32| vec![(x, y), (x + length, y)];
     match piece {
         LegendSymbol::Band => {
-            area.draw(&Rectangle::new(
-                [(x, y - 14), (x + SAMPLE_LENGTH, y + 14)],
-                GRID_COLOUR.mix(0.4).filled(),
-            ))?;
+            area.draw(&Rectangle::new([(x, y - 14), (x + SAMPLE_LENGTH, y + 14)], GRID_COLOUR.mix(0.4).filled()))?;
             for edge in [y - 14, y + 14] {
-                area.draw(&PathElement::new(
-                    across(x, SAMPLE_LENGTH, edge),
-                    FIT_COLOUR.stroke_width(3),
-                ))?;
+                area.draw(&PathElement::new(across(x, SAMPLE_LENGTH, edge), FIT_COLOUR.stroke_width(3)))?;
             }
         }
         LegendSymbol::Shaded => {

@@ -12,10 +12,8 @@ const LEFT_MARGIN: i32 = 120;
 const TOP_MARGIN: i32 = 56;
 const BOTTOM_MARGIN: i32 = 92;
 const RIGHT_MARGIN: i32 = 8;
-const PICTURE_SIZE: (u32, u32) = (
-    (LEFT_MARGIN + FIELD_SIZE + RIGHT_MARGIN) as u32,
-    (TOP_MARGIN + FIELD_SIZE + BOTTOM_MARGIN) as u32,
-);
+const PICTURE_SIZE: (u32, u32) =
+    ((LEFT_MARGIN + FIELD_SIZE + RIGHT_MARGIN) as u32, (TOP_MARGIN + FIELD_SIZE + BOTTOM_MARGIN) as u32);
 const FONT_SIZE: f64 = 24.0;
 
 /// Values of a slice, in µm.
@@ -63,10 +61,8 @@ impl ErrorMap {
                 TOP_MARGIN + FIELD_SIZE - Self::cell_edge(j + 1, count),
             );
             for (i, value) in row.iter().enumerate().take(columns).filter(|(_, v)| v.is_finite()) {
-                let (from, to) = (
-                    LEFT_MARGIN + Self::cell_edge(i, columns),
-                    LEFT_MARGIN + Self::cell_edge(i + 1, columns),
-                );
+                let (from, to) =
+                    (LEFT_MARGIN + Self::cell_edge(i, columns), LEFT_MARGIN + Self::cell_edge(i + 1, columns));
                 let share = (value / largest).clamp(0.0, 1.0);
                 let corners = [(from, high), (to, low)];
                 area.draw(&Rectangle::new(corners, FIT_COLOUR.mix(0.8 * share).filled()))?;
@@ -86,8 +82,7 @@ impl ErrorMap {
         area.draw(&Text::new(name.to_owned(), above, style(HPos::Left, VPos::Bottom)))?;
         let (horizontal, columns) = (&self.horizontal.0, &self.horizontal.1);
         let (vertical, rows) = (&self.vertical.0, &self.vertical.1);
-        let middle =
-            |n: usize, of: usize| (Self::cell_edge(n, of) + Self::cell_edge(n + 1, of)) / 2;
+        let middle = |n: usize, of: usize| (Self::cell_edge(n, of) + Self::cell_edge(n + 1, of)) / 2;
         for (n, value) in columns.iter().enumerate() {
             let place = (LEFT_MARGIN + middle(n, columns.len()), TOP_MARGIN + FIELD_SIZE + 12);
             let text = number::format_fixed(*value, 0);
@@ -100,11 +95,7 @@ impl ErrorMap {
         }
         let below = (LEFT_MARGIN + FIELD_SIZE / 2, TOP_MARGIN + FIELD_SIZE + 48);
         area.draw(&Text::new(horizontal.clone(), below, style(HPos::Center, VPos::Top)))?;
-        area.draw(&Text::new(
-            vertical.clone(),
-            (LEFT_MARGIN - 12, TOP_MARGIN - 14),
-            style(HPos::Right, VPos::Bottom),
-        ))?;
+        area.draw(&Text::new(vertical.clone(), (LEFT_MARGIN - 12, TOP_MARGIN - 14), style(HPos::Right, VPos::Bottom)))?;
         Ok(())
     }
 }

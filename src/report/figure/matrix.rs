@@ -18,11 +18,7 @@ const MIN_DRAWN_CORRELATION: f64 = 0.02;
 const COLOUR_SCALE_HEIGHT: i32 = 110;
 
 /// Correlation coefficient of `i` and `j`, −1 to 1; `None` if one of them has no variance.
-pub(in crate::report) fn correlation_coefficient(
-    covariance: &Covariance,
-    i: usize,
-    j: usize,
-) -> Option<f64> {
+pub(in crate::report) fn correlation_coefficient(covariance: &Covariance, i: usize, j: usize) -> Option<f64> {
     let at = |i: usize, j: usize| covariance.rows.get(i)?.get(j).copied();
     let coefficient = at(i, j)? / (at(i, i)? * at(j, j)?).sqrt();
     coefficient.is_finite().then(|| coefficient.clamp(-1.0, 1.0))
@@ -57,8 +53,7 @@ impl MatrixLayout {
         let count = names.len() as f64;
         // Cell and font depend on each other: font = 0.8·cell, begin = letters·font.
         let letters = LETTER_WIDTH_RATIO * longest as f64 + 0.7;
-        let cell =
-            (f64::from(PICTURE_SIDE - COLOUR_SCALE_HEIGHT) / (count + 0.8 * letters)).min(70.0);
+        let cell = (f64::from(PICTURE_SIDE - COLOUR_SCALE_HEIGHT) / (count + 0.8 * letters)).min(70.0);
         let font = (0.8 * cell).min(34.0);
         Self { begin: (letters * font) as i32, cell, font }
     }
@@ -81,10 +76,7 @@ impl MatrixLayout {
     }
 
     fn draw_cell(&self, area: &Area<'_>, [i, j]: [usize; 2], value: Option<f64>) -> DrawResult {
-        let corners = [
-            (self.cell_edge(j), self.cell_edge(i)),
-            (self.cell_edge(j + 1) - 1, self.cell_edge(i + 1) - 1),
-        ];
+        let corners = [(self.cell_edge(j), self.cell_edge(i)), (self.cell_edge(j + 1) - 1, self.cell_edge(i + 1) - 1)];
         match value {
             _ if i == j => area.draw(&Rectangle::new(corners, GRID_COLOUR.filled()))?,
             Some(value) => draw_tile(area, corners, value)?,

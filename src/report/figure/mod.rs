@@ -58,11 +58,7 @@ pub(super) fn draw_function(function: &EstimatedFunction, k: f64) -> Option<Stri
     let samples = finite_samples(function, k);
     match function.figure {
         FigureKind::Curve => curve::draw_curve(function, &samples),
-        FigureKind::Polar => polar::draw_polar(
-            function,
-            &samples,
-            motion_circles(function, &samples).map(|(_, c)| c),
-        ),
+        FigureKind::Polar => polar::draw_polar(function, &samples, motion_circles(function, &samples).map(|(_, c)| c)),
         FigureKind::Points => points::draw_points(function, &samples),
         FigureKind::Histogram => histogram::draw_histogram(function, &samples),
         FigureKind::Spectrum => spectrum::draw_spectrum(function, &samples),
@@ -75,10 +71,7 @@ pub(super) fn error_motion(function: &EstimatedFunction) -> Option<(MotionCentre
     is_polar.then(|| motion_circles(function, &finite_samples(function, 0.0))).flatten()
 }
 
-fn motion_circles(
-    function: &EstimatedFunction,
-    samples: &[Sample],
-) -> Option<(MotionCentre, MotionCircles)> {
+fn motion_circles(function: &EstimatedFunction, samples: &[Sample]) -> Option<(MotionCentre, MotionCircles)> {
     let centre = MotionCentre::from_symbol(&function.symbol)?;
     Some((centre, MotionCircles::new(samples, centre)?))
 }
@@ -102,10 +95,7 @@ type DrawResult = Result<(), Box<dyn std::error::Error>>;
 
 /// Draws a picture by `draw`. The result has no size of its own, so that the page can scale it. `None` only if
 /// the drawing library fails, which is not expected when it writes to memory.
-fn draw_picture(
-    (width, height): (u32, u32),
-    draw: impl for<'a> FnOnce(&Area<'a>) -> DrawResult,
-) -> Option<String> {
+fn draw_picture((width, height): (u32, u32), draw: impl for<'a> FnOnce(&Area<'a>) -> DrawResult) -> Option<String> {
     let mut svg = String::new();
     let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
     let drawn = draw(&area).is_ok() && area.present().is_ok();

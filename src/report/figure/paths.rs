@@ -3,12 +3,8 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::arrows::{
-    ArrowScales, PANEL_SIZE, PANEL_VIEWS, PICTURE_SIZE, SCALE_HEIGHT, draw_frame, finite_arrows,
-};
-use super::{
-    Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style,
-};
+use super::arrows::{ArrowScales, PANEL_SIZE, PANEL_VIEWS, PICTURE_SIZE, SCALE_HEIGHT, draw_frame, finite_arrows};
+use super::{Area, DrawResult, FIT_COLOUR, FONT_SIZE, INK_COLOUR, LINE_COLOUR, draw_picture, text_style};
 use machine::record::estimate::{Arrow, ArrowGroup};
 
 /// Names in the legend, with their positions at the foot of the picture.
@@ -66,8 +62,7 @@ impl ArrowScales {
     ) -> Option<(i32, i32)> {
         let vector = vector.filter(|vector| vector.iter().all(|part| part.is_finite()))?;
         let factor = self.arrow_scale(vector);
-        let [right, up] = sides
-            .map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + factor * vector[k]);
+        let [right, up] = sides.map(|k| self.units_per_mm * (arrow.at_mm[k] - self.centre_mm[k]) + factor * vector[k]);
         let middle = PANEL_SIZE / 2;
         Some((panel * PANEL_SIZE + middle + right.round() as i32, middle - up.round() as i32))
     }
@@ -120,10 +115,8 @@ mod tests {
             modelled,
             flagged: false,
         };
-        let arrows = vec![
-            arrow(-100.0, [40.0, 0.0, 0.0], None),
-            arrow(100.0, [0.0, 10.0, 30.0], Some([0.0, 0.0, 20.0])),
-        ];
+        let arrows =
+            vec![arrow(-100.0, [40.0, 0.0, 0.0], None), arrow(100.0, [0.0, 10.0, 30.0], Some([0.0, 0.0, 20.0]))];
         let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
         let (symbol, figure) = ("deviation".to_owned(), VectorKind::Paths);
         let mut figure = ArrowFigure { symbol, unit: Unit::Um, groups, figure };

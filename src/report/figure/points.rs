@@ -9,9 +9,7 @@ use machine::record::estimate::EstimatedFunction;
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
 pub(super) fn draw_points(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
-    let ends = samples
-        .iter()
-        .flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+    let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
     let (low, high) = add_margin(value_bounds(ends.chain([0.0]))?);
     let (first, last) = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);
     let (x_name, y_name) = curve::axis_names(function);

@@ -5,8 +5,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::scale::{add_margin, round_step, tick_label, value_bounds};
 use super::{
-    Area, BAND_OPACITY, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR,
-    MAX_MARKS, MotionCircles, Sample,
+    Area, BAND_OPACITY, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, MAX_MARKS,
+    MotionCircles, Sample,
 };
 use super::{draw_picture, text_style};
 use crate::report::number;
@@ -57,10 +57,7 @@ impl RadiusScale {
 
 fn polar_point(degrees: f64, radius: f64) -> (i32, i32) {
     let (sin, cos) = degrees.to_radians().sin_cos();
-    (
-        CENTRE_COORDINATE + (radius * cos).round() as i32,
-        CENTRE_COORDINATE - (radius * sin).round() as i32,
-    )
+    (CENTRE_COORDINATE + (radius * cos).round() as i32, CENTRE_COORDINATE - (radius * sin).round() as i32)
 }
 
 pub(super) fn draw_polar(
@@ -68,22 +65,18 @@ pub(super) fn draw_polar(
     samples: &[Sample],
     circles: Option<MotionCircles>,
 ) -> Option<String> {
-    let ends = samples
-        .iter()
-        .flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
+    let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
     let of_circles = circles.into_iter().flat_map(|circles| {
         let [x, y] = circles.centre;
         [circles.inner - x.hypot(y), circles.outer + x.hypot(y)]
     });
     let (low, high) = value_bounds(ends.chain(of_circles)).filter(|_| !samples.is_empty())?;
     let scale = RadiusScale::enclosing(low, high);
-    let outline =
-        |offset: f64| closed_outline(samples, |s| scale.point(s.x, s.y + offset * s.half_width));
+    let outline = |offset: f64| closed_outline(samples, |s| scale.point(s.x, s.y + offset * s.half_width));
     draw_picture((PICTURE_SIDE, PICTURE_SIDE), |area| {
         draw_rings(area, &scale)?;
         // One ring-shaped area: along the upper bound, and back along the lower.
-        let band: Vec<_> =
-            outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
+        let band: Vec<_> = outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
         area.draw(&Polygon::new(band, LINE_COLOUR.mix(BAND_OPACITY)))?;
         area.draw(&PathElement::new(outline(0.0), LINE_COLOUR.stroke_width(4)))?;
         if samples.len() <= MAX_MARKS && circles.is_none() {
@@ -97,15 +90,10 @@ pub(super) fn draw_polar(
 }
 
 /// Draws both circles, and a cross at their centre.
-fn draw_motion_circles(
-    area: &Area<'_>,
-    scale: &RadiusScale,
-    circles: &MotionCircles,
-) -> DrawResult {
+fn draw_motion_circles(area: &Area<'_>, scale: &RadiusScale, circles: &MotionCircles) -> DrawResult {
     for value in [circles.inner, circles.outer] {
         let degrees = (0..=180).map(|n| f64::from(n) * MAX_CHORD_DEG);
-        let circle: Vec<_> =
-            degrees.map(|at| scale.point(at, value + circles.offset(at))).collect();
+        let circle: Vec<_> = degrees.map(|at| scale.point(at, value + circles.offset(at))).collect();
         area.draw(&PathElement::new(circle, FIT_COLOUR.stroke_width(3)))?;
     }
     let [x, y] = circles.centre.map(|value| scale.length(value).round() as i32);

@@ -23,24 +23,18 @@ pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[Sample]) ->
     let lost = lost_orders(&orders);
     let (least, highest) = value_bounds(orders.iter().copied())?;
     let from = if least < 1.0 { 0.0 } else { 0.5 };
-    let x_axis =
-        TickedAxis::with_step(round_step(highest / MAX_TICKS).max(1.0), from..highest + 0.5);
+    let x_axis = TickedAxis::with_step(round_step(highest / MAX_TICKS).max(1.0), from..highest + 0.5);
     let row = if lost.is_empty() { 0 } else { legend::ROW_HEIGHT };
     let (x_name, y_name) = curve::axis_names(function);
     draw_picture((PICTURE_SIZE.0, PICTURE_SIZE.1 + row), |area| {
         let (above, below) = area.split_vertically(row as i32);
         if !lost.is_empty() {
-            legend::draw_legend(
-                &above,
-                Y_LABEL_WIDTH,
-                &[(LegendSymbol::Shaded, "not identifiable".to_owned())],
-            )?;
+            legend::draw_legend(&above, Y_LABEL_WIDTH, &[(LegendSymbol::Shaded, "not identifiable".to_owned())])?;
         }
         let y_axis = TickedAxis::round(0.0..top);
         let mut chart = super::draw_axes(&below, (x_axis, &x_name), (y_axis, &y_name))?;
-        let shade = |[from, to]: &[f64; 2]| {
-            Rectangle::new([(*from, 0.0), (*to, top)], GRID_COLOUR.mix(SHADE_OPACITY).filled())
-        };
+        let shade =
+            |[from, to]: &[f64; 2]| Rectangle::new([(*from, 0.0), (*to, top)], GRID_COLOUR.mix(SHADE_OPACITY).filled());
         chart.draw_series(lost.iter().map(shade))?;
         chart.draw_series(samples.iter().map(|Sample { x, y, .. }| {
             let half_bar = half_bar(&orders, *x);
@@ -114,9 +108,7 @@ mod tests {
         let per_order = bars[4][0] - bars[3][0];
         // The legend, then orders 2.5 to 5.5, then 6.5 to 7.5.
         let [_, three, one] = shaded.as_slice() else { panic!("{shaded:?}") };
-        assert!(
-            (three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0
-        );
+        assert!((three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0);
         assert!(svg.contains("not identifiable") && svg.contains("order") && inside(&svg));
         let all = draw_function(&draw_spectrum(&[1.0, 2.0, 3.0]), 2.0).unwrap();
         assert!(!all.contains("not identifiable") && rectangles(&all, "#D5D9DE").is_empty());

@@ -24,9 +24,8 @@ pub(super) fn temperature_range(all: &Temperatures) -> Option<(f64, f64)> {
 
 /// Names of the thermometers, for the legend.
 pub(super) fn legend_entries(all: &Temperatures) -> Vec<(LegendSymbol, String)> {
-    let name = |(number, (name, _)): (usize, &(String, _))| {
-        (LegendSymbol::Marker(number), format!("temperature {name}"))
-    };
+    let name =
+        |(number, (name, _)): (usize, &(String, _))| (LegendSymbol::Marker(number), format!("temperature {name}"));
     all.iter().enumerate().map(name).collect()
 }
 
@@ -37,8 +36,7 @@ pub(super) fn draw_strip(
     (x, x_name, scale): (TickedAxis, &str, f64),
     (low, high): (f64, f64),
 ) -> DrawResult {
-    let mut chart =
-        super::draw_axes(area, (x, x_name), (TickedAxis::round_coarse(low..high), "°C"))?;
+    let mut chart = super::draw_axes(area, (x, x_name), (TickedAxis::round_coarse(low..high), "°C"))?;
     for (number, (_, values)) in all.iter().enumerate() {
         let point = |(t_s, celsius): &(f64, Option<f64>)| Some((t_s / scale, (*celsius)?));
         let unknown = |(_, celsius): &(f64, Option<f64>)| !celsius.is_some_and(f64::is_finite);

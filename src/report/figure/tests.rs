@@ -1,8 +1,6 @@
 use super::scale::value_bounds;
 use super::*;
-use machine::record::estimate::{
-    Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorKind,
-};
+use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorKind};
 
 pub(super) fn wave(figure: FigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
@@ -34,9 +32,7 @@ fn ring(radius: f64) -> CircleFigure {
 
 pub(super) fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
     let start = format!(" {name}=\"");
-    svg.match_indices(&start)
-        .filter_map(|(at, _)| svg[at + start.len()..].split('"').next())
-        .collect()
+    svg.match_indices(&start).filter_map(|(at, _)| svg[at + start.len()..].split('"').next()).collect()
 }
 
 /// All coordinates; panics on one that is not a number.
@@ -79,8 +75,7 @@ fn a_further_curve_begins_where_the_argument_falls() {
     let one = draw_function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
     let EstimatedFunction { x, y, u, .. } = wave(FigureKind::Curve, 8);
     let [x, y, u] = [x, y, u].map(|values| [values.clone(), values].concat());
-    let two =
-        draw_function(&EstimatedFunction { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
+    let two = draw_function(&EstimatedFunction { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
     let added = |element: &str| two.matches(element).count() - one.matches(element).count();
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
 }
@@ -138,13 +133,7 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
 
 #[test]
 fn strange_numbers_never_reach_the_picture() {
-    let kinds = [
-        FigureKind::Curve,
-        FigureKind::Polar,
-        FigureKind::Points,
-        FigureKind::Histogram,
-        FigureKind::Spectrum,
-    ];
+    let kinds = [FigureKind::Curve, FigureKind::Polar, FigureKind::Points, FigureKind::Histogram, FigureKind::Spectrum];
     for figure in kinds {
         let mut flat = wave(figure, 8);
         flat.y = vec![5.0; 8];
@@ -182,9 +171,8 @@ fn a_matrix_is_coloured_by_sign_and_strength() {
     assert_eq!(correlation_coefficient(&three, 0, 1), Some(-0.5));
     assert_eq!(correlation_coefficient(&three, 2, 1), Some(0.75));
     let svg = draw_matrix(&three).unwrap();
-    let tiles = |opacity: &str, fill: &str| {
-        svg.lines().filter(|line| line.contains(opacity) && line.contains(fill)).count()
-    };
+    let tiles =
+        |opacity: &str, fill: &str| svg.lines().filter(|line| line.contains(opacity) && line.contains(fill)).count();
     // Two cells each, one on either side of the diagonal.
     assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.75\"", "#C2571A")), (2, 2));
     assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.75\"", "#1F6FB2")), (0, 0));
@@ -215,12 +203,7 @@ fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
     };
     let arrows = all.iter().enumerate().map(arrow).collect();
     let groups = vec![ArrowGroup { name: "B 0°".to_owned(), arrows }];
-    ArrowFigure {
-        symbol: "residuals".to_owned(),
-        unit: Unit::Um,
-        groups,
-        figure: VectorKind::Arrows,
-    }
+    ArrowFigure { symbol: "residuals".to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
 }
 
 /// Tips of the arrowheads: the first corner of each head.
@@ -236,10 +219,7 @@ fn tips(svg: &str) -> Vec<(f64, f64)> {
 /// Two positions 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 units long.
 #[test]
 fn arrows_point_where_the_vectors_do() {
-    let figure = arrows(&[
-        ([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false),
-        ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false),
-    ]);
+    let figure = arrows(&[([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false), ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false)]);
     let common = ArrowScales::new(&figure).unwrap();
     let svg = common.draw(&figure.groups[0]).unwrap();
     let expected = [

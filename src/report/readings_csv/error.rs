@@ -30,9 +30,7 @@ pub enum Problem {
     FieldCount { found: usize, expected: usize },
     #[error("the last line has no line end; if the file is complete and not cut off, add one")]
     CutOff,
-    #[error(
-        "`{name}` is empty; write a value for every reading, or remove the column if it is a time"
-    )]
+    #[error("`{name}` is empty; write a value for every reading, or remove the column if it is a time")]
     Empty { name: String },
     #[error("`{text}` in `{name}` is not a number; write a number such as 12 or -0.125")]
     NotANumber { name: String, text: String },
@@ -42,9 +40,7 @@ pub enum Problem {
     NotFinite { name: String, text: String },
     #[error(transparent)]
     Flag(#[from] UnknownFlag),
-    #[error(
-        "step {step} repeat {repeat} occurs already in line {first}; number repeated touches in `repeat`"
-    )]
+    #[error("step {step} repeat {repeat} occurs already in line {first}; number repeated touches in `repeat`")]
     Duplicate { step: u32, repeat: u32, first: u64 },
     #[error("{0}")]
     Csv(String),

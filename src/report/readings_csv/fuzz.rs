@@ -41,8 +41,7 @@ fn the_readings_reader_bears_anything() {
             for (one, two) in readings.iter().zip(&read_again) {
                 // Degrees are written rounded, so positions agree within the rounding; all other values agree
                 // bit for bit.
-                let near =
-                    |axis| (one.position.get_or_zero(axis) - two.position.get_or_zero(axis)).abs();
+                let near = |axis| (one.position.get_or_zero(axis) - two.position.get_or_zero(axis)).abs();
                 let far = |(axis, at): &(Axis, f64)| near(*axis) > 1e-11 + 1e-15 * at.abs();
                 assert!(!one.position.iter().any(|at| far(&at)), "{one:?} {two:?}");
                 assert_eq!(&Reading { position: one.position.clone(), ..two.clone() }, one);

@@ -64,11 +64,7 @@ impl Column {
 ///
 /// # Errors
 /// `out` fails, or a number is not finite (`InvalidData`).
-pub fn write_readings(
-    readings: &[Reading],
-    comments: &[String],
-    mut out: impl Write,
-) -> io::Result<()> {
+pub fn write_readings(readings: &[Reading], comments: &[String], mut out: impl Write) -> io::Result<()> {
     writeln!(out, "{FIRST_LINE}")?;
     for line in comments.iter().flat_map(|comment| comment.lines()) {
         writeln!(out, "# {line}")?;
@@ -80,8 +76,7 @@ pub fn write_readings(
     let mut csv = csv::Writer::from_writer(out);
     csv.write_record(columns.iter().map(Column::name))?;
     for reading in readings {
-        let fields: io::Result<Vec<String>> =
-            columns.iter().map(|column| format_field(reading, column)).collect();
+        let fields: io::Result<Vec<String>> = columns.iter().map(|column| format_field(reading, column)).collect();
         csv.write_record(fields?)?;
     }
     csv.flush()
@@ -100,9 +95,7 @@ fn format_field(reading: &Reading, column: &Column) -> io::Result<String> {
     match column {
         Column::Step => Ok(reading.step.to_string()),
         Column::Repeat => Ok(reading.repeat.to_string()),
-        Column::Position(axis) => {
-            number(reading.position.get(*axis).map(|value| axis.to_mm_or_deg(value)))
-        }
+        Column::Position(axis) => number(reading.position.get(*axis).map(|value| axis.to_mm_or_deg(value))),
         Column::Value => number(reading.value_mm),
         Column::Sensor => Ok(reading.sensor.clone()),
         Column::Time => number(Some(reading.t_s)),

@@ -15,11 +15,8 @@ use machine::{Axis, Position};
 /// The first problem in the file, with its line.
 pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
     let text = checked_text(bytes)?;
-    let mut rows = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .from_reader(text.as_bytes());
+    let mut rows =
+        csv::ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
     let Some((line, names)) = next_record(&mut rows)? else {
         return Err(error_at(text.lines().count() as u64, Problem::NoHeader));
     };
@@ -67,9 +64,7 @@ fn checked_text(bytes: &[u8]) -> Result<&str, ReadingsError> {
 }
 
 /// The next record and the line on which it ends.
-fn next_record(
-    rows: &mut csv::Reader<&[u8]>,
-) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
+fn next_record(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
     let mut record = StringRecord::new();
     let more = rows.read_record(&mut record);
     // The position of a record includes the comments before it; the position of the reader is after the line
@@ -85,10 +80,8 @@ fn next_record(
 fn parse_header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
     let mut columns = Vec::new();
     for name in names.iter().map(str::trim) {
-        let column = parse_column(name).ok_or_else(|| Problem::UnknownColumn {
-            name: name.to_owned(),
-            nearest: nearest_column(name),
-        })?;
+        let column = parse_column(name)
+            .ok_or_else(|| Problem::UnknownColumn { name: name.to_owned(), nearest: nearest_column(name) })?;
         if columns.contains(&column) {
             return Err(Problem::RepeatedColumn { name: name.to_owned() });
         }
@@ -112,10 +105,7 @@ fn parse_column(name: &str) -> Option<Column> {
 fn nearest_column(name: &str) -> String {
     let known = Column::fixed_columns().chain([Column::Temperature("NAME".to_owned())]);
     let likeness = |candidate: &String| strsim::normalized_damerau_levenshtein(name, candidate);
-    known
-        .map(|column| column.name())
-        .max_by(|a, b| likeness(a).total_cmp(&likeness(b)))
-        .unwrap_or_default()
+    known.map(|column| column.name()).max_by(|a, b| likeness(a).total_cmp(&likeness(b))).unwrap_or_default()
 }
 
 fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {

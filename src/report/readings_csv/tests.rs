@@ -20,9 +20,7 @@ fn problem(rows: &str) -> (u64, Problem) {
 
 /// A random reading with numbers of every size.
 fn any(step: u32, random: &mut impl RngExt) -> Reading {
-    let mut number = |scale: i32| {
-        random.random_range(-1.0..1.0) * 10f64.powi(random.random_range(-scale..scale))
-    };
+    let mut number = |scale: i32| random.random_range(-1.0..1.0) * 10f64.powi(random.random_range(-scale..scale));
     let mut position = Position::new();
     for axis in Axis::LINEAR {
         position.set(axis, number(6));
@@ -88,11 +86,7 @@ fn other_orders_and_fewer_columns_will_do() {
     let readings = read_readings(file.as_bytes()).unwrap();
     let [reading] = readings.as_slice() else { panic!("{readings:?}") };
     let quarter = std::f64::consts::FRAC_PI_2;
-    let expected = Position::new()
-        .with(Axis::X, 1.0)
-        .with(Axis::Y, 2.0)
-        .with(Axis::Z, 3.0)
-        .with(Axis::B, quarter);
+    let expected = Position::new().with(Axis::X, 1.0).with(Axis::Y, 2.0).with(Axis::Z, 3.0).with(Axis::B, quarter);
     assert_eq!((reading.step, reading.repeat, &reading.position), (7, 0, &expected));
     assert_eq!((reading.value_mm, reading.t_s, reading.flag), (None, 0.0, ReadingFlag::None));
 }
@@ -107,14 +101,10 @@ fn samples_of_a_scan_share_their_step() {
 fn an_unknown_column_is_named_with_the_nearest_one() {
     let (line, problem) = problem("# note\nstep,x_mm,y_mm,zmm\n");
     assert_eq!(line, 3);
-    assert_eq!(
-        problem.to_string(),
-        "unknown column `zmm`; the most similar known column is `z_mm`"
-    );
+    assert_eq!(problem.to_string(), "unknown column `zmm`; the most similar known column is `z_mm`");
     for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
         let (_, problem) = self::problem(&format!("{name},x_mm,y_mm,z_mm\n"));
-        let expected =
-            Problem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
+        let expected = Problem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
         assert_eq!(problem, expected);
     }
 }

@@ -8,9 +8,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::setup::{self, MachineFile, Pace, RunHistory};
 use crate::store::{NewRun, StoredRun};
-use devices::controllers::{
-    Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl,
-};
+use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl};
 use machine::record::motion::BlockOutcome;
 use planning::proof::ProvenBlock;
 
@@ -108,8 +106,7 @@ impl Shop {
         tell: impl Fn(&Event, &Halt),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
-        let past =
-            RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
+        let past = RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let answered_prompts = super::prompts::answered_prompts(&stored.events);

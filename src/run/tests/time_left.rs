@@ -14,12 +14,7 @@ impl Method for OnceMore {
         self.inner.settings()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let inner: Vec<Stage> = done.iter().filter(|stage| stage.repeat < 7).cloned().collect();
         if matches!(source, PositionSource::Measured(_))
             && let [first] = done

@@ -45,10 +45,7 @@ async fn list_machines(State(app): State<AppState>) -> Json<Vec<MachineStatus>> 
 
 /// State of a machine.
 #[utoipa::path(get, path = "/api/v1/machines/{name}", operation_id = "machine", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
-async fn get_machine(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Json<MachineStatus>, Problem> {
+async fn get_machine(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<MachineStatus>, Problem> {
     let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     Ok(Json(MachineStatus::from_machine(machine)))
 }
@@ -56,10 +53,7 @@ async fn get_machine(
 /// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
 /// each run; its control limits, its steps and its drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", operation_id = "trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
-async fn get_trends(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Json<Vec<Series>>, Problem> {
+async fn get_trends(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<Vec<Series>>, Problem> {
     let served = app.find_machine(&name).is_some();
     let limits = app.tolerance_limits(&name);
     let series = read_journal(&app, move |journal| {
@@ -123,10 +117,7 @@ async fn list_runs(
     State(app): State<AppState>,
     Query(range): Query<RunListQuery>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
-    Ok(Json(
-        read_journal(&app, move |journal| journal.list_runs(range.filter(), range.item_limit()))
-            .await??,
-    ))
+    Ok(Json(read_journal(&app, move |journal| journal.list_runs(range.filter(), range.item_limit())).await??))
 }
 
 /// Audit log: requests, who made them, and their outcome, newest first.
@@ -135,10 +126,7 @@ async fn list_audit_log(
     State(app): State<AppState>,
     Query(AuditListQuery { before, limit }): Query<AuditListQuery>,
 ) -> Result<Json<Vec<StoredAuditEntry>>, Problem> {
-    Ok(Json(
-        read_journal(&app, move |journal| journal.audit_entries(before, item_limit(limit)))
-            .await??,
-    ))
+    Ok(Json(read_journal(&app, move |journal| journal.audit_entries(before, item_limit(limit))).await??))
 }
 
 #[derive(Debug, Serialize, ToSchema)]
@@ -156,10 +144,7 @@ struct RunDetail {
 
 /// A run and its events.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", operation_id = "run", params(("run" = i64, Path)), responses((status = OK, body = RunDetail)))]
-async fn get_run(
-    State(app): State<AppState>,
-    Path(run): Path<i64>,
-) -> Result<Json<RunDetail>, Problem> {
+async fn get_run(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<RunDetail>, Problem> {
     let stored = read_journal(&app, move |journal| journal.load_run(RunId(run))).await??;
     Ok(Json(RunDetail {
         stages: stored.stages.len(),
@@ -172,10 +157,7 @@ async fn get_run(
 
 /// Plan of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/plan", operation_id = "plan", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
-async fn get_plan(
-    State(app): State<AppState>,
-    Path(run): Path<i64>,
-) -> Result<Json<Plan>, Problem> {
+async fn get_plan(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
     Ok(Json(read_journal(&app, move |journal| journal.load_run(RunId(run))).await??.plan))
 }
 
@@ -202,10 +184,7 @@ async fn list_readings(
 
 /// Last estimate of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", operation_id = "estimate", params(("run" = i64, Path)), responses((status = OK, body = DocumentedObject)))]
-async fn get_estimate(
-    State(app): State<AppState>,
-    Path(run): Path<i64>,
-) -> Result<Json<Estimate>, Problem> {
+async fn get_estimate(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Json<Estimate>, Problem> {
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
         Ok(journal.load_run(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
     };
@@ -223,17 +202,11 @@ pub(super) struct RunPair {
 
 /// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
 #[utoipa::path(get, path = "/api/v1/compare", operation_id = "compared", params(RunPair), responses((status = OK, body = ComparisonView)))]
-async fn get_comparison(
-    State(app): State<AppState>,
-    Query(pair): Query<RunPair>,
-) -> Result<Json<Comparison>, Problem> {
+async fn get_comparison(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Json<Comparison>, Problem> {
     Ok(Json(compare_pair(&app, pair).await?))
 }
 
 /// Comparison of two runs; the page uses it too.
-pub(super) async fn compare_pair(
-    app: &AppState,
-    RunPair { a, b }: RunPair,
-) -> Result<Comparison, Problem> {
+pub(super) async fn compare_pair(app: &AppState, RunPair { a, b }: RunPair) -> Result<Comparison, Problem> {
     Ok(read_journal(app, move |journal| compare_runs(journal, RunId(a), RunId(b))).await??)
 }

@@ -72,8 +72,7 @@ struct Connection {
 
 impl Connection {
     fn is_fresh(&self, now: Instant) -> bool {
-        self.state == ConnectionState::New
-            && now.saturating_duration_since(self.state_since) < FRESH_DURATION
+        self.state == ConnectionState::New && now.saturating_duration_since(self.state_since) < FRESH_DURATION
     }
 }
 
@@ -97,10 +96,7 @@ impl Drop for ConnectionGuard {
 
 impl Connections {
     fn new() -> Self {
-        Self {
-            open_connections: Arc::default(),
-            large_response_permits: Arc::new(Semaphore::new(MAX_LARGE_RESPONSES)),
-        }
+        Self { open_connections: Arc::default(), large_response_permits: Arc::new(Semaphore::new(MAX_LARGE_RESPONSES)) }
     }
 
     fn lock_open(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
@@ -137,8 +133,7 @@ impl Connections {
         }
         let is_streaming = |connection: &Connection| connection.state == ConnectionState::Streaming;
         if state == ConnectionState::Streaming
-            && all.values().filter(|connection| is_streaming(connection)).count()
-                > MAX_EVENT_STREAMS
+            && all.values().filter(|connection| is_streaming(connection)).count() > MAX_EVENT_STREAMS
         {
             close_one(&mut all, is_streaming);
         }
@@ -154,8 +149,7 @@ impl Connections {
     fn close_stuck(&self) {
         let mut all = self.lock_open();
         let is_stuck = |connection: &Connection| {
-            connection.state == ConnectionState::Responding
-                && connection.state_since.elapsed() > RESPONSE_TIMEOUT
+            connection.state == ConnectionState::Responding && connection.state_since.elapsed() > RESPONSE_TIMEOUT
         };
         while close_one(&mut all, is_stuck) {}
     }
@@ -163,21 +157,11 @@ impl Connections {
 
 /// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest [`ConnectionState`]; of these,
 /// the oldest of the client with the most connections is closed. Returns whether one was closed.
-fn close_one(
-    all: &mut BTreeMap<u64, Connection>,
-    is_candidate: impl Fn(&Connection) -> bool,
-) -> bool {
-    let least = all
-        .values()
-        .filter(|connection| is_candidate(connection))
-        .map(|connection| connection.state)
-        .min();
+fn close_one(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
+    let least = all.values().filter(|connection| is_candidate(connection)).map(|connection| connection.state).min();
     let mut shares = BTreeMap::new();
-    for (number, connection) in
-        all.iter().filter(|(_, p)| Some(p.state) == least && is_candidate(p))
-    {
-        let (count, oldest) =
-            shares.entry(&connection.client).or_insert((0, (connection.state_since, *number)));
+    for (number, connection) in all.iter().filter(|(_, p)| Some(p.state) == least && is_candidate(p)) {
+        let (count, oldest) = shares.entry(&connection.client).or_insert((0, (connection.state_since, *number)));
         (*count, *oldest) = (*count + 1, (*oldest).min((connection.state_since, *number)));
     }
     let largest = shares.into_values().max_by_key(|(count, oldest)| (*count, Reverse(*oldest)));
@@ -212,26 +196,18 @@ pub async fn accept_connections(listener: TcpListener, router: Router) -> std::i
     Ok(())
 }
 
-async fn serve_connection(
-    stream: TcpStream,
-    from: SocketAddr,
-    router: Router,
-    guard: ConnectionGuard,
-) {
+async fn serve_connection(stream: TcpStream, from: SocketAddr, router: Router, guard: ConnectionGuard) {
     // Responses are small and are sent without delay.
     let _ = stream.set_nodelay(true);
     // The kernel limits the time for data in its send buffer (tcp(7), TCP_USER_TIMEOUT, ms).
-    let _ =
-        set_tcp_user_timeout(&stream, RESPONSE_TIMEOUT.as_millis().try_into().unwrap_or(u32::MAX));
+    let _ = set_tcp_user_timeout(&stream, RESPONSE_TIMEOUT.as_millis().try_into().unwrap_or(u32::MAX));
     let router = TowerToHyperService::new(router);
     let service = service_fn(|mut request: hyper::Request<Incoming>| {
         let (connections, number) = (guard.connections.clone(), guard.number);
         connections.set_state(number, ConnectionState::Responding);
         request.extensions_mut().insert(ConnectInfo(from));
         let response = router.call(request);
-        async move {
-            Ok::<_, Infallible>(connections.track_response(number, response.await.into_response()))
-        }
+        async move { Ok::<_, Infallible>(connections.track_response(number, response.await.into_response())) }
     });
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(MAX_HEAD_BYTES);
@@ -244,24 +220,23 @@ async fn serve_connection(
 impl Connections {
     fn track_response(&self, number: u64, response: Response) -> Response {
         let content_type = response.headers().get(CONTENT_TYPE);
-        let permit = if content_type
-            .is_some_and(|content_type| content_type.as_bytes().starts_with(b"text/event-stream"))
-        {
-            if let Some(ClientIdentity(client)) = response.extensions().get() {
-                self.set_client(number, client);
-            }
-            self.set_state(number, ConnectionState::Streaming);
-            None
-        } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
-            match Arc::clone(&self.large_response_permits).try_acquire_owned() {
-                Ok(permit) => Some(permit),
-                Err(_) => {
-                    return self.track_response(number, too_many_large_responses().into_response());
+        let permit =
+            if content_type.is_some_and(|content_type| content_type.as_bytes().starts_with(b"text/event-stream")) {
+                if let Some(ClientIdentity(client)) = response.extensions().get() {
+                    self.set_client(number, client);
                 }
-            }
-        } else {
-            None
-        };
+                self.set_state(number, ConnectionState::Streaming);
+                None
+            } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
+                match Arc::clone(&self.large_response_permits).try_acquire_owned() {
+                    Ok(permit) => Some(permit),
+                    Err(_) => {
+                        return self.track_response(number, too_many_large_responses().into_response());
+                    }
+                }
+            } else {
+                None
+            };
         let response_guard = ResponseGuard { connections: self.clone(), number, _permit: permit };
         response.map(|body| Body::new(TrackedBody { body, _guard: response_guard }))
     }
@@ -269,12 +244,7 @@ impl Connections {
 
 fn too_many_large_responses() -> Problem {
     let status = axum::http::StatusCode::SERVICE_UNAVAILABLE;
-    Problem::new(
-        status,
-        "busy",
-        "too many large responses are in progress",
-        "repeat the request in a few seconds",
-    )
+    Problem::new(status, "busy", "too many large responses are in progress", "repeat the request in a few seconds")
 }
 
 /// Marks a response in progress, until it is received or given up.
@@ -324,43 +294,29 @@ mod tests {
     fn connection_counts(connections: &Connections, client: &str) -> (usize, usize) {
         let all = connections.lock_open();
         let own = all.values().filter(|connection| connection.client == client);
-        (
-            own.clone().count(),
-            own.filter(|connection| connection.state == ConnectionState::Streaming).count(),
-        )
+        (own.clone().count(), own.filter(|connection| connection.state == ConnectionState::Streaming).count())
     }
 
     #[test]
     fn whoever_has_the_most_makes_room_and_nobody_else() {
         let (connections, begun) = (Connections::new(), Instant::now());
         let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
-        let guard: Vec<ConnectionGuard> =
-            (0..3).map(|number| connections.register(number, few, begun)).collect();
+        let guard: Vec<ConnectionGuard> = (0..3).map(|number| connections.register(number, few, begun)).collect();
         let now = begun + 2 * FRESH_DURATION;
-        let crowd: Vec<ConnectionGuard> =
-            (10..4000).map(|number| connections.register(number, many, now)).collect();
+        let crowd: Vec<ConnectionGuard> = (10..4000).map(|number| connections.register(number, many, now)).collect();
         assert_eq!(
-            (
-                connection_counts(&connections, "127.0.0.1").0,
-                connection_counts(&connections, "127.0.0.2").0
-            ),
+            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
             (3, MAX_FRESH_CONNECTIONS)
         );
         let newest = connections.register(4000, few, now);
         assert_eq!(
-            (
-                connection_counts(&connections, "127.0.0.1").0,
-                connection_counts(&connections, "127.0.0.2").0
-            ),
+            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
             (4, MAX_FRESH_CONNECTIONS - 1)
         );
         // The connections are not fresh any more.
         let next = connections.register(4001, few, now + 2 * FRESH_DURATION);
         assert_eq!(
-            (
-                connection_counts(&connections, "127.0.0.1").0,
-                connection_counts(&connections, "127.0.0.2").0
-            ),
+            (connection_counts(&connections, "127.0.0.1").0, connection_counts(&connections, "127.0.0.2").0),
             (5, MAX_CONNECTIONS - 5)
         );
         drop((guard, crowd, newest, next));
@@ -371,8 +327,7 @@ mod tests {
     fn a_request_under_way_makes_room_last_and_a_listener_for_his_own() {
         let (connections, mut now) = (Connections::new(), Instant::now());
         let from = IpAddr::from([127, 0, 0, 1]);
-        let _taken: Vec<ConnectionGuard> =
-            (0..300).map(|number| connections.register(number, from, now)).collect();
+        let _taken: Vec<ConnectionGuard> = (0..300).map(|number| connections.register(number, from, now)).collect();
         let listens = |number: u64, client: &str| {
             connections.set_client(number, client);
             connections.set_state(number, ConnectionState::Streaming);
@@ -380,10 +335,7 @@ mod tests {
         listens(0, "tablet");
         (1..=MAX_EVENT_STREAMS as u64 + 2).for_each(|number| listens(number, "crowd"));
         assert_eq!(
-            (
-                connection_counts(&connections, "tablet").1,
-                connection_counts(&connections, "crowd").1
-            ),
+            (connection_counts(&connections, "tablet").1, connection_counts(&connections, "crowd").1),
             (1, MAX_EVENT_STREAMS - 1)
         );
         connections.set_state(100, ConnectionState::Responding);
@@ -396,10 +348,7 @@ mod tests {
         assert_eq!(connections.lock_open().len(), MAX_CONNECTIONS);
         assert_eq!(connections.lock_open()[&100].state, ConnectionState::Responding);
         assert_eq!(
-            (
-                connection_counts(&connections, "tablet").1,
-                connection_counts(&connections, "crowd").1
-            ),
+            (connection_counts(&connections, "tablet").1, connection_counts(&connections, "crowd").1),
             (1, MAX_EVENT_STREAMS - 1)
         );
     }

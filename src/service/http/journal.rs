@@ -23,11 +23,6 @@ pub async fn read_journal<T: Send + 'static>(
     };
     tokio::task::spawn_blocking(read).await.map_err(|_| {
         let status = StatusCode::INTERNAL_SERVER_ERROR;
-        Problem::new(
-            status,
-            "no-answer",
-            "the journal query ended without a result",
-            "repeat the request",
-        )
+        Problem::new(status, "no-answer", "the journal query ended without a result", "repeat the request")
     })
 }

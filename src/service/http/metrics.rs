@@ -9,8 +9,7 @@ use axum::routing::get;
 
 use super::AppState;
 
-const OPEN_METRICS_CONTENT_TYPE: &str =
-    "application/openmetrics-text; version=1.0.0; charset=utf-8";
+const OPEN_METRICS_CONTENT_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 pub fn metrics_routes() -> Router<AppState> {
     Router::new().route("/metrics", get(serve_metrics))

@@ -89,8 +89,7 @@ pub fn start_http_server(
     metrics: Metrics,
     log: &Log,
 ) -> Result<(), ServeError> {
-    let listen_error =
-        |source| ServeError::Listen { server: "the page server", listen: config.listen, source };
+    let listen_error = |source| ServeError::Listen { server: "the page server", listen: config.listen, source };
     let listener = TcpListener::bind(config.listen).map_err(listen_error)?;
     listener.set_nonblocking(true).map_err(listen_error)?;
     let at = listener.local_addr().map_err(listen_error)?;
@@ -100,7 +99,9 @@ pub fn start_http_server(
     let (pid, machine_files) = (std::process::id(), files.collect());
     let address_file = PageAddressFile { pid, page: at, machine_files };
     if let Err(error) = address_file.write(journal.state_dir()) {
-        log.error(&format!("the address file of the page cannot be written, so commands will not find the page: {error}"));
+        log.error(&format!(
+            "the address file of the page cannot be written, so commands will not find the page: {error}"
+        ));
     }
     for machine in &machines {
         if let Err(error) = machine.gate.query_newest(&journal, &machine.name) {
@@ -108,19 +109,11 @@ pub fn start_http_server(
         }
     }
     let readers = Arc::new(Semaphore::new(MAX_READERS));
-    let live =
-        machines.iter().map(|machine| (machine.name.clone(), page::RenderingCache::default()));
+    let live = machines.iter().map(|machine| (machine.name.clone(), page::RenderingCache::default()));
     let live = Arc::new(live.collect());
     let (machines, holds) = (machines.into(), actions::HoldLog::default());
-    let app = AppState {
-        machines,
-        journal,
-        metrics,
-        access,
-        reader_permits: readers,
-        live_parts: live,
-        hold_log: holds,
-    };
+    let app =
+        AppState { machines, journal, metrics, access, reader_permits: readers, live_parts: live, hold_log: holds };
     let (server_app, router) = (app.clone(), build_router(app, names));
     let server_log = log.clone();
     std::thread::Builder::new()

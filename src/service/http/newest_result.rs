@@ -37,16 +37,11 @@ pub struct NewestResult {
 
 impl NewestResult {
     /// Newest result, with its validity at `now`. `None`: no run is finished.
-    pub fn from_latest(
-        newest: &NewestRuns,
-        verdict_validity: Duration,
-        now: Timestamp,
-    ) -> Option<Self> {
+    pub fn from_latest(newest: &NewestRuns, verdict_validity: Duration, now: Timestamp) -> Option<Self> {
         let LatestResult { run, ended, verdict, .. } = newest.result.as_ref()?;
         let validity = SignedDuration::try_from(verdict_validity).unwrap_or(SignedDuration::MAX);
         let age = now.duration_since(*ended);
-        let outdated =
-            age > validity || age < -MAX_CLOCK_SETBACK || newest.not_identified.is_some();
+        let outdated = age > validity || age < -MAX_CLOCK_SETBACK || newest.not_identified.is_some();
         Some(Self { run: run.0, measured: *ended, verdict: *verdict, outdated })
     }
 }
@@ -59,9 +54,8 @@ pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
         let (gate, name) = (machine.gate.clone(), machine.name.clone());
         // After an error there is no result, and the page shows it as unknown.
         let _ = read_journal(&app, move |journal| gate.query_newest(journal, &name)).await;
-        let next_run_end = async {
-            while changes.changed().await.is_ok() && run_end_key(&machine.gate) == previous_key {}
-        };
+        let next_run_end =
+            async { while changes.changed().await.is_ok() && run_end_key(&machine.gate) == previous_key {} };
         let _ = tokio::time::timeout(JOURNAL_POLL_PERIOD, next_run_end).await;
     }
 }
@@ -70,11 +64,7 @@ pub async fn refresh_on_changes(app: AppState, machine: ServedMachine) {
 /// the number of runs that were identified while the machine waited.
 fn run_end_key(gate: &CommandGate) -> (State, Option<u32>, u16) {
     let machine_state = gate.machine_state();
-    (
-        machine_state.state,
-        machine_state.verdict.map(|_| machine_state.run),
-        machine_state.identified,
-    )
+    (machine_state.state, machine_state.verdict.map(|_| machine_state.run), machine_state.identified)
 }
 
 #[cfg(test)]
@@ -85,12 +75,10 @@ mod tests {
     #[test]
     fn a_verdict_has_its_time() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
-        let result =
-            LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
+        let result = LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
         let newest = NewestRuns { result: Some(result), not_identified: None };
         let (hours, validity) = (SignedDuration::from_hours, Duration::from_secs(192 * 3600));
-        let outdated =
-            |age| NewestResult::from_latest(&newest, validity, ended + age).unwrap().outdated;
+        let outdated = |age| NewestResult::from_latest(&newest, validity, ended + age).unwrap().outdated;
         assert!(!outdated(hours(0)) && !outdated(hours(192)));
         assert!(outdated(hours(193)) && outdated(hours(24 * 366)));
         // The clock was set back: by an hour, as after daylight saving time, and by a year.

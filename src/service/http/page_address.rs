@@ -43,11 +43,7 @@ mod tests {
     fn only_the_daemon_that_is_asked_for_is_believed() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(PageAddressFile::read(7, folder.path()), None);
-        let here = PageAddressFile {
-            pid: 7,
-            page: ([127, 0, 0, 1], 8137).into(),
-            machine_files: BTreeMap::new(),
-        };
+        let here = PageAddressFile { pid: 7, page: ([127, 0, 0, 1], 8137).into(), machine_files: BTreeMap::new() };
         here.write(folder.path()).unwrap();
         assert_eq!(PageAddressFile::read(7, folder.path()), Some(here));
         assert_eq!(PageAddressFile::read(8, folder.path()), None);

@@ -20,12 +20,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    pub fn new(
-        status: StatusCode,
-        code: &'static str,
-        message: impl Into<String>,
-        remedy: impl Into<String>,
-    ) -> Self {
+    pub fn new(status: StatusCode, code: &'static str, message: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { status, code, message: message.into(), remedy: remedy.into() }
     }
 
@@ -81,17 +76,13 @@ impl From<Refusal> for Problem {
     fn from(why: Refusal) -> Self {
         let remedy = match why {
             Refusal::Busy => "wait for the end of the run, or hold the run",
-            Refusal::Held | Refusal::PositionLost => {
-                "inspect the machine, then acknowledge, or resume the run"
-            }
+            Refusal::Held | Refusal::PositionLost => "inspect the machine, then acknowledge, or resume the run",
             Refusal::Failed => "read the reason in the log, then acknowledge",
             Refusal::NoSuchCycle => "start one of the cycles of [serve] in the machine file",
             Refusal::TooSoon => "wait for min_interval_s of [serve]",
             Refusal::Elsewhere => "end the other program that uses the machine",
             Refusal::NothingToAcknowledge => "no acknowledgement is needed",
-            Refusal::AsksPerson => {
-                "start the cycle at the page or with `trued run`, and answer its prompts there"
-            }
+            Refusal::AsksPerson => "start the cycle at the page or with `trued run`, and answer its prompts there",
             Refusal::NotAsked => "read on the page which prompt is open",
             Refusal::NotReady => "wait until the service is ready",
             _ => "correct the condition at the machine, then repeat the request",

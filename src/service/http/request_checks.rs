@@ -51,24 +51,17 @@ pub fn with_checks(router: Router, names: HostNames, access: Arc<Access>) -> Rou
         .layer(from_fn(add_security_headers))
 }
 
-async fn check_destination(
-    State(names): State<HostNames>,
-    request: Request,
-    next: Next,
-) -> Response {
+async fn check_destination(State(names): State<HostNames>, request: Request, next: Next) -> Response {
     if let Err(problem) = check_headers(&names, &request) {
         return problem.into_response();
     }
     // A request that changes something has a time limit; the response to any other may continue for long, as events do.
     match request.method().is_safe() {
         true => next.run(request).await,
-        false => {
-            tokio::time::timeout(CHANGE_TIMEOUT, next.run(request)).await.unwrap_or_else(|_| {
-                let (status, remedy) = (StatusCode::REQUEST_TIMEOUT, "repeat the request");
-                Problem::new(status, "too-slow", "the request was not completed in time", remedy)
-                    .into_response()
-            })
-        }
+        false => tokio::time::timeout(CHANGE_TIMEOUT, next.run(request)).await.unwrap_or_else(|_| {
+            let (status, remedy) = (StatusCode::REQUEST_TIMEOUT, "repeat the request");
+            Problem::new(status, "too-slow", "the request was not completed in time", remedy).into_response()
+        }),
     }
 }
 
@@ -76,10 +69,8 @@ fn check_headers(names: &HostNames, request: &Request) -> Result<(), Problem> {
     let headers = request.headers();
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
     let has_one_host = headers.get_all(HOST).iter().count() == 1;
-    let is_own_authority = request
-        .uri()
-        .authority()
-        .is_none_or(|is_own_authority| names.contains(is_own_authority.as_str()));
+    let is_own_authority =
+        request.uri().authority().is_none_or(|is_own_authority| names.contains(is_own_authority.as_str()));
     if !(has_one_host && is_own_authority && text(HOST).is_some_and(|host| names.contains(host))) {
         return Err(Problem::new(
             StatusCode::MISDIRECTED_REQUEST,

@@ -23,22 +23,15 @@ use crate::service::schedule_state::{Agenda, agenda, arming};
 use crate::store::AuditEntry;
 
 pub fn schedule_routes() -> OpenApiRouter<AppState> {
-    let action_routes = OpenApiRouter::new()
-        .routes(routes!(arm_cycle))
-        .routes(routes!(disarm_cycles))
-        .routes(routes!(report_due));
+    let action_routes =
+        OpenApiRouter::new().routes(routes!(arm_cycle)).routes(routes!(disarm_cycles)).routes(routes!(report_due));
     // A person who submits an invalid form gets the error as a page.
-    OpenApiRouter::new()
-        .routes(routes!(get_schedule))
-        .merge(action_routes.layer(from_fn(errors_as_pages)))
+    OpenApiRouter::new().routes(routes!(get_schedule)).merge(action_routes.layer(from_fn(errors_as_pages)))
 }
 
 /// Schedule of a machine: the next times, the armings, and the outcome of the last slots, newest first.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", operation_id = "schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
-async fn get_schedule(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Json<Agenda>, Problem> {
+async fn get_schedule(State(app): State<AppState>, Path(name): Path<String>) -> Result<Json<Agenda>, Problem> {
     let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     Ok(Json(read_agenda(&app, machine).await?))
 }
@@ -74,12 +67,10 @@ async fn arm_cycle(
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();
-    let arming =
-        arming((&name, cycle), (&who, &truncate_reason(&why)), &until, now).map_err(|why| {
-            let remedy =
-                "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
-            Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
-        })?;
+    let arming = arming((&name, cycle), (&who, &truncate_reason(&why)), &until, now).map_err(|why| {
+        let remedy = "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
+        Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
+    })?;
     app.journal.arm(&arming).await?;
     respond(&app, machine, is_form).await
 }
@@ -132,11 +123,7 @@ async fn report_due(
     respond(&app, machine, is_form).await
 }
 
-async fn request_due_start(
-    app: AppState,
-    machine: ServedMachine,
-    due: DueCycleRequest,
-) -> Result<(), Problem> {
+async fn request_due_start(app: AppState, machine: ServedMachine, due: DueCycleRequest) -> Result<(), Problem> {
     let DueCycleRequest { cycle, who, why } = due;
     let result = match machine.gate.request_due(cycle, who.clone()) {
         Some(receiver) => receiver.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
@@ -147,21 +134,15 @@ async fn request_due_start(
         Err(why) => format!("refused: {why}"),
     };
     let (what, run) = (format!("cycle {cycle} is due"), machine.gate.machine_state().run.into());
-    let audit =
-        AuditEntry { who, what, why: truncate_reason(&why), machine: machine.name, run, outcome };
+    let audit = AuditEntry { who, what, why: truncate_reason(&why), machine: machine.name, run, outcome };
     app.journal.add_audit_entry(&audit).await?;
     result.map_err(|why| {
-        let remedy =
-            "the schedule records the cycle as skipped; remove the cause, then repeat the request";
+        let remedy = "the schedule records the cycle as skipped; remove the cause, then repeat the request";
         Problem::new(StatusCode::CONFLICT, "not-started", why, remedy)
     })
 }
 
-async fn respond(
-    app: &AppState,
-    machine: &ServedMachine,
-    is_form: bool,
-) -> Result<Response, Problem> {
+async fn respond(app: &AppState, machine: &ServedMachine, is_form: bool) -> Result<Response, Problem> {
     Ok(match is_form {
         true => Redirect::to(&super::page::machine_page_path(&machine.name)).into_response(),
         false => (StatusCode::ACCEPTED, Json(read_agenda(app, machine).await?)).into_response(),

@@ -104,12 +104,7 @@ impl MachineStatus {
             refusal: refusal.map(|why| why.to_string()),
             failure,
             elsewhere,
-            asked: asked.map(|OpenPrompt { step, repeat, text }| PromptStatus {
-                step,
-                repeat,
-                text,
-                live,
-            }),
+            asked: asked.map(|OpenPrompt { step, repeat, text }| PromptStatus { step, repeat, text, live }),
             parameters: deviations,
             cycles: cycles.collect(),
         }

@@ -18,8 +18,7 @@ pub struct Calendar {
 
 impl Calendar {
     pub fn new(pattern: &str, zone: &str) -> Result<Self, String> {
-        let parser =
-            CronParser::builder().seconds(Seconds::Disallowed).year(Year::Disallowed).build();
+        let parser = CronParser::builder().seconds(Seconds::Disallowed).year(Year::Disallowed).build();
         let cron = parser.parse(pattern).map_err(|error| {
             format!(
                 "at = \"{pattern}\" is not a pattern of minute, hour, day, month and weekday ({error}): for example, \
@@ -27,9 +26,7 @@ impl Calendar {
             )
         })?;
         let zone = TimeZone::get(zone).map_err(|_| {
-            format!(
-                "zone = \"{zone}\" is not a known time zone: use a name such as \"Europe/Berlin\" or \"UTC\""
-            )
+            format!("zone = \"{zone}\" is not a known time zone: use a name such as \"Europe/Berlin\" or \"UTC\"")
         })?;
         let calendar = Self { cron, zone };
         let never = calendar.times_after(Timestamp::now()).next().is_none();
@@ -47,12 +44,7 @@ impl Calendar {
     }
 
     /// Times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were more.
-    pub fn times_between(
-        &self,
-        from: Timestamp,
-        to: Timestamp,
-        max_count: usize,
-    ) -> (Vec<Timestamp>, bool) {
+    pub fn times_between(&self, from: Timestamp, to: Timestamp, max_count: usize) -> (Vec<Timestamp>, bool) {
         if to <= from {
             return (Vec::new(), false);
         }
@@ -103,103 +95,50 @@ mod tests {
 
     #[test]
     fn a_fixed_time_in_the_gap_is_due_once_after_it() {
-        let times = due_times(
-            "30 2 * * *",
-            "Europe/Berlin",
-            "2027-03-26T12:00:00Z",
-            "2027-03-29T12:00:00Z",
-        );
+        let times = due_times("30 2 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-29T12:00:00Z");
         let requirements = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
         assert_eq!(times, requirements);
     }
 
     #[test]
     fn a_fixed_time_that_comes_twice_is_due_once() {
-        let times = due_times(
-            "30 2 * * *",
-            "Europe/Berlin",
-            "2027-10-29T12:00:00Z",
-            "2027-11-01T12:00:00Z",
-        );
+        let times = due_times("30 2 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-11-01T12:00:00Z");
         let requirements = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
         assert_eq!(times, requirements);
     }
 
     #[test]
     fn the_hour_on_the_wall_stays_through_both_changes() {
-        let spring = due_times(
-            "30 5 * * *",
-            "Europe/Berlin",
-            "2027-03-26T12:00:00Z",
-            "2027-03-28T12:00:00Z",
-        );
+        let spring = due_times("30 5 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-28T12:00:00Z");
         assert_eq!(spring, ["2027-03-27T04:30:00Z", "2027-03-28T03:30:00Z"]);
-        let autumn = due_times(
-            "30 5 * * *",
-            "Europe/Berlin",
-            "2027-10-29T12:00:00Z",
-            "2027-10-31T12:00:00Z",
-        );
+        let autumn = due_times("30 5 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-10-31T12:00:00Z");
         assert_eq!(autumn, ["2027-10-30T03:30:00Z", "2027-10-31T04:30:00Z"]);
         // A zone with a change of half an hour, in the southern hemisphere.
-        let lord_howe = due_times(
-            "15 2 * * *",
-            "Australia/Lord_Howe",
-            "2027-10-01T12:00:00Z",
-            "2027-10-04T00:00:00Z",
-        );
-        assert_eq!(
-            lord_howe,
-            ["2027-10-01T15:45:00Z", "2027-10-02T15:30:00Z", "2027-10-03T15:15:00Z"]
-        );
+        let lord_howe = due_times("15 2 * * *", "Australia/Lord_Howe", "2027-10-01T12:00:00Z", "2027-10-04T00:00:00Z");
+        assert_eq!(lord_howe, ["2027-10-01T15:45:00Z", "2027-10-02T15:30:00Z", "2027-10-03T15:15:00Z"]);
     }
 
     #[test]
     fn every_half_hour_goes_by_the_clock_on_the_wall() {
-        let spring = due_times(
-            "*/30 * * * *",
-            "Europe/Berlin",
-            "2027-03-28T00:00:00Z",
-            "2027-03-28T02:00:00Z",
-        );
-        let requirements = [
-            "2027-03-28T00:30:00Z",
-            "2027-03-28T01:00:00Z",
-            "2027-03-28T01:30:00Z",
-            "2027-03-28T02:00:00Z",
-        ];
+        let spring = due_times("*/30 * * * *", "Europe/Berlin", "2027-03-28T00:00:00Z", "2027-03-28T02:00:00Z");
+        let requirements =
+            ["2027-03-28T00:30:00Z", "2027-03-28T01:00:00Z", "2027-03-28T01:30:00Z", "2027-03-28T02:00:00Z"];
         assert_eq!(spring, requirements);
-        let autumn = due_times(
-            "*/30 2 * * *",
-            "Europe/Berlin",
-            "2027-10-30T23:00:00Z",
-            "2027-10-31T03:00:00Z",
-        );
-        let requirements = [
-            "2027-10-31T00:00:00Z",
-            "2027-10-31T00:30:00Z",
-            "2027-10-31T01:00:00Z",
-            "2027-10-31T01:30:00Z",
-        ];
+        let autumn = due_times("*/30 2 * * *", "Europe/Berlin", "2027-10-30T23:00:00Z", "2027-10-31T03:00:00Z");
+        let requirements =
+            ["2027-10-31T00:00:00Z", "2027-10-31T00:30:00Z", "2027-10-31T01:00:00Z", "2027-10-31T01:30:00Z"];
         assert_eq!(autumn, requirements);
     }
 
     #[test]
     fn of_a_long_time_the_newest() {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
-        let (times, more) = calendar.times_between(
-            timestamp("1970-01-01T00:00:00Z"),
-            timestamp("2027-01-01T00:00:30Z"),
-            3,
-        );
+        let (times, more) =
+            calendar.times_between(timestamp("1970-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:30Z"), 3);
         let requirements = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
         assert_eq!((times, more), (requirements.map(timestamp).to_vec(), true));
         assert_eq!(
-            calendar.times_between(
-                timestamp("2027-01-01T00:00:00Z"),
-                timestamp("2027-01-01T00:00:59Z"),
-                3
-            ),
+            calendar.times_between(timestamp("2027-01-01T00:00:00Z"), timestamp("2027-01-01T00:00:59Z"), 3),
             (vec![], false)
         );
     }

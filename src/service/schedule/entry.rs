@@ -75,36 +75,21 @@ impl TryFrom<ScheduleKeys> for ScheduleEntry {
 
     fn try_from(keys: ScheduleKeys) -> Result<Self, String> {
         let ScheduleKeys { name, cycle, at, zone, latest_min, idle_min, ready, overlap } = keys;
-        let is_valid_name =
-            !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE;
+        let is_valid_name = !name.is_empty() && name.chars().count() <= 60 && name != DUE_REQUEST_SCHEDULE;
         if !is_valid_name || name.chars().any(char::is_control) {
             return Err(format!(
                 "name = \"{name}\" of a schedule is not valid: use 1 to 60 printable characters, and not \"{DUE_REQUEST_SCHEDULE}\""
             ));
         }
         if !(1..=1440).contains(&latest_min) {
-            return Err(format!(
-                "latest_min of schedule {name} is {latest_min}; allowed: 1 to 1440"
-            ));
+            return Err(format!("latest_min of schedule {name} is {latest_min}; allowed: 1 to 1440"));
         }
         if idle_min > 1440 {
             return Err(format!("idle_min of schedule {name} is {idle_min}; allowed: 0 to 1440"));
         }
-        let calendar =
-            Calendar::new(&at, &zone).map_err(|why| format!("schedule {name}: {why}"))?;
-        let [max_delay, min_idle] =
-            [latest_min, idle_min].map(|min| Duration::from_secs(60 * u64::from(min)));
-        Ok(Self {
-            name,
-            cycle,
-            pattern: at,
-            zone,
-            calendar,
-            max_delay,
-            min_idle,
-            required_conditions: ready,
-            overlap,
-        })
+        let calendar = Calendar::new(&at, &zone).map_err(|why| format!("schedule {name}: {why}"))?;
+        let [max_delay, min_idle] = [latest_min, idle_min].map(|min| Duration::from_secs(60 * u64::from(min)));
+        Ok(Self { name, cycle, pattern: at, zone, calendar, max_delay, min_idle, required_conditions: ready, overlap })
     }
 }
 

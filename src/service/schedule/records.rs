@@ -19,13 +19,7 @@ pub struct SlotRecorder {
 }
 
 impl SlotRecorder {
-    pub fn new_slot(
-        &self,
-        schedule: &str,
-        cycle: u16,
-        at: Timestamp,
-        outcome: SlotOutcome,
-    ) -> ScheduleSlot {
+    pub fn new_slot(&self, schedule: &str, cycle: u16, at: Timestamp, outcome: SlotOutcome) -> ScheduleSlot {
         let (machine, schedule) = (self.machine.clone(), schedule.to_owned());
         ScheduleSlot { machine, schedule, cycle, at, outcome, why: String::new(), run: 0 }
     }
@@ -59,9 +53,7 @@ impl SlotRecorder {
             None => true,
             Some(slot) => {
                 let outcome = slot.outcome.as_str();
-                self.log.info(&format!(
-                    "schedule {schedule}: slot {at} is due again, but already {outcome}"
-                ));
+                self.log.info(&format!("schedule {schedule}: slot {at} is due again, but already {outcome}"));
                 false
             }
         }

@@ -60,20 +60,13 @@ impl Scheduler {
         log: &Log,
     ) -> Result<Self, StoreError> {
         let known = entries.iter().map(|e| (e.name.clone(), format!("{} {}", e.pattern, e.zone)));
-        let last_recorded =
-            journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
+        let last_recorded = journal.register_schedules(machine, known.collect(), Timestamp::now()).wait()?;
         let (machine, journal, log) = (machine.to_owned(), Arc::clone(journal), log.clone());
         let records = SlotRecorder { machine, journal, log };
-        for slot in
-            records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started)
-        {
+        for slot in records.recent_slots()?.into_iter().filter(|slot| slot.outcome == SlotOutcome::Started) {
             records.record_end(slot);
         }
-        records
-            .journal
-            .armings(&records.machine)?
-            .iter()
-            .for_each(|arming| records.end_broken_arming(arming));
+        records.journal.armings(&records.machine)?.iter().for_each(|arming| records.end_broken_arming(arming));
         let track = |(entry, last_recorded): (&ScheduleEntry, _)| Track {
             entry: entry.clone(),
             last_recorded,
@@ -103,9 +96,7 @@ impl Scheduler {
         self.track_run();
         self.read_readiness(now_s);
         if let Some(last) = self.last_check.filter(|last| now < *last) {
-            self.records
-                .log
-                .info(&format!("schedule: the clock was set back, from {last} to {now}"));
+            self.records.log.info(&format!("schedule: the clock was set back, from {last} to {now}"));
         }
         let mut tracks = std::mem::take(&mut self.tracks);
         let mut changed = false;
@@ -144,9 +135,7 @@ impl Scheduler {
     fn missed(&self, track: &mut Track, found: &SlotWindow) {
         let Track { entry, last_recorded, .. } = track;
         if found.has_more_missed {
-            self.records
-                .log
-                .info(&format!("schedule {}: earlier slots were missed as well", entry.name));
+            self.records.log.info(&format!("schedule {}: earlier slots were missed as well", entry.name));
         }
         let why = match self.last_check {
             None => "the service was not running at that time",
@@ -191,9 +180,7 @@ impl Scheduler {
             Err(error) => return self.skips(track, at, error.to_string()),
         };
         if waiting_slot != last {
-            self.records
-                .log
-                .info(&format!("schedule {}: slot {at} waits: {waiting_slot}", entry.name));
+            self.records.log.info(&format!("schedule {}: slot {at} waits: {waiting_slot}", entry.name));
         }
         track.waiting_slot = Some((at, waiting_slot));
     }
@@ -211,13 +198,7 @@ impl Scheduler {
         let refused = self.gate.check_start(cycle, interlocks).err();
         Ok(decide_start(
             requirements,
-            &StartConditions {
-                now,
-                gate_refusal: refused,
-                arming,
-                readiness: self.readiness,
-                idle_time: self.idle,
-            },
+            &StartConditions { now, gate_refusal: refused, arming, readiness: self.readiness, idle_time: self.idle },
         ))
     }
 
@@ -225,9 +206,7 @@ impl Scheduler {
     fn start(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), String> {
         let slot = self.records.new_slot(schedule, cycle, at, SlotOutcome::Started);
         if !self.records.write(&slot) {
-            return Err(
-                "the slot already has an outcome, or the journal cannot be written".to_owned()
-            );
+            return Err("the slot already has an outcome, or the journal cannot be written".to_owned());
         }
         let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
         match self.gate.start(cycle, interlocks, &format!("the schedule {schedule}")) {
@@ -286,8 +265,7 @@ impl Scheduler {
     fn read_readiness(&mut self, now_s: f64) {
         self.readiness = self.gate.combined_readiness();
         let state = self.gate.machine_state().state;
-        let rests =
-            state != State::Running && self.readiness.is_some_and(|readiness| readiness.idle);
+        let rests = state != State::Running && self.readiness.is_some_and(|readiness| readiness.idle);
         self.idle_since = rests.then(|| self.idle_since.unwrap_or(now_s));
         let idle = self.idle_since.map(|since| (now_s - since).max(0.0));
         self.idle = idle.map(Duration::from_secs_f64);

@@ -46,10 +46,7 @@ pub enum StartDecision {
     Skip(String),
 }
 
-pub fn decide_start(
-    requirements: &StartRequirements<'_>,
-    conditions: &StartConditions<'_>,
-) -> StartDecision {
+pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> StartDecision {
     if let Err(why) = check_arming(conditions.arming, conditions.now) {
         return StartDecision::Skip(why);
     }
@@ -60,9 +57,7 @@ pub fn decide_start(
     match conditions.gate_refusal {
         // Waiting does not help: no person will be at the machine later either.
         Some(Refusal::AsksPerson) => StartDecision::Skip(why),
-        Some(Refusal::Busy) if requirements.overlap == OverlapPolicy::Skip => {
-            StartDecision::Skip(why)
-        }
+        Some(Refusal::Busy) if requirements.overlap == OverlapPolicy::Skip => StartDecision::Skip(why),
         _ => StartDecision::Wait(why),
     }
 }
@@ -91,10 +86,7 @@ pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), Strin
     }
 }
 
-fn unmet_condition(
-    requirements: &StartRequirements<'_>,
-    conditions: &StartConditions<'_>,
-) -> Option<String> {
+fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<String> {
     let Some(readiness) = conditions.readiness else {
         return Some(match conditions.gate_refusal {
             None | Some(Refusal::Stale) => {
@@ -108,9 +100,7 @@ fn unmet_condition(
     }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
         ReadinessCondition::Probe => (!readiness.probe).then_some("the probe is ready (`probe`)"),
-        ReadinessCondition::Artefact => {
-            (!readiness.artefact).then_some("the artefact is in place (`artefact`)")
-        }
+        ReadinessCondition::Artefact => (!readiness.artefact).then_some("the artefact is in place (`artefact`)"),
         ReadinessCondition::Temperature => {
             (!readiness.temperature).then_some("the temperature is as agreed (`temperature`)")
         }
@@ -126,11 +116,9 @@ fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<St
     match idle_time {
         _ if min_idle.is_zero() => None,
         None => Some("not ready: the control does not report `idle`".to_owned()),
-        Some(idle) if idle < min_idle => Some(format!(
-            "not ready: the control has been idle for {} of {} minutes",
-            minutes(idle),
-            minutes(min_idle)
-        )),
+        Some(idle) if idle < min_idle => {
+            Some(format!("not ready: the control has been idle for {} of {} minutes", minutes(idle), minutes(min_idle)))
+        }
         Some(_) => None,
     }
 }
@@ -157,8 +145,7 @@ mod tests {
     use crate::service::machine_state::Interlocks;
     use crate::store::RunId;
 
-    const ALL_INTERLOCKS: [StartInterlock; 3] =
-        [StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door];
+    const ALL_INTERLOCKS: [StartInterlock; 3] = [StartInterlock::Enable, StartInterlock::Auto, StartInterlock::Door];
     const ALL_CONDITIONS: [ReadinessCondition; 3] =
         [ReadinessCondition::Probe, ReadinessCondition::Artefact, ReadinessCondition::Temperature];
     const MIN_IDLE: Duration = Duration::from_secs(20 * 60);
@@ -181,14 +168,7 @@ mod tests {
     }
 
     fn readiness() -> Readiness {
-        let interlocks = Interlocks {
-            fresh: true,
-            enable: true,
-            auto: true,
-            door: true,
-            stop: false,
-            person: false,
-        };
+        let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true }
     }
 
@@ -228,8 +208,7 @@ mod tests {
     #[test]
     fn it_starts_when_all_is_told_and_armed() {
         assert_eq!(decide_with(|_, _, _| {}), StartDecision::Start);
-        let latest_start =
-            decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
+        let latest_start = decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
         assert_eq!(latest_start, StartDecision::Start);
     }
 
@@ -249,17 +228,12 @@ mod tests {
             }));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
-        for (refused, name) in
-            [(Refusal::NotEnabled, "external start"), (Refusal::DoorOpen, "guard")]
-        {
-            let (kind, why) = decision_text(decide_with(|_, conditions, _| {
-                conditions.gate_refusal = Some(refused)
-            }));
+        for (refused, name) in [(Refusal::NotEnabled, "external start"), (Refusal::DoorOpen, "guard")] {
+            let (kind, why) = decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(refused)));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
         for (idle, name) in [(None, "`idle`"), (Some(MIN_IDLE / 4), "5 of 20 minutes")] {
-            let (kind, why) =
-                decision_text(decide_with(|_, conditions, _| conditions.idle_time = idle));
+            let (kind, why) = decision_text(decide_with(|_, conditions, _| conditions.idle_time = idle));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
     }
@@ -282,10 +256,7 @@ mod tests {
             conditions.gate_refusal = Some(Refusal::DoorOpen);
             requirements.overlap = OverlapPolicy::Wait;
         }));
-        assert_eq!(
-            (kind, why.as_str()),
-            ('s', "the latest start time has passed: not ready: a guard is open")
-        );
+        assert_eq!((kind, why.as_str()), ('s', "the latest start time has passed: not ready: a guard is open"));
     }
 
     #[test]
@@ -300,17 +271,15 @@ mod tests {
         assert_eq!([busy(OverlapPolicy::Wait), busy(OverlapPolicy::Skip)], ['w', 's']);
         // The minimum interval after the end of the run is not over yet: a later start is possible.
         let soon = decide_with(|requirements, conditions, _| {
-            (requirements.overlap, conditions.gate_refusal) =
-                (OverlapPolicy::Skip, Some(Refusal::TooSoon));
+            (requirements.overlap, conditions.gate_refusal) = (OverlapPolicy::Skip, Some(Refusal::TooSoon));
         });
         assert_eq!(decision_text(soon).0, 'w');
     }
 
     #[test]
     fn a_cycle_that_asks_a_person_is_not_waited_for() {
-        let (kind, why) = decision_text(decide_with(|_, conditions, _| {
-            conditions.gate_refusal = Some(Refusal::AsksPerson)
-        }));
+        let (kind, why) =
+            decision_text(decide_with(|_, conditions, _| conditions.gate_refusal = Some(Refusal::AsksPerson)));
         assert!(kind == 's' && why.contains("has prompts"), "{kind} {why}");
     }
 

@@ -47,14 +47,7 @@ fn config() -> ServeConfig {
 }
 
 fn full_readiness() -> Readiness {
-    let interlocks = Interlocks {
-        fresh: true,
-        enable: true,
-        auto: true,
-        door: true,
-        stop: false,
-        person: false,
-    };
+    let interlocks = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
     Readiness { interlocks, idle: true, probe: true, ..Readiness::default() }
 }
 
@@ -72,8 +65,7 @@ fn open_bench(folder: tempfile::TempDir, since: Option<&str>) -> SchedulerBench 
     let source = Arc::clone(&readiness);
     gate.add_readiness_source(move || *source.lock().unwrap());
     let demand = config().required_interlocks;
-    let scheduler =
-        Scheduler::begin(MACHINE_NAME, (&entries(), &demand), &gate, &journal, &log).unwrap();
+    let scheduler = Scheduler::begin(MACHINE_NAME, (&entries(), &demand), &gate, &journal, &log).unwrap();
     SchedulerBench { folder, journal, gate, commands, scheduler, readiness, now_s: 0.0 }
 }
 
@@ -155,10 +147,7 @@ fn what_is_due_and_armed_and_ready_starts_once() {
     bench.check_every_30_s("2026-11-24T04:25:00Z", 20);
     assert_eq!(bench.start_count(), 0);
     let slots = bench.slots();
-    assert!(
-        slots[0].1 == SlotOutcome::Skipped && slots[0].2.contains("the schedule's cycle 1 failed"),
-        "{slots:?}"
-    );
+    assert!(slots[0].1 == SlotOutcome::Skipped && slots[0].2.contains("the schedule's cycle 1 failed"), "{slots:?}");
     let audits = bench.journal.audit_entries(None, 1).unwrap();
     assert_eq!(audits[0].audit.what, "cycle 1 is disarmed");
 }
@@ -214,11 +203,7 @@ fn a_machine_that_worked_just_now_is_waited_for() {
     let mut silent = self::armed_bench();
     silent.readiness.lock().unwrap().interlocks.fresh = false;
     silent.check_every_30_s("2026-11-23T04:20:00Z", 100);
-    silent.assert_only_slot(
-        "23T04:30",
-        SlotOutcome::Skipped,
-        "no current report of enable, auto, door, probe, idle",
-    );
+    silent.assert_only_slot("23T04:30", SlotOutcome::Skipped, "no current report of enable, auto, door, probe, idle");
 }
 
 #[test]
@@ -328,10 +313,7 @@ fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
     assert_eq!(bench.start_count(), 0);
     let last = bench.journal.newest_slots(MACHINE_NAME, 1).unwrap().remove(0);
     assert!(last.outcome == SlotOutcome::Skipped && last.why.contains("has prompts"), "{last:?}");
-    assert_eq!(
-        bench.gate.start(1, full_readiness().interlocks, "a button"),
-        Err(Refusal::AsksPerson)
-    );
+    assert_eq!(bench.gate.start(1, full_readiness().interlocks, "a button"), Err(Refusal::AsksPerson));
     bench.gate.start(1, Interlocks { person: true, ..full_readiness().interlocks }, "Ada").unwrap();
     assert_eq!(bench.start_count(), 1);
 }

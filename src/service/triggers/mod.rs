@@ -11,11 +11,7 @@ use super::{Log, ServeError};
 ///
 /// # Errors
 /// An address cannot be listened on, or a thread cannot be started.
-pub fn start_triggers(
-    config: &ServeConfig,
-    gate: &CommandGate,
-    log: &Log,
-) -> Result<(), ServeError> {
+pub fn start_triggers(config: &ServeConfig, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
     if let Some(modbus) = &config.modbus {
         modbus::start_modbus_server(modbus, gate, log)?;
     }

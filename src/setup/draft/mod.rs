@@ -9,9 +9,7 @@ use minijinja::Environment;
 use minijinja::value::Value;
 
 use super::{SetupError, controls, render_modes};
-use devices::controllers::{
-    ControllerConfig, ControllerError, DeviceInfo, Diagnosis, DiagnosisMode, ReportedAxis,
-};
+use devices::controllers::{ControllerConfig, ControllerError, DeviceInfo, Diagnosis, DiagnosisMode, ReportedAxis};
 use link::clock::HostClock;
 use machine::Axis;
 use machine::record::machine::{AxisSense, Machine};
@@ -45,17 +43,9 @@ impl MachineFileDraft {
     ///
     /// # Errors
     /// The control cannot be opened or does not answer.
-    pub async fn query_device_info(
-        &self,
-        control: &dyn ControllerConfig,
-    ) -> Result<DeviceInfo, SetupError> {
-        let modes = render_modes(
-            &Dialect::from_name(control.dialect())?,
-            &empty_machine(),
-            control.result_log(),
-        )?;
-        let controller =
-            control.open(&empty_machine(), modes, Arc::new(HostClock::start())).await?;
+    pub async fn query_device_info(&self, control: &dyn ControllerConfig) -> Result<DeviceInfo, SetupError> {
+        let modes = render_modes(&Dialect::from_name(control.dialect())?, &empty_machine(), control.result_log())?;
+        let controller = control.open(&empty_machine(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.identify_device().await?)
     }
 
@@ -87,8 +77,7 @@ impl MachineFileDraft {
             );
             return Err(SetupError::Draft { why });
         }
-        let reported =
-            |axis: &Axis| axis_values(*axis, info.axes.get(axis).copied().unwrap_or_default());
+        let reported = |axis: &Axis| axis_values(*axis, info.axes.get(axis).copied().unwrap_or_default());
         let axes: Vec<Value> = axes.iter().map(reported).collect();
         let remarks = info.findings.iter().map(|remark| {
             Value::from_pairs([

@@ -18,11 +18,7 @@ fn said(letters: &str) -> DeviceInfo {
         };
         (letter.to_string().parse().unwrap(), says)
     });
-    DeviceInfo {
-        identity: "Grbl 1.1f\nnot a line".to_owned(),
-        axes: axes.collect(),
-        ..DeviceInfo::default()
-    }
+    DeviceInfo { identity: "Grbl 1.1f\nnot a line".to_owned(), axes: axes.collect(), ..DeviceInfo::default() }
 }
 
 const GRBL: &str = "kind = \"grbl\"\nserial = \"/dev/ttyACM0\"\nbaud = 115200";
@@ -42,10 +38,7 @@ fn the_reader_takes_what_is_written() {
         assert!(named.is_none_or(|named| named == file.machine.topology), "{text}");
         let x = &file.machine.axes[&Axis::X];
         assert_eq!((x.min, x.max, x.rapid_per_min, x.resolution_um), (-150.0, 150.0, 2500.0, 1.0));
-        assert!(
-            text.contains("# reported: rapid speed, mm/min.\nrapid_per_min = 2500.0"),
-            "{text}"
-        );
+        assert!(text.contains("# reported: rapid speed, mm/min.\nrapid_per_min = 2500.0"), "{text}");
         assert!(text.contains("# YOURS: acceleration"), "{text}");
         assert_eq!(file.controller.control.dialect(), "grbl");
     }
@@ -56,11 +49,8 @@ fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
     let mut said = said("XYZBC");
     let z = said.axes.get_mut(&Axis::Z).unwrap();
     (z.min, z.max) = (Some(-298.5), Some(0.0));
-    said.findings = vec![ReadinessFinding {
-        is_blocking: true,
-        description: "a\nb".to_owned(),
-        remedy: "$13=0".to_owned(),
-    }];
+    said.findings =
+        vec![ReadinessFinding { is_blocking: true, description: "a\nb".to_owned(), remedy: "$13=0".to_owned() }];
     let text = draft(GRBL, Some("w-C-B-F-X-Y-Z-S-t")).render(&said).unwrap();
     let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     let z = &file.machine.axes[&Axis::Z];
@@ -95,10 +85,7 @@ fn regress_the_sense_that_the_control_tells_is_taken_and_any_other_is_marked() {
     let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     let senses = [Axis::B, Axis::C].map(|axis| file.machine.axes[&axis].positive);
     assert_eq!(senses, [AxisSense::Iso, AxisSense::Reversed]);
-    assert_eq!(
-        text.matches("# reported: sense of this axis in the kinematics of the control.").count(),
-        1
-    );
+    assert_eq!(text.matches("# reported: sense of this axis in the kinematics of the control.").count(), 1);
     assert_eq!(text.matches("The control does not report it;").count(), 1, "{text}");
 }
 

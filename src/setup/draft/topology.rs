@@ -24,10 +24,8 @@ pub(super) fn default_topology(driven: &[Axis]) -> String {
 
 /// Axes that move, sorted; the spindle in brackets is left out.
 pub(super) fn moving_axes(topology: &str) -> Vec<Axis> {
-    let mut axes: Vec<Axis> = chain_letters(topology)
-        .filter_map(|letter| letter.parse().ok())
-        .filter(|axis| *axis != Axis::S)
-        .collect();
+    let mut axes: Vec<Axis> =
+        chain_letters(topology).filter_map(|letter| letter.parse().ok()).filter(|axis| *axis != Axis::S).collect();
     axes.sort();
     axes
 }

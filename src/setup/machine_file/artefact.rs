@@ -40,10 +40,7 @@ struct KindKey {
 #[serde(deny_unknown_fields)]
 struct NoKeys {}
 
-pub fn read_artefact(
-    document: &Document,
-    source: ArtefactSource<'_>,
-) -> Result<Artefact, MachineFileError> {
+pub fn read_artefact(document: &Document, source: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
     if let ArtefactSource::Artefact(artefact) = source {
         return Ok(artefact.clone());
     }
@@ -62,10 +59,7 @@ pub fn read_artefact(
 }
 
 /// Reads the table without the keys in `less`, which were read before.
-fn read_fields<T: DeserializeOwned>(
-    document: &Document,
-    less: &[&str],
-) -> Result<T, MachineFileError> {
+fn read_fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, MachineFileError> {
     let read = document.read_section(&["artefact"], |value| {
         T::deserialize(less.iter().fold(value, |value, key| value.without_key(key)))
     })?;
@@ -74,10 +68,8 @@ fn read_fields<T: DeserializeOwned>(
 }
 
 fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
-    let mut balls: Balls = read_fields(
-        document,
-        &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat(),
-    )?;
+    let mut balls: Balls =
+        read_fields(document, &[&["kind", "file"], &PLACEMENT_KEYS[..], &CommonBallData::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| {
         let path = ["artefact", key];
         document.error_at(&path, value_problem(&path, why.to_owned()))
@@ -85,16 +77,11 @@ fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, 
     let file: Option<String> = read_key(document, "file")?;
     let table = match file {
         Some(_) if !balls.balls.is_empty() => {
-            return Err(wrong(
-                "file",
-                "and [[artefact.balls]] are both present: keep only one of them",
-            ));
+            return Err(wrong("file", "and [[artefact.balls]] are both present: keep only one of them"));
         }
         None => {
             let names = document.key_names(&["artefact"])?;
-            if let Some(common) =
-                CommonBallData::KEYS.into_iter().find(|key| names.iter().any(|n| n == key))
-            {
+            if let Some(common) = CommonBallData::KEYS.into_iter().find(|key| names.iter().any(|n| n == key)) {
                 let why = "is a common value for the balls of a table (file = \"NAME.csv\"): without a \
                     table, write it in each [[artefact.balls]]";
                 return Err(wrong(common, why));
@@ -150,10 +137,7 @@ fn place_balls(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     }
 }
 
-fn read_key<T: DeserializeOwned>(
-    document: &Document,
-    name: &str,
-) -> Result<Option<T>, MachineFileError> {
+fn read_key<T: DeserializeOwned>(document: &Document, name: &str) -> Result<Option<T>, MachineFileError> {
     document.read_section(&["artefact", name], T::deserialize)
 }
 
@@ -186,17 +170,11 @@ impl BallTable {
 }
 
 /// Error at the location of a flaw: in the table file, or at the key of the machine file.
-fn artefact_error(
-    document: &Document,
-    table: Option<&BallTable>,
-    flaw: ArtefactFault,
-) -> MachineFileError {
+fn artefact_error(document: &Document, table: Option<&BallTable>, flaw: ArtefactFault) -> MachineFileError {
     let ArtefactFault { entry: of, key, message: why } = flaw;
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
-        (ArtefactEntry::Ball(_), Some(table))
-            if CommonBallData::KEYS.contains(&key) && !table.columns.has_key(key) =>
-        {
+        (ArtefactEntry::Ball(_), Some(table)) if CommonBallData::KEYS.contains(&key) && !table.columns.has_key(key) => {
             return document.error_at(&["artefact", key], value_problem(&["artefact", key], why));
         }
         (ArtefactEntry::Ball(index), Some(table)) => {

@@ -103,17 +103,10 @@ mod tests {
 
     #[test]
     fn what_the_file_does_not_state_is_as_documented_and_named() {
-        let keys = [
-            "error_motion_um",
-            "angular_motion_urad",
-            "backlash_um",
-            "resolution_um",
-            "lobing_um",
-            "drift_um_per_h",
-        ];
+        let keys =
+            ["error_motion_um", "angular_motion_urad", "backlash_um", "resolution_um", "lobing_um", "drift_um_per_h"];
         let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
-        let text: String =
-            EMBEDDED.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+        let text: String = EMBEDDED.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let [x, c] = [Axis::X, Axis::C].map(|axis| &file.machine.axes[&axis]);
         let sizes = [
@@ -141,8 +134,7 @@ mod tests {
         const SAMBA: &str = include_str!("../../../config/samba.toml");
         let keys = ["temperature_c", "u_temperature_k"];
         let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
-        let text: String =
-            SAMBA.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+        let text: String = SAMBA.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let Artefact::Balls(balls) = &file.artefact else { panic!("balls") };
         assert_eq!(file.assumed, ["artefact.lengths.u_temperature_k"]);

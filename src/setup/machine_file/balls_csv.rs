@@ -63,8 +63,7 @@ pub fn read_ball_table(
                 columns = Some(head.map_err(|problem| error(line, problem))?);
             }
             Some(columns) => {
-                let ball =
-                    columns.parse_ball(&record, common).map_err(|problem| error(line, problem))?;
+                let ball = columns.parse_ball(&record, common).map_err(|problem| error(line, problem))?;
                 balls.push((ball, line));
             }
         }
@@ -105,9 +104,7 @@ impl Columns {
         let lacks = |name: &&&str| !names.contains(name) && !stated(name);
         if let Some(lacking) = REQUIRED_COLUMNS.iter().find(lacks) {
             let why = match *lacking {
-                "radius_mm" => {
-                    "is missing; state radius_mm in [artefact] if all balls have the same"
-                }
+                "radius_mm" => "is missing; state radius_mm in [artefact] if all balls have the same",
                 _ => "is missing; the first line names the columns",
             };
             return Err(Problem::Column { column: (*lacking).to_owned(), why: why.to_owned() });
@@ -120,11 +117,7 @@ impl Columns {
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    fn parse_ball(
-        &self,
-        record: &csv::StringRecord,
-        common: &CommonBallData,
-    ) -> Result<Ball, Problem> {
+    fn parse_ball(&self, record: &csv::StringRecord, common: &CommonBallData) -> Result<Ball, Problem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())
@@ -147,11 +140,7 @@ impl Columns {
             id: text("ball").unwrap_or_default().to_owned(),
             centre_mm: [number("x_mm", None)?, number("y_mm", None)?, number("z_mm", None)?],
             radius_mm: number("radius_mm", common.radius_mm)?,
-            stem: [
-                number("stem_x", Some(x))?,
-                number("stem_y", Some(y))?,
-                number("stem_z", Some(z))?,
-            ],
+            stem: [number("stem_x", Some(x))?, number("stem_y", Some(y))?, number("stem_z", Some(z))?],
             stem_radius_mm: number("stem_radius_mm", or_none(common.stem_radius_mm))?,
             stem_length_mm: number("stem_length_mm", or_none(common.stem_length_mm))?,
         })

@@ -122,35 +122,19 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
         let said = "`stem` in [artefact.balls] must be a direction";
         refused("stem = [0.0, 0.0, -1.0]", &format!("stem = {stem}"), 0, said);
     }
-    refused(
-        "uncertainty_mm = 1.0",
-        "uncertainty_mm = -1.0",
-        0,
-        "`uncertainty_mm` in [artefact] must not be negative",
-    );
+    refused("uncertainty_mm = 1.0", "uncertainty_mm = -1.0", 0, "`uncertainty_mm` in [artefact] must not be negative");
 }
 
 #[test]
 fn lengths_that_cannot_be_are_refused_where_they_stand() {
     let lengths = |key: &str| format!("`{key}` in [artefact.lengths]");
     let ends = "from = \"1\"\nto = \"2\"";
-    refused(
-        ends,
-        "from = \"7\"\nto = \"2\"",
-        0,
-        &(lengths("from") + " is `7`; no ball in the list has this id"),
-    );
-    refused(
-        ends,
-        "from = \"1\"\nto = \"7\"",
-        1,
-        &(lengths("to") + " is `7`; no ball in the list has this id"),
-    );
+    refused(ends, "from = \"7\"\nto = \"2\"", 0, &(lengths("from") + " is `7`; no ball in the list has this id"));
+    refused(ends, "from = \"1\"\nto = \"7\"", 1, &(lengths("to") + " is `7`; no ball in the list has this id"));
     refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
     refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
     refused("u_mm = 0.0001", "u_mm = -0.1", 0, &(lengths("u_mm") + " is -0.1; the standard"));
-    let apart = lengths("mm")
-        + " is 306.9, but the stated centres of balls `1` and `2` are 304.800 mm apart";
+    let apart = lengths("mm") + " is 306.9, but the stated centres of balls `1` and `2` are 304.800 mm apart";
     refused("mm = 304.8\n", "mm = 306.9\n", 0, &apart);
     edited("mm = 304.8\n", "mm = 306.7\n").0.unwrap();
     let warm = lengths("u_temperature_k") + " is -1; it must not be negative";
@@ -169,8 +153,7 @@ fn beside_with(common: &str, table: &str) -> Result<MachineFile, String> {
     std::fs::write(folder.path().join("set.csv"), table).unwrap();
     let at = EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap();
     let to = EMBEDDED_BALLS.find("\n[[artefact.lengths]]").unwrap();
-    let text =
-        format!("{}\nfile = \"set.csv\"\n{common}{}", &EMBEDDED_BALLS[..at], &EMBEDDED_BALLS[to..]);
+    let text = format!("{}\nfile = \"set.csv\"\n{common}{}", &EMBEDDED_BALLS[..at], &EMBEDDED_BALLS[to..]);
     let path = folder.path().join("shop.toml");
     std::fs::write(&path, text).unwrap();
     let prefix = format!("{}/", folder.path().display());
@@ -218,23 +201,11 @@ fn a_table_is_refused_with_its_line_and_column() {
         beside(&TABLE.replacen(from, to, 1)).expect_err("accepted")
     };
     for (from, to, expected) in [
-        (
-            "y_mm",
-            "y_um",
-            "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?",
-        ),
+        ("y_mm", "y_um", "set.csv:2: column `y_um` is unknown; did you mean `y_mm` (in mm, not µm)?"),
         ("radius_mm,stem_x", "x_mm,stem_x", "set.csv:2: column `radius_mm` is missing"),
         ("stem_x", "stem_y", "set.csv:2: column `stem_y` occurs twice"),
-        (
-            "152.4,0,40.435",
-            "wide,0,40.435",
-            "set.csv:4: column `x_mm` is `wide`; it must be a finite",
-        ),
-        (
-            "152.4,0,40.435",
-            "nan,0,40.435",
-            "set.csv:4: column `x_mm` is `nan`; it must be a finite",
-        ),
+        ("152.4,0,40.435", "wide,0,40.435", "set.csv:4: column `x_mm` is `wide`; it must be a finite"),
+        ("152.4,0,40.435", "nan,0,40.435", "set.csv:4: column `x_mm` is `nan`; it must be a finite"),
         ("152.4,0,40.435", "152.4,,40.435", "set.csv:4: column `y_mm` is empty"),
         ("2,152.4", "1,152.4", "set.csv:4: column `ball` is `1`, as for another ball"),
         (
@@ -242,11 +213,7 @@ fn a_table_is_refused_with_its_line_and_column() {
             "3,152.4,0,45",
             "set.csv:6: column `x_mm` is 4.565 mm from ball `2`; the two balls would touch",
         ),
-        (
-            ",2,75\n6",
-            ",2\n6",
-            "set.csv:8: the file is not a valid table of comma-separated values: ",
-        ),
+        (",2,75\n6", ",2\n6", "set.csv:8: the file is not a valid table of comma-separated values: "),
         ("3,160", "a b,160", "set.csv:6: column `ball` is `a b`; it must be one word"),
     ] {
         let message = said(from, to);
@@ -261,9 +228,7 @@ fn a_table_is_refused_with_its_line_and_column() {
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
     let beside = artefact::ArtefactSource::Folder(path.parent().unwrap());
-    let message = MachineFile::from_document(Document::parse("x.toml", text).unwrap(), beside)
-        .unwrap_err()
-        .to_string();
+    let message = MachineFile::from_document(Document::parse("x.toml", text).unwrap(), beside).unwrap_err().to_string();
     assert!(message.contains("none.csv cannot be read"), "{message}");
     assert!(message.contains("the folder of the machine file"), "{message}");
 }
@@ -294,8 +259,7 @@ fn what_balls_have_in_common_is_refused_where_it_stands() {
     let said = |common: &str, table: &str| beside_with(common, table).expect_err("accepted");
     let none = said("", paper);
     assert!(none.starts_with("set.csv:2: column `radius_mm` is missing; state radius_mm in [art"));
-    let key =
-        EMBEDDED_BALLS[..EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap()].lines().count() + 2;
+    let key = EMBEDDED_BALLS[..EMBEDDED_BALLS.find("\n[[artefact.balls]]").unwrap()].lines().count() + 2;
     for (common, why) in [
         ("radius_mm = -6.35\n", "`radius_mm` in [artefact] is -6.35; it must be greater than 0"),
         ("radius_mm = \"6\"\n", "`radius_mm` in [artefact] "),
@@ -325,8 +289,7 @@ fn a_round_part_has_no_file() {
 #[test]
 fn balls_stand_where_the_artefact_was_put() {
     let at = "kind = \"balls\"\n";
-    let (placed, _) =
-        edited(at, "kind = \"balls\"\norigin_mm = [1.0, 2.0, 60.0]\nturned_deg = 90.0\n");
+    let (placed, _) = edited(at, "kind = \"balls\"\norigin_mm = [1.0, 2.0, 60.0]\nturned_deg = 90.0\n");
     let (stated, placed) = (MachineFile::embedded_for("samba").unwrap(), placed.unwrap());
     for (stated, placed) in balls(&stated).balls.iter().zip(&balls(&placed).balls) {
         let [x, y, z] = stated.centre_mm;

@@ -24,15 +24,11 @@ pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
     let check = SectionCheck(document);
     check.require_positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
     // Zero would be an infinite weight; an unknown value is stated by leaving the key out.
-    check
-        .require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
+    check.require_positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
     check.require_not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     check.require_harmonic_orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
     check.require_not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
-    check.require_positive(
-        &["probe", "qualified_within_days"],
-        probe.qualified_within_days.unwrap_or(1.0),
-    )?;
+    check.require_positive(&["probe", "qualified_within_days"], probe.qualified_within_days.unwrap_or(1.0))?;
     check.require_positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
     check.require_positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
     check.require_positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;
@@ -56,9 +52,8 @@ pub fn check_probe(document: &Document, probe: &Probe) -> CheckResult {
 
 pub fn check_artefact(document: &Document, artefact: &Artefact) -> CheckResult {
     let check = SectionCheck(document);
-    let has_direction = |axis: &[f64; 3]| {
-        check.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]")
-    };
+    let has_direction =
+        |axis: &[f64; 3]| check.require(*axis != [0.0; 3], &["artefact", "axis"], "must have a direction: [0, 0, 1]");
     match artefact {
         Artefact::Cylinder(Cylinder { axis, radius_mm, height_mm, uncertainty_mm, .. }) => {
             has_direction(axis)?;
@@ -86,10 +81,7 @@ pub fn check_artefact(document: &Document, artefact: &Artefact) -> CheckResult {
 pub fn check_keepouts(document: &Document, boxes: &[Keepout]) -> CheckResult {
     for keepout in boxes {
         if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
-            let why = format!(
-                "the box `{}` is not valid: each min_mm must be below its max_mm",
-                keepout.name
-            );
+            let why = format!("the box `{}` is not valid: each min_mm must be below its max_mm", keepout.name);
             let problem = Problem::Section { section: "keepout".to_owned(), why };
             return Err(document.error_at(&["keepout"], problem));
         }
@@ -120,19 +112,11 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
         let name = solid.name.as_str();
         let require = |holds: bool, key: &str, why: String| {
             let problem = Problem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
-            if holds {
-                Ok(())
-            } else {
-                Err(document.error_at_entry(&["solid"], index, key, problem))
-            }
+            if holds { Ok(()) } else { Err(document.error_at_entry(&["solid"], index, key, problem)) }
         };
         require(!name.trim().is_empty(), "name", "must not be empty".to_owned())?;
         let is_unique = solids.iter().filter(|other| other.name == name).count() == 1;
-        require(
-            is_unique,
-            "name",
-            format!("is `{name}`, which occurs twice: use different names"),
-        )?;
+        require(is_unique, "name", format!("is `{name}`, which occurs twice: use different names"))?;
         if let Carrier::Axis(axis) = solid.on {
             let there = machine.axes.contains_key(&axis);
             require(there, "on", format!("is {axis}, but this machine has no axis {axis}"))?;
@@ -146,8 +130,7 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
                 require(sides.any(|apart| apart), "to_mm", why.to_owned())?;
             }
             None => {
-                let why =
-                    "describes a box of zero thickness: the corners must differ in x, y and z";
+                let why = "describes a box of zero thickness: the corners must differ in x, y and z";
                 require(sides.all(|apart| apart), "to_mm", why.to_owned())?;
             }
         }
@@ -176,8 +159,7 @@ impl SectionCheck<'_> {
     /// Checks harmonic orders; order 1 is not allowed, as it is an eccentricity.
     fn require_harmonic_orders(&self, key: &[&str], orders: &[u32]) -> CheckResult {
         let is_new = |(i, order): (usize, &u32)| !orders[..i].contains(order);
-        let sound = orders.iter().all(|order| (2..=100).contains(order))
-            && orders.iter().enumerate().all(is_new);
+        let sound = orders.iter().all(|order| (2..=100).contains(order)) && orders.iter().enumerate().all(is_new);
         self.require(sound, key, "must list harmonic orders from 2 to 100, each once")
     }
 
@@ -208,23 +190,11 @@ impl SectionCheck<'_> {
         self.require_not_negative(&key("backlash_um"), spec.backlash_um)?;
         self.require_not_negative(&key("angular_motion_urad"), spec.angular_motion_urad)?;
         let has_no_backlash = axis.is_linear() || spec.backlash_um == 0.0;
-        self.require(
-            has_no_backlash,
-            &key("backlash_um"),
-            "is allowed for the axes X, Y and Z only: remove it",
-        )?;
+        self.require(has_no_backlash, &key("backlash_um"), "is allowed for the axes X, Y and Z only: remove it")?;
         let homes = turns || spec.homing == Homing::Switch;
-        self.require(
-            homes,
-            &key("homing"),
-            "is `none`, which is allowed for the axes A, B and C only",
-        )?;
+        self.require(homes, &key("homing"), "is `none`, which is allowed for the axes A, B and C only")?;
         if let Some(clamp) = &spec.clamp {
-            self.require(
-                turns,
-                &key("clamp"),
-                "is allowed for the axes A, B and C only: remove it here",
-            )?;
+            self.require(turns, &key("clamp"), "is allowed for the axes A, B and C only: remove it here")?;
             self.require_wait_time(&["axes", &name, "clamp", "wait_s"], clamp.wait_s)?;
         }
         let why = format!("is {}; it must be at least 1 mm", spec.error_wavelength_mm);
@@ -262,9 +232,9 @@ fn topology_axes(topology: &str) -> Vec<Axis> {
         match letter {
             '(' => depth += 1,
             ')' => depth -= 1,
-            _ if depth == 0 => axes.extend(
-                Axis::ALL.into_iter().filter(|axis| *axis != Axis::S && axis.letter() == letter),
-            ),
+            _ if depth == 0 => {
+                axes.extend(Axis::ALL.into_iter().filter(|axis| *axis != Axis::S && axis.letter() == letter))
+            }
             _ => {}
         }
     }

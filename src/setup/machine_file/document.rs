@@ -27,8 +27,8 @@ impl Document {
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| MachineFileError::Read { file: file.clone(), source })?;
         Self::parse(&file, text)
     }
 
@@ -52,8 +52,7 @@ impl Document {
                 _ => return Ok(Vec::new()),
             }
         }
-        let mut names: Vec<_> =
-            table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect();
+        let mut names: Vec<_> = table.keys().map(|key| (key.span().start, key.get_ref().to_string())).collect();
         names.sort();
         Ok(names.into_iter().map(|(_, name)| name).collect())
     }
@@ -82,9 +81,9 @@ impl Document {
     ) -> Result<Option<R>, MachineFileError> {
         match find_value(self.parse_root()?, path) {
             None => Ok(None),
-            Some((_, value)) => deserialize_with_location(value, read)
-                .map(Some)
-                .map_err(|fault| self.to_file_error(path, fault)),
+            Some((_, value)) => {
+                deserialize_with_location(value, read).map(Some).map_err(|fault| self.to_file_error(path, fault))
+            }
         }
     }
 
@@ -95,15 +94,11 @@ impl Document {
         read: impl FnOnce(Value<'_>) -> Result<R, Fault>,
     ) -> Result<R, MachineFileError> {
         let nothing = Spanned::new(0..0, DeValue::Table(DeTable::default()));
-        read(Value(nothing))
-            .map_err(|fault| self.to_file_error(path, Fault { offset: None, ..fault }))
+        read(Value(nothing)).map_err(|fault| self.to_file_error(path, Fault { offset: None, ..fault }))
     }
 
     /// Reads a required section.
-    pub fn read_required<'t, T: Deserialize<'t>>(
-        &'t self,
-        path: &[&str],
-    ) -> Result<T, MachineFileError> {
+    pub fn read_required<'t, T: Deserialize<'t>>(&'t self, path: &[&str]) -> Result<T, MachineFileError> {
         self.read_section(path, T::deserialize)?
             .ok_or_else(|| self.error(None, Problem::MissingSection { section: path.join(".") }))
     }
@@ -119,13 +114,7 @@ impl Document {
 
     /// Error at `key` of entry `index` of the list `[[path]]`, or at the head of the entry if the key is
     /// missing.
-    pub fn error_at_entry(
-        &self,
-        path: &[&str],
-        index: usize,
-        key: &str,
-        problem: Problem,
-    ) -> MachineFileError {
+    pub fn error_at_entry(&self, path: &[&str], index: usize, key: &str, problem: Problem) -> MachineFileError {
         let list = self.parse_root().ok().and_then(|root| find_value(root, path));
         let entry = list.and_then(|(_, value)| match value.into_inner() {
             DeValue::Array(entries) => entries.into_iter().nth(index),
@@ -150,11 +139,9 @@ impl Document {
         keys.extend(fault.path.iter().map(String::as_str));
         let section = keys.join(".");
         let problem = match fault.kind {
-            FaultKind::UnknownKey { key, known } => Problem::UnknownKey {
-                section,
-                key,
-                known: known.iter().map(|&name| name.to_owned()).collect(),
-            },
+            FaultKind::UnknownKey { key, known } => {
+                Problem::UnknownKey { section, key, known: known.iter().map(|&name| name.to_owned()).collect() }
+            }
             FaultKind::MissingKey { key } => Problem::MissingKey { section, key: key.to_owned() },
             FaultKind::UnknownValue { value, known } => {
                 value_problem(&keys, format!("is `{value}`; known: {}", known.join(", ")))
@@ -165,9 +152,7 @@ impl Document {
     }
 
     fn error(&self, offset: Option<usize>, problem: Problem) -> MachineFileError {
-        let line = offset
-            .and_then(|offset| self.text.get(..offset))
-            .map(|head| head.matches('\n').count() + 1);
+        let line = offset.and_then(|offset| self.text.get(..offset)).map(|head| head.matches('\n').count() + 1);
         MachineFileError::Content { place: FileLocation { file: self.file.clone(), line }, problem }
     }
 }

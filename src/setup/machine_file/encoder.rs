@@ -35,8 +35,7 @@ pub fn read_encoder(
             None => Ok(None),
             Some(index) => {
                 let why = "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`";
-                let problem =
-                    Problem::Section { section: "sensor".to_owned(), why: why.to_owned() };
+                let problem = Problem::Section { section: "sensor".to_owned(), why: why.to_owned() };
                 Err(document.error_at_entry(&["sensor"], index, "name", problem))
             }
         };

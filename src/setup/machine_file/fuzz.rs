@@ -54,11 +54,7 @@ fn the_table_of_balls_bears_anything() {
         stem_length_mm\n1,-150,0,40,6,0,0,-1,2,40\n2,150,0,40,6,0,0,-1,2,40\n3,0,90,40,6,,,,,\n";
     let words = ["ball", ",x_mm", ",y_mm", ",z_mm", ",radius_mm", ",stem_x", ",1", "\n", "\"", "#"];
     fuzz("balls-csv", &[SET], &words, |input| {
-        match balls_csv::read_ball_table(
-            "set.csv",
-            &String::from_utf8_lossy(input),
-            &Default::default(),
-        ) {
+        match balls_csv::read_ball_table("set.csv", &String::from_utf8_lossy(input), &Default::default()) {
             Err(error) => error.to_string().len(),
             Ok((_, balls)) => {
                 let balls: Vec<_> = balls.into_iter().map(|(ball, _)| ball).collect();

@@ -58,14 +58,8 @@ mod tests {
     #[test]
     fn a_wrong_unit_finds_the_same_quantity() {
         let known = ["kind", "radius_mm", "ball_radius_mm"];
-        assert_eq!(
-            unknown_key_hint("radius_um", &known),
-            "did you mean `radius_mm` (in mm, not µm)?"
-        );
-        assert_eq!(
-            unknown_key_hint("ball_radius", &known),
-            "did you mean `ball_radius_mm` (in mm)?"
-        );
+        assert_eq!(unknown_key_hint("radius_um", &known), "did you mean `radius_mm` (in mm, not µm)?");
+        assert_eq!(unknown_key_hint("ball_radius", &known), "did you mean `ball_radius_mm` (in mm)?");
     }
 
     #[test]

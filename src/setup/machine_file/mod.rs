@@ -106,18 +106,11 @@ impl MachineFile {
     }
 
     /// The machine file of a stored run, with the artefact of its plan.
-    pub fn from_stored(
-        file: &str,
-        text: String,
-        artefact: &Artefact,
-    ) -> Result<Self, MachineFileError> {
+    pub fn from_stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
         Self::from_document(Document::parse(file, text)?, ArtefactSource::Artefact(artefact))
     }
 
-    fn from_document(
-        document: Document,
-        source: ArtefactSource<'_>,
-    ) -> Result<Self, MachineFileError> {
+    fn from_document(document: Document, source: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
         document.check_known_keys(&[], &KNOWN_SECTIONS)?;
         let mut machine = read_machine(&document)?;
         let mut probe = document.read_required(&["probe"])?;
@@ -125,25 +118,15 @@ impl MachineFile {
         let mut assumed = assumed::fill_defaults(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> =
             document.read_section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
-        check::check_unique_names(
-            &document,
-            "sensor",
-            sensors.iter().map(|entry| &entry.sensor.name),
-        )?;
+        check::check_unique_names(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
         sensor::check_ports(&document, &sensors)?;
         let encoder = encoder::read_encoder(&document, &machine, &sensors)?;
         let thermometers: Vec<thermometer::ThermometerConfig> =
             document.read_section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
-        check::check_unique_names(
-            &document,
-            "thermometer",
-            thermometers.iter().map(|entry| &entry.name),
-        )?;
-        let keepout: Vec<Keepout> =
-            document.read_section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
+        check::check_unique_names(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
+        let keepout: Vec<Keepout> = document.read_section(&["keepout"], Deserialize::deserialize)?.unwrap_or_default();
         check::check_keepouts(&document, &keepout)?;
-        let solids: Vec<Solid> =
-            document.read_section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
+        let solids: Vec<Solid> = document.read_section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
         check::check_solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read_artefact(&document, source)?;
         check::check_artefact(&document, &artefact)?;
@@ -192,12 +175,8 @@ impl MachineFile {
     }
 
     /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
-    pub fn simulated_faults(
-        &self,
-        control: &SimulatedControl,
-    ) -> Result<SimulatedFaults, MachineFileError> {
-        let faults =
-            self.document.read_section(&["simulated", "fault"], |list| control.faults(list))?;
+    pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<SimulatedFaults, MachineFileError> {
+        let faults = self.document.read_section(&["simulated", "fault"], |list| control.faults(list))?;
         Ok(faults.unwrap_or_else(|| control.no_faults()))
     }
 
@@ -239,10 +218,7 @@ impl MachineFile {
 
 fn read_machine(document: &Document) -> Result<Machine, MachineFileError> {
     if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
-        let problem = Problem::UnknownSection {
-            section: "machine.axes".to_owned(),
-            known: vec!["axes".to_owned()],
-        };
+        let problem = Problem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
         return Err(document.error_at(&["machine", "axes"], problem));
     }
     let axes: BTreeMap<Axis, AxisSpec> = document.read_required(&["axes"])?;

@@ -27,17 +27,11 @@ impl Prompt {
 }
 
 /// Prompts of the machine file, then one for the zero of each axis without a homing switch.
-pub fn read_prompts(
-    document: &Document,
-    machine: &Machine,
-) -> Result<Vec<Prompt>, MachineFileError> {
-    let prompts: Vec<Prompt> =
-        document.read_section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
+pub fn read_prompts(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
+    let prompts: Vec<Prompt> = document.read_section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
     for (index, Prompt { text, .. }) in prompts.iter().enumerate() {
         let why = match text.chars().count() {
-            _ if text.trim().is_empty() => {
-                "must not be empty: write the instruction for the operator".to_owned()
-            }
+            _ if text.trim().is_empty() => "must not be empty: write the instruction for the operator".to_owned(),
             _ if text.chars().any(char::is_control) => "must be a single line".to_owned(),
             long if long > MAX_PROMPT_CHARS => {
                 format!("has {long} characters; the maximum is {MAX_PROMPT_CHARS}")
@@ -83,16 +77,11 @@ pub fn sensor_prompt(sensors: &[&Sensor]) -> Option<String> {
 }
 
 /// Checks that prompts name known methods only.
-pub fn check_methods(
-    document: &Document,
-    prompts: &[Prompt],
-    known: &[&str],
-) -> Result<(), MachineFileError> {
+pub fn check_methods(document: &Document, prompts: &[Prompt], known: &[&str]) -> Result<(), MachineFileError> {
     for (index, prompt) in prompts.iter().enumerate() {
         let names = prompt.methods.iter().flatten();
         if let Some(name) = names.into_iter().find(|name| !known.contains(&name.as_str())) {
-            let why =
-                format!("contains the unknown method `{name}`; known are {}", known.join(", "));
+            let why = format!("contains the unknown method `{name}`; known are {}", known.join(", "));
             return Err(prompt_error(document, index, "methods", why));
         }
     }

@@ -58,8 +58,8 @@ pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), M
     let ports: Vec<_> = sensors.iter().map(|entry| entry.connection.port()).collect();
     for (index, own) in ports.iter().enumerate() {
         let earlier = sensors.iter().zip(&ports).take(index);
-        let mut conflicts = earlier
-            .filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
+        let mut conflicts =
+            earlier.filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
         if let (Some(why), Some(entry)) = (conflicts.next(), sensors.get(index)) {
             let why = format!("`{}` {why}", entry.sensor.name);
             let problem = Problem::Section { section: "sensor".to_owned(), why };
@@ -149,9 +149,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
         };
         check_sensor(&sensor)?;
         if let Some(hz) = keys.rate_hz.filter(|hz| !(0.001..=1e6).contains(hz)) {
-            return Err(format!(
-                "`rate_hz` is {hz}; it must be between 0.001 and 1000000 samples per second"
-            ));
+            return Err(format!("`rate_hz` is {hz}; it must be between 0.001 and 1000000 samples per second"));
         }
         Ok(Self { sensor, rate_hz: keys.rate_hz, connection })
     }
@@ -159,10 +157,7 @@ impl TryFrom<SensorKeys> for SensorEntry {
 
 fn check_sensor(sensor: &sensor::Sensor) -> Result<(), String> {
     if sensor.name.is_empty() || sensor.name == "probe" {
-        return Err(
-            "`name` must not be empty, and must not be `probe`, the name of the touch probe"
-                .to_owned(),
-        );
+        return Err("`name` must not be empty, and must not be `probe`, the name of the touch probe".to_owned());
     }
     let square: f64 = sensor.direction.iter().map(|part| part * part).sum();
     if (square.sqrt() - 1.0).abs() > UNIT_VECTOR_TOLERANCE {
@@ -174,9 +169,7 @@ fn check_sensor(sensor: &sensor::Sensor) -> Result<(), String> {
     }
     let [least, greatest] = sensor.range_mm;
     if least >= greatest {
-        return Err(
-            "`range_mm` must be [minimum, maximum] with the minimum below the maximum".to_owned()
-        );
+        return Err("`range_mm` must be [minimum, maximum] with the minimum below the maximum".to_owned());
     }
     let sizes = [
         ("stand_off_mm", sensor.stand_off_mm),

@@ -33,9 +33,7 @@ fn every_file_in_config_is_sound() {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         // The daemon's own file lists machine files and is not one.
-        if path.extension().is_none_or(|extension| extension != "toml")
-            || path.ends_with("trued.toml")
-        {
+        if path.extension().is_none_or(|extension| extension != "toml") || path.ends_with("trued.toml") {
             continue;
         }
         MachineFile::read(&path).unwrap_or_else(|error| panic!("{error}"));
@@ -68,17 +66,15 @@ fn the_hash_is_sha256_of_the_text() {
 #[test]
 fn a_wrong_unit_names_the_right_key() {
     let at = line("[artefact]", "radius_mm");
-    let expected = format!(
-        "shop.toml:{at}: unknown key `radius_um` in [artefact]; did you mean `radius_mm` (in mm, not µm)?"
-    );
+    let expected =
+        format!("shop.toml:{at}: unknown key `radius_um` in [artefact]; did you mean `radius_mm` (in mm, not µm)?");
     refused("\nradius_mm", "\nradius_um", &expected);
 }
 
 #[test]
 fn slips_in_keys_sections_and_words_are_named_with_their_line() {
     let at = line("[machine]", "topology");
-    let expected =
-        format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
+    let expected = format!("shop.toml:{at}: unknown key `topolgy` in [machine]; did you mean `topology`?");
     refused("\ntopology", "\ntopolgy", &expected);
 
     let at = line("", "[artefact]");
@@ -86,27 +82,22 @@ fn slips_in_keys_sections_and_words_are_named_with_their_line() {
     refused("\n[artefact]", "\n[artifact]", &expected);
 
     let at = line("[axes.B]", "positive");
-    let expected =
-        format!("shop.toml:{at}: `positive` in [axes.B] is `isso`; known: iso, reversed");
+    let expected = format!("shop.toml:{at}: `positive` in [axes.B] is `isso`; known: iso, reversed");
     refused("positive = \"iso\"", "positive = \"isso\"", &expected);
 
     let at = line("", "[axes.B]");
-    let expected =
-        format!("shop.toml:{at}: unknown key `Q` in [axes]; known keys: X, Y, Z, A, B, C, S");
+    let expected = format!("shop.toml:{at}: unknown key `Q` in [axes]; known keys: X, Y, Z, A, B, C, S");
     refused("[axes.B]", "[axes.Q]", &expected);
 }
 
 #[test]
 fn types_and_missing_keys_have_lines() {
     let at = line("[artefact]", "radius_mm");
-    let expected =
-        format!("shop.toml:{at}: `radius_mm` in [artefact] must be a number, not string \"45\"");
+    let expected = format!("shop.toml:{at}: `radius_mm` in [artefact] must be a number, not string \"45\"");
     refused("radius_mm = 45.0", "radius_mm = \"45\"", &expected);
 
     let at = line("[machine]", "tool_mm");
-    let expected = format!(
-        "shop.toml:{at}: `tool_mm` in [machine] has 2 elements, must be an array of length 3"
-    );
+    let expected = format!("shop.toml:{at}: `tool_mm` in [machine] has 2 elements, must be an array of length 3");
     refused("[0.0, 0.0, -120.0]", "[0.0, -120.0]", &expected);
 
     let at = line("", "[axes.B]");
@@ -125,13 +116,11 @@ fn types_and_missing_keys_have_lines() {
 #[test]
 fn impossible_values_are_refused() {
     let at = line("[axes.X]", "max");
-    let expected =
-        format!("shop.toml:{at}: `max` in [axes.X] is -260; it must be greater than min = -250");
+    let expected = format!("shop.toml:{at}: `max` in [axes.X] is -260; it must be greater than min = -250");
     refused("max = 250.0", "max = -260.0", &expected);
 
     let at = line("[probe]", "ball_radius_mm");
-    let expected =
-        format!("shop.toml:{at}: `ball_radius_mm` in [probe] is -3; it must be greater than 0");
+    let expected = format!("shop.toml:{at}: `ball_radius_mm` in [probe] is -3; it must be greater than 0");
     refused("ball_radius_mm = 3.0", "ball_radius_mm = -3.0", &expected);
 
     let at = line("[machine]", "drift_um_per_h");
@@ -161,14 +150,9 @@ fn impossible_values_are_refused() {
 
 #[test]
 fn a_box_turned_inside_out_is_refused() {
-    let text = format!(
-        "{EMBEDDED}\n[[keepout]]\nname = \"setter\"\nmin_mm = [1, 0, 0]\nmax_mm = [0, 1, 1]\n"
-    );
+    let text = format!("{EMBEDDED}\n[[keepout]]\nname = \"setter\"\nmin_mm = [1, 0, 0]\nmax_mm = [0, 1, 1]\n");
     let error = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
-    assert!(
-        error.contains("the box `setter` is not valid: each min_mm must be below its max_mm"),
-        "{error}"
-    );
+    assert!(error.contains("the box `setter` is not valid: each min_mm must be below its max_mm"), "{error}");
 }
 
 #[test]
@@ -186,10 +170,7 @@ fn links_are_checked() {
 
     let error = |result: Result<MachineFile, MachineFileError>| result.unwrap_err().to_string();
     assert!(error(strip("kind = \"grbl\"")).contains("needs exactly one link"));
-    assert!(
-        error(strip("kind = \"grbl\"\ntcp = \"10.0.0.7\"")).contains("write `host:port`"),
-        "a port is needed"
-    );
+    assert!(error(strip("kind = \"grbl\"\ntcp = \"10.0.0.7\"")).contains("write `host:port`"), "a port is needed");
     let baud = "kind = \"grbl\"\ntcp = \"10.0.0.7:23\"\nbaud = 9600";
     assert!(error(strip(baud)).contains("remove it from a TCP link"));
     let message = error(controller("kind = \"fanuc\"\n"));
@@ -200,16 +181,11 @@ fn links_are_checked() {
 
 #[test]
 fn tolerances_carry_their_units() {
-    let with =
-        |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
+    let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[tolerance]\n{keys}\n"));
     let limits = with("EX0C_um = 10.0\nEA0C_urad = 20\nEXX1_um_per_m = 5").unwrap().tolerance;
-    let found: Vec<_> =
-        limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
+    let found: Vec<_> = limits.iter().map(|limit| (limit.symbol.as_str(), limit.unit, limit.limit)).collect();
     use machine::record::estimate::Unit;
-    assert_eq!(
-        found,
-        [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]
-    );
+    assert_eq!(found, [("EA0C", Unit::Urad, 20.0), ("EX0C", Unit::Um, 10.0), ("EXX1", Unit::UmPerM, 5.0)]);
     assert!(with("EX0C = 10.0").unwrap_err().to_string().contains("must be a symbol and a unit"));
     assert!(with("EX0C_um = 0").unwrap_err().to_string().contains("greater than 0"));
 }
@@ -240,11 +216,8 @@ enum Shape {
 
 #[test]
 fn other_rooms_read_their_own_sections() {
-    let with = |keys: &str| {
-        MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap()
-    };
-    let read =
-        |file: &MachineFile| file.read_method("some", |section| Settings::deserialize(section));
+    let with = |keys: &str| MachineFile::parse("shop.toml", format!("{EMBEDDED}\n[method.some]\n{keys}\n")).unwrap();
+    let read = |file: &MachineFile| file.read_method("some", |section| Settings::deserialize(section));
     let silent = MachineFile::embedded_for("self-calibration").unwrap();
     assert_eq!(read(&silent).unwrap(), Settings { angles: 8, shape: Shape::Round });
     let oval = read(&with("angles = 12\nshape = { kind = \"oval\", flat_mm = 1 }")).unwrap();
@@ -252,13 +225,8 @@ fn other_rooms_read_their_own_sections() {
 
     let last = EMBEDDED.matches('\n').count() + 3;
     let message = read(&with("angels = 12")).unwrap_err().to_string();
-    assert_eq!(
-        message,
-        format!("shop.toml:{last}: unknown key `angels` in [method.some]; did you mean `angles`?")
-    );
-    let message = read(&with("shape = { kind = \"oval\",\n flat_mm = 1,\n flat_um = 2 }"))
-        .unwrap_err()
-        .to_string();
+    assert_eq!(message, format!("shop.toml:{last}: unknown key `angels` in [method.some]; did you mean `angles`?"));
+    let message = read(&with("shape = { kind = \"oval\",\n flat_mm = 1,\n flat_um = 2 }")).unwrap_err().to_string();
     let line = last + 2;
     assert_eq!(
         message,
@@ -290,10 +258,7 @@ fn the_simulated_truth_is_handed_out_and_may_be_absent() {
 fn broken_toml_and_missing_files_are_errors_with_a_place() {
     let message = edited("name = ", "name ").unwrap_err().to_string();
     let at = line("[machine]", "name");
-    assert!(
-        message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")),
-        "{message}"
-    );
+    assert!(message.starts_with(&format!("shop.toml:{at}: the file is not valid TOML: ")), "{message}");
     let message = MachineFile::read(Path::new("no/such.toml")).unwrap_err().to_string();
     assert!(message.contains("no/such.toml cannot be read"), "{message}");
     assert!(message.contains("check the path"), "{message}");
@@ -324,22 +289,13 @@ fn switches_of_probe_and_clamps_are_checked_with_their_place() {
 #[test]
 fn solids_and_the_stylus_must_be_possible() {
     let at = |name: &str, key: &str| line(&format!("name = \"{name}\""), key);
-    let solid =
-        |key: &str, why: &str, line: usize| format!("shop.toml:{line}: `{key}` in [solid] {why}");
+    let solid = |key: &str, why: &str, line: usize| format!("shop.toml:{line}: `{key}` in [solid] {why}");
     refused(
         "name = \"cradle\"",
         "name = \"table\"",
-        &solid(
-            "name",
-            "is `table`, which occurs twice: use different names",
-            at("spindle nose", "name = \"table\""),
-        ),
+        &solid("name", "is `table`, which occurs twice: use different names", at("spindle nose", "name = \"table\"")),
     );
-    refused(
-        "on = \"B\"",
-        "on = \"A\"",
-        &solid("on", "is A, but this machine has no axis A", at("cradle", "on")),
-    );
+    refused("on = \"B\"", "on = \"A\"", &solid("on", "is A, but this machine has no axis A", at("cradle", "on")));
     refused(
         "to_mm = [170.0, 130.0, -45.0]",
         "to_mm = [170.0, 130.0, -110.0]",
@@ -400,14 +356,9 @@ fn who_is_asked_what_before_which_method() {
     assert_eq!(file.prompts_before("laser-r-test", &[]), ["clean", "cap off"]);
     assert!(file.without_prompts().prompts_before("laser-r-test", &[]).is_empty());
     let refused = file.check_method_names(&["samba"]).unwrap_err().to_string();
-    assert!(
-        refused.contains("`methods` in [prompt] contains the unknown method `laser-r-test`"),
-        "{refused}"
-    );
+    assert!(refused.contains("`methods` in [prompt] contains the unknown method `laser-r-test`"), "{refused}");
     let long = "x".repeat(201);
-    for (text, words) in
-        [(" ", "must not be empty"), ("a\\tb", "a single line"), (long.as_str(), "201 characters")]
-    {
+    for (text, words) in [(" ", "must not be empty"), ("a\\tb", "a single line"), (long.as_str(), "201 characters")] {
         let refused = with(&format!("[[prompt]]\ntext = \"{text}\"\n")).unwrap_err().to_string();
         assert!(refused.contains("`text` in [prompt]") && refused.contains(words), "{refused}");
     }

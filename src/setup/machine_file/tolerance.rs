@@ -6,13 +6,8 @@ use super::document::{Document, value_problem};
 use super::error::MachineFileError;
 use machine::record::estimate::{ParameterLimit, Unit};
 
-const UNIT_SUFFIXES: [(&str, Unit); 5] = [
-    ("_um_per_m", Unit::UmPerM),
-    ("_urad", Unit::Urad),
-    ("_um", Unit::Um),
-    ("_mm", Unit::Mm),
-    ("_ms", Unit::Ms),
-];
+const UNIT_SUFFIXES: [(&str, Unit); 5] =
+    [("_um_per_m", Unit::UmPerM), ("_urad", Unit::Urad), ("_um", Unit::Um), ("_mm", Unit::Mm), ("_ms", Unit::Ms)];
 
 /// Limits in the order of their keys; none without `[tolerance]`.
 pub fn read_tolerances(document: &Document) -> Result<Vec<ParameterLimit>, MachineFileError> {

@@ -6,10 +6,7 @@ use std::borrow::Cow;
 use std::fmt;
 
 use serde::de::value::{MapAccessDeserializer, SeqDeserializer};
-use serde::de::{
-    DeserializeSeed, Deserializer, Error, Expected, IntoDeserializer, MapAccess, Unexpected,
-    Visitor,
-};
+use serde::de::{DeserializeSeed, Deserializer, Error, Expected, IntoDeserializer, MapAccess, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -108,12 +105,10 @@ impl<'de> Value<'de> {
         match value {
             DeValue::String(Cow::Borrowed(text)) => visitor.visit_borrowed_str(text),
             DeValue::String(Cow::Owned(text)) => visitor.visit_string(text),
-            DeValue::Integer(number) => {
-                match i64::from_str_radix(number.as_str(), number.radix()) {
-                    Ok(number) => visitor.visit_i64(number),
-                    Err(_) => Err(Fault::custom("is too large a number")),
-                }
-            }
+            DeValue::Integer(number) => match i64::from_str_radix(number.as_str(), number.radix()) {
+                Ok(number) => visitor.visit_i64(number),
+                Err(_) => Err(Fault::custom("is too large a number")),
+            },
             DeValue::Float(number) => match number.as_str().parse::<f64>() {
                 Ok(number) if number.is_finite() => visitor.visit_f64(number),
                 _ => Err(Fault::custom("must be a finite number")),
@@ -143,11 +138,7 @@ impl<'de> Deserializer<'de> for Value<'de> {
         visitor.visit_some(self)
     }
 
-    fn deserialize_newtype_struct<V: Visitor<'de>>(
-        self,
-        _name: &'static str,
-        visitor: V,
-    ) -> Result<V::Value, Fault> {
+    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _name: &'static str, visitor: V) -> Result<V::Value, Fault> {
         visitor.visit_newtype_struct(self)
     }
 
@@ -160,12 +151,8 @@ impl<'de> Deserializer<'de> for Value<'de> {
         let offset = self.0.span().start;
         match self.0.into_inner() {
             DeValue::String(text) => visitor.visit_enum(text.into_deserializer()),
-            DeValue::Table(table) => {
-                visitor.visit_enum(MapAccessDeserializer::new(TableEntries::new(table)))
-            }
-            other => {
-                Err(Fault::custom(format_args!("must be a string, not a {}", other.type_str())))
-            }
+            DeValue::Table(table) => visitor.visit_enum(MapAccessDeserializer::new(TableEntries::new(table))),
+            other => Err(Fault::custom(format_args!("must be a string, not a {}", other.type_str()))),
         }
         .map_err(|fault: Fault| fault.with_offset(offset))
     }
@@ -195,8 +182,7 @@ pub fn deserialize_with_location<'i, T>(
     collect_keys(value.get_ref(), &mut keys);
     read(Value(value)).map_err(|fault| match &fault.kind {
         FaultKind::UnknownKey { key, .. } => {
-            let found =
-                keys.iter().find(|(name, _)| name == key).map_or(offset, |(_, offset)| *offset);
+            let found = keys.iter().find(|(name, _)| name == key).map_or(offset, |(_, offset)| *offset);
             fault.with_offset(found)
         }
         _ => fault.with_offset(offset),
@@ -233,19 +219,14 @@ impl<'de> TableEntries<'de> {
 impl<'de> MapAccess<'de> for TableEntries<'de> {
     type Error = Fault;
 
-    fn next_key_seed<K: DeserializeSeed<'de>>(
-        &mut self,
-        seed: K,
-    ) -> Result<Option<K::Value>, Fault> {
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Fault> {
         let Some((key, value)) = self.remaining.next() else { return Ok(None) };
         let offset = key.span().start;
         let key = key.into_inner();
         self.value = Some((key.to_string(), value));
         seed.deserialize(key.into_deserializer()).map(Some).map_err(|fault: Fault| {
             let kind = match fault.kind {
-                FaultKind::UnknownValue { value, known } => {
-                    FaultKind::UnknownKey { key: value, known }
-                }
+                FaultKind::UnknownValue { value, known } => FaultKind::UnknownKey { key: value, known },
                 other => other,
             };
             Fault { kind, ..fault }.with_offset(offset)
@@ -256,7 +237,6 @@ impl<'de> MapAccess<'de> for TableEntries<'de> {
         let Some((key, value)) = self.value.take() else {
             return Err(Fault::custom("a value was requested before its key"));
         };
-        deserialize_with_location(value, |value| seed.deserialize(value))
-            .map_err(|fault| fault.within_key(&key))
+        deserialize_with_location(value, |value| seed.deserialize(value)).map_err(|fault| fault.within_key(&key))
     }
 }

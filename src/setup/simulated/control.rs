@@ -157,9 +157,7 @@ const WIRE_BYTES: usize = 4096;
 impl TryFrom<ControlKeys> for SimulatedControl {
     type Error = String;
 
-    fn try_from(
-        ControlKeys { protocol, wire, baud, settings }: ControlKeys,
-    ) -> Result<Self, String> {
+    fn try_from(ControlKeys { protocol, wire, baud, settings }: ControlKeys) -> Result<Self, String> {
         let (usual, known) = match protocol {
             Protocol::Grbl => (Wire::Memory, [Wire::Memory, Wire::Pty]),
             Protocol::Modbus | Protocol::ModbusProgram => (Wire::Tcp, [Wire::Tcp, Wire::Pty]),
@@ -167,25 +165,17 @@ impl TryFrom<ControlKeys> for SimulatedControl {
         let wire = wire.unwrap_or(usual);
         if !known.contains(&wire) {
             let names = known.map(|wire| format!("`{wire:?}`").to_lowercase());
-            return Err(format!(
-                "this simulated control supports only the wires {}",
-                names.join(" and ")
-            ));
+            return Err(format!("this simulated control supports only the wires {}", names.join(" and ")));
         }
         if baud.is_some() && wire != Wire::Pty {
-            return Err(
-                "`baud` is allowed with `wire = \"pty\"` only: the other wires have no baud rate"
-                    .to_owned(),
-            );
+            return Err("`baud` is allowed with `wire = \"pty\"` only: the other wires have no baud rate".to_owned());
         }
         if !settings.is_empty() && protocol != Protocol::Grbl {
             return Err("`settings` is allowed for a simulated grblHAL only".to_owned());
         }
         let number = |(key, value): (String, f64)| match key.trim_start_matches('$').parse() {
             Ok(number) => Ok((number, value)),
-            Err(_) => {
-                Err(format!("`settings` contains `{key}`, which is not the number of a setting"))
-            }
+            Err(_) => Err(format!("`settings` contains `{key}`, which is not the number of a setting")),
         };
         let settings = settings.into_iter().map(number).collect::<Result<_, _>>()?;
         Ok(Self { protocol, wire, baud, settings })
@@ -208,9 +198,7 @@ impl SimulatedControl {
             Protocol::Modbus | Protocol::ModbusProgram => {
                 let faults: Vec<controls::modbus::Fault> = Deserialize::deserialize(list)?;
                 let lines = self.protocol == Protocol::Modbus;
-                if let Some(fault) =
-                    faults.iter().find(|fault| lines && fault.kind.is_program_only())
-                {
+                if let Some(fault) = faults.iter().find(|fault| lines && fault.kind.is_program_only()) {
                     let kind = fault.kind;
                     let why = format!(
                         "the fault {kind:?} is available for a resident program \
@@ -259,9 +247,8 @@ impl SimulatedControl {
             }
             Protocol::Modbus | Protocol::ModbusProgram => {
                 let keys = format!("{UNIT_KEY}{}", served.driver_keys());
-                let config: modbus::ModbusConfig = toml::from_str(&keys).map_err(|error| {
-                    ControllerError::UnreadableReply { text: error.to_string() }
-                })?;
+                let config: modbus::ModbusConfig = toml::from_str(&keys)
+                    .map_err(|error| ControllerError::UnreadableReply { text: error.to_string() })?;
                 config.open(machine, modes, Arc::new(HostClock::start())).await?
             }
         };
@@ -313,8 +300,7 @@ impl SimulatedControl {
     ) -> Result<ServedControl, ControllerError> {
         let FaultList::Grbl(faults) = &setup.faults.0 else {
             return Err(ControllerError::Unsupported {
-                reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines"
-                    .to_owned(),
+                reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
                 remedy: "use [[simulated.fault]] instead (late, lost, torn, cut ...)".to_owned(),
             });
         };
@@ -331,21 +317,14 @@ impl SimulatedControl {
         })
     }
 
-    fn serve_on_pty(
-        &self,
-        serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
-    ) -> Result<ServedControl, ControllerError> {
+    fn serve_on_pty(&self, serve: impl FnOnce(link::Pty) -> JoinHandle<()>) -> Result<ServedControl, ControllerError> {
         let pty = self.baud.map_or_else(link::create_pty, link::create_pty_at_baud)?;
         let baud = self.baud.unwrap_or(DEFAULT_BAUD);
         let at = link::LinkConfig::Serial { path: pty.path.clone().into(), baud };
         Ok(ServedControl { address: at, protocol: self.protocol, task: serve(pty) })
     }
 
-    fn grbl_firmware(
-        &self,
-        setup: &SimulationSetup<'_>,
-        faults: &[controls::grbl::Fault],
-    ) -> controls::grbl::Firmware {
+    fn grbl_firmware(&self, setup: &SimulationSetup<'_>, faults: &[controls::grbl::Fault]) -> controls::grbl::Firmware {
         use controls::grbl::{Firmware, SimulatedGrblOptions};
         let mut options = SimulatedGrblOptions::of(setup.machine, setup.pace);
         options.faults = faults.to_vec();
@@ -354,20 +333,14 @@ impl SimulatedControl {
     }
 }
 
-fn serve_on_tcp(
-    protocol: Protocol,
-    firmware: controls::modbus::Firmware,
-) -> Result<ServedControl, ControllerError> {
+fn serve_on_tcp(protocol: Protocol, firmware: controls::modbus::Firmware) -> Result<ServedControl, ControllerError> {
     let listen = || {
         let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
         Ok((TcpListener::from_std(listener)?, port))
     };
-    let fault = |source: io::Error| LinkError::OpenFailed {
-        address: "a port of its own".to_owned(),
-        source,
-    };
+    let fault = |source: io::Error| LinkError::OpenFailed { address: "a port of its own".to_owned(), source };
     let (listener, port) = listen().map_err(fault)?;
     let at = link::LinkConfig::Tcp(HostPort::local(port));
     let serve = async move { drop(controls::modbus::serve_tcp(firmware, listener).await) };

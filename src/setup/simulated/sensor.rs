@@ -53,20 +53,12 @@ impl TryFrom<SimulatedSensorKeys> for SimulatedSensor {
     ///
     /// # Errors
     /// The sensor does not support the wire.
-    fn try_from(
-        SimulatedSensorKeys { protocol, wire, rate_hz }: SimulatedSensorKeys,
-    ) -> Result<Self, String> {
+    fn try_from(SimulatedSensorKeys { protocol, wire, rate_hz }: SimulatedSensorKeys) -> Result<Self, String> {
         let interface = match protocol {
             Protocol::Can => SensorInterface::Can(wire),
-            Protocol::Serial => {
-                SensorInterface::Serial(OutputFormat::Text, Wire::from_name(&wire)?)
-            }
-            Protocol::SerialFrames => {
-                SensorInterface::Serial(OutputFormat::Frames, Wire::from_name(&wire)?)
-            }
-            Protocol::Modbus => {
-                SensorInterface::Modbus(Wire::from_name(&wire)?.require_external()?)
-            }
+            Protocol::Serial => SensorInterface::Serial(OutputFormat::Text, Wire::from_name(&wire)?),
+            Protocol::SerialFrames => SensorInterface::Serial(OutputFormat::Frames, Wire::from_name(&wire)?),
+            Protocol::Modbus => SensorInterface::Modbus(Wire::from_name(&wire)?.require_external()?),
         };
         Ok(Self { interface, rate_hz })
     }
@@ -117,25 +109,19 @@ impl SimulatedSensor {
     ///
     /// # Errors
     /// The wire or the driver cannot be opened.
-    pub async fn open(
-        &self,
-        sensor: &sensor::Sensor,
-        view: WorldView,
-    ) -> Result<Sensor, SensorError> {
+    pub async fn open(&self, sensor: &sensor::Sensor, view: WorldView) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
         let (sense, clock) = (self.sample_source(sensor, &view), view.clock.clone());
         match &self.interface {
             SensorInterface::Can(wire) => self.open_can(wire, sensor, view),
             SensorInterface::Serial(format, wire) => {
                 let at = (*format, *wire);
-                let driver =
-                    sensor_wire::open_serial(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver = sensor_wire::open_serial(at, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
             SensorInterface::Modbus(wire) => {
                 let at = (SampleTiming::WhenRead, *wire);
-                let driver =
-                    sensor_wire::open_modbus(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver = sensor_wire::open_modbus(at, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
         }
@@ -150,12 +136,7 @@ impl SimulatedSensor {
         })
     }
 
-    fn open_can(
-        &self,
-        wire: &str,
-        sensor: &sensor::Sensor,
-        view: WorldView,
-    ) -> Result<Sensor, SensorError> {
+    fn open_can(&self, wire: &str, sensor: &sensor::Sensor, view: WorldView) -> Result<Sensor, SensorError> {
         let (sense, clock) = (self.sample_source(sensor, &view), view.clock);
         let sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
         let config: can::Config = parse_data_sheet(&sheet)?;

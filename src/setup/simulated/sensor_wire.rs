@@ -9,9 +9,7 @@ use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use serde::de::DeserializeOwned;
 use simulator::sensors::modbus::{DATA_SHEET, SampleTiming, serve_on_pty, serve_on_tcp};
-use simulator::sensors::serial::{
-    OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand,
-};
+use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, send_on_pty, send_on_tcp, serve_on_demand};
 use simulator::sensors::{SampleSource, serial as simulated_serial};
 
 /// Wire between the daemon and a simulated sensor.
@@ -43,10 +41,7 @@ impl Wire {
     /// `Memory`: registers are served over TCP or a pseudo-terminal only.
     pub fn require_external(self) -> Result<Self, String> {
         match self {
-            Self::Memory => {
-                Err("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`"
-                    .to_owned())
-            }
+            Self::Memory => Err("`speaks = \"modbus\"` requires `wire = \"tcp\"` or `wire = \"pty\"`".to_owned()),
             other => Ok(other),
         }
     }
@@ -78,8 +73,7 @@ pub async fn open_serial(
     let (at, keep) = match wire {
         Wire::Memory => {
             let sheet = simulated_serial::data_sheet(format);
-            let config: serial::Config =
-                parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
+            let config: serial::Config = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
             let flow = serve_on_demand(format, sense);
             return Ok(SerialDriver::from_stream(flow, config, sensor, clock, rate_hz));
         }

@@ -65,8 +65,7 @@ fn expected(place: u32) -> (i64, &'static str) {
 async fn a_serial_sensor_in_memory_measures_on_request() {
     for format in [OutputFormat::Text, OutputFormat::Frames] {
         let at = (format, Wire::Memory);
-        let mut serial =
-            sensor_wire::open_serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial = sensor_wire::open_serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
         assert!(serial.is_on_demand());
         // The first sample was taken by `prepare`.
@@ -80,10 +79,7 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_serial_sensor_on_a_wire_sends_by_itself() {
     for (format, wire) in [(OutputFormat::Text, Wire::Tcp), (OutputFormat::Frames, Wire::Pty)] {
-        let mut serial =
-            sensor_wire::open_serial((format, wire), sense(), 1000.0, &sensor(), clock())
-                .await
-                .unwrap();
+        let mut serial = sensor_wire::open_serial((format, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
         assert!(!serial.is_on_demand());
         serial.discard_old_samples().await.unwrap();
@@ -92,9 +88,7 @@ async fn a_serial_sensor_on_a_wire_sends_by_itself() {
             samples.push(sample_um(&serial.next().await.unwrap()));
         }
         assert!(samples.iter().all(|(.., missing)| *missing == 0), "{samples:?}");
-        let fits = |first: u32| {
-            (first..).zip(&samples).all(|(place, (um, flag, _))| (*um, *flag) == expected(place))
-        };
+        let fits = |first: u32| (first..).zip(&samples).all(|(place, (um, flag, _))| (*um, *flag) == expected(place));
         assert!((0..13).any(fits), "{format:?} {wire:?}: {samples:?}");
     }
 }
@@ -114,8 +108,7 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
         };
         let clock = Arc::new(HostClock::start());
         let at = (SampleTiming::WhenRead, wire);
-        let mut registers =
-            sensor_wire::open_modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+        let mut registers = sensor_wire::open_modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
         assert!(registers.is_on_demand());
         // One sample at the start, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
@@ -136,8 +129,7 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
     };
     let clock = Arc::new(HostClock::start());
     let at = (SampleTiming::AtFixedRate, Wire::Tcp);
-    let mut registers =
-        sensor_wire::open_modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+    let mut registers = sensor_wire::open_modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
     let prepared = registers.prepare().await.unwrap();
     assert!(!registers.is_on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
     registers.discard_old_samples().await.unwrap();
@@ -153,13 +145,9 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
 fn a_wire_that_a_simulated_sensor_does_not_have_is_refused_with_the_file() {
     let refused = |keys: &str| toml::from_str::<SimulatedSensor>(keys).unwrap_err().to_string();
     assert!(refused("speaks = \"modbus\"").contains("requires `wire = \"tcp\"`"));
-    assert!(
-        refused("speaks = \"modbus\"\nwire = \"memory\"").contains("requires `wire = \"tcp\"`")
-    );
+    assert!(refused("speaks = \"modbus\"\nwire = \"memory\"").contains("requires `wire = \"tcp\"`"));
     assert!(refused("speaks = \"serial\"\nwire = \"udp\"").contains("`wire` is `udp`"));
-    for sound in
-        ["", "wire = \"vcan0\"", "speaks = \"modbus\"\nwire = \"pty\"", "speaks = \"serial\""]
-    {
+    for sound in ["", "wire = \"vcan0\"", "speaks = \"modbus\"\nwire = \"pty\"", "speaks = \"serial\""] {
         assert!(toml::from_str::<SimulatedSensor>(sound).is_ok(), "{sound}");
     }
 }

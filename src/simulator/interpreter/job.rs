@@ -48,9 +48,7 @@ impl Job {
     /// monitor the probe.
     pub fn is_free_move(&self) -> bool {
         match self {
-            Self::Travel { to, feed_mm_min } => {
-                feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear())
-            }
+            Self::Travel { to, feed_mm_min } => feed_mm_min.is_none() || to.iter().any(|(axis, _)| !axis.is_linear()),
             _ => false,
         }
     }
@@ -75,19 +73,11 @@ impl ProbeInputFault {
         }
     }
 
-    fn probe(
-        self,
-        world: &mut SimulatedWorld,
-        to: &Position,
-        feed_mm_min: f64,
-        n: u32,
-    ) -> ProbeResult {
+    fn probe(self, world: &mut SimulatedWorld, to: &Position, feed_mm_min: f64, n: u32) -> ProbeResult {
         let point_at_share = |share: f64| {
             let from = world.position();
             to.iter()
-                .map(|(axis, end)| {
-                    (axis, from.get_or_zero(axis) + share * (end - from.get_or_zero(axis)))
-                })
+                .map(|(axis, end)| (axis, from.get_or_zero(axis) + share * (end - from.get_or_zero(axis))))
                 .collect()
         };
         let end_position: Position = match self {
@@ -131,13 +121,7 @@ pub struct ActiveJob {
 
 impl ActiveJob {
     /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
-    pub fn start(
-        job: Job,
-        world: &SimulatedWorld,
-        probe_fault: ProbeInputFault,
-        pace: Pace,
-        now: Duration,
-    ) -> Self {
+    pub fn start(job: Job, world: &SimulatedWorld, probe_fault: ProbeInputFault, pace: Pace, now: Duration) -> Self {
         let from = world.position();
         let (end_position, duration) = match pace {
             Pace::Fast => (Position::new(), Duration::ZERO),
@@ -174,11 +158,7 @@ impl ActiveJob {
     /// Share of the duration that has passed.
     fn fraction(&self, now: Duration) -> f64 {
         let whole = (self.end_time - self.start_time).as_secs_f64();
-        if whole > 0.0 {
-            (now.saturating_sub(self.start_time).as_secs_f64() / whole).min(1.0)
-        } else {
-            1.0
-        }
+        if whole > 0.0 { (now.saturating_sub(self.start_time).as_secs_f64() / whole).min(1.0) } else { 1.0 }
     }
 
     pub fn position(&self, now: Duration) -> Position {
@@ -243,8 +223,7 @@ impl Job {
             Job::Travel { to, feed_mm_min: None } => {
                 world.travel(&part(to), Speed::Rapid);
             }
-            Job::Travel { to, feed_mm_min: Some(mm_min) }
-            | Job::Probe { to, feed_mm_min: mm_min, .. } => {
+            Job::Travel { to, feed_mm_min: Some(mm_min) } | Job::Probe { to, feed_mm_min: mm_min, .. } => {
                 world.travel(&part(to), Speed::Feed { mm_min: *mm_min });
             }
             Job::Orient { .. } => world.orient(at.get_or_zero(Axis::S)),

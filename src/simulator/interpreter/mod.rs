@@ -55,17 +55,11 @@ impl Interpreter {
     ///
     /// # Errors
     /// Grbl's error code for the line; a line in error does not change the modal state.
-    pub fn interpret_line(
-        &mut self,
-        line: &str,
-        here: &Position,
-    ) -> Result<LineAction, GrblErrorCode> {
+    pub fn interpret_line(&mut self, line: &str, here: &Position) -> Result<LineAction, GrblErrorCode> {
         let words = words::parse_words(line)?;
         Ok(match self.modal.interpret_words(&words, here, &self.axes)? {
             None => LineAction::NoMotion,
-            Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => {
-                LineAction::OutOfTravel
-            }
+            Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => LineAction::OutOfTravel,
             Some(job) => LineAction::Execute(job),
         })
     }

@@ -60,9 +60,7 @@ impl ModalState {
     pub(super) fn offsets(&self) -> Vec<(String, Position)> {
         let coordinate_systems = self.offsets.iter().enumerate();
         coordinate_systems
-            .map(|(coordinate_system, offset)| {
-                (format!("G{}", 54 + coordinate_system), offset.clone())
-            })
+            .map(|(coordinate_system, offset)| (format!("G{}", 54 + coordinate_system), offset.clone()))
             .chain([("G92".to_owned(), self.g92_offset.clone())])
             .collect()
     }
@@ -87,11 +85,7 @@ impl ModalState {
         Ok(job)
     }
 
-    fn line_job(
-        &mut self,
-        line: &mut LineWords,
-        here: &Position,
-    ) -> Result<Option<Job>, GrblErrorCode> {
+    fn line_job(&mut self, line: &mut LineWords, here: &Position) -> Result<Option<Job>, GrblErrorCode> {
         let n = line.take_value('N').unwrap_or(0.0) as u32;
         if let Some(feed) = line.feed {
             self.feed_mm_min = Some(if self.uses_inches { feed * MM_PER_INCH } else { feed });
@@ -115,12 +109,8 @@ impl ModalState {
                 }
                 for (axis, value) in &line.axes {
                     let coordinate_system = self.offsets[self.coordinate_system].get_or_zero(*axis);
-                    self.g92_offset.set(
-                        *axis,
-                        here.get_or_zero(*axis)
-                            - coordinate_system
-                            - self.internal_value(*axis, *value),
-                    );
+                    self.g92_offset
+                        .set(*axis, here.get_or_zero(*axis) - coordinate_system - self.internal_value(*axis, *value));
                 }
                 return Ok(None);
             }
@@ -138,12 +128,7 @@ impl ModalState {
         self.motion_job(line, here, n)
     }
 
-    fn motion_job(
-        &self,
-        line: &LineWords,
-        here: &Position,
-        n: u32,
-    ) -> Result<Option<Job>, GrblErrorCode> {
+    fn motion_job(&self, line: &LineWords, here: &Position, n: u32) -> Result<Option<Job>, GrblErrorCode> {
         let machine = line.non_modal == Some(NonModalCode::MachineCoordinates);
         if machine && !matches!(self.motion, MotionMode::Rapid | MotionMode::Feed) {
             return Err(30);
@@ -176,8 +161,7 @@ impl ModalState {
             } else if self.is_relative {
                 here.get_or_zero(*axis)
             } else {
-                self.offsets[self.coordinate_system].get_or_zero(*axis)
-                    + self.g92_offset.get_or_zero(*axis)
+                self.offsets[self.coordinate_system].get_or_zero(*axis) + self.g92_offset.get_or_zero(*axis)
             };
             (*axis, origin + length)
         };
@@ -186,25 +170,18 @@ impl ModalState {
 
     /// Value of a word in the active units, converted to mm or rad.
     fn internal_value(&self, axis: Axis, value: f64) -> f64 {
-        if axis.is_linear() && self.uses_inches {
-            value * MM_PER_INCH
-        } else {
-            axis.to_mm_or_rad(value)
-        }
+        if axis.is_linear() && self.uses_inches { value * MM_PER_INCH } else { axis.to_mm_or_rad(value) }
     }
 
     /// `G10 L2 Pn` sets an offset; `G10 L20 Pn` sets it so that the current position has the given values.
     fn set_offset(&mut self, line: &mut LineWords, here: &Position) -> Result<(), GrblErrorCode> {
-        let (kind, coordinate_system) =
-            (line.take_value('L').ok_or(28)?, line.take_value('P').ok_or(28)?);
+        let (kind, coordinate_system) = (line.take_value('L').ok_or(28)?, line.take_value('P').ok_or(28)?);
         if line.axes.is_empty() {
             return Err(26);
         }
         let coordinate_system = match coordinate_system {
             0.0 => self.coordinate_system,
-            p if p.fract() == 0.0 && (1.0..=COORDINATE_SYSTEM_COUNT as f64).contains(&p) => {
-                p as usize - 1
-            }
+            p if p.fract() == 0.0 && (1.0..=COORDINATE_SYSTEM_COUNT as f64).contains(&p) => p as usize - 1,
             _ => return Err(29),
         };
         for (axis, value) in &line.axes {

@@ -20,9 +20,7 @@ pub(super) fn parse_words(line: &str) -> Result<Vec<Word>, GrblErrorCode> {
             return Err(1);
         }
         let number = &rest[1..];
-        let end = number
-            .find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+')))
-            .unwrap_or(number.len());
+        let end = number.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))).unwrap_or(number.len());
         let value = number[..end].parse::<f64>().map_err(|_| 2)?;
         words.push(Word { letter, value });
         rest = &number[end..];

@@ -49,10 +49,7 @@ fn frame_bytes(count: u16, sensed: SensorOutput) -> [u8; 6] {
 }
 
 /// Frames one after the other, one for each call.
-pub fn frame_source(
-    mut sense: SampleSource,
-    clock: Arc<dyn Clock>,
-) -> impl FnMut() -> Option<CanFrame> + Send {
+pub fn frame_source(mut sense: SampleSource, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<CanFrame> + Send {
     let mut count = 0_u16;
     move || {
         let sensed = sense();
@@ -85,12 +82,7 @@ pub fn send_periodically(
     Ok(keep_alive)
 }
 
-fn send_frames(
-    sender: &CanSender,
-    mut next: impl FnMut() -> Option<CanFrame>,
-    period: Duration,
-    listener: &Weak<()>,
-) {
+fn send_frames(sender: &CanSender, mut next: impl FnMut() -> Option<CanFrame>, period: Duration, listener: &Weak<()>) {
     let mut due = Instant::now();
     while listener.strong_count() > 0 {
         due += period;

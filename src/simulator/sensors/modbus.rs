@@ -43,11 +43,7 @@ pub enum SampleTiming {
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn serve_on_pty(
-    timing: SampleTiming,
-    sense: SampleSource,
-    rate_hz: f64,
-) -> Result<ServedSensor, LinkError> {
+pub fn serve_on_pty(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
     let sensor = SimulatedSensor::new(timing, sense);
     let measuring = sensor.clone().measure_at_rate(rate_hz);
     serve_pty(move |device| async move {
@@ -60,11 +56,7 @@ pub fn serve_on_pty(
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn serve_on_tcp(
-    timing: SampleTiming,
-    sense: SampleSource,
-    rate_hz: f64,
-) -> Result<ServedSensor, LinkError> {
+pub fn serve_on_tcp(timing: SampleTiming, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
     let sensor = SimulatedSensor::new(timing, sense);
     let measuring = sensor.clone().measure_at_rate(rate_hz);
     serve_tcp(move |listener| async move {
@@ -91,8 +83,7 @@ struct SimulatedSensor {
 impl SimulatedSensor {
     /// A sensor that has taken its first sample.
     fn new(timing: SampleTiming, sense: SampleSource) -> Self {
-        let sensor =
-            Self { inner: Arc::new(Mutex::new(Registers { words: [0; 4], sense })), timing };
+        let sensor = Self { inner: Arc::new(Mutex::new(Registers { words: [0; 4], sense })), timing };
         sensor.measure();
         sensor
     }

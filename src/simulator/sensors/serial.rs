@@ -82,11 +82,7 @@ pub fn serve_on_demand(format: OutputFormat, sense: SampleSource) -> ByteStreamH
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn send_on_pty(
-    format: OutputFormat,
-    sense: SampleSource,
-    rate_hz: f64,
-) -> Result<ServedSensor, LinkError> {
+pub fn send_on_pty(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
     serve_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
 }
@@ -95,11 +91,7 @@ pub fn send_on_pty(
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn send_on_tcp(
-    format: OutputFormat,
-    sense: SampleSource,
-    rate_hz: f64,
-) -> Result<ServedSensor, LinkError> {
+pub fn send_on_tcp(format: OutputFormat, sense: SampleSource, rate_hz: f64) -> Result<ServedSensor, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
     serve_tcp(move |listener| async move {
         while let Ok((stream, _)) = listener.accept().await {
@@ -126,10 +118,7 @@ impl SimulatedSensor {
     }
 
     /// Sends a sample for each line end received.
-    async fn serve_requests(
-        mut self,
-        mut stream: impl AsyncRead + AsyncWrite + Unpin,
-    ) -> io::Result<()> {
+    async fn serve_requests(mut self, mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
         let mut buffer = [0; 64];
         loop {
             let count = stream.read(&mut buffer).await?;

@@ -23,9 +23,7 @@ pub type ServedSensor = (LinkConfig, Option<SerialStream>);
 ///
 /// # Errors
 /// The pseudo-terminal cannot be created.
-pub fn serve_pty<F: Future>(
-    serve: impl FnOnce(SerialStream) -> F + Send + 'static,
-) -> Result<ServedSensor, LinkError> {
+pub fn serve_pty<F: Future>(serve: impl FnOnce(SerialStream) -> F + Send + 'static) -> Result<ServedSensor, LinkError> {
     serve_on_thread(move || {
         let Pty { device, path, client_side } = link::create_pty()?;
         let at = LinkConfig::Serial { path: path.into(), baud: NOMINAL_BAUD };
@@ -37,9 +35,7 @@ pub fn serve_pty<F: Future>(
 ///
 /// # Errors
 /// The port cannot be opened.
-pub fn serve_tcp<F: Future>(
-    serve: impl FnOnce(TcpListener) -> F + Send + 'static,
-) -> Result<ServedSensor, LinkError> {
+pub fn serve_tcp<F: Future>(serve: impl FnOnce(TcpListener) -> F + Send + 'static) -> Result<ServedSensor, LinkError> {
     serve_on_thread(move || {
         let listen = || {
             let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
@@ -59,8 +55,7 @@ fn wire_error(source: io::Error) -> LinkError {
 fn serve_on_thread<T: Send + 'static, F: Future>(
     open: impl FnOnce() -> Result<(T, F), LinkError> + Send + 'static,
 ) -> Result<T, LinkError> {
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(wire_error)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(wire_error)?;
     let (result_sender, result_receiver) = mpsc::channel();
     let run = move || {
         let entered = runtime.enter();
@@ -73,11 +68,6 @@ fn serve_on_thread<T: Send + 'static, F: Future>(
             Err(error) => drop(result_sender.send(Err(error))),
         }
     };
-    std::thread::Builder::new()
-        .name("simulated sensor".to_owned())
-        .spawn(run)
-        .map_err(wire_error)?;
-    result_receiver
-        .recv()
-        .map_err(|_| wire_error(io::Error::other("the thread of the simulated sensor has ended")))?
+    std::thread::Builder::new().name("simulated sensor".to_owned()).spawn(run).map_err(wire_error)?;
+    result_receiver.recv().map_err(|_| wire_error(io::Error::other("the thread of the simulated sensor has ended")))?
 }

@@ -26,8 +26,7 @@ fn spoilt() -> Bench {
 }
 
 /// Rotary positions, deg.
-const POSES: [[f64; 3]; 4] =
-    [[0.0, 0.0, 0.0], [30.0, 100.0, 200.0], [-90.0, 180.0, 90.0], [90.0, -250.0, 10.0]];
+const POSES: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [30.0, 100.0, 200.0], [-90.0, 180.0, 90.0], [90.0, -250.0, 10.0]];
 
 fn rotary([b, c, s]: [f64; 3]) -> Position {
     let at = Position::new().with(Axis::B, b.to_radians());
@@ -42,8 +41,7 @@ fn assert_touch(bench: &Bench, [start, end]: [&Position; 2], expected: f64) {
     let probed = world.probe(&end.filter_axes(Axis::is_linear), 60.0, 1);
     let contact = probed.contact.expect("contact").position;
     for axis in Axis::LINEAR {
-        let expected =
-            start.get_or_zero(axis) + expected * (end.get_or_zero(axis) - start.get_or_zero(axis));
+        let expected = start.get_or_zero(axis) + expected * (end.get_or_zero(axis) - start.get_or_zero(axis));
         let error = (contact.get_or_zero(axis) - expected).abs();
         assert!(error <= 1e-9, "{axis}: {error:e}");
     }
@@ -59,11 +57,10 @@ fn on_sphere(from: Vector3<f64>, to: Vector3<f64>, centre: Vector3<f64>, radius:
 #[test]
 fn contact_on_a_ball_agrees_with_a_pose_by_plain_products() {
     let mut bench = spoilt();
-    bench.truth.ball = toml::from_str::<MachineTruth>(
-        "[[ball]]\nid = 'high'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
-    )
-    .unwrap()
-    .ball;
+    bench.truth.ball =
+        toml::from_str::<MachineTruth>("[[ball]]\nid = 'high'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0")
+            .unwrap()
+            .ball;
     let centre = HIGH + Vector3::new(0.2, -0.1, 0.3);
     for pose in POSES {
         let others = rotary(pose);
@@ -109,9 +106,7 @@ fn a_stem_is_felt_where_it_stands() {
 fn sag_bends_the_table_as_declared() {
     for (law, share) in [("sin", -(60.0_f64.to_radians().sin())), ("one-minus-cos", 0.5)] {
         let mut bench = spoilt();
-        let sag = format!(
-            "[[sag]]\naxis = 'B'\nlaw = '{law}'\num = [3.0, -40.0, 20.0]\nurad = [0.0, 0.0, 300.0]"
-        );
+        let sag = format!("[[sag]]\naxis = 'B'\nlaw = '{law}'\num = [3.0, -40.0, 20.0]\nurad = [0.0, 0.0, 300.0]");
         bench.truth.sag = toml::from_str::<MachineTruth>(&sag).unwrap().sag;
         // The start follows from the nominal pose; the contact must be where the pose with sag predicts it.
         let others = rotary([-60.0, 35.0, 0.0]);
@@ -223,9 +218,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     };
     let surface = |u: Vector3<f64>| u * u.dot(&(quadratic * u));
     let mut apart = 0.0_f64;
-    for point in
-        [Vector3::new(9.0, 5.0, 3.0), Vector3::new(-4.0, 11.0, 6.0), Vector3::new(1.0, 7.0, -9.0)]
-    {
+    for point in [Vector3::new(9.0, 5.0, 3.0), Vector3::new(-4.0, 11.0, 6.0), Vector3::new(1.0, 7.0, -9.0)] {
         let nearest = balls.nearest(centre + point, 0.0);
         let start = point.normalize();
         let [a, b] = perpendicular_directions(start);
@@ -265,9 +258,7 @@ fn certified_lengths_are_as_true_as_their_certificates() {
         draws[1].push(apart(2, 0));
     }
     // 300.1 mm, 2 K warmer: 6.6022 µm. The temperature uncertainty of 0.5 K gives 1.65 µm, the certificate 2 µm.
-    for (found, mean, sd) in
-        [(&draws[0], 300.106_602_2, 2e-3_f64.hypot(1.650_6e-3)), (&draws[1], 250.2, 1e-3)]
-    {
+    for (found, mean, sd) in [(&draws[0], 300.106_602_2, 2e-3_f64.hypot(1.650_6e-3)), (&draws[1], 250.2, 1e-3)] {
         let average = found.iter().sum::<f64>() / SEEDS as f64;
         assert!((average - mean).abs() < 4.0 * sd / (SEEDS as f64).sqrt(), "{average}");
         let variance = found.iter().map(|d| (d - average).powi(2)).sum::<f64>() / SEEDS as f64;
@@ -295,14 +286,10 @@ fn the_stylus_is_off_by_what_is_declared() {
 fn a_truth_of_another_artefact_is_refused_by_name() {
     let said = |text: &str, bench: Bench| {
         let truth: MachineTruth = toml::from_str(text).unwrap();
-        SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &truth)
-            .unwrap_err()
-            .to_string()
+        SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &truth).unwrap_err().to_string()
     };
     let balls = || Bench::balls(TWO);
-    assert!(
-        said("roughness_um = 1.0", balls()).contains("roughness_um is valid only for an artefact")
-    );
+    assert!(said("roughness_um = 1.0", balls()).contains("roughness_um is valid only for an artefact"));
     assert!(said("[[form]]\nn = 2", balls()).contains("\"cylinder\""));
     assert!(said("ball_form_um = 0.1", Bench::ideal()).contains("\"balls\""));
     assert!(said("[[ball]]\nid = 'hi'", balls()).contains("names the ball `hi`"));

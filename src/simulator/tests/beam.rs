@@ -22,8 +22,7 @@ fn down() -> Sensor {
 
 /// One ball of radius 10 mm, 50 mm above the table, and the true errors of the sensor.
 fn bench(truth: &str) -> Bench {
-    let mut bench =
-        Bench::balls("[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0");
+    let mut bench = Bench::balls("[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0");
     bench.truth.sensor = vec![toml::from_str(&format!("name = 'laser'\n{truth}")).unwrap()];
     bench
 }
@@ -122,11 +121,10 @@ fn a_ray_agrees_with_a_pose_by_plain_products() {
     bench.machine.tool_mm = TIP;
     bench.truth.errors = ERRORS.map(|(key, value)| (key.to_owned(), value)).into();
     bench.truth.ball_form_um = 40.0;
-    bench.truth.ball = toml::from_str::<MachineTruth>(
-        "[[ball]]\nid = '1'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0",
-    )
-    .unwrap()
-    .ball;
+    bench.truth.ball =
+        toml::from_str::<MachineTruth>("[[ball]]\nid = '1'\noffset_mm = [0.2, -0.1, 0.3]\ndiameter_um = 50.0")
+            .unwrap()
+            .ball;
     let oval = random_draws::draw_ball(0, 0).oval * 0.040;
     let centre = Vector3::new(0.2, -0.1, 50.3);
     let gap = |point: Vector3<f64>| {
@@ -289,9 +287,7 @@ fn stems_and_round_parts_are_seen_as_well() {
 
 #[test]
 fn sensors_that_cannot_be_are_refused_by_name() {
-    let refused = |truth: &str, sensors: &[Sensor]| {
-        bench(truth).world().with_sensors(sensors).unwrap_err().to_string()
-    };
+    let refused = |truth: &str, sensors: &[Sensor]| bench(truth).world().with_sensors(sensors).unwrap_err().to_string();
     assert!(refused("", &[]).contains("`laser`"), "{}", refused("", &[]));
     assert!(refused("", &[down(), down()]).contains("twice"));
     for (truth, key) in [

@@ -44,14 +44,10 @@ pub(super) fn tip() -> Vector4<f64> {
 pub(super) fn by_products(q: &Position) -> (Matrix4<f64>, Matrix4<f64>) {
     let shift = |x, y, z| Matrix4::new_translation(&Vector3::new(x, y, z));
     let rows = |r: [[f64; 3]; 3]| Matrix3::from(r).transpose().to_homogeneous();
-    let about_x =
-        |a: f64| rows([[1.0, 0.0, 0.0], [0.0, a.cos(), -a.sin()], [0.0, a.sin(), a.cos()]]);
-    let about_y =
-        |b: f64| rows([[b.cos(), 0.0, b.sin()], [0.0, 1.0, 0.0], [-b.sin(), 0.0, b.cos()]]);
-    let about_z =
-        |c: f64| rows([[c.cos(), -c.sin(), 0.0], [c.sin(), c.cos(), 0.0], [0.0, 0.0, 1.0]]);
-    let [x, y, z, b, c, s] =
-        [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C, Axis::S].map(|a| q.get_or_zero(a));
+    let about_x = |a: f64| rows([[1.0, 0.0, 0.0], [0.0, a.cos(), -a.sin()], [0.0, a.sin(), a.cos()]]);
+    let about_y = |b: f64| rows([[b.cos(), 0.0, b.sin()], [0.0, 1.0, 0.0], [-b.sin(), 0.0, b.cos()]]);
+    let about_z = |c: f64| rows([[c.cos(), -c.sin(), 0.0], [c.sin(), c.cos(), 0.0], [0.0, 0.0, 1.0]]);
+    let [x, y, z, b, c, s] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C, Axis::S].map(|a| q.get_or_zero(a));
     let table = shift(-x * (1.0 + 120e-6), 0.0, 0.0)
         * about_x(90e-6)
         * about_z(-60e-6)
@@ -108,11 +104,10 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
     let Artefact::Cylinder(Cylinder { axis, .. }) = &mut bench.artefact else { panic!() };
     *axis = [0.02, -0.01, 1.0];
     let (along, foot) = (Vector3::from(*axis).normalize(), Vector3::new(1.2, -1.6, 0.0));
-    for (number, (b, c, s)) in
-        [(0.0, 0.0, 0.0), (0.0, 45.0, 45.0), (0.0, -250.0, 10.0), (30.0, 100.0, 200.0)]
-            .map(|(b, c, s): (f64, f64, f64)| (b.to_radians(), c.to_radians(), s.to_radians()))
-            .into_iter()
-            .enumerate()
+    for (number, (b, c, s)) in [(0.0, 0.0, 0.0), (0.0, 45.0, 45.0), (0.0, -250.0, 10.0), (30.0, 100.0, 200.0)]
+        .map(|(b, c, s): (f64, f64, f64)| (b.to_radians(), c.to_radians(), s.to_radians()))
+        .into_iter()
+        .enumerate()
     {
         let mut world = bench.world();
         let others = Position::new().with(Axis::B, b).with(Axis::C, c).with(Axis::S, s);
@@ -128,8 +123,7 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
         let root = closed_form(from, to, foot, along, CIRCLE + 0.3);
         let contact = probed.contact.unwrap().position;
         for axis in Axis::LINEAR {
-            let expected =
-                start.get_or_zero(axis) + root * (end.get_or_zero(axis) - start.get_or_zero(axis));
+            let expected = start.get_or_zero(axis) + root * (end.get_or_zero(axis) - start.get_or_zero(axis));
             let error = (contact.get_or_zero(axis) - expected).abs();
             assert!(error <= 1e-9, "pose {number}, {axis}: {error:e}");
         }

@@ -114,9 +114,8 @@ fn a_leaning_cylinder_stands_off_by_its_height() {
 fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
     let motion = "[[rotary_motion]]\naxis = 'C'\nlinear_um = 1.0\nmax_order = 20\n";
     let mut world = world(&format!("seed = 5\n{motion}"));
-    let motion_x = |world: &SimulatedWorld, degrees: f64| {
-        world.true_rotary_motion(Axis::C, Axis::X, degrees.to_radians())
-    };
+    let motion_x =
+        |world: &SimulatedWorld, degrees: f64| world.true_rotary_motion(Axis::C, Axis::X, degrees.to_radians());
     let mut largest = 0.0_f64;
     for degrees in [0.0, 17.0, 101.0, 255.0] {
         let x = motion_x(&world, degrees);
@@ -136,8 +135,7 @@ fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
 /// synchronous part.
 #[test]
 fn an_asynchronous_motion_is_another_one_in_each_turn() {
-    let motion =
-        "[[rotary_motion]]\naxis = 'C'\nlinear_um = 0.0\nasynchronous_um = 0.5\nmax_order = 8\n";
+    let motion = "[[rotary_motion]]\naxis = 'C'\nlinear_um = 0.0\nasynchronous_um = 0.5\nmax_order = 8\n";
     let mut world = world(&format!("seed = 5\n{motion}"));
     assert_eq!(world.true_rotary_motion(Axis::C, Axis::X, 0.7), 0.0);
     let turns = [30.0, 390.0, 30.0, -330.0, 30.0].map(|degrees| at(&mut world, degrees)[0]);
@@ -162,8 +160,7 @@ fn the_bed_does_not_move_with_the_spindle() {
 
 #[test]
 fn a_saturated_sensor_stays_at_its_limit() {
-    let truth =
-        "centre_offset_mm = [0.01, 0.0]\n[[sensor]]\nname = 'low'\nclips_mm = [-0.004, 1.0]";
+    let truth = "centre_offset_mm = [0.01, 0.0]\n[[sensor]]\nname = 'low'\nclips_mm = [-0.004, 1.0]";
     let mut world = world(truth);
     let [low, high, _] = at(&mut world, 0.0);
     assert_eq!(low, -0.004);

@@ -30,9 +30,7 @@ impl Bench {
             "name = 'bench'\ntopology = 'w-C-B-X-F-Z-Y-S-t'\ntool_mm = [0, 0, -100]\n[axes]\n\
              X = {linear}\nY = {linear}\nZ = {linear}\nB = {rotary}\nC = {rotary}\nS = {rotary}"
         );
-        let artefact = format!(
-            "kind = 'cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nradius_mm = {RADIUS}"
-        );
+        let artefact = format!("kind = 'cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\nradius_mm = {RADIUS}");
         Self {
             machine: toml::from_str(&machine).unwrap(),
             probe: toml::from_str(&format!("ball_radius_mm = {BALL}")).unwrap(),

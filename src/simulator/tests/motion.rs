@@ -148,9 +148,7 @@ fn regress_the_display_shows_whole_steps_and_the_truth_does_not() {
     assert!((world.position().get_or_zero(Axis::X) - 60.0).abs() < 1e-12);
     // The rounded position would be in contact; the ball itself is not.
     world.travel(&ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
-    assert!(
-        !world.is_probe_closed() && (world.position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12
-    );
+    assert!(!world.is_probe_closed() && (world.position().get_or_zero(Axis::X) - 48.012).abs() < 1e-12);
 }
 
 #[test]

@@ -45,12 +45,9 @@ fn a_sensor_on_the_table_measures_the_sphere_in_the_spindle() {
     let all: Vec<_> = [0.0, 120.0, 240.0].map(sensor).into();
     let sensors: Vec<Sensor> = all.iter().map(|(sensor, ..)| sensor.clone()).collect();
     let mut world = bench().world().with_sensors(&sensors).unwrap();
-    for (x, y, z, degrees) in [
-        (0.0, 0.0, 0.0, 0.0),
-        (0.05, -0.1, 0.02, 0.0),
-        (0.0, 0.0, 0.0, 75.0),
-        (-0.03, 0.04, -0.06, 210.0),
-    ] {
+    for (x, y, z, degrees) in
+        [(0.0, 0.0, 0.0, 0.0), (0.05, -0.1, 0.02, 0.0), (0.0, 0.0, 0.0, 75.0), (-0.03, 0.04, -0.06, 210.0)]
+    {
         let c = f64::to_radians(degrees);
         // The tool is 100 mm below the spindle.
         let at = Position::from_xyz([x, y, 160.0 + z].into()).with(Axis::C, c);
@@ -65,11 +62,7 @@ fn a_sensor_on_the_table_measures_the_sphere_in_the_spindle() {
             let Some(SensorOutput::Distance(found)) = world.sample_after(&sensor.name, 0.0) else {
                 panic!("{} at {degrees}", sensor.name)
             };
-            assert!(
-                (found - expected).abs() < 1e-8,
-                "{} at {degrees}: {found} {expected}",
-                sensor.name
-            );
+            assert!((found - expected).abs() < 1e-8, "{} at {degrees}: {found} {expected}", sensor.name);
         }
     }
 }

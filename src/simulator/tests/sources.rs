@@ -21,9 +21,8 @@ fn assert_moment(found: f64, expected: f64, scale: f64) {
 
 #[test]
 fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
-    let draws: Vec<f64> = (0..400)
-        .flat_map(|n| (0..10).map(move |occurrence| draw_touch_scatter(5, n, occurrence)))
-        .collect();
+    let draws: Vec<f64> =
+        (0..400).flat_map(|n| (0..10).map(move |occurrence| draw_touch_scatter(5, n, occurrence))).collect();
     let count = draws.len() as f64;
     let moment = |power| draws.iter().map(|d| d.powi(power)).sum::<f64>() / count;
     assert!(moment(1).abs() < 0.05);
@@ -35,9 +34,7 @@ fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
 
 #[test]
 fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
-    let at = |seed, phi: f64| {
-        Lobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0))
-    };
+    let at = |seed, phi: f64| Lobing::draw(seed, 2.0, &[]).pre_travel_mm(Vector3::new(phi.cos(), phi.sin(), 0.0));
     for phi in [0.0, 1.0, 4.0] {
         assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
         assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
@@ -63,8 +60,7 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
         let expected = variance * (rho(a - b) - rho(a) - rho(b) + 1.0);
         let found = mean(|seed| on_x(seed, a).x * on_x(seed, b).x);
         assert_moment(found, expected, 2.0 * variance);
-        for across in [mean(|s| on_x(s, a).y * on_x(s, b).y), mean(|s| on_x(s, a).z * on_x(s, b).z)]
-        {
+        for across in [mean(|s| on_x(s, a).y * on_x(s, b).y), mean(|s| on_x(s, a).z * on_x(s, b).z)] {
             assert_moment(across, expected, 2.0 * variance);
         }
         assert_moment(mean(|s| on_x(s, a).x * on_x(s, b).y), 0.0, 2.0 * variance);
@@ -122,8 +118,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     // The same point of the ball has the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
-    let lobing =
-        Lobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    let lobing = Lobing::draw(3, 0.005, &[]).pre_travel_mm(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((CIRCLE - plain - lobing).abs() < 1e-9);
 }
 
@@ -148,11 +143,7 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
     let at = |hours: f64| world.true_axis_mm(Axis::C, 50.0, hours * 3600.0)[0];
     assert!((at(2.0) / at(4.0) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-9);
     assert!((at(1e-3) - drift.table_displacement(3.6).x).abs() < 1e-12);
-    assert_moment(
-        mean(|s| (Drift::draw(s, 40.0).table_displacement(3.6).x / 40e-6).powi(2)),
-        1.0,
-        1.0,
-    );
+    assert_moment(mean(|s| (Drift::draw(s, 40.0).table_displacement(3.6).x / 40e-6).powi(2)), 1.0, 1.0);
     assert_moment(mean(|s| (Drift::draw(s, 40.0).radius_growth(3.6) / 40e-6).powi(2)), 1.0, 1.0);
 }
 
@@ -184,8 +175,7 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
     let refused = |key: &str| {
         let mut bench = Bench::ideal();
         bench.truth.errors.insert(key.to_owned(), 1.0);
-        let error =
-            SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
+        let error = SimulatedWorld::new(&bench.machine, &bench.probe, &bench.artefact, &bench.truth);
         error.unwrap_err().to_string()
     };
     assert!(refused("EX0C_urad").contains("EX0C_urad: the unit after the symbol must be _um"));

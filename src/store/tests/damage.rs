@@ -39,10 +39,7 @@ fn refused_unchanged(dir: &Path, words: &[&str]) {
 /// A database of another program, made by these statements.
 fn foreign(statements: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    Connection::open(dir.path().join(JOURNAL_FILE_NAME))
-        .unwrap()
-        .execute_batch(statements)
-        .unwrap();
+    Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap().execute_batch(statements).unwrap();
     dir
 }
 
@@ -113,19 +110,8 @@ fn journal() -> (tempfile::TempDir, RunId) {
         broken: None,
     };
     journal.arm(&arming).wait().unwrap();
-    journal
-        .register_schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now)
-        .wait()
-        .unwrap();
-    let slot = ScheduleSlot {
-        machine,
-        schedule,
-        cycle: 1,
-        at: now,
-        outcome: SlotOutcome::Started,
-        why,
-        run: 0,
-    };
+    journal.register_schedules("mill", vec![(schedule.clone(), "0 6 * * 1".to_owned())], now).wait().unwrap();
+    let slot = ScheduleSlot { machine, schedule, cycle: 1, at: now, outcome: SlotOutcome::Started, why, run: 0 };
     assert!(journal.store_slot(&slot).wait().unwrap());
     (dir, run)
 }
@@ -142,12 +128,7 @@ fn rows_that_are_changed_stay_sound() {
     journal.remove_scan_samples(run).unwrap();
     assert_eq!(journal.disarm("mill", None, "Ada", "").wait().unwrap(), 1);
     let slot = journal.newest_slots("mill", 1).unwrap().remove(0);
-    assert!(
-        journal
-            .store_slot(&ScheduleSlot { outcome: SlotOutcome::Ran, run: run.0, ..slot })
-            .wait()
-            .unwrap()
-    );
+    assert!(journal.store_slot(&ScheduleSlot { outcome: SlotOutcome::Ran, run: run.0, ..slot }).wait().unwrap());
     let other = journal.begin_run(&new_run()).wait().unwrap();
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
     assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [other]);
@@ -231,8 +212,7 @@ fn a_damaged_estimate_is_no_result() {
     journal.set_state(run, RunState::Finished).wait().unwrap();
     assert!(journal.newest_results("mill").unwrap().result.is_some());
     let raw = Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap();
-    let change =
-        "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
+    let change = "UPDATE estimates SET estimate = replace(estimate, '\"value\":0.1', '\"value\":0.3')";
     raw.execute(change, []).unwrap();
     assert!(matches!(journal.newest_results("mill").unwrap_err().fault, StoreFault::Damaged(_)));
     let all = journal.visit_measured_runs("mill", 9, |_| panic!("a damaged estimate was read"));

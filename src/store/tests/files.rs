@@ -112,10 +112,7 @@ fn the_lock_says_who_and_proves_that_a_run_is_dead() {
 
     assert_eq!(journal.mark_interrupted(&lock).wait().unwrap(), [mill]);
     let states: Vec<_> = journal.runs().unwrap().iter().map(|run| (run.id, run.state)).collect();
-    assert_eq!(
-        states,
-        [(mill, RunState::Interrupted), (held, RunState::Held), (lathe, RunState::Running)]
-    );
+    assert_eq!(states, [(mill, RunState::Interrupted), (held, RunState::Held), (lathe, RunState::Running)]);
     drop(lock);
     MachineLock::acquire(dir.path(), "mill").unwrap();
 }
@@ -139,9 +136,8 @@ fn many_may_open_a_new_journal_at_once() {
 fn many_open_a_new_journal() {
     let dir = tempfile::tempdir().unwrap();
     let opened: Vec<_> = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..8)
-            .map(|_| scope.spawn(|| Journal::open(dir.path())?.begin_run(&new_run()).wait()))
-            .collect();
+        let handles: Vec<_> =
+            (0..8).map(|_| scope.spawn(|| Journal::open(dir.path())?.begin_run(&new_run()).wait())).collect();
         handles.into_iter().map(|handle| handle.join().unwrap()).collect()
     });
     for run in &opened {

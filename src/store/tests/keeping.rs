@@ -12,8 +12,7 @@ use machine::record::event::Event;
 
 fn names(dir: &Path) -> Vec<String> {
     let files = std::fs::read_dir(dir).unwrap();
-    let mut names: Vec<_> =
-        files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<_> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -82,8 +81,7 @@ fn what_was_before_a_migration_is_kept() {
     drop(old);
     drop(Journal::open(dir.path()).unwrap());
     drop(Journal::open(dir.path()).unwrap());
-    let kept: Vec<_> =
-        names(dir.path()).into_iter().filter(|name| name.starts_with("journal-")).collect();
+    let kept: Vec<_> = names(dir.path()).into_iter().filter(|name| name.starts_with("journal-")).collect();
     let [kept] = kept.as_slice() else { panic!("{kept:?}") };
     assert!(kept.starts_with("journal-v1-2") && kept.ends_with("Z.sqlite"), "{kept}");
     let kept = Connection::open(dir.path().join(kept)).unwrap();
@@ -108,10 +106,8 @@ fn a_migration_begins_anew_within_a_second() {
         std::fs::write(dir.path().join(name), kept).unwrap();
     }
     assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 1);
-    let all: Vec<_> =
-        names(dir.path()).into_iter().filter(|name| name.starts_with("journal-v1-")).collect();
-    let is_older =
-        |name: &&String| std::fs::read(dir.path().join(name)).unwrap() == kept.as_bytes();
+    let all: Vec<_> = names(dir.path()).into_iter().filter(|name| name.starts_with("journal-v1-")).collect();
+    let is_older = |name: &&String| std::fs::read(dir.path().join(name)).unwrap() == kept.as_bytes();
     assert_eq!((all.len(), all.iter().filter(is_older).count()), (31, 30), "{all:?}");
 }
 

@@ -100,10 +100,7 @@ fn stage(id: u32, steps: Vec<u32>) -> Stage {
 #[test]
 fn everything_comes_back_after_reopening() {
     let dir = tempfile::tempdir().unwrap();
-    let events = [
-        Event::StageStarted { stage: stage(0, vec![0, 1]) },
-        Event::Held { reason: "Ctrl-C".to_owned() },
-    ];
+    let events = [Event::StageStarted { stage: stage(0, vec![0, 1]) }, Event::Held { reason: "Ctrl-C".to_owned() }];
     let stages = [stage(0, vec![0, 1]), stage(1, vec![2, 0])];
     let readings: Vec<_> = (0..9).map(reading).collect();
     let journal = Journal::open(dir.path()).unwrap();
@@ -141,10 +138,7 @@ fn everything_comes_back_after_reopening() {
 /// NIST FIPS 180-4, example "abc".
 #[test]
 fn paper_sha256_of_abc() {
-    assert_eq!(
-        sha256_text("abc"),
-        "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    );
+    assert_eq!(sha256_text("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
 }
 
 #[test]
@@ -168,8 +162,7 @@ async fn an_acknowledged_reading_is_seen_by_others() {
     let other = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     for id in 0..5 {
         journal.add_reading(run, &reading(id)).await.unwrap();
-        let last: u32 =
-            other.query_row("SELECT max(step) FROM readings", [], |row| row.get(0)).unwrap();
+        let last: u32 = other.query_row("SELECT max(step) FROM readings", [], |row| row.get(0)).unwrap();
         assert_eq!(last, id);
     }
 }
@@ -179,8 +172,7 @@ fn every_commit_is_synced_to_a_write_ahead_log() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let pragmas = journal.submit_job(|connection| {
-        let synchronous: i64 =
-            connection.pragma_query_value(None, "synchronous", |row| row.get(0))?;
+        let synchronous: i64 = connection.pragma_query_value(None, "synchronous", |row| row.get(0))?;
         let mode: String = connection.pragma_query_value(None, "journal_mode", |row| row.get(0))?;
         let keys: bool = connection.pragma_query_value(None, "foreign_keys", |row| row.get(0))?;
         Ok((synchronous, mode, keys))
@@ -231,10 +223,7 @@ fn what_cannot_be_kept_is_refused() {
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
     let nan = Reading { value_mm: Some(f64::NAN), ..reading(0) };
-    let hot = Reading {
-        temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(),
-        ..reading(0)
-    };
+    let hot = Reading { temperatures_c: BTreeMap::from([("table".to_owned(), f64::INFINITY)]).into(), ..reading(0) };
     for bad in [nan, hot] {
         let error = journal.add_reading(run, &bad).wait().unwrap_err();
         assert!(matches!(error.fault, StoreFault::NotFinite { .. }), "{error}");
@@ -264,8 +253,7 @@ fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
     let run = journal.begin_run(&new_run()).wait().unwrap();
     let touch = reading(2);
     journal.add_reading(run, &touch).wait().unwrap();
-    let error =
-        journal.add_reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
+    let error = journal.add_reading(run, &Reading { t_s: 99.0, ..touch.clone() }).wait().unwrap_err();
     assert!(matches!(error.fault, StoreFault::DuplicateTouch { step: 2, repeat: 1 }), "{error}");
     let again = Reading { repeat: 1000, ..touch.clone() };
     journal.add_reading(run, &again).wait().unwrap();

@@ -13,12 +13,7 @@ fn some_readings_are_those_of_all() {
     let scan = |step: u32, count: u32| -> Vec<Reading> {
         let (first, samples) = (reading(step), (0..count).map(|number| reading(number + 20)));
         samples
-            .map(|sample| Reading {
-                step,
-                repeat: first.repeat,
-                temperatures_c: Default::default(),
-                ..sample
-            })
+            .map(|sample| Reading { step, repeat: first.repeat, temperatures_c: Default::default(), ..sample })
             .collect()
     };
     journal.add_reading(run, &reading(0)).wait().unwrap();

@@ -5,9 +5,7 @@ use std::process::Output;
 
 use libtest_mimic::Failed;
 use machine::record::question::{Answer, ObservedMotion, Question, StylusState};
-use trued::commissioning::{
-    AnswerFuture, Check, Finding, OperatorInterface, Stop, Summary, Verdict,
-};
+use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop, Summary, Verdict};
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
@@ -106,8 +104,7 @@ pub fn an_owner_gets_from_the_control_to_a_result() -> Result<(), Failed> {
     let desk = rig.desk(&[])?;
     std::fs::remove_file(desk.machine())?;
     let (at, to) = (format!("127.0.0.1:{}", rig.wire.port), desk.machine().display().to_string());
-    let init: Output =
-        Desk::program(&["init", "--kind", "grbl", "--tcp", &at, "--to", &to]).output()?;
+    let init: Output = Desk::program(&["init", "--kind", "grbl", "--tcp", &at, "--to", &to]).output()?;
     if init.status.code() != Some(0) {
         return Err(complaint(&init).into());
     }

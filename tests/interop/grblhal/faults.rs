@@ -9,10 +9,8 @@ use super::rig::Rig;
 use crate::linuxcnc::desk::{Desk, complaint};
 
 /// Few angles and fast touches, with the references that a resumed run needs.
-const FEW: [(&str, &str); 2] = [
-    ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
-    ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6"),
-];
+const FEW: [(&str, &str); 2] =
+    [("feed_mm_min = 60.0", "feed_mm_min = 120.0"), ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6")];
 /// Number of touches before the fault: the part is located, the references are measured.
 const TOUCHES: usize = 12;
 
@@ -43,8 +41,7 @@ fn goes_on(desk: &Desk) -> Result<(), Failed> {
 /// Checks that a resume sends no motion and that the message names the missing condition.
 fn does_not_go_on(rig: &Rig, desk: &Desk, named: &str) -> Result<(), Failed> {
     rig.wire.forget();
-    let output: Output =
-        desk.command(&["resume", "1", "--acknowledge", "Anna", "--homed"]).output()?;
+    let output: Output = desk.command(&["resume", "1", "--acknowledge", "Anna", "--homed"]).output()?;
     let (said, motions) = (complaint(&output), rig.wire.motions());
     if output.status.success() || !said.contains(named) || !motions.is_empty() {
         return Err(format!("{motions:?} was sent; {said}").into());

@@ -93,8 +93,7 @@ impl Rig {
     /// Moves the axes to their ends by commands at the control, and homes them there.
     pub fn home(&self) -> Result<(), Failed> {
         self.ask("$X")?;
-        for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"]
-        {
+        for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"] {
             self.ask(line)?;
         }
         Ok(())
@@ -185,8 +184,7 @@ impl Rig {
     /// A workspace with the machine file of this rig, with some of its text replaced.
     pub fn desk(&self, changes: &[(&str, &str)]) -> Result<Desk, Failed> {
         let address = format!("127.0.0.1:{}", self.wire.port);
-        let changes: Vec<_> =
-            changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
+        let changes: Vec<_> = changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
         Desk::new(MACHINE, &changes)
     }
 

@@ -63,9 +63,7 @@ impl Wire {
     /// The recorded lines that move an axis.
     pub fn motions(&self) -> Vec<String> {
         let is_motion = |line: &String| {
-            let moves = |word: &str| {
-                ["G0", "G1", "G2", "G3", "G28", "G30"].contains(&word) || word.starts_with("G38")
-            };
+            let moves = |word: &str| ["G0", "G1", "G2", "G3", "G28", "G30"].contains(&word) || word.starts_with("G38");
             line.starts_with("$H")
                 || line.starts_with("$J")
                 || (!line.starts_with('(') && line.split_whitespace().any(moves))

@@ -66,10 +66,8 @@ impl Desk {
     /// With balls in place of the cylinder, and touches at twice the feed: a servo period is then 1 µm.
     pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
-        let faster = [
-            ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
-            ("repeatability_um = 0.15", "repeatability_um = 0.3"),
-        ];
+        let faster =
+            [("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"), ("repeatability_um = 0.15", "repeatability_um = 0.3")];
         Self::of(rig, &format!("{head}{BALLS}"), &faster)
     }
 

@@ -112,11 +112,7 @@ pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> 
 }
 
 /// Waits until the condition holds; fails like `wait_for`.
-pub fn wait_until(
-    there: fn(&Rig) -> Result<bool, Failed>,
-    rig: &Rig,
-    run: &mut Child,
-) -> Result<(), Failed> {
+pub fn wait_until(there: fn(&Rig) -> Result<bool, Failed>, rig: &Rig, run: &mut Child) -> Result<(), Failed> {
     let since = Instant::now();
     while !there(rig)? {
         if run.try_wait()?.is_some() || since.elapsed() > MINUTE {

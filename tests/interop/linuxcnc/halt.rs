@@ -25,10 +25,7 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
             let (mut driver, halt) = open(&rig).await?;
             driver.prepare().await?;
             driver
-                .execute(proven(
-                    &driver,
-                    &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z(150.0) }] },
-                ))
+                .execute(proven(&driver, &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z(150.0) }] }))
                 .await?;
             let motions = vec![Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: feed }];
             let far = Block { step: 1, repeat: 0, motions };
@@ -43,9 +40,7 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
             expect(held, |error| matches!(error, ControllerError::Halted))?;
             let stands = rig.joint(0)?.hypot(rig.joint(1)?);
             eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
-            expect(driver.execute(proven(&driver, &far)).await, |error| {
-                matches!(error, ControllerError::Halted)
-            })?;
+            expect(driver.execute(proven(&driver, &far)).await, |error| matches!(error, ControllerError::Halted))?;
             if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
                 return Err("it goes on after a halt".into());
             }
@@ -100,10 +95,7 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8])
 
 /// A move of 200 mm at 10 mm/s, held after 0.7 s; returns the time of the request.
 async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
-    let motions = vec![
-        Motion::Rapid { to: z(150.0) },
-        Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 },
-    ];
+    let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 }];
     let person = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(700));
         let asked = Instant::now();

@@ -124,12 +124,7 @@ fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
 }
 
 /// `at` and `slack`: position before the motion, and its tolerance, by axis.
-fn same_numbers(
-    motion: &ReadMotion,
-    numbers: &[f64],
-    at: &mut [f64],
-    slack: &mut [f64],
-) -> Result<(), String> {
+fn same_numbers(motion: &ReadMotion, numbers: &[f64], at: &mut [f64], slack: &mut [f64]) -> Result<(), String> {
     let near = |ours: f64, theirs: f64, tolerance: f64| (ours - theirs).abs() <= tolerance;
     match motion.kind {
         MotionKind::Dwell { seconds } => {
@@ -215,8 +210,7 @@ pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
         }
         for block in &blocks {
             let blocks = std::slice::from_ref(block);
-            let program =
-                ProgramHeader { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
+            let program = ProgramHeader { title: "touch", axes: &axes, log: Some("/var/tmp/none.log") };
             let text = Dialect::from_name("linuxcnc")?.render_program(&program, blocks)?;
             if agree(&text, &text)? != motions(blocks) {
                 return Err(text.into());

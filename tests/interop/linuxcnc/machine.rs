@@ -93,9 +93,7 @@ async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
         let outcome = driver.execute(proven(driver, &touch(quarter, angle, c, 48.6, 46.0))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         eprintln!("touch {quarter}: {touch:?} in {:.2} s", started.elapsed().as_secs_f64());
-        if (touch.get_or_zero(Axis::Z) - 50.0).abs() > 1e-4
-            || (touch.get_or_zero(Axis::C) - c).abs() > 1e-6
-        {
+        if (touch.get_or_zero(Axis::Z) - 50.0).abs() > 1e-4 || (touch.get_or_zero(Axis::C) - c).abs() > 1e-6 {
             return Err(format!("{touch:?}").into());
         }
         at.push(touch);
@@ -115,19 +113,14 @@ pub fn finds_the_true_centre() -> Result<(), Failed> {
         let still = vec![Motion::Rapid { to: z(200.0) }];
         let started = Instant::now();
         for step in 0..10 {
-            driver
-                .execute(proven(&driver, &Block { step, repeat: 0, motions: still.clone() }))
-                .await?;
+            driver.execute(proven(&driver, &Block { step, repeat: 0, motions: still.clone() })).await?;
         }
         eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
         for c in [0.0, 2.0] {
             let found = centre(&mut driver, c).await?;
             // The table turns by +C; the cylinder is eccentric on the table, the stylus on the spindle.
             let (sin, cos) = f64::sin_cos(c);
-            let truth = [
-                0.050 + 0.120 * cos + 0.080 * sin - 0.0121,
-                -0.030 + 0.120 * sin - 0.080 * cos + 0.0082,
-            ];
+            let truth = [0.050 + 0.120 * cos + 0.080 * sin - 0.0121, -0.030 + 0.120 * sin - 0.080 * cos + 0.0082];
             let off_um = [0, 1].map(|i| (found[i] - truth[i]) * 1e3);
             eprintln!("C {c} rad: off by {off_um:.3?} um");
             if off_um.iter().any(|off| off.abs() > 1.0) {
@@ -210,8 +203,7 @@ pub fn a_probe_that_does_not_open_or_close_is_found() -> Result<(), Failed> {
         let stuck = driver.execute(proven(&driver, &touch(3, 0.0, 0.0, 48.6, 46.0))).await;
         expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 3 }))?;
         driver.prepare().await?;
-        let stuck =
-            driver.execute(proven(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
+        let stuck = driver.execute(proven(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
         expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))
     })
 }
@@ -221,10 +213,7 @@ pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        let motions = vec![
-            Motion::Rapid { to: z(150.0) },
-            Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 },
-        ];
+        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 }];
         let block = Block { step: 12, repeat: 0, motions };
         let stop = async {
             tokio::time::sleep(Duration::from_millis(700)).await;
@@ -245,10 +234,7 @@ pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
     run(async {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
-        let motions = vec![
-            Motion::Rapid { to: z(150.0) },
-            Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 200.0 },
-        ];
+        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 200.0 }];
         let block = Block { step: 13, repeat: 0, motions };
         let freeze = async {
             tokio::time::sleep(Duration::from_millis(700)).await;

@@ -20,8 +20,7 @@ impl Person {
         stream.set_nodelay(true)?;
         stream.set_read_timeout(Some(PATIENCE))?;
         let mut person = Self(stream);
-        for line in ["hello EMC person 1.0", "set echo off", "set verbose on", "set enable EMCTOO"]
-        {
+        for line in ["hello EMC person 1.0", "set echo off", "set verbose on", "set enable EMCTOO"] {
             person.say(line)?;
         }
         Ok(person)

@@ -79,14 +79,13 @@ fn start(port: Option<u16>) -> Result<Rig, Box<dyn std::error::Error>> {
 
 /// `None` if the rig ended before it was ready; it has then cleaned up.
 fn start_once(port: u16, directory: &Path) -> Result<Option<Rig>, Box<dyn std::error::Error>> {
-    let mut process =
-        Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
-            .arg(directory)
-            .arg(port.to_string())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(File::create(directory.join("rig.log"))?)
-            .spawn()?;
+    let mut process = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
+        .arg(directory)
+        .arg(port.to_string())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(File::create(directory.join("rig.log"))?)
+        .spawn()?;
     let mut said = String::new();
     BufReader::new(process.stdout.take().ok_or("no output")?).read_line(&mut said)?;
     let Some(session) = said.trim().strip_prefix("ready ").map(str::to_owned) else {
@@ -140,11 +139,7 @@ pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
 
 fn kill(signal: &str, process: &str) -> Result<(), Failed> {
     let done = Command::new("kill").args([signal, process]).output()?;
-    if done.status.success() {
-        Ok(())
-    } else {
-        Err(format!("no process `{process}` for {signal}").into())
-    }
+    if done.status.success() { Ok(()) } else { Err(format!("no process `{process}` for {signal}").into()) }
 }
 
 impl Rig {

@@ -25,8 +25,7 @@ const C_LIES: [f64; 2] = [-25e-6, 55e-6];
 const STYLUS: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
 /// Positions of the balls with all axes at zero, up to half a millimetre from those of samba.toml; the first two
 /// are 150 mm apart.
-pub const BALLS: [[f64; 3]; 4] =
-    [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
+pub const BALLS: [[f64; 3]; 4] = [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
 const RADIUS: f64 = 10.0;
 /// Radius of the stylus ball.
 const TIP: f64 = 3.0;
@@ -87,10 +86,9 @@ pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
 /// Positions of X, Y, Z at which the stylus ball and the ball coincide: computed with plain matrices, whereas the
 /// rig rotates points about lines.
 fn coincide(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
-    let about =
-        |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
-            through + lies * turn * lies.inverse() * (p - through)
-        };
+    let about = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
+        through + lies * turn * lies.inverse() * (p - through)
+    };
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
     let c_lies = Rotation3::new(y * C_LIES[1]) * Rotation3::new(x * C_LIES[0]);
     let b_lies = Rotation3::new(z * B_LIES[1]) * Rotation3::new(x * B_LIES[0]);
@@ -114,11 +112,7 @@ fn touch(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f6
 }
 
 /// Measures the centre by four touches around the ball and one at its pole.
-async fn centre(
-    driver: &mut LinuxCnc,
-    near: Vector3<f64>,
-    at: (f64, f64),
-) -> Result<Vector3<f64>, Failed> {
+async fn centre(driver: &mut LinuxCnc, near: Vector3<f64>, at: (f64, f64)) -> Result<Vector3<f64>, Failed> {
     let round = (0..4).map(|i| {
         let (sin, cos) = ((f64::from(i) + 0.5) * FRAC_PI_2).sin_cos();
         Vector3::new(cos, sin, 0.0)

@@ -20,10 +20,7 @@ fn refused(prepared: Result<PreparedControl, ControllerError>, words: &str) -> R
 
 /// A slow move past the part, high above it.
 fn slow(step: u32) -> Block {
-    let motions = vec![
-        Motion::Rapid { to: z(150.0) },
-        Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 },
-    ];
+    let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 }];
     Block { step, repeat: 0, motions }
 }
 
@@ -42,10 +39,7 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
         ]
         .into_iter()
         .collect();
-        let off = truth
-            .iter()
-            .map(|(axis, at)| (stands.get_or_zero(axis) - at).abs())
-            .fold(0.0, f64::max);
+        let off = truth.iter().map(|(axis, at)| (stands.get_or_zero(axis) - at).abs()).fold(0.0, f64::max);
         if off < 1e-6 && stands.iter().count() == 5 {
             return Ok(());
         }
@@ -132,8 +126,7 @@ pub fn a_contact_in_a_turn_stops_it() -> Result<(), Failed> {
         let (mut driver, _halt) = open(&rig).await?;
         driver.prepare().await?;
         let turn = Position::new().with(Axis::C, 1.0);
-        let motions =
-            vec![Motion::Rapid { to: z(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
+        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
         let presses = async {
             while rig.joint(4)? < 5.0 {
                 sleep(Duration::from_millis(2)).await;
@@ -185,11 +178,7 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
     type Hand = fn(&Rig) -> Result<(), Failed>;
     let hands: [(Hand, Hand, &str); 3] = [
         (|rig| rig.press("program.pause"), |rig| rig.press("program.resume"), "pause was pressed"),
-        (
-            |rig| rig.no_feed(),
-            |rig| rig.person()?.say("set feed_override 100").map(drop),
-            "the feed override is 0 %",
-        ),
+        (|rig| rig.no_feed(), |rig| rig.person()?.say("set feed_override 100").map(drop), "the feed override is 0 %"),
         (|rig| rig.feed_hold(true), |rig| rig.feed_hold(false), "does not move: a feed hold"),
     ];
     for (step, (holds, lets_go, words)) in (0..).zip(hands) {

@@ -83,10 +83,7 @@ impl Passes {
                     feed_mm_min,
                     sensors: vec!["laser".to_owned()],
                     normal: [0.0, 0.0, 1.0],
-                    scan: Some(Scan {
-                        path,
-                        sampling: Sampling::Continuous { rate_hz: 1000.0, per_revolution: None },
-                    }),
+                    scan: Some(Scan { path, sampling: Sampling::Continuous { rate_hz: 1000.0, per_revolution: None } }),
                     text: None,
                     mount: None,
                     watch: Vec::new(),
@@ -102,12 +99,7 @@ impl Method for Passes {
         serde_json::json!({})
     }
 
-    fn next_stage(
-        &self,
-        _: &Plan,
-        done: &[Stage],
-        _: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
             return Ok(NextStage::Done);
         }
@@ -226,12 +218,8 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
         if used == 0 || !unknown.norm().is_finite() {
             return Err("the fit finds nothing".into());
         }
-        last = Some(Found {
-            centre: unknown.xyz(),
-            latency_s: unknown.w,
-            rms_um: (rms / used as f64).sqrt() * 1e3,
-            used,
-        });
+        last =
+            Some(Found { centre: unknown.xyz(), latency_s: unknown.w, rms_um: (rms / used as f64).sqrt() * 1e3, used });
     }
     last.ok_or_else(|| "no round".into())
 }
@@ -239,13 +227,8 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
 /// Places the first ball, and the laser over it with its beam tilted about X and Y by `lean`, rad.
 fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
     put_balls(rig)?;
-    let places = [
-        ("laser-x", ZERO.x),
-        ("laser-y", ZERO.y),
-        ("laser-z", ZERO.z),
-        ("laser-a", lean[0]),
-        ("laser-b", lean[1]),
-    ];
+    let places =
+        [("laser-x", ZERO.x), ("laser-y", ZERO.y), ("laser-z", ZERO.z), ("laser-a", lean[0]), ("laser-b", lean[1])];
     places.iter().try_for_each(|(name, value)| rig.make_true(name, *value))
 }
 

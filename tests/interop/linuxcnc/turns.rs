@@ -23,8 +23,7 @@ const MOTIONS: [(u32, [f64; 4]); 7] = [
     (8, [0.3, 0.2, -0.1, 0.4]),
 ];
 /// Form of the cylinder: order, cosine and sine, µm.
-const FORM: [(u32, [f64; 2]); 4] =
-    [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
+const FORM: [(u32, [f64; 2]); 4] = [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
 /// Tolerance of a coefficient, µm.
 const NEAR_UM: f64 = 0.1;
 

@@ -73,8 +73,7 @@ impl Browser {
             "goog:chromeOptions": {"args": ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]},
             "goog:loggingPrefs": {"browser": "ALL"},
         });
-        let client =
-            WebDriverClient::open(driver.port, &capabilities, PATIENCE).expect("a session");
+        let client = WebDriverClient::open(driver.port, &capabilities, PATIENCE).expect("a session");
         Self { client, _driver: driver }
     }
 
@@ -90,8 +89,7 @@ impl Browser {
     }
 
     pub fn size(&self, [width, height]: [u32; 2]) {
-        let metrics =
-            json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
+        let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
         self.devtools("Emulation.setDeviceMetricsOverride", &metrics);
     }
 

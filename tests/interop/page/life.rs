@@ -55,8 +55,7 @@ pub fn stands_still() {
     look::at(&browser, "stands-still");
     daemon.signal("CONT");
     let back = |text: &str| {
-        !text.contains("no connection")
-            && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
+        !text.contains("no connection") && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
     };
     browser.until("main", back);
 }

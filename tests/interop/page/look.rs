@@ -8,8 +8,7 @@ use super::axe;
 use super::browser::Browser;
 
 /// Screen sizes of a desktop, an upright tablet, and a telephone.
-const SIZES: [(&str, [u32; 2]); 3] =
-    [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
+const SIZES: [(&str, [u32; 2]); 3] = [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
 
 /// Checks at each width, in light and dark mode: takes a picture; axe-core reports no serious problem, nothing is
 /// wider than the screen, and every target is large enough for a glove.
@@ -25,8 +24,7 @@ pub fn at(browser: &Browser, name: &str) {
         }
         let where_ = format!("{name}, {width}");
         assert_eq!(small(browser), Vec::<String>::new(), "{where_}");
-        let over =
-            "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
+        let over = "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
         assert_eq!(browser.client.execute(over, &[]).unwrap(), json!(0), "{where_}");
     }
 }

@@ -15,7 +15,8 @@ use std::path::{Path, PathBuf};
 
 use crate::support::harness::{Pool, Trials, is_command, trials};
 
-const MISSING: &str = "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
+const MISSING: &str =
+    "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
 
 /// The file that `tests/peers/axe/fetch` creates.
 fn axe() -> Option<PathBuf> {

@@ -9,8 +9,7 @@ use crate::support::machine_shop::MachineShop;
 /// The artefact is off by 0.12 mm, so that the second prompt has targets.
 fn shop() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
-    let cycle =
-        "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
+    let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
     let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
     shop.change("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]");
     shop

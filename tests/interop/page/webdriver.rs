@@ -33,8 +33,7 @@ impl WebDriverClient {
     /// `limit` applies to scripts and to page loads.
     pub fn open(port: u16, capabilities: &Value, limit: Duration) -> WebDriverResult<Self> {
         let config = ureq::Agent::config_builder().http_status_as_error(false).proxy(None).build();
-        let mut client =
-            Self { agent: config.into(), url: format!("http://127.0.0.1:{port}/session") };
+        let mut client = Self { agent: config.into(), url: format!("http://127.0.0.1:{port}/session") };
         let opened = client.post("", &json!({"capabilities": {"alwaysMatch": capabilities}}))?;
         client.url = format!("{}/{}", client.url, string(&opened["sessionId"]));
         let limit_ms = limit.as_millis();
@@ -111,18 +110,13 @@ impl WebElement<'_> {
 }
 
 /// Panics where the driver cannot be reached or its response is not WebDriver's.
-fn response_value(
-    response: Result<ureq::http::Response<ureq::Body>, ureq::Error>,
-) -> WebDriverResult<Value> {
+fn response_value(response: Result<ureq::http::Response<ureq::Body>, ureq::Error>) -> WebDriverResult<Value> {
     let mut response = response.expect("a response of chromedriver");
     let mut body: Value = response.body_mut().read_json().expect("JSON from chromedriver");
     let value = body["value"].take();
     match response.status().is_success() {
         true => Ok(value),
-        false => Err(WebDriverError {
-            code: string(&value["error"]),
-            message: string(&value["message"]),
-        }),
+        false => Err(WebDriverError { code: string(&value["error"]), message: string(&value["message"]) }),
     }
 }
 

@@ -35,10 +35,7 @@ pub fn of_a_plain_client() -> Result<(), Failed> {
     })
 }
 
-async fn is_fresh_after_a_late_one(
-    framing: Framing,
-    pause: Duration,
-) -> Result<(Server, ModbusClient), Failed> {
+async fn is_fresh_after_a_late_one(framing: Framing, pause: Duration) -> Result<(Server, ModbusClient), Failed> {
     let mut server = Server::start(framing);
     let link = server.link(PATIENCE).await;
     server.value(111);

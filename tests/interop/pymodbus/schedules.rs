@@ -17,8 +17,7 @@ const PATIENCE: Duration = Duration::from_millis(40);
 
 /// A fault for two of five requests; the delays are around the timeout, and up to five times longer.
 fn fault(draw: &mut impl Rng, framing: Framing) -> String {
-    let faults =
-        ["drop", "exception:6", "unit", "function", "address", "fewer", "more", "short", "double"];
+    let faults = ["drop", "exception:6", "unit", "function", "address", "fewer", "more", "short", "double"];
     match draw.random_range(0..36) {
         index @ 0..9 => faults[index].to_owned(),
         9..12 => format!("delay:{:.3}", draw.random_range(0.0..0.2)),

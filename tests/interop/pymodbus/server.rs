@@ -6,9 +6,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use super::pymodbus::python;
-use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusLine, RegisterRange, RegisterSpace,
-};
+use link::modbus::{AccessList, DeviceSettings, Framing, ModbusClient, ModbusLine, RegisterRange, RegisterSpace};
 use link::{HostPort, LinkConfig, Pty, create_pty};
 
 pub fn script(name: &str) -> PathBuf {
@@ -39,8 +37,7 @@ impl Server {
                 let at = LinkConfig::Serial { path: ours.path.clone().into(), baud: 115_200 };
                 let path = theirs.path.clone();
                 let bridge = tokio::spawn(async move {
-                    let (Pty { device: near, .. }, Pty { device: far, .. }) =
-                        (&mut ours, &mut theirs);
+                    let (Pty { device: near, .. }, Pty { device: far, .. }) = (&mut ours, &mut theirs);
                     let _ = tokio::io::copy_bidirectional(near, far).await;
                 });
                 let mut server = Self::spawn(&["rtu", &path], at, Some(bridge));
@@ -50,11 +47,7 @@ impl Server {
         }
     }
 
-    fn spawn(
-        arguments: &[&str],
-        at: LinkConfig,
-        bridge: Option<tokio::task::JoinHandle<()>>,
-    ) -> Self {
+    fn spawn(arguments: &[&str], at: LinkConfig, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
         let mut child = Command::new(python().unwrap())
             .arg(script("server.py"))
             .args(arguments)
@@ -125,12 +118,9 @@ impl Server {
     }
 
     pub async fn link_to(&self, timeout: Duration, allowed: AccessList) -> ModbusClient {
-        ModbusClient::open(
-            ModbusLine::with_defaults(self.at()),
-            DeviceSettings { unit: 1, timeout, allowed },
-        )
-        .await
-        .unwrap()
+        ModbusClient::open(ModbusLine::with_defaults(self.at()), DeviceSettings { unit: 1, timeout, allowed })
+            .await
+            .unwrap()
     }
 }
 
@@ -146,7 +136,6 @@ impl Drop for Server {
 
 /// Runs a trial on a separate runtime; the bridge needs a thread while the trial talks to the server.
 pub fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     runtime.block_on(trial)
 }

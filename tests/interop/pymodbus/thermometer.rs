@@ -29,10 +29,7 @@ fn machine(server: &Server) -> MachineFile {
 }
 
 /// A run on the simulated machine; `with` is called with the number of each reading before the next touch.
-async fn run(
-    file: &MachineFile,
-    mut with: impl FnMut(usize),
-) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
+async fn run(file: &MachineFile, mut with: impl FnMut(usize)) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::plan_header(file, "self-calibration", Some(1)).unwrap();
@@ -184,8 +181,7 @@ pub fn checked() -> Result<(), Failed> {
                 Err(error) => format!("{error}; {}", error.remedy()),
             });
         }
-        let wanted =
-            ["bed 21.2", "850.0 °C", "no reply within", "many manuals count registers from"];
+        let wanted = ["bed 21.2", "850.0 °C", "no reply within", "many manuals count registers from"];
         for (said, words) in said.iter().zip(wanted) {
             assert!(said.contains(words), "{words}: {said}");
         }

@@ -97,8 +97,7 @@ pub fn lines() -> Result<(), Failed> {
     assert!(missed.contact.is_none());
     for wire in ["tcp", "rtu"] {
         let told = Simulator::start(wire, "fast")?.plays("lines", LINES)?;
-        let told: Vec<Value> =
-            told.iter().map(|line| serde_json::from_str(line)).collect::<Result<_, _>>()?;
+        let told: Vec<Value> = told.iter().map(|line| serde_json::from_str(line)).collect::<Result<_, _>>()?;
         assert_eq!(told.len(), LINES.lines().count(), "{wire}");
         let latches = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2];
         let counted: Vec<_> = told.iter().map(|status| status["latches"].clone()).collect();

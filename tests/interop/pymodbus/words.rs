@@ -17,8 +17,7 @@ pub fn are_pymodbus_s() -> Result<(), Failed> {
     let mut count = 0;
     for (kind, orders) in &all {
         for (order, values) in orders {
-            let number: NumberFormat =
-                toml::from_str(&format!("type = \"{kind}\"\norder = \"{order}\""))?;
+            let number: NumberFormat = toml::from_str(&format!("type = \"{kind}\"\norder = \"{order}\""))?;
             for (value, words) in values {
                 let place = format!("{kind} {order} {value}");
                 assert_eq!(number.decode(words)?, *value, "{place}");

@@ -33,8 +33,7 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let samples = samples?;
     let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count() - SILENT;
     assert!(stale > 0, "seed {seed} has no silence");
-    let samples: Vec<_> =
-        samples.into_iter().filter(|sample| sample.flag != ReadingFlag::Stale).collect();
+    let samples: Vec<_> = samples.into_iter().filter(|sample| sample.flag != ReadingFlag::Stale).collect();
     // The first line may have begun before the driver listened.
     let first = whole.len() - samples.len();
     assert!(first <= 1, "{} of {} came", samples.len(), whole.len());

@@ -40,13 +40,7 @@ pub fn is_flat() -> Result<(), Failed> {
         let keys = format!("serial = \"memory\"\n{REQUEST_KEY}{}", data_sheet(OutputFormat::Text));
         let config: Config = toml::from_str(&keys)?;
         let flow = serve_on_demand(OutputFormat::Text, Box::new(sense));
-        let driver = SerialDriver::from_stream(
-            flow,
-            config,
-            &sensor(),
-            Arc::new(HostClock::start()),
-            1000.0,
-        );
+        let driver = SerialDriver::from_stream(flow, config, &sensor(), Arc::new(HostClock::start()), 1000.0);
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);

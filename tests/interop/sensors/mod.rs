@@ -11,8 +11,7 @@ use crate::support::harness::{Pool, Trials, is_command, trials};
 
 /// Runs a trial on a separate runtime.
 fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
-    let runtime =
-        tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     runtime.block_on(trial)
 }
 

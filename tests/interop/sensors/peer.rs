@@ -48,13 +48,8 @@ pub struct Peer {
 impl Peer {
     pub fn start(form: &str) -> Self {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/sensor/sender.py");
-        let mut child = Command::new(PYTHON)
-            .arg(script)
-            .arg(form)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut child =
+            Command::new(PYTHON).arg(script).arg(form).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let stdin = child.stdin.take().unwrap();
         let mut stdout = BufReader::new(child.stdout.take().unwrap());
         let mut path = String::new();

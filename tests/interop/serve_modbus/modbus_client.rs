@@ -39,12 +39,7 @@ impl ModbusClient {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/pymodbus/client.py");
         let mut command = Command::new(python().unwrap());
         command.args([script, &port.to_string(), address]);
-        let mut child = command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let requests = child.stdin.take().unwrap();
         let answers = BufReader::new(child.stdout.take().unwrap());
         let mut client = Self { child, requests, answers, beat: 0 };

@@ -71,8 +71,7 @@ fn deviations(client: &mut ModbusClient, shop: &MachineShop) {
         assert_eq!(symbol.trim_end_matches('\0'), expected);
         let unit = ["um", "urad", "um/m", "mm"][usize::from(record[4]) - 1];
         assert_eq!(unit, parameter["unit"].as_str().unwrap());
-        let number =
-            |at: usize| f64::from((i32::from(record[at] as i16) << 16) | i32::from(record[at + 1]));
+        let number = |at: usize| f64::from((i32::from(record[at] as i16) << 16) | i32::from(record[at + 1]));
         for (at, key) in [(5, "value"), (7, "U")] {
             let exact = parameter[key].as_f64().unwrap() * 1000.0;
             assert!((number(at) - exact).abs() <= 0.5, "{symbol} {key}: {} {exact}", number(at));
@@ -106,9 +105,7 @@ pub fn refusals() {
     client.until(|status| status[STATE] == 1 && status[RUN] == 1);
     assert_eq!(client.refused(11), 9, "too soon");
     let log = daemon.log().clone();
-    for words in
-        ["the external start is not enabled", "a guard is open", "less than `min_interval_s` ago"]
-    {
+    for words in ["the external start is not enabled", "a guard is open", "less than `min_interval_s` ago"] {
         assert!(log.contains(words), "{words} in {log}");
     }
 }
@@ -151,9 +148,6 @@ pub fn captures() {
         let method = "self-calibration";
         let replay = ["run", method, "--json", "--machine", &shop.machine(), "--replay", &capture];
         let (replayed, measured) = (shop.json(&replay), shop.json(&["show", run, "--json"]));
-        assert_eq!(
-            Some(&replayed["parameters"]),
-            parameters(&measured).map(|list| Value::from(list.clone())).as_ref()
-        );
+        assert_eq!(Some(&replayed["parameters"]), parameters(&measured).map(|list| Value::from(list.clone())).as_ref());
     }
 }

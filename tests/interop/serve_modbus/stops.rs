@@ -35,10 +35,7 @@ pub fn by_a_coil() {
     // The machine is released for the operator, and `resume` does not report that a daemon uses it.
     let resumed = shop.trued(&["resume", "1"]);
     let told = String::from_utf8_lossy(&resumed.stderr).into_owned();
-    assert!(
-        told.contains("the name of the operator who has checked the machine is missing"),
-        "{told}"
-    );
+    assert!(told.contains("the name of the operator who has checked the machine is missing"), "{told}");
     client.press(4);
     client.until(|status| status[STATE] == 1);
     under_way(&mut client);
@@ -123,8 +120,7 @@ pub fn elsewhere() {
     client.press(3);
     client.until(|status| status[STATE] == 3);
     let machine = shop.machine();
-    let mut run =
-        shop.command(&["run", "self-calibration", "--machine", &machine, "--speed", "real"]);
+    let mut run = shop.command(&["run", "self-calibration", "--machine", &machine, "--speed", "real"]);
     let mut run = run.stderr(Stdio::piped()).spawn().unwrap();
     // The run prints its first line when it has locked the machine.
     let mut told = BufReader::new(run.stderr.take().unwrap());

@@ -71,8 +71,8 @@ fn not_here() -> Result<(), Failed> {
         let said = [ended.stderr, ended.stdout].concat();
         let said = String::from_utf8_lossy(&said);
         let kernel = said.contains(NO_CAN) && said.contains("modprobe can can_raw");
-        let interface = said.contains("no CAN interface is named `can-none`")
-            && said.contains("ip -brief link show type can");
+        let interface =
+            said.contains("no CAN interface is named `can-none`") && said.contains("ip -brief link show type can");
         if ended.status.code() != Some(1) || !(kernel || interface) {
             return Err(format!("{words:?}: {said}").into());
         }
@@ -90,8 +90,7 @@ fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> Str
         let value = -8_388_608 + frame * 16_777_215 / (count - 1);
         let value = value & 0xFF_FFFF;
         let (seconds, millis) = ((frame + 1) * apart / 1000, (frame + 1) * apart % 1000);
-        writeln!(text, "({seconds:010}.{millis:03}000) vcan0 181#{counter:04X}{value:06X}00")
-            .expect("text");
+        writeln!(text, "({seconds:010}.{millis:03}000) vcan0 181#{counter:04X}{value:06X}00").expect("text");
     }
     text
 }
@@ -124,9 +123,8 @@ fn in_the_guest() -> Result<(), Failed> {
         std::fs::write(data.join(name), text)?;
     }
     let image = folder.path().join("image");
-    let packed = Command::new(format!("{SCRIPTS}/pack"))
-        .args([cache.as_path(), &data, Path::new(PROGRAM), &image])
-        .output()?;
+    let packed =
+        Command::new(format!("{SCRIPTS}/pack")).args([cache.as_path(), &data, Path::new(PROGRAM), &image]).output()?;
     if !packed.status.success() {
         return Err(String::from_utf8_lossy(&packed.stderr).into_owned().into());
     }
@@ -183,8 +181,7 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
         }
     }
     // Paper 2, Table 5, as in the simulated machine; the tolerances are those of a few poses.
-    for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)]
-    {
+    for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)] {
         let came: Option<f64> = said.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
         if came.is_none_or(|came: f64| (came - truth).abs() > limit) {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
@@ -214,6 +211,5 @@ const WORDS: [&str; 11] = [
 ];
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0; not_here]
-        .and(trials![Pool::Alone, 120; in_the_guest].requires(missing))
+    trials![Pool::Waiting, 0; not_here].and(trials![Pool::Alone, 120; in_the_guest].requires(missing))
 }

@@ -47,8 +47,7 @@ fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
     let (seeds, shares) = coverage_population();
     let world = World::with_a_round_part().latched(3.7, 0.0).with("probe.repeatability_um", 1.5);
     let estimates = estimates(&world, seeds);
-    let (delay, overtravel) =
-        (covered(&estimates, "t_latch", 3.7), covered(&estimates, "E_latch", 0.5 * 3.7));
+    let (delay, overtravel) = (covered(&estimates, "t_latch", 3.7), covered(&estimates, "E_latch", 0.5 * 3.7));
     assert!(shares.contains(&delay), "{delay}");
     assert_eq!(delay, overtravel);
     let alarms = estimates.iter().filter(is_scan).count() as u64;
@@ -60,15 +59,12 @@ fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
 #[test]
 fn steps_of_the_display_larger_than_the_scatter_are_in_the_uncertainty() {
     let (seeds, shares) = coverage_population();
-    let mut world =
-        World::with_a_round_part().latched(0.3, 0.0).with("probe.repeatability_um", 0.05);
+    let mut world = World::with_a_round_part().latched(0.3, 0.0).with("probe.repeatability_um", 0.05);
     for axis in ["X", "Y", "Z"] {
         world = world.with(&format!("axes.{axis}.resolution_um"), 2.0);
     }
     let place = |seed: u64| (seed as f64 * 0.618_034).fract() * 0.1;
-    let of = |seed| {
-        world.clone().with("simulated.centre_offset_mm", vec![place(seed), 0.0]).estimate(seed)
-    };
+    let of = |seed| world.clone().with("simulated.centre_offset_mm", vec![place(seed), 0.0]).estimate(seed);
     let estimates: Vec<Estimate> = (0..seeds).into_par_iter().map(of).collect();
     let delay = covered(&estimates, "t_latch", 0.3);
     assert!(delay >= *shares.start(), "{delay}");

@@ -114,11 +114,7 @@ fn a_machine_that_shakes_is_no_plc() {
         shift(reading, if number % 2 == 0 { 20.0 } else { -20.0 });
     }
     let estimate = identified(&plan, &readings).unwrap();
-    assert!(
-        says(&estimate.warnings, "the delay is too short for the scan"),
-        "{:?}",
-        estimate.warnings
-    );
+    assert!(says(&estimate.warnings, "the delay is too short for the scan"), "{:?}", estimate.warnings);
     assert!(!parameter(&estimate, "T_scan").identifiable);
 }
 
@@ -154,9 +150,8 @@ fn an_interruption_may_have_moved_the_part() {
         reading.t_s += 3600.0;
         shift(reading, 8.0);
     }
-    let is_reference = |reading: &&Reading| {
-        plan.steps.iter().any(|step| step.id == reading.step && step.kind == StepKind::Reference)
-    };
+    let is_reference =
+        |reading: &&Reading| plan.steps.iter().any(|step| step.id == reading.step && step.kind == StepKind::Reference);
     let last = readings.iter().rfind(is_reference).unwrap().clone();
     readings.push(Reading { repeat: 1000, t_s: last.t_s + 10.0, ..last });
     let estimate = identified(&plan, &readings).unwrap();

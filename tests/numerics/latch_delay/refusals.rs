@@ -25,18 +25,9 @@ fn with(key: &str, value: impl Into<toml::Value>) -> World {
 fn settings_that_measure_nothing_are_refused() {
     refused(&with("method.latch-delay.touches", 2), "touches = 2 at each feed");
     refused(&with("method.latch-delay.direction_deg", 400.0), "direction_deg is outside");
-    refused(
-        &with("method.latch-delay.fast_feed_mm_min", 45.0),
-        "at least 2 times the measuring feed",
-    );
-    refused(
-        &with("method.latch-delay.fast_feed_mm_min", -1.0),
-        "at least 2 times the measuring feed",
-    );
-    refused(
-        &with("method.latch-delay.fast_feed_mm_min", 1e9),
-        "rapid rate of the axes, 20000 mm/min",
-    );
+    refused(&with("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times the measuring feed");
+    refused(&with("method.latch-delay.fast_feed_mm_min", -1.0), "at least 2 times the measuring feed");
+    refused(&with("method.latch-delay.fast_feed_mm_min", 1e9), "rapid rate of the axes, 20000 mm/min");
     refused(&with("probe.search_feed_mm_min", 40.0), "at least 2 times the measuring feed");
     refused(&with("artefact.axis", vec![1.0, 0.0, 0.0]), "upright");
     refused(&with("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
@@ -62,11 +53,7 @@ fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
 fn both_feeds_touch_one_place_in_turns() {
     let (plan, stages) = planned(&World::with_a_round_part()).unwrap();
     assert_eq!(stages.iter().map(|stage| stage.steps.len()).collect::<Vec<_>>(), [1, 24]);
-    assert!(
-        plan.steps
-            .iter()
-            .all(|step| step.from == plan.steps[0].from && step.to == plan.steps[0].to)
-    );
+    assert!(plan.steps.iter().all(|step| step.from == plan.steps[0].from && step.to == plan.steps[0].to));
     let feeds: Vec<f64> = plan.steps.iter().map(|step| step.feed_mm_min).collect();
     assert_eq!(feeds[..6], [300.0, 30.0, 300.0, 300.0, 30.0, 30.0]);
 }
@@ -75,9 +62,7 @@ fn both_feeds_touch_one_place_in_turns() {
 #[test]
 fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
     let (method, mut plan) = World::with_a_round_part().header();
-    let NextStage::Stage { stage, new_steps } =
-        method.next_stage(&plan, &[], PositionSource::Nominal).unwrap()
-    else {
+    let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("a search")
     };
     plan.steps.extend(new_steps);
@@ -86,9 +71,7 @@ fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
         machine::record::reading::Reading {
             step: 0,
             repeat: 0,
-            position: from
-                .clone()
-                .with(machine::Axis::X, from.get_or_zero(machine::Axis::X) - x_mm),
+            position: from.clone().with(machine::Axis::X, from.get_or_zero(machine::Axis::X) - x_mm),
             value_mm: None,
             sensor: "probe".to_owned(),
             t_s: 1.0,
@@ -96,13 +79,8 @@ fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
             temperatures_c: Default::default(),
         }
     };
-    let next = |x_mm| {
-        method.next_stage(
-            &plan,
-            std::slice::from_ref(&stage),
-            PositionSource::Measured(&[reading(x_mm)]),
-        )
-    };
+    let next =
+        |x_mm| method.next_stage(&plan, std::slice::from_ref(&stage), PositionSource::Measured(&[reading(x_mm)]));
     assert!(next(2.0).is_ok());
     for x_mm in [0.001, 5.3, f64::NAN] {
         assert!(next(x_mm).unwrap_err().reason.contains("the first contact was after"), "{x_mm}");

@@ -37,9 +37,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         let b = turned(x, unknowns - own);
         dataset.x.iter().map(|x| model(&b, x)).collect()
     };
-    let residuals = |x: &[f64]| -> Vec<f64> {
-        dataset.y.iter().zip(at(x)).map(|(y, (value, _))| y - value).collect()
-    };
+    let residuals = |x: &[f64]| -> Vec<f64> { dataset.y.iter().zip(at(x)).map(|(y, (value, _))| y - value).collect() };
     let rows = |x: &[f64]| {
         let mut rows = BlockRows::zeros(dataset.y.len(), own, unknowns - own);
         for (i, (y, (value, gradient))) in dataset.y.iter().zip(at(x)).enumerate() {
@@ -49,8 +47,8 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         }
         vec![rows]
     };
-    let found = minimise_squares(turned(&dataset.starts[start], own), rows, residuals)
-        .map_err(|error| error.to_string())?;
+    let found =
+        minimise_squares(turned(&dataset.starts[start], own), rows, residuals).map_err(|error| error.to_string())?;
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.y.len() - unknowns) as f64).sqrt();
     // Linearised at the solution, because so many digits are required.

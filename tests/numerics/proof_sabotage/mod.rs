@@ -19,8 +19,7 @@ fn with(file: &str, from: &str, to: &str) -> String {
 }
 
 fn settings(file: &str, settings: &str) -> String {
-    if file.contains("[method.self-calibration]\n") && !file.contains("# [method.self-calibration]")
-    {
+    if file.contains("[method.self-calibration]\n") && !file.contains("# [method.self-calibration]") {
         let head = "[method.self-calibration]\n";
         return with(file, head, &format!("{head}{settings}\n"));
     }
@@ -35,8 +34,7 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
     let fenced = format!("{SIMULATED}\n{post}");
     let clamp = "[[solid]]\nname = \"clamp\"\non = \"table\"\nfrom_mm = [70, -10, 0]\nto_mm = [110, 10, 130]\n";
     let clamped = format!("{SIMULATED}\n{clamp}");
-    let mirrored =
-        with(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+    let mirrored = with(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
     vec![
         ("simulated, grbl", SIMULATED.to_owned(), "grbl"),
         ("simulated, linuxcnc", SIMULATED.to_owned(), "linuxcnc"),
@@ -58,11 +56,10 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
 
 /// The programs of [`programs`], and two that measure balls.
 fn rendered() -> Vec<(String, Rendered)> {
-    let round = programs().into_iter().map(|(name, file, dialect)| {
-        (name.to_owned(), Rendered::new(&file, "self-calibration", dialect))
-    });
-    let balls = ["linuxcnc", "grbl-m19"]
-        .map(|dialect| (format!("balls, {dialect}"), balls::rendered(dialect)));
+    let round = programs()
+        .into_iter()
+        .map(|(name, file, dialect)| (name.to_owned(), Rendered::new(&file, "self-calibration", dialect)));
+    let balls = ["linuxcnc", "grbl-m19"].map(|dialect| (format!("balls, {dialect}"), balls::rendered(dialect)));
     round.chain(balls).collect()
 }
 
@@ -77,9 +74,8 @@ fn no_program_as_rendered_is_refused() {
     let samba = Rendered::new(balls::SAMBA, "samba", "grbl-m19");
     for (name, rendered) in rendered().into_iter().chain([("samba".to_owned(), samba)]) {
         for stands in [None, Some(parked(&rendered))] {
-            let proof = rendered
-                .prove(&rendered.lines, stands.as_ref())
-                .unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
+            let proof =
+                rendered.prove(&rendered.lines, stands.as_ref()).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
             assert_eq!(proof.steps.len(), rendered.plan.steps.len(), "{name}");
             let nearest = proof.nearest.expect("bodies were looked at");
             assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");

@@ -30,22 +30,14 @@ impl Rendered {
 
     /// A whole plan.
     pub fn of(plan: Plan, stages: Vec<Stage>, dialect: &str) -> Self {
-        let (blocks, _) =
-            planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap())
-                .unwrap();
+        let (blocks, _) = planning::plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
         let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
         let dialect = Dialect::from_name(dialect).unwrap();
-        let text = dialect
-            .render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, &blocks)
-            .unwrap();
+        let text = dialect.render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, &blocks).unwrap();
         Self { plan, stages, dialect, lines: text.lines().map(str::to_owned).collect() }
     }
 
-    pub fn prove(
-        &self,
-        lines: &[String],
-        stands: Option<&Position>,
-    ) -> Result<Proof, ProofRefusal> {
+    pub fn prove(&self, lines: &[String], stands: Option<&Position>) -> Result<Proof, ProofRefusal> {
         let staged: Vec<StageSteps> = self
             .stages
             .iter()
@@ -68,9 +60,8 @@ impl Rendered {
         let own: Vec<usize> = (0..self.lines.len()).filter(|i| of_step(&self.lines[*i])).collect();
         let back = *own.iter().rev().find(|i| self.lines[**i].contains("G53 G1")).unwrap();
         let before = own.iter().position(|i| *i == back).unwrap();
-        let find = |words: &[&str]| {
-            own.iter().copied().find(|i| words.iter().all(|word| self.lines[*i].contains(word)))
-        };
+        let find =
+            |words: &[&str]| own.iter().copied().find(|i| words.iter().all(|word| self.lines[*i].contains(word)));
         Place {
             first: own[0],
             turn: find(&["G0", " C"]).or(find(&["G1", " C"])),

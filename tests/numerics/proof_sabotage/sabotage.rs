@@ -177,9 +177,7 @@ pub const ALL: [(&str, Act); 59] = [
         let at = p.place(id).back;
         changed(l, at, &['F'], |f| 10.0 * f).then_some((at, at))
     }),
-    ("the N word of another step", |p, l, id| {
-        on(l, p.place(id).touch, &format!("N{id} "), &format!("N{} ", id + 3))
-    }),
+    ("the N word of another step", |p, l, id| on(l, p.place(id).touch, &format!("N{id} "), &format!("N{} ", id + 3))),
     ("no N word", |p, l, id| on(l, p.place(id).touch, &format!("N{id} "), "")),
     ("the touch twice", |p, l, id| {
         let Place { touch, .. } = p.place(id);
@@ -236,9 +234,7 @@ pub const MORE: [(&str, Act); 7] = [
         let round = matches!(p.plan.artefact, Artefact::Cylinder(_));
         round.then(|| on(l, p.place(id).up, " Z", " X0 Y0 Z")).flatten()
     }),
-    ("an endless number", |p, l, id| {
-        on(l, p.place(id).up, " Z", &format!(" Z{}", "9".repeat(400)))
-    }),
+    ("an endless number", |p, l, id| on(l, p.place(id).up, " Z", &format!(" Z{}", "9".repeat(400)))),
 ];
 
 fn wrong_sense(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
@@ -288,8 +284,7 @@ pub fn changed(l: &mut Lines, at: usize, letters: &[char], change: impl Fn(f64) 
             None => word.to_owned(),
         }
     };
-    let same =
-        |a: &str, b: &str| letters.iter().all(|letter| value(a, *letter) == value(b, *letter));
+    let same = |a: &str, b: &str| letters.iter().all(|letter| value(a, *letter) == value(b, *letter));
     let spoiled = l[at].split(' ').map(word).collect::<Vec<_>>().join(" ");
     let differs = !same(&spoiled, &l[at]);
     l[at] = spoiled;

@@ -7,9 +7,7 @@ use rayon::prelude::*;
 use testing::population::population;
 
 use super::bodies::{Bench, Sampled, Seen, apart};
-use super::{
-    Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict,
-};
+use super::{Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict};
 
 /// Clearance of a move, without the artefact's uncertainty: balls and stems may be touched by the stylus in a
 /// guarded move.
@@ -35,8 +33,7 @@ impl Move {
         let bench = Bench::new(&mut dice, kind);
         let [b, c] = [dice.written(-40.0, 40.0), dice.written(-180.0, 180.0)];
         let mut place = |low: f64, b: f64, c: f64| {
-            let tip =
-                [dice.between(-90.0, 90.0), dice.between(-90.0, 90.0), dice.between(low, 130.0)];
+            let tip = [dice.between(-90.0, 90.0), dice.between(-90.0, 90.0), dice.between(low, 130.0)];
             bench.linear_for(tip, b, c)
         };
         let from = place(20.0, b, c);

@@ -118,10 +118,8 @@ impl Bench {
                 "stem_radius_mm": stem, "stem_length_mm": long})
         });
         let balls: Vec<_> = balls.collect();
-        let ([ball, stem, body], at) = (
-            self.stylus.each_ref().map(rod),
-            |[x, y, z, b, c]: Axes| json!({"X": x, "Y": y, "Z": z, "B": b, "C": c}),
-        );
+        let ([ball, stem, body], at) =
+            (self.stylus.each_ref().map(rod), |[x, y, z, b, c]: Axes| json!({"X": x, "Y": y, "Z": z, "B": b, "C": c}));
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
             "machine": {"name": "m", "topology": self.kind.topology(), "tool_mm": TIP,

@@ -10,9 +10,7 @@ mod starts;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use planning::gcode::Dialect;
-use planning::proof::{
-    MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, RefusalReason, StageSteps, prove_programs,
-};
+use planning::proof::{MIN_UNGUARDED_CLEARANCE_MM, ProofRequest, RefusalReason, StageSteps, prove_programs};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -129,9 +127,8 @@ impl Solid {
         let height = length(axis);
         let unit: Point = axis.map(|x| x / height);
         let other = if unit[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-        let cross = |a: Point, b: Point| {
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        };
+        let cross =
+            |a: Point, b: Point| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
         let u = cross(unit, other);
         let u = u.map(|x| x / length(u));
         let v = cross(unit, u);
@@ -142,9 +139,7 @@ impl Solid {
             let count = (std::f64::consts::TAU * r / spacing).ceil().max(1.0) as usize;
             for k in 0..count {
                 let (sin, cos) = (std::f64::consts::TAU * k as f64 / count as f64).sin_cos();
-                points.push(std::array::from_fn(|i| {
-                    self.from[i] + unit[i] * h + r * (cos * u[i] + sin * v[i])
-                }));
+                points.push(std::array::from_fn(|i| self.from[i] + unit[i] * h + r * (cos * u[i] + sin * v[i])));
             }
         };
         for row in 0..=rows {
@@ -189,9 +184,7 @@ impl Kind {
 
     fn table(self, [_, y, _, b, c]: Axes) -> Matrix {
         match self {
-            Kind::Trunnion => {
-                times(&turned(1, [5.0, 0.0, -20.0], -b), &turned(2, [0.0, 3.0, 0.0], c))
-            }
+            Kind::Trunnion => times(&turned(1, [5.0, 0.0, -20.0], -b), &turned(2, [0.0, 3.0, 0.0], c)),
             Kind::Head => times(&moved([0.0, -y, 0.0]), &turned(2, [0.0; 3], -c)),
         }
     }
@@ -342,14 +335,7 @@ impl Case {
         best
     }
 
-    fn apart(
-        &self,
-        at: &[Matrix; 3],
-        surfaces: &[Vec<Point>; 3],
-        a: usize,
-        b: usize,
-        far: f64,
-    ) -> f64 {
+    fn apart(&self, at: &[Matrix; 3], surfaces: &[Vec<Point>; 3], a: usize, b: usize, far: f64) -> f64 {
         let centre = |i: usize| mapped(&at[i], self.solids[i].middle());
         let reach = self.solids[a].bound() + self.solids[b].bound();
         if length(minus(centre(a), centre(b))) - reach > far {
@@ -372,12 +358,7 @@ fn position(axes: Axes) -> Position {
 }
 
 /// Reason for which a program of one move is refused; the program is never complete.
-fn verdict(
-    plan: &Plan,
-    (from, to): (Axes, Axes),
-    probing: bool,
-    dialect: &Dialect,
-) -> RefusalReason {
+fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
     let words: Vec<String> = LETTERS.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
     // The first guarded move may start at the current position: it follows a dwell.
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
@@ -448,10 +429,7 @@ fn look(number: u64, dialect: &Dialect) -> Count {
 fn random_moves_no_missed_collision() {
     let moves = population(10_000);
     let dialect = Dialect::from_name("grbl").unwrap();
-    let count = (0..moves)
-        .into_par_iter()
-        .map(|number| look(number, &dialect))
-        .reduce(Count::default, Count::plus);
+    let count = (0..moves).into_par_iter().map(|number| look(number, &dialect)).reduce(Count::default, Count::plus);
     println!("{moves} moves: {count:?}");
     assert_eq!(count.missed, 0);
     assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");

@@ -42,11 +42,8 @@ struct World {
 
 impl World {
     fn new() -> Self {
-        let upright = |from: f64, to: f64, radius| Solid {
-            from: [0.0, 0.0, from],
-            to: [0.0, 0.0, to],
-            radius: Some(radius),
-        };
+        let upright =
+            |from: f64, to: f64, radius| Solid { from: [0.0, 0.0, from], to: [0.0, 0.0, to], radius: Some(radius) };
         let stem = (0..=95).map(|z| [0.0, 0.0, f64::from(z) - 120.0]).collect();
         let solid = |solid: Solid| {
             let (points, radius) = (solid.surface(SPACING), 0.0);
@@ -61,11 +58,7 @@ impl World {
             ],
             part: upright(0.0, 100.0, 45.0),
             table: upright(-40.0, 0.0, 130.0),
-            cradle: Solid {
-                from: [-170.0, -130.0, -110.0],
-                to: [170.0, 130.0, -45.0],
-                radius: None,
-            },
+            cradle: Solid { from: [-170.0, -130.0, -110.0], to: [170.0, 130.0, -45.0], radius: None },
         }
     }
 
@@ -102,8 +95,7 @@ enum End {
 }
 
 fn axes(position: &Position) -> Axes {
-    [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C]
-        .map(|axis| axis.to_mm_or_deg(position.get_or_zero(axis)))
+    [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C].map(|axis| axis.to_mm_or_deg(position.get_or_zero(axis)))
 }
 
 /// First share of a straight path at which `free` is not positive: by steps no longer than the free distance.
@@ -158,14 +150,10 @@ impl Walk<'_> {
             *to = to.clamp(low, high);
         }
         let said = |what: &str| format!("{what} on {motion:?} from {way:?}");
-        let (unguarded, other) =
-            (said("the stylus met something"), said("another body met something"));
+        let (unguarded, other) = (said("the stylus met something"), said("another body met something"));
         let met = first(way, |at| self.world.gaps(at)[0]);
         match (motion, met) {
-            (
-                Motion::Guarded { feed_mm_min, .. } | Motion::Probe { feed_mm_min, .. },
-                Some(share),
-            ) => {
+            (Motion::Guarded { feed_mm_min, .. } | Motion::Probe { feed_mm_min, .. }, Some(share)) => {
                 way[1] = self.at_rest(way, share, *feed_mm_min);
             }
             (Motion::BackOff { .. }, _) | (_, None) => {}
@@ -198,21 +186,17 @@ fn drawn(seed: u64, number: u64) -> f64 {
 fn start(world: &World, seed: u64) -> (Position, Point) {
     (0..)
         .find_map(|attempt| {
-            let draw =
-                |number| drawn(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
+            let draw = |number| drawn(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
             let draw = |number| draw(number).fract();
             let most = if seed.is_multiple_of(5) { 3.0 } else { 300.0 };
             let off: Point = std::array::from_fn(|i| most * (2.0 * draw(i as u64) - 1.0));
-            let within =
-                |i: usize| TRAVEL[i][0] + draw(3 + i as u64) * (TRAVEL[i][1] - TRAVEL[i][0]);
+            let within = |i: usize| TRAVEL[i][0] + draw(3 + i as u64) * (TRAVEL[i][1] - TRAVEL[i][0]);
             let believed: Point = std::array::from_fn(within);
             let c = 360.0 * drawn(seed, 63) - 180.0;
             let truly: Point = std::array::from_fn(|i| believed[i] + off[i]);
             let inside = (0..3).all(|i| (TRAVEL[i][0]..=TRAVEL[i][1]).contains(&truly[i]));
-            let free = inside
-                && world.gaps([truly[0], truly[1], truly[2], 0.0, c]).iter().all(|gap| *gap > 0.5);
-            let position =
-                [Axis::X, Axis::Y, Axis::Z].into_iter().zip(believed).collect::<Position>();
+            let free = inside && world.gaps([truly[0], truly[1], truly[2], 0.0, c]).iter().all(|gap| *gap > 0.5);
+            let position = [Axis::X, Axis::Y, Axis::Z].into_iter().zip(believed).collect::<Position>();
             let position = position.with(Axis::B, 0.0).with(Axis::C, c.to_radians());
             free.then_some((position.with(Axis::S, 0.0), off))
         })
@@ -224,9 +208,7 @@ fn locating() -> Plan {
     let text = include_str!("../../../config/simulated.toml").to_owned();
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
     let (method, mut plan) = trued::setup::plan_header(&file, "self-calibration", None).unwrap();
-    let NextStage::Stage { new_steps, .. } =
-        method.next_stage(&plan, &[], PositionSource::Nominal).unwrap()
-    else {
+    let NextStage::Stage { new_steps, .. } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("no stage")
     };
     plan.steps = new_steps;
@@ -290,9 +272,7 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     let (world, plan) = (World::new(), locating());
     let ends: Vec<_> = (0..STARTS).into_par_iter().map(|seed| run(&world, &plan, seed)).collect();
     let count = |end: End| ends.iter().filter(|(is, ..)| *is == end).count();
-    for end in
-        [End::ConfirmedDirections, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused]
-    {
+    for end in [End::ConfirmedDirections, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused] {
         println!("{end:?}: {}", count(end));
     }
     let bad: Vec<_> = ends.iter().flat_map(|(.., bad)| bad).collect();
@@ -305,10 +285,5 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     }
     assert!(count(End::ConfirmedDirections) > 20 && count(End::GuardedContact) > 50);
     // Starts at which the assumed position is beside a body.
-    assert!(
-        count(End::Refused) < ends.len() / 5,
-        "{} of {} refused",
-        count(End::Refused),
-        ends.len()
-    );
+    assert!(count(End::Refused) < ends.len() / 5, "{} of {} refused", count(End::Refused), ends.len());
 }

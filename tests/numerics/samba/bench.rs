@@ -88,15 +88,9 @@ pub struct Measured {
 }
 
 impl Measured {
-    pub fn of(
-        file: &MachineFile,
-        method: &dyn Method,
-        plan: Plan,
-        readings: Vec<Reading>,
-    ) -> Result<Self, Failed> {
-        let estimate = method
-            .identify(&plan, &readings)
-            .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
+    pub fn of(file: &MachineFile, method: &dyn Method, plan: Plan, readings: Vec<Reading>) -> Result<Self, Failed> {
+        let estimate =
+            method.identify(&plan, &readings).map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
         let text: Table = file.text().parse().unwrap();
         let errors = text["simulated"]["errors"].as_table().unwrap().clone();
         let world = setup::build_world(file).unwrap();
@@ -132,8 +126,7 @@ impl Measured {
 
 /// Mean time of the touches that the estimate uses.
 fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
-    let fast: BTreeSet<u32> =
-        plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
+    let fast: BTreeSet<u32> = plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
     let slow = readings.iter().filter(|reading| !fast.contains(&reading.step));
     let times: Vec<f64> = slow.map(|reading| reading.t_s).collect();
     times.iter().sum::<f64>() / times.len() as f64
@@ -150,8 +143,7 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let memory = std::path::Path::new("/dev/shm");
-        let folder =
-            if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
+        let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
         let folder = folder.unwrap();
         Self { journal: Journal::open(folder.path()).unwrap(), _folder: folder }
     }
@@ -162,8 +154,7 @@ impl Bench {
 
     pub fn try_measure(&self, seed: u64, world: &World) -> Result<Measured, Failed> {
         let file = world.file(seed);
-        let (method, header) =
-            setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
         Measured::of(&file, method.as_ref(), plan, readings)
@@ -172,19 +163,13 @@ impl Bench {
     /// Measures the first stages only.
     pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
         let file = world.file(seed);
-        let (method, header) =
-            setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let method = Beginning { method, stages };
         Ok(runtime.block_on(self.run(&file, &method, header))?.1)
     }
 
-    async fn run(
-        &self,
-        file: &MachineFile,
-        method: &dyn Method,
-        plan: Plan,
-    ) -> Result<(Plan, Vec<Reading>), Failed> {
+    async fn run(&self, file: &MachineFile, method: &dyn Method, plan: Plan) -> Result<(Plan, Vec<Reading>), Failed> {
         let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
         let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
@@ -208,17 +193,8 @@ impl Method for Beginning {
         self.method.settings()
     }
 
-    fn next_stage(
-        &self,
-        plan: &Plan,
-        done: &[Stage],
-        source: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
-        if done.len() < self.stages {
-            self.method.next_stage(plan, done, source)
-        } else {
-            Ok(NextStage::Done)
-        }
+    fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
+        if done.len() < self.stages { self.method.next_stage(plan, done, source) } else { Ok(NextStage::Done) }
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
@@ -255,11 +231,7 @@ impl Series {
     }
 }
 
-async fn touch_all(
-    file: &MachineFile,
-    method: &dyn Method,
-    mut plan: Plan,
-) -> Result<(Plan, Vec<Reading>), Failed> {
+async fn touch_all(file: &MachineFile, method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Reading>), Failed> {
     let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
     let mut stands = devices.controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
@@ -273,10 +245,7 @@ async fn touch_all(
             _ => SafeHeights::above_plan_artefact(&plan).unwrap(),
         };
         for step in plan.steps.iter().filter(|step| stage.steps.contains(&step.id)) {
-            let start = BlockStart {
-                position: Some(&stands),
-                confirmed: planning::ConfirmedDirections::all(),
-            };
+            let start = BlockStart { position: Some(&stands), confirmed: planning::ConfirmedDirections::all() };
             let block = touch_block(&plan, step, stage.repeat, start, &clearance).unwrap();
             stands = end_position(&block.motions, &stands);
             let block = proven_block(file, &devices, &block);

@@ -22,9 +22,7 @@ fn chi2(measured: &Measured) -> f64 {
     let places: Vec<usize> = off.iter().map(|(name, _)| at(*name)).collect();
     let u: Vec<f64> = places.iter().map(|i| covariance.rows[*i][*i].sqrt()).collect();
     let scaled = faer::Col::from_fn(off.len(), |i| off[i].1 / u[i]);
-    let matrix = faer::Mat::from_fn(off.len(), off.len(), |i, j| {
-        covariance.rows[places[i]][places[j]] / (u[i] * u[j])
-    });
+    let matrix = faer::Mat::from_fn(off.len(), off.len(), |i, j| covariance.rows[places[i]][places[j]] / (u[i] * u[j]));
     let solved = bench::solve(&matrix, &scaled);
     scaled.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
@@ -64,9 +62,8 @@ fn u_is_true_on_the_built_in_machine_with_all_its_sources() {
 
 #[test]
 fn u_is_true_on_a_poor_machine() {
-    let mut world = small_budget(World::as_built_in())
-        .with("machine.drift_um_per_h", 10.0)
-        .with("probe.lobing_um", 1.5);
+    let mut world =
+        small_budget(World::as_built_in()).with("machine.drift_um_per_h", 10.0).with("probe.lobing_um", 1.5);
     for axis in ["X", "Y", "Z"] {
         world = world.with(&format!("axes.{axis}.error_motion_um"), 1.5);
     }
@@ -85,22 +82,14 @@ fn axes(world: World, key: &str, axes: &[&str], value: f64) -> World {
 /// The sources that can be declared, by their name in the budget, each with its switch; a declared repeatability,
 /// and a certificate without any uncertainty, cannot be zero.
 const SOURCES: [(&str, Change); 8] = [
-    ("repeatability of a touch", |w, on| {
-        w.with("probe.repeatability_um", if on { 1.0 } else { 0.05 })
-    }),
+    ("repeatability of a touch", |w, on| w.with("probe.repeatability_um", if on { 1.0 } else { 0.05 })),
     ("resolution", |w, on| axes(w, "resolution_um", &["X", "Y", "Z"], if on { 3.0 } else { 0.0 })),
     ("probe lobing", |w, on| w.with("probe.lobing_um", if on { 3.0 } else { 0.0 })),
-    ("error motions of X, Y and Z", |w, on| {
-        axes(w, "error_motion_um", &["X", "Y", "Z"], if on { 1.0 } else { 0.0 })
-    }),
-    ("error motions of rotary axes", |w, on| {
-        axes(w, "error_motion_um", &["B", "C"], if on { 1.0 } else { 0.0 })
-    }),
+    ("error motions of X, Y and Z", |w, on| axes(w, "error_motion_um", &["X", "Y", "Z"], if on { 1.0 } else { 0.0 })),
+    ("error motions of rotary axes", |w, on| axes(w, "error_motion_um", &["B", "C"], if on { 1.0 } else { 0.0 })),
     ("thermal drift", |w, on| w.with("machine.drift_um_per_h", if on { 10.0 } else { 0.0 })),
     ("certified length", |w, on| w.with_bar("u_mm", if on { 0.002 } else { 1e-7 })),
-    ("temperature of the certified length", |w, on| {
-        w.with_bar("u_temperature_k", if on { 5.0 } else { 0.0 })
-    }),
+    ("temperature of the certified length", |w, on| w.with_bar("u_temperature_k", if on { 5.0 } else { 0.0 })),
 ];
 
 /// One source alone: its budget line equals the observed scatter, over all parameters for which it is prominent

@@ -61,8 +61,7 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
     let one = &one;
     let mut all: Vec<(u64, T)> = std::thread::scope(|scope| {
         let part = |k: u64| seeds.clone().filter(move |seed| seed % THREADS == k);
-        let each =
-            |k| scope.spawn(move || part(k).map(|seed| (seed, one(seed))).collect::<Vec<_>>());
+        let each = |k| scope.spawn(move || part(k).map(|seed| (seed, one(seed))).collect::<Vec<_>>());
         let threads: Vec<_> = (0..THREADS).map(each).collect();
         threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
     });

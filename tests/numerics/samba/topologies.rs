@@ -83,10 +83,8 @@ fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
     let errors = errors_of(&measured(world, 0));
     let misses = |seed: u64| -> Vec<bool> {
         let random = &mut seeded_stream(seed, &[0x746f_706f]);
-        let truth: Vec<f64> =
-            errors.iter().map(|_| random.random_range(-MOST_ERROR..MOST_ERROR)).collect();
-        let table =
-            errors.iter().zip(&truth).map(|((_, key), value)| (key.clone(), (*value).into()));
+        let truth: Vec<f64> = errors.iter().map(|_| random.random_range(-MOST_ERROR..MOST_ERROR)).collect();
+        let table = errors.iter().zip(&truth).map(|((_, key), value)| (key.clone(), (*value).into()));
         let world = world.clone().with("simulated.errors", Value::Table(table.collect()));
         let estimate = measured(&world, seed);
         let found = |symbol: &str| estimate.parameters.iter().find(|p| p.symbol == symbol).unwrap();

@@ -53,11 +53,7 @@ pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> S
     })
 }
 
-pub async fn through(
-    file: &MachineFile,
-    site: &ReopenableMachine<'_>,
-    person: &mut dyn OperatorInterface,
-) -> Summary {
+pub async fn through(file: &MachineFile, site: &ReopenableMachine<'_>, person: &mut dyn OperatorInterface) -> Summary {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let mut tell = |_: &Finding| {};

@@ -5,9 +5,7 @@ use std::sync::{Arc, Mutex};
 use machine::record::question::{Answer, AxisDirection, Question};
 use machine::{Axis, Position};
 use simulator::{SimulatedOperator, SimulatedWorld, Speed};
-use trued::commissioning::{
-    AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict,
-};
+use trued::commissioning::{AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict};
 use trued::setup::{self, MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
@@ -136,11 +134,9 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends() {
 /// Tests each simulated control. A resident program ends in an alarm if one step does not free the stylus, so its
 /// deflection is smaller.
 pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
-    for (keys, pressed) in [
-        ("wire = \"memory\"", 1.5),
-        ("speaks = \"modbus\"\nwire = \"tcp\"", 1.5),
-        ("speaks = \"modbus-program\"", 0.5),
-    ] {
+    for (keys, pressed) in
+        [("wire = \"memory\"", 1.5), ("speaks = \"modbus\"\nwire = \"tcp\"", 1.5), ("speaks = \"modbus-program\"", 0.5)]
+    {
         let text = with_control(keys, &machine(&[]));
         let file = MachineFile::parse("machine.toml", text).unwrap();
         let summary = runtime().block_on(async {
@@ -208,8 +204,7 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
         Some(if kept.len() == 1 { Answer::Retract(towards) } else { Answer::No })
     };
     // The gap to the ball is 2.5 mm.
-    let post =
-        "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";
+    let post = "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";
     let checked = recorded(0.0, post, operator(answer));
     assert_nothing_moved(&checked);
     let results = results.lock().unwrap();

@@ -35,8 +35,7 @@ fn with(control: &str, old: &'static str, new: &'static str) -> Summary {
 /// Keeps the link, but states another type of control.
 fn told_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
     reached(control, "", |served| {
-        let link =
-            served.lines().find(|line| line.starts_with("serial") || line.starts_with("tcp"));
+        let link = served.lines().find(|line| line.starts_with("serial") || line.starts_with("tcp"));
         format!("kind = \"{kind}\"\n{}{more}", link.unwrap())
     })
 }
@@ -44,16 +43,10 @@ fn told_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
 /// Changes every axis of the register map.
 fn read_as(how: &str) -> Summary {
     let axes = |first: u16| {
-        let axis = |(letter, place): (&str, u16)| {
-            format!("{letter} = {{ address = {}, {how} }}", first + 2 * place)
-        };
+        let axis = |(letter, place): (&str, u16)| format!("{letter} = {{ address = {}, {how} }}", first + 2 * place);
         [("X", 0), ("Y", 1), ("Z", 2), ("B", 4), ("C", 5)].map(axis).join(", ")
     };
-    let map = format!(
-        "\nregisters.status.position = {{ {} }}\nregisters.status.latch = {{ {} }}",
-        axes(32),
-        axes(20)
-    );
+    let map = format!("\nregisters.status.position = {{ {} }}\nregisters.status.latch = {{ {} }}", axes(32), axes(20));
     reached(MODBUS, "", |served| served + &map)
 }
 
@@ -75,15 +68,10 @@ fn counted_from_one() -> Summary {
         ("latch_time_s", 17),
         ("sequence_tail", 45),
     ];
-    let mut map: String = items
-        .map(|(name, at)| format!("\nregisters.status.{name} = {{ address = {at} }}"))
-        .concat();
+    let mut map: String = items.map(|(name, at)| format!("\nregisters.status.{name} = {{ address = {at} }}")).concat();
     for (name, first) in [("latch", 21), ("position", 33)] {
         for (axis, place) in [("X", 0), ("Y", 1), ("Z", 2), ("B", 4), ("C", 5)] {
-            map += &format!(
-                "\nregisters.status.{name}.{axis} = {{ address = {} }}",
-                first + 2 * place
-            );
+            map += &format!("\nregisters.status.{name}.{axis} = {{ address = {} }}", first + 2 * place);
         }
     }
     reached(MODBUS, "", |served| served + &map)
@@ -134,11 +122,7 @@ pub const MISTAKES: &[Mistake] = &[
         || with("wire = \"pty\"\nbaud = 115200", "115200", "9600"),
         "the control communicates at 115200 baud, not at 9600",
     ),
-    row(
-        "another baud rate, Modbus",
-        || with(RTU, "19200", "9600"),
-        "the device replies at 19200 baud, not at 9600",
-    ),
+    row("another baud rate, Modbus", || with(RTU, "19200", "9600"), "the device replies at 19200 baud, not at 9600"),
     row(
         "a port that is not there",
         || reached(PTY, "", |_| "kind = \"grbl\"\nserial = \"/dev/trued-nowhere\"".to_owned()),
@@ -150,11 +134,7 @@ pub const MISTAKES: &[Mistake] = &[
         "no server answers at 127.0.0.1:1",
     ),
     row("a port that says nothing", silence, "is off, not wired, or not a supported control"),
-    row(
-        "another kind, TCP",
-        || told_as(MODBUS, "grbl", ""),
-        "the device is of kind `modbus`, not `grbl`",
-    ),
+    row("another kind, TCP", || told_as(MODBUS, "grbl", ""), "the device is of kind `modbus`, not `grbl`"),
     row(
         "another kind, serial",
         || told_as(PTY, "modbus", "\nbaud = 115200\nparity = \"none\""),
@@ -172,11 +152,7 @@ pub const MISTAKES: &[Mistake] = &[
         "the display of the control does not show the reported position",
     ),
     row("a scale too large", || read_as("scale = 0.1"), "wrong scale of the positions"),
-    row(
-        "whole numbers read as floating",
-        || read_as("type = \"f32\""),
-        "wrong type of the positions",
-    ),
+    row("whole numbers read as floating", || read_as("type = \"f32\""), "wrong type of the positions"),
     row("addresses from 1", counted_from_one, "addresses off by one"),
     row(
         "the input registers read as holding ones",
@@ -188,11 +164,7 @@ pub const MISTAKES: &[Mistake] = &[
         || reached(MODBUS, "\n[[simulated.fault]]\nkind = \"frozen\"\n", |served| served),
         "the control's program is stopped",
     ),
-    row(
-        "another number of the program",
-        || with(PROGRAM, "number = 1", "number = 2"),
-        "the program number is unknown",
-    ),
+    row("another number of the program", || with(PROGRAM, "number = 1", "number = 2"), "the program number is unknown"),
     row(
         "another tool of the program",
         || with(PROGRAM, "number = 1", "number = 1, tool = 5"),
@@ -219,21 +191,9 @@ pub const MISTAKES: &[Mistake] = &[
         "the control accepts lines and runs no resident program",
     ),
     row("reports in inches", || set("13 = 1"), "the control reports positions in inches"),
-    row(
-        "reports without the probe",
-        || set("10 = 495"),
-        "the status reports do not contain the probe",
-    ),
+    row("reports without the probe", || set("10 = 495"), "the status reports do not contain the probe"),
     row("homing off", || set("22 = 0"), "homing is off"),
     row("soft limits off", || set("20 = 0"), "soft limits are off"),
-    row(
-        "a travel that is shorter there",
-        short_travel,
-        "X has a travel of 500 in the machine file",
-    ),
-    row(
-        "a rapid that is slower there",
-        || set("112 = 5000"),
-        "the rapid speed of Z exceeds the value of the control",
-    ),
+    row("a travel that is shorter there", short_travel, "X has a travel of 500 in the machine file"),
+    row("a rapid that is slower there", || set("112 = 5000"), "the rapid speed of Z exceeds the value of the control"),
 ];

@@ -53,19 +53,13 @@ pub const MISTAKES: &[Mistake] = &[
     row("X and C swapped", || wired("swapped = [[\"C\", \"X\"]]"), "X and C are swapped"),
     row("X the wrong way round", || wired("reversed = [\"X\"]"), "the sense of X is wrong"),
     row("Z the wrong way round", || wired("reversed = [\"Z\"]"), "the sense of Z is wrong"),
-    row(
-        "C the wrong way round",
-        || wired("reversed = [\"C\"]"),
-        "write positive = \"reversed\" in [axes.C]",
-    ),
+    row("C the wrong way round", || wired("reversed = [\"C\"]"), "write positive = \"reversed\" in [axes.C]"),
     row(
         "C said to be reversed",
         || {
             checked(
-                &(machine(&[(
-                    "[axes.C]\npositive = \"iso\"",
-                    "[axes.C]\npositive = \"reversed\"",
-                )]) + "\n[simulated.wiring]\nreversed = [\"C\"]\n"),
+                &(machine(&[("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"")])
+                    + "\n[simulated.wiring]\nreversed = [\"C\"]\n"),
             )
         },
         "write positive = \"iso\" in [axes.C]",
@@ -81,21 +75,14 @@ pub const MISTAKES: &[Mistake] = &[
     row("Z unplugged", || wired("gain = { Z = 0.0 }"), "the operator saw no motion"),
     row("probe inverted", || wired("probe = \"inverted\""), "the input is inverted"),
     row("probe dead", || wired("probe = \"dead\""), "the probe does not work"),
-    row(
-        "probe stuck",
-        || wired("probe = \"stuck\""),
-        "stays closed with the stylus free and deflected",
-    ),
+    row("probe stuck", || wired("probe = \"stuck\""), "stays closed with the stylus free and deflected"),
     row(
         "an axis too many",
         || {
             let three = [
                 ("V[w-C-B-b-Y-X-Z-(C)-t]", "V[w-C-b-Y-X-Z-(C)-t]"),
                 ("[axes.B]", "[axes.S]"),
-                (
-                    "[axes.S]\nmin = -360.0\nmax = 360.0\nrapid_per_min = 36000.0\nacceleration_per_s2 = 1000.0",
-                    "",
-                ),
+                ("[axes.S]\nmin = -360.0\nmax = 360.0\nrapid_per_min = 36000.0\nacceleration_per_s2 = 1000.0", ""),
                 ("on = \"B\"", "on = \"bed\""),
             ];
             let truth = with_control("wire = \"pty\"", &machine(&three));
@@ -133,11 +120,7 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "the hold has no effect",
     ),
-    row(
-        "in alarm",
-        || faulty("kind = \"alarm\"\nat_line = 1"),
-        "unlock the control ($X) and home the machine",
-    ),
+    row("in alarm", || faulty("kind = \"alarm\"\nat_line = 1"), "unlock the control ($X) and home the machine"),
     row("door open", || faulty("kind = \"door\"\nat_line = 1"), "close the door"),
     row("feed hold pressed", || faulty("kind = \"hold\"\nat_line = 1"), "a move is held"),
     row("not made ready", || faulty_modbus("kind = \"reset\""), "make the control ready"),
@@ -157,16 +140,8 @@ pub const MISTAKES: &[Mistake] = &[
         },
         "repeatability_um in [probe] and the display resolution explain",
     ),
-    row(
-        "no part",
-        || part_off("[-20.0, 0.0]"),
-        "the part is not at the position in the machine file",
-    ),
-    row(
-        "a part too near",
-        || part_off("[3.5, 0.0]"),
-        "unexpected contact during a positioning move",
-    ),
+    row("no part", || part_off("[-20.0, 0.0]"), "the part is not at the position in the machine file"),
+    row("a part too near", || part_off("[3.5, 0.0]"), "unexpected contact during a positioning move"),
     row(
         "two feeds that are one",
         || checked(&machine(&[("search_feed_mm_min = 300.0", "search_feed_mm_min = 40.0")])),

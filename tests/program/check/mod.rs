@@ -107,11 +107,8 @@ fn a_sound_machine_passes_whatever_it_speaks() {
                 assert!(told.contains(words), "{keys}: {words}\n{summary}");
             }
             for axis in ["X ", "Y ", "Z ", "B ", "C "] {
-                let seen = |line: &str| {
-                    line.starts_with("axes    ok")
-                        && line.contains(axis)
-                        && line.contains("as expected")
-                };
+                let seen =
+                    |line: &str| line.starts_with("axes    ok") && line.contains(axis) && line.contains("as expected");
                 assert!(told.lines().any(seen), "{keys}: {axis}\n{summary}");
             }
             let open = summary.findings.iter();
@@ -149,10 +146,7 @@ fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
     let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     let told = summary.to_string();
-    let line = told
-        .lines()
-        .find(|line| line.contains("the touches have a standard deviation of"))
-        .unwrap();
+    let line = told.lines().find(|line| line.contains("the touches have a standard deviation of")).unwrap();
     let number = |before: &str| -> f64 {
         let (_, rest) = line.split_once(before).unwrap_or_else(|| panic!("{before}: {line}"));
         rest.split(' ').next().unwrap().parse().unwrap()

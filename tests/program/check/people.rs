@@ -3,9 +3,7 @@
 use machine::Axis;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question, StylusState};
 use simulator::SimulatedOperator;
-use trued::commissioning::{
-    AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict,
-};
+use trued::commissioning::{AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict};
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
@@ -24,9 +22,8 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
     });
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     for part in [Part::Probe, Part::Axes, Part::Hold] {
-        let open = |finding: &&trued::commissioning::Finding| {
-            finding.part == part && finding.verdict == Verdict::NotLookedAt
-        };
+        let open =
+            |finding: &&trued::commissioning::Finding| finding.part == part && finding.verdict == Verdict::NotLookedAt;
         assert!(summary.findings.iter().any(|finding| open(&finding)), "{part:?}\n{summary}");
     }
 }
@@ -41,9 +38,7 @@ impl OperatorInterface for Careful {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         self.asked.push(question.clone());
         let answer = match question {
-            Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. } => {
-                Answer::No
-            }
+            Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. } => Answer::No,
             other => self.simulated_operator.answer(other),
         };
         Box::pin(std::future::ready(answer))
@@ -54,15 +49,11 @@ pub fn whoever_says_no_sees_nothing_move() {
     let file = file();
     let (summary, asked) = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
-        let mut person =
-            Careful { simulated_operator: site.simulated_operator().unwrap(), asked: Vec::new() };
+        let mut person = Careful { simulated_operator: site.simulated_operator().unwrap(), asked: Vec::new() };
         let summary = through(&file, &site, &mut person).await;
         (summary, person.asked)
     });
-    assert!(
-        !asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })),
-        "{asked:?}"
-    );
+    assert!(!asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })), "{asked:?}");
     let may = asked.iter().filter(|question| matches!(question, Question::AllowJog { .. }));
     assert_eq!(may.count(), 5, "each axis is asked for");
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
@@ -77,13 +68,9 @@ struct Otherwise<'a> {
 
 impl OperatorInterface for Otherwise<'_> {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
-        let may = matches!(
-            question,
-            Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. }
-        );
+        let may = matches!(question, Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. });
         self.moves += usize::from(may);
-        let answer =
-            (self.but)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
+        let answer = (self.but)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
 }
@@ -102,9 +89,8 @@ fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, Simulated
 }
 
 pub fn with_a_probe_that_nobody_deflects_nothing_may_move() {
-    let but = |question: &Question| {
-        matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No)
-    };
+    let but =
+        |question: &Question| matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No);
     let (summary, moves, _) = otherwise(but);
     assert_eq!(moves, 0, "{summary}");
     assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
@@ -112,24 +98,19 @@ pub fn with_a_probe_that_nobody_deflects_nothing_may_move() {
 
 /// A sensor may still be mounted in place of the probe.
 pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
-    let file =
-        MachineFile::parse("laser.toml", include_str!("../../../config/laser.toml").to_owned());
+    let file = MachineFile::parse("laser.toml", include_str!("../../../config/laser.toml").to_owned());
     let file = file.unwrap();
     let checked = |answer: Option<Answer>| {
         runtime().block_on(async {
             let site = ReopenableMachine::new(&file).unwrap();
-            let mut asked =
-                Asked { simulated_operator: site.simulated_operator().unwrap(), answer, asked: 0 };
+            let mut asked = Asked { simulated_operator: site.simulated_operator().unwrap(), answer, asked: 0 };
             let summary = through(&file, &site, &mut asked).await;
             assert_eq!((asked.asked, summary.count(Verdict::Failed)), (1, 0), "{summary}");
             summary.to_string()
         })
     };
     let told = checked(Some(Answer::No));
-    assert!(
-        told.contains("whether the input closes is unknown: the touch probe is not in the spindle"),
-        "{told}"
-    );
+    assert!(told.contains("whether the input closes is unknown: the touch probe is not in the spindle"), "{told}");
     let told = checked(None);
     assert!(told.contains("open at rest, closed while deflected, open again"), "{told}");
 }
@@ -153,15 +134,12 @@ impl OperatorInterface for Asked {
 }
 
 pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
-    let but = |question: &Question| {
-        matches!(question, Question::ObservedJog { .. }).then_some(Answer::NoOperator)
-    };
+    let but = |question: &Question| matches!(question, Question::ObservedJog { .. }).then_some(Answer::NoOperator);
     let (summary, moves, mut simulated_operator) = otherwise(but);
     assert_eq!(moves, 1, "{summary}");
     assert!(summary.to_string().contains("the axis was not moved back"), "{summary}");
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
-    let stands =
-        simulated_operator.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
+    let stands = simulated_operator.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
     assert_eq!(stands, Answer::Motion(ObservedMotion::AsAnnounced), "it is where it was left");
 }
 
@@ -220,10 +198,6 @@ pub fn a_machine_that_was_moved_by_hand_is_not_jogged() {
         assert_eq!(summary.count(Verdict::Failed), 1, "nothing after it: {summary}");
         let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
         let moved = person.0.answer(&Question::ObservedJog { jog, visible_motion: String::new() });
-        assert_eq!(
-            moved,
-            Answer::Motion(ObservedMotion::OtherAxis(Axis::Y)),
-            "what the hand moved, and no more"
-        );
+        assert_eq!(moved, Answer::Motion(ObservedMotion::OtherAxis(Axis::Y)), "what the hand moved, and no more");
     });
 }

@@ -65,13 +65,9 @@ pub fn a_mistake_ends_it_with_1_and_json_tells_it_as_data() {
 pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() {
     let truth = MachineFile::parse("truth.toml", machine(&[])).unwrap();
     let runtime = runtime();
-    let served =
-        runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(Pace::Fast) }).unwrap();
+    let served = runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(Pace::Fast) }).unwrap();
     let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.controller_toml());
-    let shop = Shop::new(&machine(&[
-        ("kind = \"simulated\"\n", keys.as_str()),
-        ("wire = \"memory\"\n", ""),
-    ]));
+    let shop = Shop::new(&machine(&[("kind = \"simulated\"\n", keys.as_str()), ("wire = \"memory\"\n", "")]));
     let (done, answered) = std::sync::mpsc::channel();
     std::thread::scope(|scope| {
         scope.spawn(|| done.send(shop.check(&[])).unwrap());
@@ -107,10 +103,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
             (listener.local_addr().unwrap(), without_settings(listener, refusals))
         });
         let keys = format!("kind = \"grbl\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n");
-        let shop = Shop::new(&machine(&[
-            ("kind = \"simulated\"\n", keys.as_str()),
-            ("wire = \"memory\"\n", ""),
-        ]));
+        let shop = Shop::new(&machine(&[("kind = \"simulated\"\n", keys.as_str()), ("wire = \"memory\"\n", "")]));
         let output = std::thread::scope(|scope| {
             let checked = scope.spawn(|| shop.check(&[]));
             runtime.block_on(control);
@@ -175,9 +168,6 @@ pub fn ctrl_c_holds_the_machine_and_ends_it_with_5() {
     let rest: Vec<String> = lines.collect();
     assert_eq!(check.wait().unwrap().code(), Some(5), "{rest:#?}");
     assert!(rest.iter().any(|line| line.contains("stopped by the operator")), "{rest:#?}");
-    assert!(
-        rest.iter().any(|line| line.contains("the control is held: reset the control")),
-        "{rest:#?}"
-    );
+    assert!(rest.iter().any(|line| line.contains("the control is held: reset the control")), "{rest:#?}");
     assert!(!rest.iter().any(|line| line.contains("FAILED")), "a stop is no mistake: {rest:#?}");
 }

@@ -8,9 +8,9 @@ use trued::commissioning::Summary;
 use super::bench::runtime;
 use super::mistakes::Mistake;
 use super::sensors::{
-    BYTES, LINE, MAP, RATE_HZ, at_a_thermometer, bytes, counts, file, frame, frames, hearing, line,
-    looked_at, near_frame, on_a_line, on_can, on_modbus, sound, sound_frame, too_fast,
-    with_a_deaf_port, with_thermometer, without_sampler,
+    BYTES, LINE, MAP, RATE_HZ, at_a_thermometer, bytes, counts, file, frame, frames, hearing, line, looked_at,
+    near_frame, on_a_line, on_can, on_modbus, sound, sound_frame, too_fast, with_a_deaf_port, with_thermometer,
+    without_sampler,
 };
 
 const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
@@ -35,8 +35,7 @@ pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: a kernel without it",
         || {
-            let none =
-                || Err(CanError::NoKernelSupport { source: io::Error::other("no such family") });
+            let none = || Err(CanError::NoKernelSupport { source: io::Error::other("no such family") });
             on_can(&[], none)
         },
         "the kernel of this computer does not support CAN",
@@ -52,11 +51,7 @@ pub const MISTAKES: &[Mistake] = &[
         "no frame 181 was received on `can0`, only frames with other identifiers: 182",
     ),
     row("CAN: a sensor that is off", || on_can(&[], || hearing(Vec::new())), SILENT),
-    row(
-        "CAN: the bytes the other way",
-        || on_can(&[("order = \"big\"", "order = \"little\"")], sound),
-        LEAPS,
-    ),
+    row("CAN: the bytes the other way", || on_can(&[("order = \"big\"", "order = \"little\"")], sound), LEAPS),
     row(
         "CAN: a scale too large, near zero",
         || on_can(&[("1e-5", "5e-4")], || frames(near_frame)),
@@ -155,11 +150,7 @@ pub const MISTAKES: &[Mistake] = &[
     ),
     row(
         "Modbus: another unit",
-        || {
-            with_a_deaf_port(|address| {
-                file(&format!("[sensor.modbus]\ntcp = \"{address}\"\nunit = 7\n{MAP}"))
-            })
-        },
+        || with_a_deaf_port(|address| file(&format!("[sensor.modbus]\ntcp = \"{address}\"\nunit = 7\n{MAP}"))),
         "compare `unit`, baud rate and parity of [sensor.modbus]",
     ),
     row(
@@ -172,16 +163,8 @@ pub const MISTAKES: &[Mistake] = &[
         || on_modbus(&[("counter", "space = \"holding\"\ncounter")], 200.0),
         "exception 1 (illegal function)",
     ),
-    row(
-        "Modbus: what does not measure",
-        || on_modbus(&[], 0.1),
-        "the registers of the sensor never change",
-    ),
-    row(
-        "thermometer: another scale",
-        || at_a_thermometer("1e-3"),
-        "the temperature 2150.0 °C is not plausible",
-    ),
+    row("Modbus: what does not measure", || on_modbus(&[], 0.1), "the registers of the sensor never change"),
+    row("thermometer: another scale", || at_a_thermometer("1e-3"), "the temperature 2150.0 °C is not plausible"),
     row(
         "thermometer: nobody answers",
         || with_a_deaf_port(|address| with_thermometer(address, "0.1")),

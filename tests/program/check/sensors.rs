@@ -74,12 +74,7 @@ impl SensorConfig for Bus {
         "frames 181 on CAN interface can0".to_owned()
     }
 
-    fn open<'a>(
-        &'a self,
-        sensor: &'a sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        _: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
             let config: can::Config = toml::from_str(&self.sheet).unwrap();
             Ok(config.spawn_sensor((self.hears)()?, sensor, clock, None))
@@ -157,8 +152,7 @@ const PERIOD: Duration = Duration::from_millis(2);
 pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
     runtime().block_on(async {
         let mut pty = link::create_pty().unwrap();
-        let at =
-            format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
+        let at = format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
         let file = file(&(at + keys));
         let device = async {
             for number in 0.. {
@@ -251,12 +245,7 @@ pub fn sound_sensors_are_called_sound() {
         ("text", on_a_line(LINE, line)),
         ("bytes", on_a_line(BYTES, bytes)),
         ("Modbus", on_modbus(&[], 200.0)),
-        (
-            "in memory",
-            runtime().block_on(looked_at(&file(&format!(
-                "{slow}[sensor.simulated]\nrate_hz = 500.0\n"
-            )))),
-        ),
+        ("in memory", runtime().block_on(looked_at(&file(&format!("{slow}[sensor.simulated]\nrate_hz = 500.0\n"))))),
     ] {
         let failed = super::bench::failures(&summary);
         assert!(failed.is_empty(), "{name}: {failed}");

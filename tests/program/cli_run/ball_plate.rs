@@ -8,8 +8,7 @@ use super::{MachineShop, changed, estimate, stderr, tells, with_control};
 use crate::support::grbl_control::GrblControl;
 
 /// Error motions of `config/ball-plate.toml`, µm and µrad.
-const TRUTH: [(&str, f64); 5] =
-    [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
+const TRUTH: [(&str, f64); 5] = [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
 
 /// Amplitudes of harmonics: symbol, order, hypot of cosine and sine part.
 const AMPLITUDES: [(&str, usize, f64); 3] =
@@ -50,10 +49,7 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     for (symbol, order, truth) in AMPLITUDES {
         let functions = estimate["functions"].as_array().unwrap();
         let spectrum = functions.iter().find(|f| f["symbol"] == symbol).unwrap();
-        assert_eq!(
-            (&spectrum["figure"], &spectrum["x"][order - 1]),
-            (&json!("spectrum"), &json!(order as f64))
-        );
+        assert_eq!((&spectrum["figure"], &spectrum["x"][order - 1]), (&json!("spectrum"), &json!(order as f64)));
         let [value, u] = ["y", "u"].map(|name| spectrum[name][order - 1].as_f64().unwrap());
         println!("{symbol} {order} {value:.3} ± {:.3}, truly {truth:.3}", 2.0 * u);
         assert!((value - truth).abs() < 3.0 * u && u > 0.0, "{symbol} {order} {value}, u {u}");

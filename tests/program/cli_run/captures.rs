@@ -63,8 +63,7 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
         .nth(40)
         .unwrap();
     let command = line.split_once("> ").unwrap().1.trim_end_matches("\\n");
-    let elsewhere =
-        [&text[..at], &line.replacen("G38", "G39", 1), &text[at + line.len()..]].concat();
+    let elsewhere = [&text[..at], &line.replacen("G38", "G39", 1), &text[at + line.len()..]].concat();
     refused(&elsewhere, &["the replay ended", "the capture has no", command, "G39"]);
     refused(&text[..at], &["the replay ended", "the capture has no", command, "nothing"]);
     refused(&text[..text.len() / 2], &["b.capture, line", "the last line has no line end"]);
@@ -91,9 +90,7 @@ pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
     assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
     let parameters = |estimate: &Value| -> Vec<(String, f64)> {
         let all = estimate["parameters"].as_array().unwrap().iter();
-        let one = |one: &Value| {
-            (one["symbol"].as_str().unwrap().to_owned(), one["value"].as_f64().unwrap())
-        };
+        let one = |one: &Value| (one["symbol"].as_str().unwrap().to_owned(), one["value"].as_f64().unwrap());
         all.map(one).collect()
     };
     let (then, now) = (serde_json::from_str(&data("estimate.json")).unwrap(), estimate(&replayed));

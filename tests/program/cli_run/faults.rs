@@ -15,8 +15,7 @@ pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
     let shop = with_fault("kind = \"hold\"\nat_line = 120\n");
     let run = shop.run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    let told =
-        "error: held at the machine: the control reports Hold:0\n  → the run sends nothing more";
+    let told = "error: held at the machine: the control reports Hold:0\n  → the run sends nothing more";
     assert!(stderr(&run).contains(told), "{}", stderr(&run));
     assert_eq!(shop.states(), ["held"]);
     let kept = shop.exported_steps();
@@ -40,8 +39,7 @@ fn cut_after(from: u64) -> u64 {
         FaultyWire::for_rehearsal(seed).schedule(direction).next().expect("it never ends")
     };
     let cuts = |seed: &u64| {
-        let (to, back) =
-            (first(*seed, WireDirection::ToDevice), first(*seed, WireDirection::FromDevice));
+        let (to, back) = (first(*seed, WireDirection::ToDevice), first(*seed, WireDirection::FromDevice));
         to.fault == WireFault::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
     };
     (0..).find(cuts).expect("one of them")

@@ -10,8 +10,7 @@ use super::{MachineShop, changed, estimate, stderr};
 use crate::support::person;
 
 /// Error motions of `config/multiprobe.toml`, µm and µrad.
-const TRUTH: [(&str, f64); 5] =
-    [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
+const TRUTH: [(&str, f64); 5] = [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
 
 /// Four mountings, few stops.
 fn machine() -> String {
@@ -67,10 +66,7 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
 }
 
 pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
-    let far = changed(
-        &machine(),
-        &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")],
-    );
+    let far = changed(&machine(), &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")]);
     let shop = MachineShop::new(&far);
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
     let run = ended(shop.command(&run), &["centring, once more", "Centre the artefact"], "INT");

@@ -68,11 +68,7 @@ pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
     let far = far + "z_reference = false\n";
     let run = MachineShop::new(&far).run();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    assert!(
-        stderr(&run).contains("the first touch reached its end without contact"),
-        "{}",
-        stderr(&run)
-    );
+    assert!(stderr(&run).contains("the first touch reached its end without contact"), "{}", stderr(&run));
     assert!(stderr(&run).contains("the probe may not work"), "{}", stderr(&run));
 }
 
@@ -95,8 +91,7 @@ pub fn probe_and_clamps_are_switched_as_declared() {
     let heard = String::from_utf8(bytes).unwrap();
     let program: Vec<&str> = heard.lines().filter(|line| !line.starts_with('$')).collect();
     let file = MachineFile::parse("machine.toml", file).unwrap();
-    let dialect =
-        Dialect::from_name("grbl").unwrap().with_options(&file.machine, &file.probe).unwrap();
+    let dialect = Dialect::from_name("grbl").unwrap().with_options(&file.machine, &file.probe).unwrap();
     // The reader rejects a probing move with the probe off or a clamp open, and a C move while the clamp is closed.
     let motions = dialect.read_back(&program.join("\n")).unwrap();
     assert!(motions.len() > 62 * 4, "{} motions", motions.len());

@@ -7,10 +7,8 @@ use super::{MachineShop, changed, estimate, tells};
 const SMALL: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
 
 pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
-    let ball = changed(
-        include_str!("../../../config/probe-qualification.toml"),
-        &[("azimuths = 24\nrepeats = 3", SMALL)],
-    );
+    let ball =
+        changed(include_str!("../../../config/probe-qualification.toml"), &[("azimuths = 24\nrepeats = 3", SMALL)]);
     let part = changed(
         include_str!("../../../config/simulated.toml"),
         &[
@@ -25,17 +23,13 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
     let shop = MachineShop::new(&ball);
     let own = shop.path("part.toml");
     std::fs::write(&own, &part).unwrap();
-    let run =
-        || shop.trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);
+    let run = || shop.trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);
 
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
     tells(
         &refused,
-        &[
-            "qualified_within_days requires a qualification",
-            "run probe-qualification` with a precision sphere",
-        ],
+        &["qualified_within_days requires a qualification", "run probe-qualification` with a precision sphere"],
     );
 
     estimate(&shop.trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine()]));

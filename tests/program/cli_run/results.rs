@@ -46,8 +46,7 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
         "stylus_offset_um",
     ];
     let is_taken_out = |line: &&str| !sources.iter().any(|key| line.starts_with(key));
-    let silent: String =
-        machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+    let silent: String = machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
     let shop = MachineShop::new(&silent);
     let estimate = estimate(&shop.run());
     let found = &estimate["parameters"][0];
@@ -111,8 +110,7 @@ pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, first.stdout, "{}", stderr(&again));
     let tight = shop.file("tight.toml");
-    let judged =
-        shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
+    let judged = shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
     // The axis is 50 µm off: far beyond the tolerance of 1 µm.
     assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
     let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();

@@ -21,12 +21,7 @@ fn stopped(bench: &GrblControl, command: std::process::Command, words: &str, nam
 }
 
 /// Like [`stopped`], with all bytes that the run has sent.
-pub fn ended(
-    bench: &GrblControl,
-    mut command: std::process::Command,
-    words: &str,
-    name: &str,
-) -> (Output, String) {
+pub fn ended(bench: &GrblControl, mut command: std::process::Command, words: &str, name: &str) -> (Output, String) {
     bench.stop_at(&words.split(", ").collect::<Vec<_>>());
     let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     bench.wait(&mut run);
@@ -38,10 +33,7 @@ pub fn ended(
 }
 
 fn shop(bench: &GrblControl) -> MachineShop {
-    MachineShop::new(&with_control(
-        &machine(),
-        &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address),
-    ))
+    MachineShop::new(&with_control(&machine(), &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address)))
 }
 
 pub fn resume_command(shop: &MachineShop) -> std::process::Command {
@@ -146,19 +138,13 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let lines = |step: &str| -> Vec<&str> {
         heard.lines().filter(|line| line.trim_start_matches('?').starts_with(step)).collect()
     };
-    let down = |step: &str| {
-        lines(step).into_iter().rfind(|line| line.contains("G38.3 Z")).unwrap().to_owned()
-    };
+    let down = |step: &str| lines(step).into_iter().rfind(|line| line.contains("G38.3 Z")).unwrap().to_owned();
     assert!(down("N17 ").ends_with("F300.000") && down("N18 ").ends_with("F3000.000"));
     let fast = |step: &str| lines(step).iter().any(|line| line.contains(" G0 "));
     assert!(!["N17 ", "N18 ", "N19 "].into_iter().any(fast) && fast("N26 "), "{heard}");
     assert_eq!(shop.exported_steps().len(), 69 + 4);
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    for words in [
-        "held: the run was halted on request",
-        "confirmed by Ada",
-        "resumed after an interruption at t = ",
-    ] {
+    for words in ["held: the run was halted on request", "confirmed by Ada", "resumed after an interruption at t = "] {
         assert!(told.contains(words), "{words} in {told}");
     }
     // The gap is stored with the plan: the estimate from the journal and from files is the same.
@@ -333,8 +319,7 @@ pub fn some_of_the_references_are_not_enough() {
 /// touched twice after it, and a shift of 20 µm is still detected.
 pub fn references_tell_themselves_how_they_repeat() {
     let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
-    for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
-    {
+    for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)] {
         let bench = GrblControl::start(&machine());
         let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
         let shop = MachineShop::new(&with_control(&unknown(&machine()), &control));
@@ -359,10 +344,7 @@ pub fn a_control_that_lost_its_position_must_be_homed() {
     assert_eq!(ended.status.code(), Some(5));
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    tells(
-        &refused,
-        &["the position is lost", "the confirmation that all axes are homed is missing"],
-    );
+    tells(&refused, &["the position is lost", "the confirmation that all axes are homed is missing"]);
     assert_eq!(advised(&stderr(&ended)), advised(&stderr(&refused)));
     let listed = shop.trued(&["runs"]);
     assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&refused)));

@@ -29,13 +29,9 @@ fn run_command(shop: &MachineShop) -> Command {
 /// Number and label of each step of the printed plan, identical to those of a run.
 fn steps(shop: &MachineShop) -> Vec<(u32, String)> {
     let machine = shop.file("machine.toml");
-    let plan: Value = serde_json::from_slice(
-        &shop.trued(&["plan", "samba", "--json", "--machine", &machine]).stdout,
-    )
-    .unwrap();
-    let step = |step: &Value| {
-        (step["id"].as_u64().unwrap() as u32, step["label"].as_str().unwrap().to_owned())
-    };
+    let plan: Value =
+        serde_json::from_slice(&shop.trued(&["plan", "samba", "--json", "--machine", &machine]).stdout).unwrap();
+    let step = |step: &Value| (step["id"].as_u64().unwrap() as u32, step["label"].as_str().unwrap().to_owned());
     plan["steps"].as_array().unwrap().iter().map(step).collect()
 }
 

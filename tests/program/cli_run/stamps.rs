@@ -9,10 +9,7 @@ pub fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stampe
     let machine = shop.file("machine.toml");
     let run = shop.trued(&["run", "laser-r-test", "--json", "--machine", &machine]);
     assert_eq!(run.status.code(), Some(1), "{run:?}");
-    tells(
-        &run,
-        &["does not report time-stamped axis positions", "dwell points", "[controller.sampler]"],
-    );
+    tells(&run, &["does not report time-stamped axis positions", "dwell points", "[controller.sampler]"]);
     // The run is refused before it starts, not held midway.
     assert_eq!(shop.states(), ["failed"]);
 }

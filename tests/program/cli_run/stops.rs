@@ -41,11 +41,7 @@ fn held_by(name: &str) {
     signal(&run, name);
     let ended = run.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(5), "{}", stderr(&ended));
-    assert!(
-        stderr(&ended).contains("error: the run was halted on request\n  → "),
-        "{}",
-        stderr(&ended)
-    );
+    assert!(stderr(&ended).contains("error: the run was halted on request\n  → "), "{}", stderr(&ended));
     assert!(ended.stdout.is_empty(), "an estimate in spite of everything");
 
     let (bytes, status) = control.end();

@@ -27,10 +27,7 @@ impl Simulator {
     }
 
     fn client(&self) -> MachineShop {
-        MachineShop::new(&with_control(
-            &machine(),
-            &format!("kind = \"grbl\"\nserial = \"{}\"", self.path),
-        ))
+        MachineShop::new(&with_control(&machine(), &format!("kind = \"grbl\"\nserial = \"{}\"", self.path)))
     }
 }
 
@@ -46,8 +43,7 @@ pub fn regress_memory_pty_and_another_process_give_the_same_figures() {
     let memory = shop.run();
     assert!(estimate(&memory)["parameters"].is_array());
 
-    let pty =
-        MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run();
+    let pty = MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run();
     assert_eq!(pty.status.code(), Some(0), "{}", stderr(&pty));
     assert!(pty.stdout == memory.stdout, "a pty in this process gives something else");
 

@@ -40,8 +40,7 @@ pub struct Listener {
 impl Listener {
     pub fn connect(http: HttpClient) -> Self {
         let mut stream = http.connect();
-        write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{}\r\n\r\n", http.port)
-            .unwrap();
+        write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{}\r\n\r\n", http.port).unwrap();
         let heard = Arc::<Mutex<Heard>>::default();
         let (lines, keeps) = (BufReader::new(stream), heard.clone());
         let reader = std::thread::spawn(move || {

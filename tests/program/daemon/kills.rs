@@ -92,19 +92,12 @@ fn serve(shop: &MachineShop) -> (RecordingControl, DaemonProcess) {
 }
 
 /// One cycle, killed when `bytes` have passed the wire and `pause` has elapsed.
-fn killed(
-    witness: RecordingControl,
-    mut daemon: DaemonProcess,
-    bytes: usize,
-    pause: Duration,
-) -> (Heard, Record) {
+fn killed(witness: RecordingControl, mut daemon: DaemonProcess, bytes: usize, pause: Duration) -> (Heard, Record) {
     let listener = Listener::connect(daemon.http());
     assert_eq!(daemon.http().start(1), 202);
     // All bytes may already have passed the wire: the daemon is then killed while it computes, or while it is idle.
     let (client, began) = (daemon.http(), Instant::now());
-    witness.wait_for(bytes, || {
-        began.elapsed() > Duration::from_secs(1) && client.machine()["state"] == "waiting"
-    });
+    witness.wait_for(bytes, || began.elapsed() > Duration::from_secs(1) && client.machine()["state"] == "waiting");
     sleep(pause);
     daemon.kill();
     (listener.end(), witness.end())
@@ -112,12 +105,7 @@ fn killed(
 
 /// Checks the state that the killed daemon left, as the next daemon finds it; returns whether the kill was during a
 /// run.
-fn examine(
-    shop: &MachineShop,
-    daemon: &DaemonProcess,
-    (heard, record): (Heard, &Record),
-    known: &mut usize,
-) -> bool {
+fn examine(shop: &MachineShop, daemon: &DaemonProcess, (heard, record): (Heard, &Record), known: &mut usize) -> bool {
     let journal = Journal::open(&shop.state()).unwrap();
     let database = Connection::open(shop.state().join("journal.sqlite")).unwrap();
     let whole: String = database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();

@@ -68,9 +68,7 @@ impl Journald {
         let began = Instant::now();
         loop {
             let all = self.0.lock().unwrap().clone();
-            let begins = |entry: &&Entry| {
-                field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words))
-            };
+            let begins = |entry: &&Entry| field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words));
             if let Some(entry) = all.iter().find(begins) {
                 return entry.clone();
             }
@@ -150,22 +148,16 @@ pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
         let [run, priority] = ["TRUED_RUN", "PRIORITY"].map(|name| field(entry, name));
         (run.map(str::to_owned), priority.map(str::to_owned))
     };
-    let is = |run: Option<&str>, priority: Option<&str>| {
-        (run.map(str::to_owned), priority.map(str::to_owned))
-    };
+    let is = |run: Option<&str>, priority: Option<&str>| (run.map(str::to_owned), priority.map(str::to_owned));
     let shop = MachineShop::new(&served_machine(""));
     let (daemon, journald) = serve(&shop, "real");
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_until(|standing| standing["measured"].as_u64().unwrap() > 0);
     assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
-    assert_eq!(
-        told(&journald.until("hold requested by an unnamed person at the page")),
-        is(Some("1"), NOTICE)
-    );
+    assert_eq!(told(&journald.until("hold requested by an unnamed person at the page")), is(Some("1"), NOTICE));
     assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), NOTICE));
     assert_eq!(told(&journald.until("ready")), is(None, NOTICE));
-    let shop =
-        MachineShop::new(&served_machine("").replacen("[serve]", &format!("{RESET}[serve]"), 1));
+    let shop = MachineShop::new(&served_machine("").replacen("[serve]", &format!("{RESET}[serve]"), 1));
     let (daemon, journald) = serve(&shop, "fast");
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_for_state("held");

@@ -101,10 +101,7 @@ pub fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
     systemd.until("STOPPING=1");
     let resumed = shop.trued(&["resume", "1"]);
     let told = String::from_utf8_lossy(&resumed.stderr);
-    assert!(
-        told.contains("the name of the operator who has checked the machine is missing"),
-        "{told}"
-    );
+    assert!(told.contains("the name of the operator who has checked the machine is missing"), "{told}");
     std::fs::remove_file(shop.path("notify")).unwrap();
     let (daemon, systemd) = supervised(&shop, "fast");
     systemd.until("STATUS=simulated five-axis machine: held");

@@ -6,8 +6,7 @@ use std::process::{Command, Output};
 
 const UNITS: [&str; 3] = ["trued.service", "trued-cycle@.service", "trued-cycle@.timer"];
 /// Targets to which the units refer.
-const TARGETS: [&str; 7] =
-    ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
+const TARGETS: [&str; 7] = ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
 /// Maximum exposure level of `systemd-analyze security`, of 10.
 const EXPOSED: f64 = 2.0;
 
@@ -79,8 +78,7 @@ pub fn the_services_are_hardened() {
         let Some(output) = analyze(&["security", "--offline=true", &file]) else { return };
         let said = said(&output);
         let overall = said.lines().find(|line| line.contains("Overall exposure level"));
-        let level =
-            overall.and_then(|line| line.rsplit_once(": ")?.1.split(' ').next()?.parse().ok());
+        let level = overall.and_then(|line| line.rsplit_once(": ")?.1.split(' ').next()?.parse().ok());
         let level: f64 = level.unwrap_or_else(|| panic!("{said}"));
         println!("{unit}: {level}");
         assert!(level <= EXPOSED, "{unit}: {level}\n{said}");

@@ -66,11 +66,7 @@ fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
     let bench = Bench::new();
     let (output, record) = run(&bench, &[(fault, at.to_string())]);
     let (moved, told) = (!record.touches().is_empty(), said(&output));
-    println!(
-        "{fault}={at}: {:?}, {} touches, {told}",
-        output.status.code(),
-        record.touches().len()
-    );
+    println!("{fault}={at}: {:?}, {} touches, {told}", output.status.code(), record.touches().len());
     let code = output.status.code();
     // Everything was measured, but the result cannot be stored: nothing was stopped.
     let unkept = record.touches().len() == whole.touches && code == Some(1);
@@ -153,10 +149,7 @@ pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
     let (output, record) = run(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
     let told = said(&output);
     assert_eq!((output.status.code(), record.touches().len()), (Some(1), whole.touches), "{told}");
-    assert!(
-        output.stdout.is_empty() && told.contains("the estimate could not be stored"),
-        "{told}"
-    );
+    assert!(output.stdout.is_empty() && told.contains("the estimate could not be stored"), "{told}");
     for words in ["free space on the disk of the journal", "identify self-calibration --run 1`"] {
         assert!(told.contains(words), "{words} in {told}");
     }

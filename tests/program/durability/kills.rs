@@ -59,10 +59,7 @@ fn killed(bench: &Bench, bytes: usize, pause: Duration, begun: &mut usize) -> (S
             ("none".to_owned(), 0)
         }
         Some(state) => {
-            assert!(
-                ["interrupted", "not identified", "finished"].contains(&state.as_str()),
-                "{state}"
-            );
+            assert!(["interrupted", "not identified", "finished"].contains(&state.as_str()), "{state}");
             assert_kept(&bench.readings(*begun), &record);
             (state.clone(), touches)
         }

@@ -104,8 +104,7 @@ fn assert_whole(state: &Path) {
         }
     }
     let database = rusqlite::Connection::open(copy.path().join("journal.sqlite")).unwrap();
-    let verdict: String =
-        database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
+    let verdict: String = database.query_row("PRAGMA integrity_check", [], |row| row.get(0)).unwrap();
     assert_eq!(verdict, "ok");
     journal_rows::assert_sealed(&database);
 }
@@ -120,8 +119,7 @@ fn assert_kept(readings: &[Reading], record: &Record) {
     assert!(kept + 1 >= made, "{kept} kept of {made} touches");
     for ((reading, touch), step) in readings.iter().zip(touches).zip(0..) {
         assert_eq!(reading.step, step);
-        let at: Vec<f64> =
-            reading.position.iter().map(|(axis, value)| axis.to_mm_or_deg(value)).collect();
+        let at: Vec<f64> = reading.position.iter().map(|(axis, value)| axis.to_mm_or_deg(value)).collect();
         assert_eq!(at[..touch.len()], touch, "step {step}");
     }
 }

@@ -42,8 +42,7 @@ impl Amplifier {
         let (requests, requested) = unbounded_channel();
         let (ready, path) = std_mpsc::channel();
         std::thread::spawn(move || {
-            let runtime =
-                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
                 let Pty { device, path, client_side } = link::create_pty().unwrap();
                 // Without a client, sent bytes are lost.

@@ -58,10 +58,7 @@ fn machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
         file = file.replacen("simulated = { rate_hz = 1000.0 }", &channel(path, column), 1);
     }
     let changes = [
-        (
-            "kind = \"simulated\"\nwire = \"memory\"",
-            format!("kind = \"grbl\"\ntcp = \"{control}\""),
-        ),
+        ("kind = \"simulated\"\nwire = \"memory\"", format!("kind = \"grbl\"\ntcp = \"{control}\"")),
         ("indexes = 10", format!("indexes = 1\nsensors = {SENSORS:?}\nmonte_carlo_trials = 100")),
         ("revolutions = 2", "revolutions = 1".to_owned()),
         ("positions = 90", "positions = 36".to_owned()),
@@ -86,8 +83,7 @@ fn between(control: SocketAddr, amplifier: Arc<Amplifier>) -> SocketAddr {
     std::thread::spawn(move || {
         for client in listener.incoming() {
             let (client, control) = (client.unwrap(), TcpStream::connect(control).unwrap());
-            let (from_client, to_control) =
-                (client.try_clone().unwrap(), control.try_clone().unwrap());
+            let (from_client, to_control) = (client.try_clone().unwrap(), control.try_clone().unwrap());
             std::thread::spawn(move || pass(from_client, to_control, || ()));
             let amplifier = amplifier.clone();
             std::thread::spawn(move || pass(control, client, || amplifier.catch_up()));

@@ -157,10 +157,7 @@ impl Bench {
         });
         let world = Arc::new(Mutex::new(setup::build_world(&self.file).unwrap()));
         let faults = schedule.fault.iter().cloned().collect();
-        let options = SimulatedGrblOptions {
-            faults,
-            ..SimulatedGrblOptions::of(&self.file.machine, Pace::Fast)
-        };
+        let options = SimulatedGrblOptions { faults, ..SimulatedGrblOptions::of(&self.file.machine, Pace::Fast) };
         let mut firmware = Firmware::new(world, options);
         let happened = firmware.occurred_faults();
         tokio::spawn(async move { firmware.serve(control).await });

@@ -30,8 +30,7 @@ pub fn breaches(ended: &Ended) -> Vec<String> {
 }
 
 fn is_fault(line: &str) -> bool {
-    let numbered =
-        |start: &str| line.strip_prefix(start).is_some_and(|code| code.parse::<u32>().is_ok());
+    let numbered = |start: &str| line.strip_prefix(start).is_some_and(|code| code.parse::<u32>().is_ok());
     let state = ["<Alarm", "<Hold", "<Door", "<Tool"].iter().any(|state| line.starts_with(state));
     state || numbered("ALARM:") || numbered("error:") || line.starts_with(BANNER)
 }
@@ -40,9 +39,8 @@ fn motion_after_a_fault(ended: &Ended) -> Option<String> {
     let near = &ended.near;
     let sent = |entry: &Entry| entry.way == Way::ToControl;
     let first = near.iter().position(|entry| sent(entry) && moves(&entry.line))?;
-    let fault = near[first..]
-        .iter()
-        .position(|entry| if sent(entry) { entry.line == "!" } else { is_fault(&entry.line) });
+    let fault =
+        near[first..].iter().position(|entry| if sent(entry) { entry.line == "!" } else { is_fault(&entry.line) });
     let late = |from: usize, what: &str| {
         let after = near[from..].iter().find(|entry| sent(entry) && moves(&entry.line));
         after.map(|entry| format!("`{}` was sent after {what}", entry.line))
@@ -95,15 +93,10 @@ fn readings_are_what_happened(ended: &Ended) -> Option<String> {
         }
         // In the order in which they occurred, each at most once.
         let told = as_told(reading);
-        let Some(contact) =
-            contacts.find(|contact| (&contact.position, &contact.stamp) == (&told.0, &told.1))
-        else {
+        let Some(contact) = contacts.find(|contact| (&contact.position, &contact.stamp) == (&told.0, &told.1)) else {
             return Some(format!("the control never told {told:?}, step {}", reading.step));
         };
-        let as_sent = ended
-            .near
-            .iter()
-            .any(|entry| entry.way == Way::ToControl && entry.line == contact.line);
+        let as_sent = ended.near.iter().any(|entry| entry.way == Way::ToControl && entry.line == contact.line);
         if as_sent && step_of(&contact.line) != Some(reading.step) {
             return Some(format!("step {} got the touch of `{}`", reading.step, contact.line));
         }
@@ -120,8 +113,7 @@ fn nothing_acknowledged_is_lost(ended: &Ended) -> Option<String> {
     let last = sent.filter(|entry| moves(&entry.line)).filter_map(|entry| step_of(&entry.line));
     let begun = last.max().map_or(0, |last| last as usize + 1);
     let stored = ended.stored.readings.len();
-    (stored + 1 < begun || stored > begun)
-        .then(|| format!("{begun} steps begun, {stored} readings stored"))
+    (stored + 1 < begun || stored > begun).then(|| format!("{begun} steps begun, {stored} readings stored"))
 }
 
 /// The unanswered lines: each answer belongs to the oldest of them.
@@ -154,9 +146,7 @@ fn state_is_true(ended: &Ended) -> Option<String> {
     let measured = ended.stored.readings.len();
     let fits = match &ended.result {
         // The schedules end with the measurement.
-        Ok(()) => {
-            state == RunState::NotIdentified && last == Some(&Event::Finished) && measured == all
-        }
+        Ok(()) => state == RunState::NotIdentified && last == Some(&Event::Finished) && measured == all,
         Err(RunError::Controller(ControllerError::Halted)) => {
             state == RunState::Held && matches!(last, Some(Event::Held { .. }))
         }

@@ -42,12 +42,7 @@ impl Tape {
 
     /// Realtime bytes to the control act at once, at any place in the stream: `!`, `~` and a reset are recorded as
     /// separate lines, `?` is not.
-    async fn pass(
-        &self,
-        way: Way,
-        mut from: ReadHalf<DuplexStream>,
-        mut to: WriteHalf<DuplexStream>,
-    ) {
+    async fn pass(&self, way: Way, mut from: ReadHalf<DuplexStream>, mut to: WriteHalf<DuplexStream>) {
         let mut line = Vec::new();
         while let Ok(byte) = from.read_u8().await {
             match byte {

@@ -24,10 +24,7 @@ pub fn resume_identifies_without_the_machine() {
     let run = copy_without_estimate(&shop, usize::MAX);
     assert_eq!((run, shop.states()), (RunId(2), vec!["finished".into(), "not identified".into()]));
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
-    assert!(
-        listed.contains("not identified") && listed.contains("resume 2` computes the estimate"),
-        "{listed}"
-    );
+    assert!(listed.contains("not identified") && listed.contains("resume 2` computes the estimate"), "{listed}");
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
     assert!(told.contains("run 2 is not identified after"), "{told}");
 
@@ -64,10 +61,7 @@ pub fn the_daemon_identifies_a_measured_run() {
     let standing = http.wait_until(|standing| standing["result"]["run"] == 2);
     let result = &standing["result"];
     assert_eq!((&result["verdict"], &result["outdated"]), (&json!("pass"), &json!(false)));
-    assert_eq!(
-        (&standing["not_identified"], &standing["state"]),
-        (&Value::Null, &json!("waiting"))
-    );
+    assert_eq!((&standing["not_identified"], &standing["state"]), (&Value::Null, &json!("waiting")));
     assert!(http.text(PAGE).contains("class=\"glance true\""));
     daemon.wait_for_log("run 2 is identified, verdict pass");
     assert!(!daemon.log().contains("begins"), "{}", daemon.log());
@@ -87,8 +81,7 @@ pub fn a_stopped_identification_is_made_up_for() {
     daemon.wait_for_log("computing the estimate from 46 readings");
     assert_eq!(http.post("hold", &json!({})).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
-    let told =
-        "run 1 is measured and stored, but not identified: stopped during the computation of the";
+    let told = "run 1 is measured and stored, but not identified: stopped during the computation of the";
     assert!(daemon.log().contains(told), "the hold came too late: {}", daemon.log());
     assert_eq!(http.machine()["state"], "waiting");
     assert_eq!(daemon.terminate(), 0);

@@ -55,8 +55,7 @@ pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
     // Identified from the readings alone: the measured axis positions count, not those of a new plan.
     desk.says(&["export", "1", "--state", &first, "--to", &desk.path("")]);
     let readings = desk.path("run-1-readings.csv");
-    let again =
-        desk.says(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
+    let again = desk.says(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
     let again: Estimate = serde_json::from_slice(&again).expect("an estimate");
     for (symbol, _) in TRUTH {
         let (one, other) = (parameter(&estimate, symbol), parameter(&again, symbol));
@@ -67,13 +66,9 @@ pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
 /// A replay without control and sensor.
 pub fn a_captured_run_replays_to_the_same_bytes() {
     let desk = Desk::new(SHORT);
-    let (file, state, capture) =
-        (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
-    let run = |how: &[&str]| {
-        desk.says(
-            &[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat(),
-        )
-    };
+    let (file, state, capture) = (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
+    let run =
+        |how: &[&str]| desk.says(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat());
     let measured = run(&["--capture", &capture]);
     // The machine file now describes another machine: the result must be that of the capture.
     let text = std::fs::read_to_string(&file).expect("read");
@@ -86,8 +81,7 @@ pub fn a_captured_run_replays_to_the_same_bytes() {
     let (before, value) = before.rsplit_once(' ').expect("its value");
     let off: f64 = value.parse::<f64>().expect("a number") + 1.0;
     std::fs::write(&capture, format!("{before} {off} - 0\\n{rest}")).expect("written");
-    let replay =
-        ["run", METHOD, "--json", "--machine", &file, "--state", &state, "--replay", &capture];
+    let replay = ["run", METHOD, "--json", "--machine", &file, "--state", &state, "--replay", &capture];
     let output = desk.output(&replay);
     let said = String::from_utf8_lossy(&output.stderr);
     // By a millimetre: its pose must be measured again, which the capture does not contain.
@@ -111,12 +105,7 @@ pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
     let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(
-        said.contains(
-            "the probe reads closed; but the sensor `laser` is mounted instead of the probe"
-        ),
-        "{said}"
-    );
+    assert!(said.contains("the probe reads closed; but the sensor `laser` is mounted instead of the probe"), "{said}");
     assert!(said.contains("reads open while a sensor is in the spindle"), "{said}");
     assert!(!said.contains("free the stylus"), "{said}");
 }
@@ -137,8 +126,7 @@ pub fn a_printed_program_says_what_happens_where_it_rests() {
 fn over_the_pole(desk: &Desk, method: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
-    let mut simulator =
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
+    let mut simulator = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
     let mut address = String::new();
     let mut said = BufReader::new(simulator.stdout.take().expect("its output"));
     said.read_line(&mut address).expect("where it is");
@@ -162,9 +150,6 @@ fn over_the_pole(desk: &Desk, method: &str) -> String {
 pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
     let desk = Desk::new("");
     let (looks, touches) = (over_the_pole(&desk, METHOD), over_the_pole(&desk, "self-calibration"));
-    assert!(
-        looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"),
-        "{looks}"
-    );
+    assert!(looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"), "{looks}");
     assert!(touches.contains("|Pn:P"), "{touches}");
 }

@@ -135,8 +135,7 @@ pub fn a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sen
     let told = stderr(&refused);
     assert_eq!(refused.status.code(), Some(1), "{told}");
     assert!(
-        told.contains("without covers: `laser` in the spindle")
-            && told.contains("no operator can answer"),
+        told.contains("without covers: `laser` in the spindle") && told.contains("no operator can answer"),
         "{told}"
     );
     assert!(!shop.bench.heard().contains("G53"), "{}", shop.bench.heard());

@@ -42,20 +42,15 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
 /// The flanks of the sphere show a shift across the beam.
 pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
     // By 20 µm, along X and diagonally between X and Y: both lines of the cross show it.
-    for (moved, told) in [
-        ("[0.32, -0.2]", "repeatability of one touch"),
-        ("[0.314, -0.186]", " more; repeatability of one touch"),
-    ] {
+    for (moved, told) in
+        [("[0.32, -0.2]", "repeatability of one touch"), ("[0.314, -0.186]", " more; repeatability of one touch")]
+    {
         let shop = killed();
         shop.bench.become_another(&SOUND.file().replacen("[0.3, -0.2]", moved, 1));
         let refused = shop.resume();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         for words in ["have shifted since the stop", told, "Start a new run"] {
-            assert!(
-                stderr(&refused).contains(words),
-                "{moved}: no {words} in {}",
-                stderr(&refused)
-            );
+            assert!(stderr(&refused).contains(words), "{moved}: no {words} in {}", stderr(&refused));
         }
         assert_eq!(shop.state(), "closed");
         assert!(refused.stdout.is_empty());

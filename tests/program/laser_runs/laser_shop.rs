@@ -69,11 +69,7 @@ impl LaserShop {
     /// `bench` has the machine of `design`.
     pub fn over(design: Design, bench: GrblControl) -> Self {
         let sender = Sender::start(bench.world.clone());
-        let file = file(
-            &design.file(),
-            &format!("tcp = \"{}\"", bench.address),
-            &sender::table(sender.address),
-        );
+        let file = file(&design.file(), &format!("tcp = \"{}\"", bench.address), &sender::table(sender.address));
         Self { shop: MachineShop::new(&file), design, bench, sender }
     }
 
@@ -126,8 +122,7 @@ impl LaserShop {
     pub fn all_is_true(&self) -> Vec<u32> {
         let (readings, said) = (self.readings(), self.sender.said());
         let Design { points, samples, .. } = self.design;
-        let same =
-            |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+        let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
         let mut behind = 0;
         let mut steps = Vec::new();
         for scan in readings.chunk_by(same) {
@@ -136,8 +131,7 @@ impl LaserShop {
             for taken in scan.chunks(samples) {
                 let was_said = |at: &usize| {
                     let there = said[*at..].iter().zip(taken);
-                    said.len() >= at + samples
-                        && there.into_iter().all(|(said, taken)| is(said, taken))
+                    said.len() >= at + samples && there.into_iter().all(|(said, taken)| is(said, taken))
                 };
                 let found = (behind..said.len()).find(was_said);
                 let made_up = || panic!("not said: {:?} and what follows", taken[0]);
@@ -167,8 +161,7 @@ fn read(csv: &Path) -> Vec<Reading> {
 /// The control displays positions to a micrometre and a thousandth of a degree; the commanded position is known to
 /// a tenth of that.
 fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
-    let stands =
-        |axis| (position.get_or_zero(axis) - reading.position.get_or_zero(axis)).abs() < 2e-4;
+    let stands = |axis| (position.get_or_zero(axis) - reading.position.get_or_zero(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
         && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
 }
@@ -179,8 +172,7 @@ pub fn estimate(output: &Output) -> Estimate {
 }
 
 /// Errors of the built-in machine (paper 2, Table 5), um and urad.
-pub const TRUTH: [(&str, f64); 5] =
-    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+pub const TRUTH: [(&str, f64); 5] = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
 pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
     let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);

@@ -191,10 +191,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let told = told.unwrap_or_else(|| panic!("it says nothing of its samples: {said}"));
     let readings = Journal::open(folder.path()).unwrap().load_run(RunId(1)).unwrap().readings;
     let flagged = readings.iter().filter(|reading| reading.flag != ReadingFlag::None).count();
-    println!(
-        "{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged",
-        readings.len()
-    );
+    println!("{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged", readings.len());
     assert!(seconds > LEAST, "{seconds:?}");
     assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);

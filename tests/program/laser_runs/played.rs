@@ -99,9 +99,7 @@ impl Scene {
                 // No sample comes; the machine continues to move.
                 return None;
             }
-            Some(Event::Loses(count)) => {
-                (flag, missing, self.happens) = (ReadingFlag::Gap, count, None)
-            }
+            Some(Event::Loses(count)) => (flag, missing, self.happens) = (ReadingFlag::Gap, count, None),
             _ => {}
         }
         let lower = match self.plot {
@@ -221,11 +219,8 @@ fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
     let to = from.updated_by(to);
     let far = from.iter().map(|(axis, at)| (to.get_or_zero(axis) - at).abs()).fold(0.0, f64::max);
     let count = (far / (speed * PERIOD_S)).ceil().max(1.0) as usize;
-    let place = |part: f64| {
-        from.iter()
-            .map(|(axis, at)| (axis, at + part * (to.get_or_zero(axis) - at)))
-            .collect::<Position>()
-    };
+    let place =
+        |part: f64| from.iter().map(|(axis, at)| (axis, at + part * (to.get_or_zero(axis) - at))).collect::<Position>();
     (1..=count).map(|k| place(k as f64 / count as f64)).collect()
 }
 

@@ -58,9 +58,7 @@ fn names(output: &Output, told: &[&str]) {
 
 /// `[sensor.can]` with this layout in place of its value and counter.
 fn frames(layout: &str) -> String {
-    let table = format!(
-        "[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n"
-    );
+    let table = format!("[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n");
     machine(&[(SIMULATED, &table)], "")
 }
 
@@ -111,12 +109,10 @@ fn saying(bytes: Vec<u8>) -> String {
 pub fn what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves() {
     let line = b"M0,+01.23450,0001\r\n".repeat(12);
     let noise = link::decode_at_baud(&line, 115_200, 9600);
-    let speed =
-        ["mostly noise instead of lines of text", "set the converter to the sensor's baud rate"];
+    let speed = ["mostly noise instead of lines of text", "set the converter to the sensor's baud rate"];
     refused(&saying(noise), &["run", METHOD], &speed);
     let text = b"M0,STANDBY,0001\r\n".to_vec();
-    let columns =
-        ["the received lines do not match the layout: `M0,STANDBY", "a number in the column"];
+    let columns = ["the received lines do not match the layout: `M0,STANDBY", "a number in the column"];
     refused(&saying(text), &["run", METHOD], &columns);
 }
 
@@ -124,18 +120,10 @@ pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike()
     for sampling in ["dwell", "continuous"] {
         let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
         let two = machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
-        refused(
-            &two,
-            &["plan", METHOD],
-            &["heights_mm has 2 different heights", "state three or more heights"],
-        );
+        refused(&two, &["plan", METHOD], &["heights_mm has 2 different heights", "state three or more heights"]);
         // At some pose the sphere is beyond the travel of an axis.
         let far = machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
-        refused(
-            &far,
-            &["plan", METHOD],
-            &["at B -90°, C 0° the scan needs Z", "remove the position from tilt_deg"],
-        );
+        refused(&far, &["plan", METHOD], &["at B -90°, C 0° the scan needs Z", "remove the position from tilt_deg"]);
     }
     // Known only after the sphere was measured.
     let high = machine(&[], "heights_mm = [-5.0, 0.0, 9.5]");
@@ -145,9 +133,8 @@ pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike()
 
 /// Readings of a run on the simulated machine with `sampling`.
 fn measured(sampling: &str) -> (String, Plan, Vec<Reading>) {
-    let settings = format!(
-        "tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0"
-    );
+    let settings =
+        format!("tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0");
     let text = machine(&[], &settings);
     let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
     let (method, header) = setup::plan_header(&file, METHOD, None).unwrap();
@@ -166,10 +153,7 @@ fn identify((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
 }
 
 /// Flags the samples for which `lost` is true as out of range.
-fn without(
-    (plan, readings): (&Plan, &[Reading]),
-    lost: impl Fn(&Step, &[Reading], &Reading) -> bool,
-) -> Vec<Reading> {
+fn without((plan, readings): (&Plan, &[Reading]), lost: impl Fn(&Step, &[Reading], &Reading) -> bool) -> Vec<Reading> {
     let same = |one: &Reading, other: &Reading| one.step == other.step;
     let scans = readings.chunk_by(same);
     let mut spoilt = Vec::new();
@@ -188,8 +172,7 @@ fn without(
 
 /// Whether the reading is not on the line of a cross along X.
 fn off_the_first_line(scan: &[Reading], reading: &Reading) -> bool {
-    let mut all: Vec<f64> =
-        scan.iter().map(|reading| reading.position.get_or_zero(Axis::Y)).collect();
+    let mut all: Vec<f64> = scan.iter().map(|reading| reading.position.get_or_zero(Axis::Y)).collect();
     all.sort_by(f64::total_cmp);
     (reading.position.get_or_zero(Axis::Y) - all[all.len() / 2]).abs() > 0.05
 }
@@ -203,10 +186,7 @@ pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alik
         let one = without((&plan, &readings), |step, _, _| {
             step.label.starts_with("height/1") || step.label.starts_with("height/2")
         });
-        let told = [
-            "needs scans at three heights, the readings have 1",
-            "three heights_mm that are well apart",
-        ];
+        let told = ["needs scans at three heights, the readings have 1", "three heights_mm that are well apart"];
         names(&identify((&text, &plan, &one)), &told);
 
         // The scans for the latency are unchanged.

@@ -62,14 +62,8 @@ impl Sender {
         let state = Arc::new(Mutex::new(State::Well));
         let (later, said) = (Arc::default(), Arc::default());
         let here = Here { stands: Position::new(), samples: 0, next: false };
-        let sensor = Sensor {
-            world,
-            count: 0,
-            here,
-            state: state.clone(),
-            later: Arc::clone(&later),
-            said: Arc::clone(&said),
-        };
+        let sensor =
+            Sensor { world, count: 0, here, state: state.clone(), later: Arc::clone(&later), said: Arc::clone(&said) };
         std::thread::spawn(move || sensor.serve(&listener));
         Self { address, state, later, said }
     }

@@ -13,9 +13,7 @@ use trued::setup::machine_file::SensorConnection;
 use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
-use super::played::{
-    self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, RANGE_ENDS_Z_MM, SCAN_Z_MM, Shared,
-};
+use super::played::{self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, RANGE_ENDS_Z_MM, SCAN_Z_MM, Shared};
 
 /// Number of steps: a reference at rest (0), and two scans there and back.
 const STEPS: u32 = 3;
@@ -73,12 +71,7 @@ impl Method for Passes {
         serde_json::json!({})
     }
 
-    fn next_stage(
-        &self,
-        _: &Plan,
-        done: &[Stage],
-        _: PositionSource<'_>,
-    ) -> Result<NextStage, MethodRefusal> {
+    fn next_stage(&self, _: &Plan, done: &[Stage], _: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         if !done.is_empty() {
             return Ok(NextStage::Done);
         }
@@ -104,14 +97,12 @@ impl Shop {
         let text = include_str!("../../../config/laser.toml").to_owned();
         let mut file = MachineFile::parse("laser.toml", text).unwrap();
         let scene = played::shared(over(0.0).with(Axis::Z, 400.0));
-        file.sensors[0].connection =
-            SensorConnection::Real(std::sync::Arc::new(Eye(scene.clone())));
+        file.sensors[0].connection = SensorConnection::Real(std::sync::Arc::new(Eye(scene.clone())));
         Self { folder: tempfile::tempdir().unwrap(), file, scene }
     }
 
     async fn devices(&self, plot: Plot) -> (Devices, Halt) {
-        let mut devices =
-            setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+        let mut devices = setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller = played::control(&self.scene, plot);
         devices.clock = std::sync::Arc::new(Hands(self.scene.clone()));
         let halt = devices.controller.halt_handle();
@@ -146,14 +137,7 @@ impl Shop {
         let mut run = Run::new(id, &Passes, &devices, &journal, stored.plan, &mut tell);
         let (stages, readings) = (stored.stages, stored.readings);
         let answered = Vec::new();
-        run.resume(InterruptedRun {
-            stages,
-            readings,
-            answered_prompts: answered,
-            elapsed_s: 60.0,
-        })
-        .await
-        .unwrap();
+        run.resume(InterruptedRun { stages, readings, answered_prompts: answered, elapsed_s: 60.0 }).await.unwrap();
         journal.load_run(id).unwrap()
     }
 
@@ -176,8 +160,7 @@ fn trial<T>(work: impl Future<Output = T>) -> T {
 
 /// Number of samples of each step, in the order of the readings.
 fn counts(readings: &[Reading]) -> Vec<(u32, usize)> {
-    let same =
-        |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
+    let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
     readings.chunk_by(same).map(|step| (step[0].step, step.len())).collect()
 }
 
@@ -220,9 +203,7 @@ async fn fails((at, event, then): ((u32, usize), Event, Then), words: &[&str]) {
     shop.is_true(&stored.readings, &label);
     let told = |(_, event): &(_, Told)| match event {
         Told::Held { .. } => error.is_stop(),
-        Told::Faulted { what, remedy, .. } => {
-            (what, remedy) == (&error.to_string(), &error.remedy())
-        }
+        Told::Faulted { what, remedy, .. } => (what, remedy) == (&error.to_string(), &error.remedy()),
         _ => false,
     };
     assert!(stored.events.iter().any(told), "{label}: the journal does not say so");
@@ -241,43 +222,24 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
     let on_step = "pass/2, step 2";
     let resume = "`trued resume` measures the step again";
     let cases: [(Case, &[&str]); 12] = [
-        (
-            (THERE, Event::Says(ReadingFlag::Stale), Held),
-            &[on_step, "(stale)", "sends no more data: check its cable"],
-        ),
+        ((THERE, Event::Says(ReadingFlag::Stale), Held), &[on_step, "(stale)", "sends no more data: check its cable"]),
         (
             (BACK, Event::Says(ReadingFlag::Range), Held),
             &[on_step, "(range)", "check that the artefact is at its position"],
         ),
-        (
-            (BACK, Event::Says(ReadingFlag::Saturated), Held),
-            &[on_step, "(saturated)", "reduce its exposure"],
-        ),
+        ((BACK, Event::Says(ReadingFlag::Saturated), Held), &[on_step, "(saturated)", "reduce its exposure"]),
         ((THERE, Event::SensorGone, Held), &["`laser`", "is lost", "the sensor's power and cable"]),
         ((BACK, Event::ControlGone, Held), &["the link to the control is lost"]),
-        (
-            (THERE, Event::Hold, Held),
-            &["the run was halted on request", "start a new run when the machine is clear"],
-        ),
-        (
-            (THERE, Event::NoTrack, Over),
-            &["does not report time-stamped axis positions", "[controller.sampler]"],
-        ),
+        ((THERE, Event::Hold, Held), &["the run was halted on request", "start a new run when the machine is clear"]),
+        ((THERE, Event::NoTrack, Over), &["does not report time-stamped axis positions", "[controller.sampler]"]),
         ((BACK, Event::TrackEnds, Over), &[on_step, "2 of the 3 points", resume]),
         ((THERE, Event::TrackBegins, Over), &[on_step, "1 of the 3 points", resume]),
         ((BACK, Event::StampsJump, Over), &[on_step, "2 of the 3 points", resume]),
         (
             (FIRST, Event::OtherClock, Over),
-            &[
-                "pass/1, step 1",
-                "no sample of laser lies within the times for which the control reported",
-                resume,
-            ],
+            &["pass/1, step 1", "no sample of laser lies within the times for which the control reported", resume],
         ),
-        (
-            (FIRST, Event::Mute, Over),
-            &["pass/1, step 1", "laser sent no samples during the motion", resume],
-        ),
+        ((FIRST, Event::Mute, Over), &["pass/1, step 1", "laser sent no samples during the motion", resume]),
     ];
     std::thread::scope(|scope| {
         for (case, words) in &cases {
@@ -302,11 +264,8 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
         });
         (scan, told.collect::<Vec<String>>().join("\n"))
     };
-    let longest = |scan: &[Reading]| {
-        scan.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(0.0, f64::max)
-    };
-    let gaps =
-        |scan: &[Reading]| scan.iter().filter(|reading| reading.flag == ReadingFlag::Gap).count();
+    let longest = |scan: &[Reading]| scan.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).fold(0.0, f64::max);
+    let gaps = |scan: &[Reading]| scan.iter().filter(|reading| reading.flag == ReadingFlag::Gap).count();
 
     let (scan, _) = measured(THERE, Event::Loses(30));
     assert_eq!((scan.len(), gaps(&scan)), (2 * WAY - 30, 1));

@@ -69,8 +69,7 @@ impl Bench {
     pub fn measure(&self) -> Measured {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
-            let devices =
-                setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
+            let devices = setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
             self.measure_with(&devices).await
         })
     }

@@ -41,11 +41,9 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
         runtime.block_on(async {
             let simulated = MachineFile::parse("machine.toml", bench::machine(keys)).unwrap();
             let served = SimulatedMachine::new(&simulated).unwrap().serve(Pace::Fast).unwrap();
-            let text =
-                bench::machine(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
+            let text = bench::machine(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
-            let devices =
-                setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
+            let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });

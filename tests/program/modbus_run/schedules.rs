@@ -41,12 +41,10 @@ struct Way {
     requests: u64,
 }
 
-const LINES: Way =
-    Way { wire: Wire::Tcp, resident: false, full_schedules: 80, chunks: 200, requests: 700 };
+const LINES: Way = Way { wire: Wire::Tcp, resident: false, full_schedules: 80, chunks: 200, requests: 700 };
 /// Over RTU the silences between the frames make a run slower.
 const LINES_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 38, ..LINES };
-const PROGRAM: Way =
-    Way { wire: Wire::Tcp, resident: true, full_schedules: 72, chunks: 20, requests: 350 };
+const PROGRAM: Way = Way { wire: Wire::Tcp, resident: true, full_schedules: 72, chunks: 20, requests: 350 };
 const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 46, ..PROGRAM };
 
 impl Way {
@@ -61,8 +59,7 @@ impl Way {
 /// Distance of the seeds: `wanted`, or the next larger number without a common divisor with the number of kinds.
 /// The seed modulo that number selects the kind of fault, so that successive seeds give different kinds.
 fn stride(wanted: u64, kinds: u64) -> u64 {
-    let is_coprime =
-        |stride: &u64| (2..=kinds).all(|d| !(kinds.is_multiple_of(d) && stride.is_multiple_of(d)));
+    let is_coprime = |stride: &u64| (2..=kinds).all(|d| !(kinds.is_multiple_of(d) && stride.is_multiple_of(d)));
     (wanted..).find(is_coprime).unwrap_or(1)
 }
 
@@ -244,9 +241,7 @@ fn invented(ended: &Ended) -> Option<String> {
         _ => None,
     });
     let told = |reading: &Reading| {
-        let step = |axis: Axis| {
-            (axis.to_mm_or_deg(reading.position.get_or_zero(axis)) * 1e3).round() as i32
-        };
+        let step = |axis: Axis| (axis.to_mm_or_deg(reading.position.get_or_zero(axis)) * 1e3).round() as i32;
         (AXES.map(step).to_vec(), reading.t_s)
     };
     let made_up = ended.readings.iter().find(|reading| {
@@ -274,8 +269,7 @@ fn taken_after_a_fault(ended: &Ended) -> Option<String> {
         took += u32::from(matches!(entry, DiaryEntry::Accepted { .. }));
     }
     // A chunk repeated for lack of an answer has the same sequence.
-    (took > 0 || asked > 4)
-        .then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
+    (took > 0 || asked > 4).then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
 }
 
 /// A chunk that the control has accepted is not offered again.
@@ -371,8 +365,7 @@ fn all_schedules(way: &Way, besides: &str) {
         return;
     }
     // Each fault and each result occurred.
-    let missing: Vec<_> =
-        way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
+    let missing: Vec<_> = way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
     assert!(missing.is_empty(), "{missing:?}");
     for ending in ENDINGS.into_iter().chain([besides]) {
         assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");

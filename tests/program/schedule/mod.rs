@@ -32,9 +32,7 @@ fn daylight_saving_both_ways() {
     assert_eq!(told["last"][0]["run"], 1);
     // Months later; the slots in between are missed. The jump is detected when the clock is next read.
     setup.wall.set("2027-10-31T00:29:50Z");
-    daemon.wait_for_log(
-        "schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward",
-    );
+    daemon.wait_for_log("schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward");
     daemon.wait_for_log("schedule dawn: slot 2027-10-31T00:30:00Z: ran: verdict pass");
     setup.wall.set("2027-10-31T01:29:58Z");
     a_while();
@@ -51,8 +49,7 @@ fn a_clock_set_back_in_mid_run() {
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
     setup.wall.set("2026-11-23T04:29:57Z");
     daemon.wait_for_log("the clock was set back");
-    daemon
-        .wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z is due again, but already started");
+    daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z is due again, but already started");
     setup.one("2026-11-23T04:30:00Z", "started", "");
     assert_eq!(setup.shop.states(), ["running"]);
     // The run was held: the slot failed, and the schedule is disarmed.
@@ -72,9 +69,7 @@ fn a_manual_run_is_on() {
     setup.arm();
     start(&daemon);
     setup.wall.set("2026-11-23T04:29:58Z");
-    daemon.wait_for_log(
-        "schedule dawn: slot 2026-11-23T04:30:00Z waits: not ready: a run is in progress",
-    );
+    daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z waits: not ready: a run is in progress");
     // The page shows it a moment after it is logged.
     let waits = || schedule(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
     let told = (0..100).find_map(|_| {
@@ -83,11 +78,7 @@ fn a_manual_run_is_on() {
     });
     assert!(told.is_some_and(|waiting| waiting.contains("a run is in progress")));
     setup.wall.set("2026-11-23T04:40:01Z");
-    setup.one(
-        "2026-11-23T04:30:00Z",
-        "skipped",
-        "the latest start time has passed: not ready: a run is in progress",
-    );
+    setup.one("2026-11-23T04:30:00Z", "skipped", "the latest start time has passed: not ready: a run is in progress");
     assert_eq!(setup.shop.states(), ["running"]);
 }
 
@@ -117,10 +108,7 @@ fn a_machine_that_is_not_ready() {
     daemon.wait_for_log("schedule dawn: slot 2026-11-24T04:30:00Z waits");
     setup.wall.set("2026-11-24T05:00:01Z");
     let slots = setup.until("skipped");
-    assert!(
-        slots[0][2].contains("latest start time has passed: not ready: the external start"),
-        "{slots:?}"
-    );
+    assert!(slots[0][2].contains("latest start time has passed: not ready: the external start"), "{slots:?}");
     assert_eq!(setup.shop.states(), ["finished"]);
 }
 
@@ -169,10 +157,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     assert_eq!(due(1).0, 202);
     daemon.wait_for_log("ran: verdict pass");
     let (status, told) = due(1);
-    assert!(
-        status == 409 && told["message"].as_str().unwrap().contains("already started"),
-        "{told}"
-    );
+    assert!(status == 409 && told["message"].as_str().unwrap().contains("already started"), "{told}");
     let (status, told) = daemon.http().post("disarm", &json!({"who": "Eve"}));
     assert!(status == 202 && told["armed"][0]["ended"].is_array(), "{told}");
     setup.wall.set("2026-11-23T13:00:00Z");

@@ -49,10 +49,7 @@ impl Wall {
 
     pub fn envs(&self) -> Vec<(String, String)> {
         let text = |path: PathBuf| path.display().to_string();
-        vec![
-            ("LD_PRELOAD".to_owned(), text(self.library())),
-            ("SET_CLOCK".to_owned(), text(self.file())),
-        ]
+        vec![("LD_PRELOAD".to_owned(), text(self.library())), ("SET_CLOCK".to_owned(), text(self.file()))]
     }
 }
 

@@ -2,9 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{
-    Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl,
-};
+use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl};
 use machine::record::event::Event;
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
@@ -75,9 +73,7 @@ struct Proven {
 fn row(motion: &Motion) -> String {
     let (does, to, value) = match motion {
         Motion::Rapid { to } => ("Rapid", to.clone(), 0.0),
-        Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => {
-            ("Feed", to.clone(), *feed_mm_min)
-        }
+        Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => ("Feed", to.clone(), *feed_mm_min),
         Motion::Guarded { to, feed_mm_min } => ("Guarded", to.clone(), *feed_mm_min),
         Motion::Probe { to, feed_mm_min } => ("Touch", to.clone(), *feed_mm_min),
         Motion::Dwell { seconds } => ("Dwell", Position::new(), *seconds),
@@ -93,8 +89,7 @@ fn row(motion: &Motion) -> String {
 async fn measure(text: String, method: &str) -> Proven {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
-    let (lines, rows) =
-        (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
+    let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
     let halt = devices.controller.halt_handle();
     let halting = Halt::new(move || halt.trigger());
     let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
@@ -155,8 +150,7 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
         let address = listener.local_addr().unwrap();
         tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() });
         let program = if resident { "program = {}\n" } else { "" };
-        let keys =
-            format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
+        let keys = format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
         let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
             + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";
         let proven = measure(text, "self-calibration").await;

@@ -53,9 +53,8 @@ pub fn signed() {
     assert_eq!(http.post("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["state"] == "waiting");
     let path = "/api/v1/runs/1/sign";
-    let sign = |who: &str, estimate: &str| {
-        http.post_path(path, &json!({"who": who, "why": "as ever", "estimate": estimate}))
-    };
+    let sign =
+        |who: &str, estimate: &str| http.post_path(path, &json!({"who": who, "why": "as ever", "estimate": estimate}));
     let (_, page) = http.request("GET", "/runs/1", "", "");
     let (_, rest) = page.split_once("name=\"estimate\" value=\"").unwrap();
     let hash = &rest[..64];

@@ -16,10 +16,7 @@ pub fn a_cycle() {
     let (code, told, _) = run("self-calibration", &[]);
     assert!(code == Some(2) && told.contains("no operator has confirmed"), "{code:?} {told}");
     let (code, told, _) = run("latch-delay", &["--acknowledge", "Ada"]);
-    assert!(
-        code == Some(1) && told.contains("none of its cycles has the method latch-delay"),
-        "{told}"
-    );
+    assert!(code == Some(1) && told.contains("none of its cycles has the method latch-delay"), "{told}");
     let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--repeat", "2"]);
     assert!(code == Some(1) && told.contains("--repeat"), "{told}");
     let (code, told, _) = run("self-calibration", &["--acknowledge", "Ada", "--speed", "fast"]);

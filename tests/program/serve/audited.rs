@@ -11,8 +11,7 @@ use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(300);
-const SCHEDULE: &str =
-    "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 1 1 *\"\nzone = \"UTC\"\n";
+const SCHEDULE: &str = "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 1 1 *\"\nzone = \"UTC\"\n";
 
 /// Audit entries, newest first, page by page.
 fn audits(port: u16) -> Vec<Value> {

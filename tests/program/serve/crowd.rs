@@ -92,21 +92,14 @@ async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::S
     }
 }
 
-async fn misbehave(
-    mut stream: TcpStream,
-    port: u16,
-    token: &str,
-    kind: usize,
-) -> std::io::Result<()> {
+async fn misbehave(mut stream: TcpStream, port: u16, token: &str, kind: usize) -> std::io::Result<()> {
     let host = format!("Host: localhost:{port}\r\nAuthorization: Bearer {token}\r\n");
     let mut answer = [0; 4096];
     match kind {
         0 => {}
         1 => stream.write_all(format!("GET / HTTP/1.1\r\n{host}X-Half: ").as_bytes()).await?,
         2 => {
-            for byte in
-                format!("GET /runs HTTP/1.1\r\n{host}X-Slow: {}", "s".repeat(10_000)).bytes()
-            {
+            for byte in format!("GET /runs HTTP/1.1\r\n{host}X-Slow: {}", "s".repeat(10_000)).bytes() {
                 stream.write_all(&[byte]).await?;
                 sleep(Duration::from_millis(200)).await;
             }
@@ -206,9 +199,8 @@ pub fn and_a_hold() {
 /// Three processes that only connect, continuously, from other addresses: no hold is lost.
 pub fn who_only_connect() {
     let guarded = Guarded::new("fast");
-    let crowds = [2, 3, 4].map(|last| {
-        Crowd::asked(CONNECTS, &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last)))
-    });
+    let crowds =
+        [2, 3, 4].map(|last| Crowd::asked(CONNECTS, &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last))));
     std::thread::sleep(Duration::from_secs(1));
     for _ in 0..300 {
         assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);

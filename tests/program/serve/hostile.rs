@@ -40,11 +40,10 @@ impl Guarded {
 
     /// With a changed machine file.
     pub fn with(speed: &str, change: impl FnOnce(&MachineShop)) -> Self {
-        let shop =
-            MachineShop::with_serve(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
+        let shop = MachineShop::with_serve(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
         change(&shop);
-        let [viewer, operator, metrologist] = ["viewer", "operator", "metrologist"]
-            .map(|role| token(&shop, &format!("a-{role}"), role));
+        let [viewer, operator, metrologist] =
+            ["viewer", "operator", "metrologist"].map(|role| token(&shop, &format!("a-{role}"), role));
         let daemon = shop.serve(speed);
         let http = daemon.http();
         let port = http.port;
@@ -58,14 +57,11 @@ impl Guarded {
     /// A POST request of a program.
     pub fn post(&self, what: &str, token: &str, body: &Value) -> u16 {
         let headers = format!("{JSON}{}", bearer(token));
-        HttpClient::at(self.port)
-            .request("POST", &format!("{MACHINE}/{what}"), &headers, &body.to_string())
-            .0
+        HttpClient::at(self.port).request("POST", &format!("{MACHINE}/{what}"), &headers, &body.to_string()).0
     }
 
     pub fn standing(&self) -> Value {
-        let (status, told) =
-            HttpClient::at(self.port).request("GET", MACHINE, &bearer(&self.viewer), "");
+        let (status, told) = HttpClient::at(self.port).request("GET", MACHINE, &bearer(&self.viewer), "");
         assert_eq!(status, 200, "{told}");
         serde_json::from_str(&told).unwrap()
     }
@@ -116,22 +112,18 @@ pub fn roles() {
     let guarded = Guarded::new("real");
     let Guarded { viewer, operator, metrologist, .. } = &guarded;
     let start = json!({"cycle": 1, "enable": true, "auto": true, "door": true, "who": ""});
-    let reads =
-        ["/", "/runs", "/live.js", "/api/v1/machines", "/api/v1/audit", "/api/v1/openapi.json"];
+    let reads = ["/", "/runs", "/live.js", "/api/v1/machines", "/api/v1/audit", "/api/v1/openapi.json"];
     for path in reads {
         assert_eq!(guarded.get(path, ""), 401, "{path}");
         assert_eq!(guarded.get(path, &bearer("trued_0")), 401, "{path}");
         let seen = guarded.get(path, &bearer(viewer));
         assert!(seen == 200 || seen == 303, "{path}: {seen}");
     }
-    let stranger = guarded.whole("GET /runs HTTP/1.1\r\nHost: true.example\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
-    assert!(
-        stranger.starts_with("HTTP/1.1 303") && stranger.contains("location: /login"),
-        "{stranger}"
-    );
+    let stranger =
+        guarded.whole("GET /runs HTTP/1.1\r\nHost: true.example\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
+    assert!(stranger.starts_with("HTTP/1.1 303") && stranger.contains("location: /login"), "{stranger}");
     for what in ["start", "hold", "acknowledge"] {
-        let (status, told) =
-            HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/{what}"), JSON, "{}");
+        let (status, told) = HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/{what}"), JSON, "{}");
         assert_eq!(status, 401, "{what}: {told}");
     }
     assert_eq!(guarded.post("start", viewer, &start_request()), 403);
@@ -140,16 +132,10 @@ pub fn roles() {
     assert_eq!(guarded.post("start", operator, &start), 202);
     // A hold is accepted from every authenticated client, whatever else the request contains.
     let spoilt = format!("{JSON}{}", bearer(viewer));
-    assert_eq!(
-        HttpClient::at(guarded.port)
-            .request("POST", &format!("{MACHINE}/hold"), &spoilt, "{\"why\": 7")
-            .0,
-        202
-    );
+    assert_eq!(HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/hold"), &spoilt, "{\"why\": 7").0, 202);
     guarded.until(|now| now["state"] == "held");
     assert_eq!(guarded.post("acknowledge", metrologist, &json!({"who": "Ada"})), 202);
-    let audits =
-        HttpClient::at(guarded.port).request("GET", "/api/v1/audit", &bearer(viewer), "").1;
+    let audits = HttpClient::at(guarded.port).request("GET", "/api/v1/audit", &bearer(viewer), "").1;
     let audits: Vec<Value> = serde_json::from_str(&audits).unwrap();
     let who: Vec<&str> = audits.iter().map(|audit| audit["who"].as_str().unwrap()).collect();
     assert_eq!(who, ["a-metrologist: Ada", "a-viewer", "a-operator"]);
@@ -249,8 +235,7 @@ pub fn paths() {
     let long = format!("/{}", "a".repeat(20_000));
     let deep = "/a".repeat(4_000);
     for path in paths.iter().copied().chain([long.as_str(), deep.as_str()]) {
-        for (who, headers) in [("a stranger", String::new()), ("somebody", bearer(&guarded.viewer))]
-        {
+        for (who, headers) in [("a stranger", String::new()), ("somebody", bearer(&guarded.viewer))] {
             let answer = guarded.whole(&format!(
                 "GET {path} HTTP/1.1\r\nHost: localhost:{}\r\n{headers}Connection: close\r\n\r\n",
                 guarded.port
@@ -274,7 +259,8 @@ pub fn paths() {
         b"GET /\0/runs HTTP/1.1\r\n\r\n".into(),
         vec![0xff; 10_000],
         format!("GET /runs HTTP/1.1\r\n{host}{host}{known}\r\n").into(),
-        format!("POST /login HTTP/1.1\r\n{host}Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n").into(),
+        format!("POST /login HTTP/1.1\r\n{host}Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n")
+            .into(),
         format!("POST /login HTTP/1.1\r\n{host}Content-Length: -1\r\n\r\n").into(),
     ];
     for request in spoilt {

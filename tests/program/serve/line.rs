@@ -23,10 +23,7 @@ pub fn starts() {
     let refused = "REFUSED the external start is not enabled at the machine";
     assert_eq!(ask("START 1"), refused);
     assert_eq!(ask("START 1 ENABLE AUTO"), "REFUSED a guard is open");
-    assert_eq!(
-        ask("START 2 ENABLE AUTO DOOR"),
-        "REFUSED the configuration does not contain this cycle"
-    );
+    assert_eq!(ask("START 2 ENABLE AUTO DOOR"), "REFUSED the configuration does not contain this cycle");
     assert_eq!(ask("START 1 ENABLE AUTO DOOR NOW"), "REFUSED the line is not a valid command");
     assert_eq!(ask("start 1 enable auto door"), "OK run 1");
     assert_eq!(ask("START 1 ENABLE AUTO DOOR"), "REFUSED a run is in progress");

@@ -43,8 +43,7 @@ pub fn a_verdict() {
     // Without tokens there is no sign-in.
     assert!(!page.contains("sign in"), "{page}");
 
-    let long_ago =
-        "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
+    let long_ago = "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
     journal_rows::change(Path::new(&shop.file("state")), long_ago);
     // The page is updated without a request.
     let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
@@ -67,8 +66,7 @@ pub fn pages() {
     let at = http.port;
     assert_eq!(http.post("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
-    let more =
-        "WITH RECURSIVE many (n) AS (SELECT 2 UNION ALL SELECT n + 1 FROM many WHERE n < 450)
+    let more = "WITH RECURSIVE many (n) AS (SELECT 2 UNION ALL SELECT n + 1 FROM many WHERE n < 450)
         INSERT INTO runs (id, started, ended, method, machine, state, program_version, config,
                           config_sha256, plan_head, plan_sha256)
         SELECT n, started, ended, method, machine, 'failed', program_version, config,
@@ -119,14 +117,9 @@ pub fn slips() {
     let daemon = shop.serve("fast");
     let http = daemon.http();
     let at = http.port;
-    let form = format!(
-        "Origin: http://localhost:{at}\r\nContent-Type: application/x-www-form-urlencoded\r\n"
-    );
-    let slip =
-        |what: &str, body: &str| http.request("POST", &format!("{MACHINE}/{what}"), &form, body);
-    for (what, body, status) in
-        [("arm", "cycle=1&who=Ada&until=tomorrow", 400), ("disarm", "who=++", 400)]
-    {
+    let form = format!("Origin: http://localhost:{at}\r\nContent-Type: application/x-www-form-urlencoded\r\n");
+    let slip = |what: &str, body: &str| http.request("POST", &format!("{MACHINE}/{what}"), &form, body);
+    for (what, body, status) in [("arm", "cycle=1&who=Ada&until=tomorrow", 400), ("disarm", "who=++", 400)] {
         let (answered, page) = slip(what, body);
         assert_eq!(answered, status, "{what}: {page}");
         assert!(page.contains("</html>") && page.contains("Request failed"), "{what}: {page}");
@@ -155,8 +148,7 @@ pub fn signs_of_life() {
     let says = |words: &str| head.iter().any(|line| line.eq_ignore_ascii_case(words));
     assert!(says("x-accel-buffering: no") && says("content-type: text/event-stream"), "{head:?}");
     let data = lines.filter_map(|line| line.strip_prefix("data: ").map(str::to_owned));
-    let standings: Vec<Value> =
-        data.take(3).map(|data| serde_json::from_str(&data).unwrap()).collect();
+    let standings: Vec<Value> = data.take(3).map(|data| serde_json::from_str(&data).unwrap()).collect();
     let waiting = json!({"state": "waiting", "late": false});
     for standing in &standings {
         assert_eq!(json!({"state": standing["state"], "late": standing["late"]}), waiting);

@@ -34,13 +34,11 @@ pub fn a_cycle() {
     assert_eq!(trends[0]["values"][0]["value"], told["parameters"][0]["value"]);
     let all = http.get("/api/v1/runs/1/readings");
     let felt = all["readings"].as_array().unwrap().iter();
-    let felt: Vec<f64> =
-        felt.map(|reading| reading["temperatures_c"]["spindle"].as_f64().unwrap()).collect();
+    let felt: Vec<f64> = felt.map(|reading| reading["temperatures_c"]["spindle"].as_f64().unwrap()).collect();
     assert_eq!(all["all"], felt.len());
     let mean = trends[0]["values"][0]["temperatures_c"]["spindle"].as_f64().unwrap();
     assert!((mean - felt.iter().sum::<f64>() / felt.len() as f64).abs() < 1e-9, "{mean} {felt:?}");
-    let (least, most) =
-        felt.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
+    let (least, most) = felt.iter().fold((f64::MAX, f64::MIN), |(a, b), it| (a.min(*it), b.max(*it)));
     let warmth = format!("mean {mean:.2} °C, from {least:.2} to {most:.2} °C, ");
     let (page, report) = ("/runs/1", "/runs/1/report");
     let [page, report] = [page, report].map(|path| http.request("GET", path, "", "").1);
@@ -83,12 +81,8 @@ pub fn a_hold() {
         .iter()
         .map(|audit| format!("{} {}", audit["who"], audit["what"]).replace('"', ""))
         .collect();
-    let wanted = [
-        "Ada acknowledgement",
-        "Ada start of cycle 1",
-        "an unnamed person at the page hold",
-        "Ada start of cycle 1",
-    ];
+    let wanted =
+        ["Ada acknowledgement", "Ada start of cycle 1", "an unnamed person at the page hold", "Ada start of cycle 1"];
     assert_eq!(audits, wanted);
 }
 

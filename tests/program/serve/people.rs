@@ -46,9 +46,8 @@ pub fn refused() {
         let headers = format!("{BROWSER}{FORM}{cookie}");
         send(&guarded, &format!("POST {MACHINE}/{what}"), &headers, "who=Eve")
     };
-    let program = |request: &str, headers: &str| {
-        send(&guarded, request, &format!("{BROWSER}{headers}"), "{\"who\": \"Eve\"}")
-    };
+    let program =
+        |request: &str, headers: &str| send(&guarded, request, &format!("{BROWSER}{headers}"), "{\"who\": \"Eve\"}");
     assert_page(&form("start", &viewer), "403", &["role operator", "sign in with such a token"]);
     let acknowledge = format!("POST {MACHINE}/acknowledge");
     assert_json(&program(&acknowledge, &format!("{JSON}{viewer}")), "403", "wrong-role");

@@ -32,10 +32,9 @@ pub fn against_the_machine() {
         answers.read_line(&mut answer).unwrap();
         assert_eq!(answer.trim(), "OK");
     };
-    for (words, why) in [
-        ("ENABLE AUTO", "a guard is open"),
-        ("AUTO DOOR", "the external start is not enabled at the machine"),
-    ] {
+    for (words, why) in
+        [("ENABLE AUTO", "a guard is open"), ("AUTO DOOR", "the external start is not enabled at the machine")]
+    {
         tells(words);
         let refused = http.post("start", &start_request());
         assert_eq!((error_code(&refused), &refused.1["message"]), ((409, "refused"), &json!(why)));
@@ -60,20 +59,12 @@ pub fn leaves_a_lost_position() {
     let page = "/machines/simulated%20five-axis%20machine";
     let (_, shown) = http.request("GET", page, "", "");
     assert!(shown.contains("Remedy: ") && shown.contains("name=\"homed\""), "{shown}");
-    let leave = |homed: bool| {
-        http.post("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}))
-    };
+    let leave = |homed: bool| http.post("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}));
     let refused = leave(false);
     assert_eq!(error_code(&refused), (409, "refused"));
-    assert_eq!(
-        http.get("/api/v1/audit")[0]["outcome"].as_str().unwrap().split(':').next(),
-        Some("refused")
-    );
+    assert_eq!(http.get("/api/v1/audit")[0]["outcome"].as_str().unwrap().split(':').next(), Some("refused"));
     let (status, standing) = leave(true);
-    assert_eq!(
-        (status, &standing["state"], &standing["failure"]),
-        (202, &json!("waiting"), &Value::Null)
-    );
+    assert_eq!((status, &standing["state"], &standing["failure"]), (202, &json!("waiting"), &Value::Null));
     let story = http.get("/api/v1/runs/1")["story"].to_string();
     assert!(story.contains("confirmed by Ada") && story.contains("chips"), "{story}");
     assert_eq!(http.get("/api/v1/audit")[0]["outcome"], "accepted");

@@ -10,8 +10,7 @@ use super::hostile::{Guarded, bearer};
 use crate::support::http::{HTTP, HttpClient, MACHINE, error_code, start_request};
 use crate::support::machine_shop::MachineShop;
 
-const TWO: &str =
-    "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n[serve]";
+const TWO: &str = "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n[serve]";
 
 fn asks(text: &'static str) -> impl Fn(&Value) -> bool {
     move |standing| standing["asked"]["text"] == text
@@ -49,9 +48,7 @@ pub fn answered() {
     let ended = guarded.until(|standing| standing["state"] == "waiting");
     assert_eq!((&ended["verdict"], &ended["asked"]), (&json!("pass"), &Value::Null));
     let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
-    for words in
-        ["prompt for the operator: the part is clean", "prompt confirmed by a-operator: Ada"]
-    {
+    for words in ["prompt for the operator: the part is clean", "prompt confirmed by a-operator: Ada"] {
         assert!(told.contains(words), "{words} in {told}");
     }
     let (_, audit) = HttpClient::at(*port).request("GET", "/api/v1/audit", &bearer(viewer), "");

@@ -9,19 +9,11 @@ pub fn bad_sections() {
         ("allow = [\"127.0.0.1\"]", "allow = []", "modbus.allow is empty"),
         ("min_interval_s = 0.0", "demand = [\"auto\"]", "demand must contain `enable`"),
         ("number = 1", "number = 9", "cycle number 9"),
-        (
-            "\"self-calibration\"\n[serve.",
-            "\"sorcery\"\n[serve.",
-            "the method `sorcery` is not known",
-        ),
+        ("\"self-calibration\"\n[serve.", "\"sorcery\"\n[serve.", "the method `sorcery` is not known"),
         ("allow = ", "alow = ", "allow"),
         (MODBUS, "", "no interface can start a cycle"),
         (MODBUS, "[serve.http]\nlisten = \"0.0.0.0:0\"\n", "other computers can reach"),
-        (
-            MODBUS,
-            "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",
-            "tokens = true",
-        ),
+        (MODBUS, "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n", "tokens = true"),
         // A refusal of the cycle itself is reported at the start of the daemon, not at the first start of the
         // cycle.
         ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),

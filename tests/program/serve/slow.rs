@@ -97,8 +97,7 @@ fn takes_no_answer(mut caller: Caller) {
     let request = format!("GET /api/v1/openapi.json HTTP/1.1\r\n{host}");
     let (_, whole) = HttpClient::at(caller.port).request("GET", "/api/v1/openapi.json", "", "");
     // The buffers are full, because nothing is read.
-    let asked =
-        (0..MANY).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
+    let asked = (0..MANY).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
     sleep(Duration::from_secs(25));
     let told = caller.told().len();
     println!("{told} bytes of {asked} answers of {}", whole.len());

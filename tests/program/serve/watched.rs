@@ -16,8 +16,7 @@ const VALUES: usize = 6;
 /// The built-in machine with sensors, under the name that the client uses.
 fn shop() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
-    let cycle =
-        "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
+    let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
     let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
     shop.change("simulated machine with sensors about its table", "simulated five-axis machine");
     shop
@@ -37,18 +36,14 @@ pub fn by_programs() {
     assert_eq!(http.post("start", &start_request()).0, 202);
     let asked = http.wait_until(|machine| machine["asked"]["live"].is_object());
     let (live, log) = (&asked["asked"]["live"], daemon.log());
-    let names: Vec<&Value> =
-        live["sensors"].as_array().unwrap().iter().map(|one| &one["sensor"]).collect();
+    let names: Vec<&Value> = live["sensors"].as_array().unwrap().iter().map(|one| &one["sensor"]).collect();
     assert_eq!(names, ["x1", "y1", "r1", "x2", "y2", "r2", "z1"]);
     for sensor in live["sensors"].as_array().unwrap() {
         assert_eq!((&sensor["target_mm"], &sensor["failure"]), (&json!(0.0), &Value::Null));
         assert!(sensor["value_mm"].as_f64().unwrap().abs() < 0.3, "{sensor}");
     }
     let page = http.text(&MACHINE[7..]);
-    assert!(
-        page.contains("<th scope=\"row\">r2</th>") && page.contains("% of -0.3 to 0.3 mm"),
-        "{page}"
-    );
+    assert!(page.contains("<th scope=\"row\">r2</th>") && page.contains("% of -0.3 to 0.3 mm"), "{page}");
     let part = http.text(&format!("{}/sensors", &MACHINE[7..]));
     assert!(part.contains("<th scope=\"row\">z1</th>") && !part.contains("<html"), "{part}");
 
@@ -85,8 +80,7 @@ pub fn at_a_terminal() {
 /// Ctrl-C holds the run after values have been shown several times.
 fn interrupted(shop: &MachineShop) {
     let machine = shop.machine();
-    let command =
-        shop.command(&["run", "multiprobe", "--machine", &machine, "--acknowledge", "Ada"]);
+    let command = shop.command(&["run", "multiprobe", "--machine", &machine, "--acknowledge", "Ada"]);
     let words = [command.get_program()].into_iter().chain(command.get_args());
     let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
     let mut script = Command::new("script");

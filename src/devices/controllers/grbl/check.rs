@@ -21,10 +21,7 @@ pub(super) fn require_open_probe(status: &GrblStatus) -> Result<(), ControllerEr
 }
 
 /// Checks the probe's health inputs that the machine file declares, by their letters.
-pub(super) fn check_probe_health(
-    status: &GrblStatus,
-    modes: &ProvenModes,
-) -> Result<(), ControllerError> {
+pub(super) fn check_probe_health(status: &GrblStatus, modes: &ProvenModes) -> Result<(), ControllerError> {
     let mut inputs = modes.health_inputs();
     match inputs.find(|(input, _)| status.active_inputs.contains(input)) {
         Some((_, fault)) => Err(ControllerError::ProbeFault { fault }),
@@ -44,11 +41,9 @@ pub(super) fn check_modes(
     });
     let mismatch = |detail: String| ControllerError::NotReady {
         state: format!("the modal state is not as set: {detail}"),
-        remedy: "start again; if the error occurs again, check the dialect and the cable"
-            .to_owned(),
+        remedy: "start again; if the error occurs again, check the dialect and the cable".to_owned(),
     };
-    let active_words = active_words
-        .ok_or_else(|| mismatch("the control does not report its modes ($G)".to_owned()))?;
+    let active_words = active_words.ok_or_else(|| mismatch("the control does not report its modes ($G)".to_owned()))?;
     let mut slot = "G54";
     for group in MODAL_GROUPS {
         let code = head.iter().filter(|line| !line.starts_with('('));

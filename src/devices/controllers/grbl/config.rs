@@ -6,9 +6,7 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::Grbl;
-use crate::controllers::{
-    Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture,
-};
+use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
 use link::Clock;
 use link::HostPort;
 use machine::record::machine::Machine;
@@ -57,12 +55,7 @@ impl ControllerConfig for GrblConfig {
         self.link.describe()
     }
 
-    fn open<'a>(
-        &'a self,
-        machine: &'a Machine,
-        modes: ProvenModes,
-        _clock: Arc<dyn Clock>,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let link = link::open_line_link(&self.link.address()?).await?;
             let (driver, halt) = Grbl::new(link, machine, modes);

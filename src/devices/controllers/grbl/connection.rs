@@ -6,8 +6,8 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::fault::{
-    foreign_device_error, no_reply_error, not_ready_error, override_finding, refusal_error,
-    state_text, unexpected_reply_error,
+    foreign_device_error, no_reply_error, not_ready_error, override_finding, refusal_error, state_text,
+    unexpected_reply_error,
 };
 use super::message::{GrblMessage, GrblStatus, Overrides, alarm_meaning};
 use super::stall_detector::{GrblTimeouts, MAX_FREE_MOVE_POLL, StallDetector};
@@ -70,10 +70,7 @@ impl GrblConnection {
     ///
     /// # Errors
     /// A refusal, an alarm, a reset, silence, a surplus answer; `Halted` once a halt was requested.
-    pub(super) async fn send_line(
-        &mut self,
-        line: &str,
-    ) -> Result<Vec<GrblMessage>, ControllerError> {
+    pub(super) async fn send_line(&mut self, line: &str) -> Result<Vec<GrblMessage>, ControllerError> {
         self.send_line_with_rest(line, Duration::ZERO).await
     }
 
@@ -139,8 +136,7 @@ impl GrblConnection {
     /// feed has another latch delay and overtravel.
     fn require_planned_speed(&self) -> Result<(), ControllerError> {
         let overrides = self.overrides.filter(|_| self.is_block_running);
-        let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding)
-        else {
+        let Some(ReadinessFinding { description, .. }) = overrides.and_then(override_finding) else {
             return Ok(());
         };
         self.hold();
@@ -181,9 +177,7 @@ impl GrblConnection {
                     }
                     GrblMessage::Unknown(_) => {}
                     // A line may be outstanding when a halt comes.
-                    GrblMessage::Ok | GrblMessage::Error(_) if self.is_reply_pending => {
-                        self.is_reply_pending = false
-                    }
+                    GrblMessage::Ok | GrblMessage::Error(_) if self.is_reply_pending => self.is_reply_pending = false,
                     _ if self.is_reply_pending => {}
                     answer => return Err(unexpected_reply_error(&answer)),
                 }
@@ -227,9 +221,7 @@ impl GrblConnection {
     /// Returns an error for a state that the run has not commanded.
     async fn check_state(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
         match status.state.as_str() {
-            "Hold" | "Door" | "Tool" => {
-                Err(ControllerError::HeldAtControl { state: state_text(status) })
-            }
+            "Hold" | "Door" | "Tool" => Err(ControllerError::HeldAtControl { state: state_text(status) }),
             "Alarm" | "Sleep" => {
                 // The number of the alarm may follow, or may be lost.
                 let deadline = Instant::now() + self.timeouts.after_alarm;
@@ -250,10 +242,7 @@ impl GrblConnection {
     }
 
     /// Returns an error for an alarm or a reset.
-    async fn fail_on_alarm_or_reset(
-        &mut self,
-        message: GrblMessage,
-    ) -> Result<GrblMessage, ControllerError> {
+    async fn fail_on_alarm_or_reset(&mut self, message: GrblMessage) -> Result<GrblMessage, ControllerError> {
         match message {
             GrblMessage::Alarm(code) => Err(self.alarm_error(code).await?),
             GrblMessage::Banner(banner) => Err(ControllerError::Reset { banner }),
@@ -294,12 +283,7 @@ impl GrblConnection {
     async fn drain_old_replies(&mut self) -> Result<(), LinkError> {
         let deadline = Instant::now() + self.timeouts.reply;
         while Instant::now() < deadline {
-            if self
-                .link
-                .recv_deadline(Instant::now() + self.timeouts.poll_interval / 2)
-                .await?
-                .is_none()
-            {
+            if self.link.recv_deadline(Instant::now() + self.timeouts.poll_interval / 2).await?.is_none() {
                 break;
             }
         }
@@ -327,10 +311,7 @@ impl GrblConnection {
     }
 
     /// As `check_state`, but after a halt a reported hold is the driver's own.
-    async fn check_state_unless_halted(
-        &mut self,
-        status: &GrblStatus,
-    ) -> Result<(), ControllerError> {
+    async fn check_state_unless_halted(&mut self, status: &GrblStatus) -> Result<(), ControllerError> {
         if self.halt.is_halted() { Ok(()) } else { self.check_state(status).await }
     }
 

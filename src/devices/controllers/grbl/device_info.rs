@@ -25,14 +25,12 @@ impl Grbl {
         let settings = self.read_settings().await?;
         let axes = firmware.axes();
         let state = self.state_findings(&firmware).await?;
-        let (modes, offsets) =
-            (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
+        let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         let needed = &self.homed_axes;
         let mut info = device_info(&firmware, &settings, homed_axes_mask(&offsets), needed);
         info.findings.extend(state);
         info.findings.extend(readiness::modal_findings(&modes));
-        info.findings
-            .extend(readiness::homed_state_finding(&firmware, &settings, &axes, needed, &offsets));
+        info.findings.extend(readiness::homed_state_finding(&firmware, &settings, &axes, needed, &offsets));
         Ok(info)
     }
 }
@@ -44,15 +42,14 @@ fn device_info(
     homed_axes: &[Axis],
 ) -> DeviceInfo {
     let axes = firmware.axes();
-    let reported_axes =
-        axes.iter().map(|axis| (axis.0, reported_axis(firmware, settings, *axis, homed_axes_mask)));
+    let reported_axes = axes.iter().map(|axis| (axis.0, reported_axis(firmware, settings, *axis, homed_axes_mask)));
     DeviceInfo {
         identity: firmware.identity(),
         axes: reported_axes.collect(),
         findings: readiness::settings_findings(firmware, settings, &axes, homed_axes),
-        probe_polarity_hint: settings.value(6).map(|now| {
-            format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))
-        }),
+        probe_polarity_hint: settings
+            .value(6)
+            .map(|now| format!("enter ${}={} at the control (present value: {now})", 6, u8::from(now == 0.0))),
     }
 }
 
@@ -72,9 +69,7 @@ fn reported_axis(
         true => None,
         // By hand, `$H` sets the zero at the present position of the axis: the owner decides whether that
         // is confirmed.
-        false if !axis.is_linear() && homing_method(settings, index) == HomingMethod::Manual => {
-            None
-        }
+        false if !axis.is_linear() && homing_method(settings, index) == HomingMethod::Manual => None,
         false => has_homing(settings, index, homed_axes_mask),
     };
     ReportedAxis {
@@ -95,11 +90,7 @@ mod tests {
     use crate::controllers::grbl::message::GrblMessage;
 
     fn reported_axes(axis_letters: &str, is_classic: bool, lines: &str) -> DeviceInfo {
-        let firmware = FirmwareInfo {
-            is_classic,
-            version: "1.1f".to_owned(),
-            axis_letters: axis_letters.to_owned(),
-        };
+        let firmware = FirmwareInfo { is_classic, version: "1.1f".to_owned(), axis_letters: axis_letters.to_owned() };
         let settings = lines.lines().filter_map(|line| match GrblMessage::parse(line) {
             GrblMessage::Setting(number, value) => Some((number, value)),
             _ => None,
@@ -126,36 +117,23 @@ mod tests {
         assert_eq!(ends(&info, Axis::X), (0.0, 300.0));
         assert_eq!(ends(&info, Axis::Y), (-200.0, 0.0));
         let no_switches_watched = zero_at_switch.replace("$21=1", "$21=0");
-        assert_eq!(
-            ends(&reported_axes("XYZBC", false, &no_switches_watched), Axis::X),
-            (0.0, 302.0)
-        );
+        assert_eq!(ends(&reported_axes("XYZBC", false, &no_switches_watched), Axis::X), (0.0, 302.0));
         assert_eq!(info.axes[&Axis::X].rapid_per_min, Some(3000.0));
         assert_eq!(info.axes[&Axis::X].acceleration_per_s2, Some(200.0));
         // 1/800 mm, coarser than the three decimals of the reports.
         assert_eq!(info.axes[&Axis::X].resolution, Some(0.00125));
-        assert_eq!(
-            info.axes[&Axis::B],
-            ReportedAxis { has_homing: Some(false), ..ReportedAxis::default() }
-        );
+        assert_eq!(info.axes[&Axis::B], ReportedAxis { has_homing: Some(false), ..ReportedAxis::default() });
         assert_eq!(info.axes[&Axis::X].has_homing, Some(true));
     }
 
     #[test]
     fn what_cannot_be_known_is_not_said() {
-        for lines in [
-            FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"),
-            FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2"),
-        ] {
+        for lines in [FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=0\n"), FIVE_AXIS_SETTINGS.replace("$45=3", "$45=2")] {
             let info = reported_axes("XYZBC", false, &lines);
             assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(302.0)));
         }
         // Settings of Grbl 1.1 on an Arduino, as users publish them.
-        let info = reported_axes(
-            "XYZ",
-            true,
-            "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)",
-        );
+        let info = reported_axes("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
         assert_eq!((info.axes[&Axis::X].min, info.axes[&Axis::X].travel), (None, Some(500.0)));
         assert_eq!(info.findings.len(), 1, "{:?}", info.findings);
     }
@@ -171,22 +149,13 @@ mod tests {
             ("$22=1", "$22=0", "homing is off"),
         ] {
             let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace(sound, wrong));
-            assert!(
-                info.findings[0].is_blocking && info.findings[0].description.contains(named),
-                "{info:?}"
-            );
+            assert!(info.findings[0].is_blocking && info.findings[0].description.contains(named), "{info:?}");
         }
         let info = reported_axes("XYZ", false, &FIVE_AXIS_SETTINGS.replace("$20=1", "$20=0"));
-        assert!(
-            info.findings[0].is_blocking && info.findings[0].description.contains("soft limits")
-        );
+        assert!(info.findings[0].is_blocking && info.findings[0].description.contains("soft limits"));
         let info = reported_axes("XYZBC", false, FIVE_AXIS_SETTINGS);
         assert!(info.findings[0].is_blocking, "{info:?}");
         assert!(info.findings[0].description.contains("does not home B, C"), "{info:?}");
-        assert_eq!(
-            reported_axes("XYZBC", false, &FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=33\n"))
-                .findings,
-            []
-        );
+        assert_eq!(reported_axes("XYZBC", false, &FIVE_AXIS_SETTINGS.replace("$22=1\n", "$22=33\n")).findings, []);
     }
 }

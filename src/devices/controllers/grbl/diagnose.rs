@@ -20,9 +20,7 @@ impl GrblConfig {
             (DiagnosisMode::Active, Address::Serial { path, baud }) => {
                 self.diagnose_serial(path, *baud, &received).await
             }
-            (DiagnosisMode::Active, Address::Tcp { .. }) => {
-                self.diagnose_tcp(&address, &received).await
-            }
+            (DiagnosisMode::Active, Address::Tcp { .. }) => self.diagnose_tcp(&address, &received).await,
         }
     }
 
@@ -34,24 +32,14 @@ impl GrblConfig {
             }
         }
         let other = port_scan::scan_serial(path, baud, CONTROL_KIND).await;
-        let evidence = || {
-            format!(
-                "{received}; requests at other baud rates and in Modbus also had no valid reply"
-            )
-        };
+        let evidence = || format!("{received}; requests at other baud rates and in Modbus also had no valid reply");
         vec![other.unwrap_or_else(|| port_scan::no_known_device_diagnosis(path, &evidence()))]
     }
 
     async fn diagnose_tcp(&self, address: &Address, received: &str) -> Vec<Diagnosis> {
         let other = port_scan::scan_tcp(&self.link, CONTROL_KIND).await;
-        let evidence = || {
-            format!(
-                "{received}; requests in the protocols of other controls also had no valid reply"
-            )
-        };
-        vec![other.unwrap_or_else(|| {
-            port_scan::no_known_device_diagnosis(&address.to_string(), &evidence())
-        })]
+        let evidence = || format!("{received}; requests in the protocols of other controls also had no valid reply");
+        vec![other.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&address.to_string(), &evidence()))]
     }
 }
 
@@ -59,9 +47,7 @@ impl GrblConfig {
 fn describe_received(failure: &ControllerError) -> Option<String> {
     match failure {
         ControllerError::NoAnswer { .. } => Some("no reply".to_owned()),
-        ControllerError::UnreadableReply { .. } => {
-            Some("the received bytes are not text".to_owned())
-        }
+        ControllerError::UnreadableReply { .. } => Some("the received bytes are not text".to_owned()),
         ControllerError::UnexpectedDevice { state, .. } => Some(state.clone()),
         ControllerError::Link(LinkError::Lost { why, .. }) => Some(why.clone()),
         _ => None,
@@ -93,9 +79,7 @@ fn wrong_baud_diagnosis(baud: u32, actual_baud: u32, reply: &str) -> Diagnosis {
     Diagnosis {
         is_confirmed: true,
         needs_active_search: false,
-        cause: format!(
-            "wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"
-        ),
+        cause: format!("wrong baud rate: the control communicates at {actual_baud} baud, not at {baud}"),
         evidence: format!("at {actual_baud} baud the control replies `{reply}`"),
         remedy: format!("in the machine file, set [controller] baud = {actual_baud}"),
     }

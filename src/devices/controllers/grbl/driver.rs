@@ -11,8 +11,7 @@ use super::stall_detector::GrblTimeouts;
 use crate::controllers::control_clock::{ControlClock, ReportedTime};
 use crate::controllers::motion_lines::MotionLines;
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival,
-    motion_lines,
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival, motion_lines,
 };
 use link::Link;
 use machine::record::machine::{Homing, Machine};
@@ -51,10 +50,8 @@ impl Grbl {
     /// After a halt the link accepts no more lines: a new run opens a new link.
     pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
         let (connection, halt) = GrblConnection::new(link);
-        let machine_axes: Vec<Axis> =
-            machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
-        let has_switch =
-            |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
+        let machine_axes: Vec<Axis> = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let has_switch = |axis: &Axis| machine.axes.get(axis).is_some_and(|spec| spec.homing == Homing::Switch);
         let homed_axes = machine_axes.iter().copied().filter(has_switch).collect();
         let tolerance = machine_axes.iter().map(|axis| {
             let spec = machine.axes.get(axis);
@@ -68,10 +65,7 @@ impl Grbl {
             is_prepared: false,
             machine_axes,
             homed_axes,
-            stop_description: format!(
-                "feed hold (!): {}",
-                arrival::describe_braking_distances(machine)
-            ),
+            stop_description: format!("feed hold (!): {}", arrival::describe_braking_distances(machine)),
             report_axes: Vec::new(),
             max_line_bytes: usize::MAX,
             initial_modes: Vec::new(),
@@ -88,10 +82,7 @@ impl Grbl {
     }
 
     /// Sends the lines of one motion and returns the messages received meanwhile.
-    pub(super) async fn send_lines(
-        &mut self,
-        lines: &MotionLines<'_>,
-    ) -> Result<Vec<GrblMessage>, ControllerError> {
+    pub(super) async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<Vec<GrblMessage>, ControllerError> {
         let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
         let mut messages = Vec::new();
         for line in lines.text.lines() {
@@ -119,9 +110,7 @@ impl Grbl {
                 self.spindle_rad = Some(*s);
                 Ok(None)
             }
-            Motion::Rapid { to } | Motion::Feed { to, .. } => {
-                self.execute_free_move(lines, to).await.map(Some)
-            }
+            Motion::Rapid { to } | Motion::Feed { to, .. } => self.execute_free_move(lines, to).await.map(Some),
             Motion::BackOff { to, .. } => {
                 self.send_lines(lines).await?;
                 let status = self.wait_arrival(to).await?;
@@ -143,10 +132,7 @@ impl Grbl {
     }
 
     /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
-    async fn rest_status(
-        &mut self,
-        last_status: Option<GrblStatus>,
-    ) -> Result<GrblStatus, ControllerError> {
+    async fn rest_status(&mut self, last_status: Option<GrblStatus>) -> Result<GrblStatus, ControllerError> {
         match last_status {
             Some(status) => Ok(status),
             None => self.connection.wait_idle().await,
@@ -189,10 +175,7 @@ impl Grbl {
 }
 
 impl Grbl {
-    async fn execute_block(
-        &mut self,
-        block: &ProvenBlock,
-    ) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         let lines = motion_lines::motion_lines(block)?;
         self.check_block_start(block).await?;
         self.connection.is_block_running = true;
@@ -232,8 +215,7 @@ impl Grbl {
         let position = self.status_position(&status)?;
         self.check_unmoved(&position).await?;
         let begins = block.start_position().filter_axes(|axis| axis != Axis::S);
-        let deviation_error =
-            check::deviation_error(&begins, &self.rest_position, |axis| self.axis_tolerance(axis));
+        let deviation_error = check::deviation_error(&begins, &self.rest_position, |axis| self.axis_tolerance(axis));
         deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
     }
 

@@ -18,11 +18,7 @@ pub(super) fn no_reply_error(line: &str, waited: Duration) -> ControllerError {
 }
 
 /// Error if the answering device is not a Grbl control, or if nothing answers.
-pub(super) fn foreign_device_error(
-    noise: bool,
-    foreign: Option<String>,
-    waited: Duration,
-) -> ControllerError {
+pub(super) fn foreign_device_error(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
         return ControllerError::UnexpectedDevice {
             state: "the replies are unreadable bytes, probably at a wrong baud rate".to_owned(),

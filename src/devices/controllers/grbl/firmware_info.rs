@@ -22,9 +22,7 @@ impl FirmwareInfo {
     /// Axes that have a name in `trued`, each with its index in the control's reports.
     pub fn axes(&self) -> Vec<(Axis, u16)> {
         let axis_letters = self.axis_letters.chars().zip(0_u16..);
-        axis_letters
-            .filter_map(|(letter, index)| Some((letter.to_string().parse().ok()?, index)))
-            .collect()
+        axis_letters.filter_map(|(letter, index)| Some((letter.to_string().parse().ok()?, index))).collect()
     }
 }
 
@@ -32,23 +30,17 @@ impl Grbl {
     /// Reads version, axes and buffer size by `$I`.
     pub(super) async fn read_firmware_info(&mut self) -> Result<FirmwareInfo, ControllerError> {
         // Classic Grbl does not report its axes: it has X, Y and Z.
-        let mut firmware = FirmwareInfo {
-            is_classic: true,
-            version: "unknown version".to_owned(),
-            axis_letters: "XYZ".to_owned(),
-        };
+        let mut firmware =
+            FirmwareInfo { is_classic: true, version: "unknown version".to_owned(), axis_letters: "XYZ".to_owned() };
         for message in self.connection.send_line("$I").await? {
             match message {
                 GrblMessage::Version(text) => firmware.version = text,
                 GrblMessage::BufferSize(bytes) => self.max_line_bytes = bytes,
-                GrblMessage::Axes(text) => {
-                    (firmware.axis_letters, firmware.is_classic) = (text, false)
-                }
+                GrblMessage::Axes(text) => (firmware.axis_letters, firmware.is_classic) = (text, false),
                 _ => {}
             }
         }
-        self.report_axes =
-            firmware.axis_letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
+        self.report_axes = firmware.axis_letters.chars().map(|letter| letter.to_string().parse().ok()).collect();
         Ok(firmware)
     }
 }

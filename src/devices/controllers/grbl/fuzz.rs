@@ -56,24 +56,17 @@ fn size(message: &GrblMessage) -> usize {
         size_of_val(values)
     };
     let heap = match message {
-        GrblMessage::ProbeResult { values, .. } | GrblMessage::Offset { values, .. } => {
-            numbers(values)
-        }
+        GrblMessage::ProbeResult { values, .. } | GrblMessage::Offset { values, .. } => numbers(values),
         GrblMessage::ContactTime(t_s) => numbers(&[*t_s]),
-        GrblMessage::Status(GrblStatus {
-            state, substate, position, t_s, active_inputs, ..
-        }) => {
-            let words =
-                state.len() + substate.as_ref().map_or(0, String::len) + active_inputs.len();
+        GrblMessage::Status(GrblStatus { state, substate, position, t_s, active_inputs, .. }) => {
+            let words = state.len() + substate.as_ref().map_or(0, String::len) + active_inputs.len();
             words + numbers(position.as_deref().unwrap_or_default()) + numbers(t_s.as_slice())
         }
         GrblMessage::Banner(text)
         | GrblMessage::Version(text)
         | GrblMessage::Axes(text)
         | GrblMessage::Unknown(text) => text.len(),
-        GrblMessage::Modes(words) => {
-            words.iter().map(|word| word.len() + size_of::<String>()).sum()
-        }
+        GrblMessage::Modes(words) => words.iter().map(|word| word.len() + size_of::<String>()).sum(),
         GrblMessage::Ok
         | GrblMessage::Error(_)
         | GrblMessage::Alarm(_)

@@ -3,8 +3,7 @@
 
 use super::message::GrblMessage;
 use super::settings::{
-    GrblSettings, HARD_LIMITS_BIT, HOMING_BIT, MANUAL_HOMING_BIT, SIMULATED_TRAVEL_SETTINGS,
-    ZERO_AT_SWITCH_BIT,
+    GrblSettings, HARD_LIMITS_BIT, HOMING_BIT, MANUAL_HOMING_BIT, SIMULATED_TRAVEL_SETTINGS, ZERO_AT_SWITCH_BIT,
 };
 use machine::Axis;
 
@@ -29,8 +28,7 @@ pub(super) enum HomingMethod {
 /// How the axis is homed, from the settings. `index` is the index of the axis in the reports.
 pub(super) fn homing_method(settings: &GrblSettings, index: u16) -> HomingMethod {
     let is_listed = HOMING_CYCLE_SETTINGS.into_iter().any(|cycle| settings.value(cycle).is_some());
-    let in_cycle =
-        HOMING_CYCLE_SETTINGS.into_iter().any(|cycle| settings.has_bit(cycle, 1 << index));
+    let in_cycle = HOMING_CYCLE_SETTINGS.into_iter().any(|cycle| settings.has_bit(cycle, 1 << index));
     match () {
         () if !settings.has_bit(22, HOMING_BIT) => HomingMethod::Off,
         () if in_cycle => HomingMethod::Switch,
@@ -51,11 +49,7 @@ pub(super) fn homed_axes_mask(offsets: &[GrblMessage]) -> u32 {
 
 /// Whether the control homes the axis; `None` if the control does not report it. By hand, `$H` homes all
 /// axes and `$HX` one of them: an axis that is not homed while others are has no homing.
-pub(super) fn has_homing(
-    settings: &GrblSettings,
-    index: u16,
-    homed_axes_mask: u32,
-) -> Option<bool> {
+pub(super) fn has_homing(settings: &GrblSettings, index: u16, homed_axes_mask: u32) -> Option<bool> {
     let is_homed = homed_axes_mask >> index & 1 == 1;
     match homing_method(settings, index) {
         HomingMethod::Off => None,
@@ -89,8 +83,7 @@ pub(super) fn travel_limits(
     // With hard limits an axis of a homing cycle keeps the pull-off distance from its switch. An axis that
     // may be in a cycle counts as part of one.
     let has_switch = matches!(method, HomingMethod::Switch | HomingMethod::CyclesNotReported);
-    let pull_off_mm =
-        if has_switch && settings.has_bit(21, HARD_LIMITS_BIT) { settings.value(27)? } else { 0.0 };
+    let pull_off_mm = if has_switch && settings.has_bit(21, HARD_LIMITS_BIT) { settings.value(27)? } else { 0.0 };
     Some(match (settings.has_bit(22, ZERO_AT_SWITCH_BIT), settings.has_bit(23, 1 << index)) {
         (true, true) => (0.0, travel - pull_off_mm),
         (true, false) => (pull_off_mm - travel, 0.0),

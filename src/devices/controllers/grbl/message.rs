@@ -90,8 +90,7 @@ impl GrblMessage {
         if let Some(code) = line.strip_prefix("ALARM:") {
             return code.parse().ok().map(Self::Alarm);
         }
-        if let Some((number, value)) = line.strip_prefix('$').and_then(|rest| rest.split_once('='))
-        {
+        if let Some((number, value)) = line.strip_prefix('$').and_then(|rest| rest.split_once('=')) {
             // Some values are text; older controls append the meaning of the number in brackets.
             let value = value.split_whitespace().next()?;
             let value = value.parse().ok().filter(|value: &f64| value.is_finite())?;

@@ -16,8 +16,8 @@ use planning::gcode::Transmission;
 
 /// Modal words that are restored after the measurement.
 const RESTORED_MODAL_WORDS: [&str; 16] = [
-    "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3", "G17", "G18", "G19",
-    "G20", "G21", "G90", "G91",
+    "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3", "G17", "G18", "G19", "G20", "G21", "G90",
+    "G91",
 ];
 
 impl Grbl {
@@ -32,27 +32,15 @@ impl Grbl {
         }
         let firmware = self.check_firmware_axes().await?;
         let (axes, settings) = (firmware.axes(), self.read_settings().await?);
-        reject_blocking(readiness::settings_findings(
-            &firmware,
-            &settings,
-            &axes,
-            &self.homed_axes,
-        ))?;
+        reject_blocking(readiness::settings_findings(&firmware, &settings, &axes, &self.homed_axes))?;
         reject_blocking(self.state_findings(&firmware).await?)?;
         if !self.modes.has_probe_on_command() {
             check_probe(&self.connection.wait_idle().await?)?;
         }
         // The head writes an offset and switches outputs: a state that prevents a measurement is refused before.
-        let (modes, offsets) =
-            (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
+        let (modes, offsets) = (self.connection.send_line("$G").await?, self.connection.send_line("$#").await?);
         reject_blocking(readiness::modal_findings(&modes))?;
-        reject_blocking(readiness::homed_state_finding(
-            &firmware,
-            &settings,
-            &axes,
-            &self.homed_axes,
-            &offsets,
-        ))?;
+        reject_blocking(readiness::homed_state_finding(&firmware, &settings, &axes, &self.homed_axes, &offsets))?;
         self.store_initial_modes(modes);
         let head = self.modes.head().to_vec();
         self.set_modes(&head).await?;
@@ -66,8 +54,7 @@ impl Grbl {
         self.rest_position = self.status_position(&status)?;
         self.control_clock = ControlClock::default();
         let transmission = Transmission::Lines { max_line_bytes: self.max_line_bytes };
-        let (stop_description, position) =
-            (self.stop_description.clone(), self.rest_position.clone());
+        let (stop_description, position) = (self.stop_description.clone(), self.rest_position.clone());
         let identity = firmware.identity();
         let unreadable_items = readiness::unreadable_items(&firmware);
         Ok(PreparedControl { identity, stop_description, position, transmission, unreadable_items })
@@ -81,11 +68,7 @@ impl Grbl {
             .collect();
         if !missing.is_empty() {
             return Err(ControllerError::Unsupported {
-                reason: format!(
-                    "the control has the axes {}, but not {}",
-                    firmware.axis_letters,
-                    missing.join(", ")
-                ),
+                reason: format!("the control has the axes {}, but not {}", firmware.axis_letters, missing.join(", ")),
                 remedy: "classic Grbl has three axes and no rotary axes: use grblHAL \
                          built with the machine's axes, or another control"
                     .to_owned(),

@@ -12,12 +12,8 @@ use crate::controllers::{ControllerError, ReadinessFinding, ReadinessItem};
 use machine::Axis;
 
 /// Bits of `$10`, and the field that each bit adds to the reports.
-const REQUIRED_REPORT_FIELDS: [(u32, &str); 4] = [
-    (1, "the machine position"),
-    (1 << 4, "the probe"),
-    (1 << 7, "the probe's result"),
-    (1 << 6, "the overrides"),
-];
+const REQUIRED_REPORT_FIELDS: [(u32, &str); 4] =
+    [(1, "the machine position"), (1 << 4, "the probe"), (1 << 7, "the probe's result"), (1 << 6, "the overrides")];
 
 /// Items that the control does not report. A pendant is reported; another client of the same control is
 /// not.
@@ -74,36 +70,25 @@ pub(super) fn settings_findings(
     homed_axes: &[Axis],
 ) -> Vec<ReadinessFinding> {
     let mut findings = Vec::new();
-    let mut add_blocking = |description: String, remedy: &str| {
-        findings.push(ReadinessFinding::blocking(description, remedy))
-    };
+    let mut add_blocking =
+        |description: String, remedy: &str| findings.push(ReadinessFinding::blocking(description, remedy));
     // Classic Grbl has two bits in `$10` and always reports its inputs.
-    let needed =
-        if firmware.is_classic { &REQUIRED_REPORT_FIELDS[..1] } else { &REQUIRED_REPORT_FIELDS };
-    let hidden: Vec<&str> = needed
-        .iter()
-        .filter(|(bit, _)| !settings.has_bit(10, *bit))
-        .map(|(_, description)| *description)
-        .collect();
+    let needed = if firmware.is_classic { &REQUIRED_REPORT_FIELDS[..1] } else { &REQUIRED_REPORT_FIELDS };
+    let hidden: Vec<&str> =
+        needed.iter().filter(|(bit, _)| !settings.has_bit(10, *bit)).map(|(_, description)| *description).collect();
     match settings.value(10) {
         None => add_blocking(
-            "the control does not report its settings ($$): units, homing and limits are unknown"
-                .to_owned(),
+            "the control does not report its settings ($$): units, homing and limits are unknown".to_owned(),
             "bring the control to the state Idle; use grblHAL 1.1f or newer",
         ),
         Some(mask) if !hidden.is_empty() => add_blocking(
             format!("the status reports do not contain {} ($10={mask})", hidden.join(", ")),
-            if firmware.is_classic {
-                "enter $10=3 at the control"
-            } else {
-                "enter $10=511 at the control"
-            },
+            if firmware.is_classic { "enter $10=3 at the control" } else { "enter $10=511 at the control" },
         ),
         Some(_) => {}
     }
     if settings.has_bit(13, 1) {
-        let description =
-            "the control reports positions in inches ($13=1), but trued reads them as millimetres";
+        let description = "the control reports positions in inches ($13=1), but trued reads them as millimetres";
         add_blocking(description.to_owned(), "enter $13=0 at the control");
     }
     // A setting that is not reported counts as off.
@@ -117,8 +102,7 @@ pub(super) fn settings_findings(
         );
     }
     if settings.value(20).unwrap_or_default() == 0.0 {
-        let description =
-            "soft limits are off ($20=0): the control does not refuse moves beyond the travel";
+        let description = "soft limits are off ($20=0): the control does not refuse moves beyond the travel";
         add_blocking(description.to_owned(), "enter $20=1 once the axes are homed");
     }
     findings.extend(missing_travel_finding(settings, axes));
@@ -128,18 +112,11 @@ pub(super) fn settings_findings(
 
 /// Remark on axes without limits: soft limits do not limit an axis whose stored travel is zero. A rotary
 /// axis may turn without end.
-fn missing_travel_finding(
-    settings: &GrblSettings,
-    axes: &[(Axis, u16)],
-) -> Option<ReadinessFinding> {
-    let zero =
-        |(axis, index): &&(Axis, u16)| axis.is_linear() && settings.value(130 + index) == Some(0.0);
+fn missing_travel_finding(settings: &GrblSettings, axes: &[(Axis, u16)]) -> Option<ReadinessFinding> {
+    let zero = |(axis, index): &&(Axis, u16)| axis.is_linear() && settings.value(130 + index) == Some(0.0);
     let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
     let (_, first) = without.first()?;
-    let description = format!(
-        "soft limits do not limit {}: the travel in the settings is 0",
-        axis_list(&without)
-    );
+    let description = format!("soft limits do not limit {}: the travel in the settings is 0", axis_list(&without));
     Some(ReadinessFinding::blocking(
         description,
         &format!("enter the travel in mm at the control: ${} and following", 130 + first),
@@ -188,8 +165,7 @@ pub(super) fn homed_state_finding(
         });
     }
     let mask = homed_axes_mask(offsets);
-    let is_unhomed =
-        |(axis, index): &&(Axis, u16)| homed_axes.contains(axis) && mask >> index & 1 == 0;
+    let is_unhomed = |(axis, index): &&(Axis, u16)| homed_axes.contains(axis) && mask >> index & 1 == 0;
     let unhomed: Vec<&(Axis, u16)> = axes.iter().filter(is_unhomed).collect();
     (!unhomed.is_empty()).then(|| {
         let description = format!(
@@ -211,9 +187,7 @@ pub(super) fn homed_state_finding(
 }
 
 /// Returns the first item that prevents a measurement as an error.
-pub(super) fn reject_blocking(
-    findings: impl IntoIterator<Item = ReadinessFinding>,
-) -> Result<(), ControllerError> {
+pub(super) fn reject_blocking(findings: impl IntoIterator<Item = ReadinessFinding>) -> Result<(), ControllerError> {
     match findings.into_iter().find(|remark| remark.is_blocking) {
         Some(ReadinessFinding { description, remedy, .. }) => {
             Err(ControllerError::NotReady { state: description, remedy })

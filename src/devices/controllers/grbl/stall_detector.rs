@@ -51,9 +51,7 @@ impl StallDetector {
         rest_time: Duration,
         line: &str,
     ) -> Result<(), ControllerError> {
-        let same = |last: &&(GrblStatus, Instant)| {
-            last.0.state == status.state && last.0.position == status.position
-        };
+        let same = |last: &&(GrblStatus, Instant)| last.0.state == status.state && last.0.position == status.position;
         let since = self.0.as_ref().filter(same).map_or_else(Instant::now, |(_, since)| *since);
         self.0 = Some((status.clone(), since));
         let limit = if status.state == "Idle" { timeouts.reply } else { timeouts.stall };

@@ -49,10 +49,7 @@ fn parse_touch(messages: &[GrblMessage]) -> Result<ProbeResult, ControllerError>
 
 impl Grbl {
     /// Sends a probing line; its result comes between the line and its `ok`.
-    pub(super) async fn execute_probing(
-        &mut self,
-        lines: &MotionLines<'_>,
-    ) -> Result<ProbeResult, ControllerError> {
+    pub(super) async fn execute_probing(&mut self, lines: &MotionLines<'_>) -> Result<ProbeResult, ControllerError> {
         let step = lines.step;
         let messages = self.send_lines(lines).await.map_err(|error| match error {
             ControllerError::Alarm { code: 4, .. } => ControllerError::ProbeStillClosed { step },
@@ -80,25 +77,18 @@ impl Grbl {
         }
         let contact = contact.filter_axes(|axis| axis != Axis::S);
         let deviation_error =
-            check::contact_path_error(&from, &self.rest_position, &contact, |axis| {
-                self.axis_tolerance(axis)
-            });
+            check::contact_path_error(&from, &self.rest_position, &contact, |axis| self.axis_tolerance(axis));
         deviation_error.map_or(Ok(status), Err)
     }
 
     /// Waits until the machine is at rest, and checks that it is at its target.
-    pub(super) async fn wait_arrival(
-        &mut self,
-        target: &Position,
-    ) -> Result<GrblStatus, ControllerError> {
+    pub(super) async fn wait_arrival(&mut self, target: &Position) -> Result<GrblStatus, ControllerError> {
         let deadline = Instant::now() + self.connection.timeouts.after_alarm;
         let target = target.filter_axes(|axis| axis != Axis::S);
         loop {
             let status = self.connection.wait_idle().await?;
             self.rest_position = self.status_position(&status)?;
-            match check::deviation_error(&target, &self.rest_position, |axis| {
-                self.axis_tolerance(axis)
-            }) {
+            match check::deviation_error(&target, &self.rest_position, |axis| self.axis_tolerance(axis)) {
                 None => return Ok(status),
                 // The status reports may be older than the end of the motion.
                 Some(error) if Instant::now() > deadline => return Err(error),
@@ -109,14 +99,9 @@ impl Grbl {
 
     /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
     /// have been altered in transmission.
-    pub(super) async fn check_unmoved(
-        &mut self,
-        position: &Position,
-    ) -> Result<(), ControllerError> {
+    pub(super) async fn check_unmoved(&mut self, position: &Position) -> Result<(), ControllerError> {
         let rest_position = self.rest_position.clone();
-        if check::deviation_error(&rest_position, position, |axis| self.axis_tolerance(axis))
-            .is_none()
-        {
+        if check::deviation_error(&rest_position, position, |axis| self.axis_tolerance(axis)).is_none() {
             return Ok(());
         }
         self.wait_arrival(&rest_position).await.map(drop).map_err(into_moved_by_hand)
@@ -140,18 +125,13 @@ impl Grbl {
             return Err(ControllerError::UnreadableReply { text: format!("[PRB:{values:?}]") });
         }
         let named = self.report_axes.iter().zip(values);
-        let axes =
-            named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.to_mm_or_rad(*value))));
+        let axes = named.filter_map(|(axis, value)| axis.map(|axis| (axis, axis.to_mm_or_rad(*value))));
         let spindle = self.spindle_rad.map(|s| (Axis::S, s));
         Ok(axes.chain(spindle).collect())
     }
 
     /// Waits until the probe reads open, first in the status `last_status`; an error after `MAX_PROBE_BOUNCE`.
-    pub(super) async fn wait_probe_open(
-        &mut self,
-        step: u32,
-        last_status: &GrblStatus,
-    ) -> Result<(), ControllerError> {
+    pub(super) async fn wait_probe_open(&mut self, step: u32, last_status: &GrblStatus) -> Result<(), ControllerError> {
         let deadline = Instant::now() + MAX_PROBE_BOUNCE;
         let mut closed = last_status.is_probe_closed;
         while closed {

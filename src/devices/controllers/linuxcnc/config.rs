@@ -7,9 +7,7 @@ use serde::Deserialize;
 
 use super::files::result_log_path;
 use super::{LinuxCnc, LinuxCncSettings, Sampler, sampler};
-use crate::controllers::{
-    Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture,
-};
+use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
 use link::Clock;
 use link::{Address, HostPort};
 use machine::Axis;
@@ -54,12 +52,7 @@ impl ControllerConfig for LinuxCncConfig {
         format!("{}, with files in {}", Address::from(&self.tcp), self.program_dir.display())
     }
 
-    fn open<'a>(
-        &'a self,
-        machine: &'a Machine,
-        modes: ProvenModes,
-        clock: Arc<dyn Clock>,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let axes: Vec<Axis> = machine.axes.keys().copied().collect();
             let sampler = match &self.sampler {
@@ -67,12 +60,7 @@ impl ControllerConfig for LinuxCncConfig {
                 None => None,
             };
             let directory = self.program_dir.clone();
-            let settings = LinuxCncSettings {
-                address: (&self.tcp).into(),
-                directory,
-                axes,
-                ini: self.ini.clone(),
-            };
+            let settings = LinuxCncSettings { address: (&self.tcp).into(), directory, axes, ini: self.ini.clone() };
             let (driver, halt) = LinuxCnc::open(settings, modes).await?;
             Ok(Controller::spawn(driver.with_sampler(sampler), halt))
         })

@@ -31,14 +31,10 @@ impl LinuxCnc {
         let Some(path) = &self.settings.ini else {
             let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));
             let description = "linuxcncrsh does not report axes, travel and speeds";
-            let remedy = "in the machine file, set [controller] ini = \"...\" to the INI file that LinuxCNC was started with";
+            let remedy =
+                "in the machine file, set [controller] ini = \"...\" to the INI file that LinuxCNC was started with";
             let findings = vec![ReadinessFinding::note(description, remedy)];
-            return Ok(DeviceInfo {
-                identity,
-                axes: axes.collect(),
-                findings,
-                probe_polarity_hint: None,
-            });
+            return Ok(DeviceInfo { identity, axes: axes.collect(), findings, probe_polarity_hint: None });
         };
         let ini = IniFile::read(path)?;
         let mm = ini.mm_per_unit();
@@ -51,9 +47,8 @@ impl IniFile {
     /// Axes of `[TRAJ]COORDINATES`; a gantry names an axis twice.
     fn axes(&self) -> Vec<Axis> {
         let letters = self.value("TRAJ", "COORDINATES").unwrap_or_default().chars();
-        let mut axes: Vec<Axis> = letters
-            .filter_map(|letter| letter.to_ascii_uppercase().to_string().parse().ok())
-            .collect();
+        let mut axes: Vec<Axis> =
+            letters.filter_map(|letter| letter.to_ascii_uppercase().to_string().parse().ok()).collect();
         axes.sort();
         axes.dedup();
         axes
@@ -79,10 +74,7 @@ impl IniFile {
             rapid_per_min: value("MAX_VELOCITY").map(|speed| speed * S_PER_MIN),
             acceleration_per_s2: value("MAX_ACCELERATION"),
             resolution: Some(REPORT_RESOLUTION),
-            positive_sense: self
-                .rotary_table()
-                .filter(|(axes, _)| axes.contains(&axis))
-                .map(|(_, sense)| sense),
+            positive_sense: self.rotary_table().filter(|(axes, _)| axes.contains(&axis)).map(|(_, sense)| sense),
         }
     }
 
@@ -135,17 +127,12 @@ mod tests {
         assert_eq!((b.min, b.max), (Some(-110.0), Some(110.0)));
         assert_eq!((b.rapid_per_min, b.acceleration_per_s2), (Some(12_000.0), Some(2000.0)));
         let [table] = &ini.findings()[..] else { panic!("{:?}", ini.findings()) };
-        assert!(
-            !table.is_blocking && table.description.contains("count B and C against ISO 841"),
-            "{table:?}"
-        );
+        assert!(!table.is_blocking && table.description.contains("count B and C against ISO 841"), "{table:?}");
         let inches = IniFile::parse(&RIG_INI.replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch"));
         assert_eq!(inches.reported_axis(Axis::X, inches.mm_per_unit()).max, Some(7620.0));
         assert_eq!(inches.reported_axis(Axis::B, inches.mm_per_unit()).max, Some(110.0));
         let compensating = IniFile::parse(&RIG_INI.replace("sparm=identityfirst", ""));
-        let [mode, _] = &compensating.findings()[..] else {
-            panic!("{:?}", compensating.findings())
-        };
+        let [mode, _] = &compensating.findings()[..] else { panic!("{:?}", compensating.findings()) };
         assert!(!mode.is_blocking && mode.remedy.contains("M429"), "{mode:?}");
     }
     /// Computed by hand from the modules' formulas, one axis at 90°: with `xyzbc-trt-kins` and C = 90°
@@ -165,8 +152,7 @@ mod tests {
             let line = "KINEMATICS = xyzbc-trt-kins sparm=identityfirst";
             assert!(RIG_INI.contains(line));
             let ini = IniFile::parse(&RIG_INI.replace(line, &format!("KINEMATICS = {kinematics}")));
-            let told =
-                [Axis::A, Axis::B, Axis::C].map(|axis| ini.reported_axis(axis, 1.0).positive_sense);
+            let told = [Axis::A, Axis::B, Axis::C].map(|axis| ini.reported_axis(axis, 1.0).positive_sense);
             assert_eq!(told, [a, b, c], "{kinematics}");
             assert_eq!(ini.reported_axis(Axis::X, 1.0).positive_sense, None);
         }

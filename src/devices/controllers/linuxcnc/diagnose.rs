@@ -24,38 +24,28 @@ impl LinuxCncConfig {
         }
         let is_foreign = matches!(
             failure,
-            ControllerError::NoAnswer { .. }
-                | ControllerError::UnreadableReply { .. }
-                | ControllerError::Link(_)
+            ControllerError::NoAnswer { .. } | ControllerError::UnreadableReply { .. } | ControllerError::Link(_)
         );
         match mode {
             DiagnosisMode::Active if is_foreign => {
                 let found = port_scan::scan_tcp(&named_address, CONTROL_KIND).await;
-                let evidence = format!(
-                    "{failure}; requests in the protocols of other controls also had no valid reply"
-                );
-                vec![found.unwrap_or_else(|| {
-                    port_scan::no_known_device_diagnosis(&address.to_string(), &evidence)
-                })]
+                let evidence =
+                    format!("{failure}; requests in the protocols of other controls also had no valid reply");
+                vec![found.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&address.to_string(), &evidence))]
             }
             DiagnosisMode::Passive if is_foreign => vec![Diagnosis {
                 is_confirmed: false,
                 needs_active_search: true,
                 cause: "wrong port, or another kind of control".to_owned(),
                 evidence: failure.to_string(),
-                remedy: "compare [controller] tcp and kind with the start command of the control"
-                    .to_owned(),
+                remedy: "compare [controller] tcp and kind with the start command of the control".to_owned(),
             }],
             _ => Vec::new(),
         }
     }
 
     /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
-    async fn diagnose_default_port(
-        &self,
-        address: &Address,
-        mode: DiagnosisMode,
-    ) -> Option<Diagnosis> {
+    async fn diagnose_default_port(&self, address: &Address, mode: DiagnosisMode) -> Option<Diagnosis> {
         let Address::Tcp { host, port } = address else { return None };
         let default_address = Address::Tcp { host: host.clone(), port: DEFAULT_PORT };
         if mode != DiagnosisMode::Active || *port == DEFAULT_PORT {
@@ -65,9 +55,7 @@ impl LinuxCncConfig {
         Some(Diagnosis {
             is_confirmed: true,
             needs_active_search: false,
-            cause: format!(
-                "wrong port: linuxcncrsh listens at {default_address}, not at {address}"
-            ),
+            cause: format!("wrong port: linuxcncrsh listens at {default_address}, not at {address}"),
             evidence: format!("linuxcncrsh replied `{reply}`"),
             remedy: format!("in the machine file, set [controller] tcp = \"{default_address}\""),
         })

@@ -15,8 +15,7 @@ use super::result::ResultLog;
 use super::rsh::RshClient;
 use super::{Sampler, kinematics, path_check, program_runner, state};
 use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, ReadinessItem,
-    arrival,
+    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, ReadinessItem, arrival,
 };
 use link::Address;
 use machine::record::motion::{BlockOutcome, Motion};
@@ -67,10 +66,7 @@ impl LinuxCnc {
     ///
     /// # Errors
     /// No linuxcncrsh at the address; an unusable directory.
-    pub async fn open(
-        settings: LinuxCncSettings,
-        modes: ProvenModes,
-    ) -> Result<(Self, Halt), ControllerError> {
+    pub async fn open(settings: LinuxCncSettings, modes: ProvenModes) -> Result<(Self, Halt), ControllerError> {
         let files = SharedFiles::open(&settings.directory)?;
         let mut rsh = RshClient::open(&settings.address).await?;
         let halt_connection = RshClient::open(&settings.address).await?;
@@ -102,10 +98,7 @@ impl LinuxCnc {
     }
 
     /// Checks the switches and the state; changes only how linuxcncrsh answers.
-    async fn check_switches_and_state(
-        &mut self,
-        ini: Option<&IniFile>,
-    ) -> Result<(), ControllerError> {
+    async fn check_switches_and_state(&mut self, ini: Option<&IniFile>) -> Result<(), ControllerError> {
         // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
         // that the task has not accepted.
         self.rsh.set("set_wait received").await?;
@@ -118,10 +111,7 @@ impl LinuxCnc {
         // The reported switches may be outdated. (While the machine is stopped, this would be refused.)
         program_runner::request_sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
-            return Err(not_ready(
-                "a program is running",
-                "wait until the program ends, or stop it, then start again",
-            ));
+            return Err(not_ready("a program is running", "wait until the program ends, or stop it, then start again"));
         }
         state::check_feed_override(&mut self.rsh).await
     }
@@ -137,9 +127,7 @@ impl LinuxCnc {
         self.rsh.send_command("mode auto").await?;
         self.files.write_program(&prepare::state_program(&self.files.result_log_path()))?;
         self.rsh.send_command(&format!("open {}", self.files.program_path())).await?;
-        let log =
-            program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS)
-                .await?;
+        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS).await?;
         if !log.is_complete {
             self.files.expect_log()?;
             return Err(self.stop_reason(NO_BLOCK_STEP, log).await);
@@ -163,10 +151,9 @@ impl LinuxCnc {
         }
         Ok(PreparedControl {
             identity,
-            stop_description:
-                "a halt aborts the program: the abort takes effect within 20 ms (0.1 s at worst), \
+            stop_description: "a halt aborts the program: the abort takes effect within 20 ms (0.1 s at worst), \
                    then the machine decelerates over feed²/(2·acceleration) and stays"
-                    .to_owned(),
+                .to_owned(),
             position,
             transmission: self.transmission(),
             unreadable_items: UNREADABLE_ITEMS.to_vec(),
@@ -175,10 +162,7 @@ impl LinuxCnc {
 
     /// Runs one program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
-    async fn execute_block(
-        &mut self,
-        block: &ProvenBlock,
-    ) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         if *block.transmission() != self.transmission() {
             return Err(ControllerError::WrongTransmission { step: block.step() });
         }
@@ -196,23 +180,17 @@ impl LinuxCnc {
     /// Checks that the machine is where the proven block begins.
     async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let axes = &self.settings.axes;
-        let begins =
-            block.start_position().filter_axes(|axis| axis != Axis::S && axes.contains(&axis));
+        let begins = block.start_position().filter_axes(|axis| axis != Axis::S && axes.contains(&axis));
         if begins.is_empty() {
             return Ok(());
         }
         let position = state::read_position(&mut self.rsh, axes).await?;
-        let deviation_error = arrival::deviation_error(&begins, &position, |axis| {
-            arrival::axis_tolerance(axis, None)
-        });
+        let deviation_error = arrival::deviation_error(&begins, &position, |axis| arrival::axis_tolerance(axis, None));
         deviation_error.map_or(Ok(()), |error| Err(arrival::into_moved_by_hand(error)))
     }
 
     /// Positions of the axes during `block`, if the block moves at feed and there is a sampler.
-    async fn read_track(
-        &mut self,
-        block: &ProvenBlock,
-    ) -> Result<Option<AxisTrack>, ControllerError> {
+    async fn read_track(&mut self, block: &ProvenBlock) -> Result<Option<AxisTrack>, ControllerError> {
         let active_sampler = self.sampler.as_ref().filter(|_| block.motions().any(is_feed_motion));
         let Some(sampler) = active_sampler else { return Ok(None) };
         let position = state::read_position(&mut self.rsh, &self.settings.axes).await?;
@@ -233,14 +211,9 @@ impl LinuxCnc {
         self.refuse_if_halted()?;
         // A contact while an axis turns must stop the axis (`planning::turning`).
         let ends = path_check::turn_end_position(&part.motions);
-        let limits = ProgramLimits {
-            step,
-            rest_time: program_runner::program_rest_time(part),
-            turn_end: ends.as_ref(),
-        };
-        let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits)
-            .await
-        {
+        let limits =
+            ProgramLimits { step, rest_time: program_runner::program_rest_time(part), turn_end: ends.as_ref() };
+        let log = match program_runner::run_program(&mut self.rsh, &self.files, &self.halt, limits).await {
             Err(refusal @ ControllerError::Refused { .. }) => {
                 return Err(fault::refusal_reason(&mut self.rsh, refusal).await);
             }
@@ -265,9 +238,7 @@ impl LinuxCnc {
     async fn run_switch_program(&mut self, program: &str) -> Result<(), ControllerError> {
         self.files.write_program(program)?;
         self.refuse_if_halted()?;
-        let log =
-            program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS)
-                .await?;
+        let log = program_runner::run_program(&mut self.rsh, &self.files, &self.halt, NO_MOTION_LIMITS).await?;
         if log.is_complete { Ok(()) } else { Err(self.stop_reason(NO_BLOCK_STEP, log).await) }
     }
 
@@ -296,10 +267,8 @@ impl LinuxCnc {
         }
         // A connection without an answer is not used again. The other one may still work, and a frozen task
         // that resumes takes the abort first.
-        let is_unresponsive = matches!(
-            error,
-            ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
-        );
+        let is_unresponsive =
+            matches!(error, ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_));
         if is_unresponsive || self.rsh.send_command("abort").await.is_err() {
             self.halt_connection.link.urgent().send(HALT_COMMANDS);
             sleep(LINK_WRITE_TIME).await;
@@ -309,12 +278,8 @@ impl LinuxCnc {
 }
 
 /// linuxcncrsh reports no limits (`get ini` is "not implemented"), no rapid override and no other client.
-const UNREADABLE_ITEMS: [ReadinessItem; 4] = [
-    ReadinessItem::TravelLimits,
-    ReadinessItem::RapidOverride,
-    ReadinessItem::OtherClients,
-    ReadinessItem::Tool,
-];
+const UNREADABLE_ITEMS: [ReadinessItem; 4] =
+    [ReadinessItem::TravelLimits, ReadinessItem::RapidOverride, ReadinessItem::OtherClients, ReadinessItem::Tool];
 
 impl Driver for LinuxCnc {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
@@ -327,10 +292,7 @@ impl Driver for LinuxCnc {
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         self.refuse_if_halted()?;
         if !self.is_prepared {
-            return Err(not_ready(
-                "the control was not prepared after the last fault",
-                "start again",
-            ));
+            return Err(not_ready("the control was not prepared after the last fault", "start again"));
         }
         match self.execute_block(&block).await {
             Ok(outcome) => Ok(outcome),

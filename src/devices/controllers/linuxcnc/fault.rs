@@ -30,10 +30,7 @@ pub(super) async fn stop_reason(
 }
 
 /// Returns why a command was refused: `refusal`, unless a switch explains it.
-pub(super) async fn refusal_reason(
-    rsh: &mut RshClient,
-    refusal: ControllerError,
-) -> ControllerError {
+pub(super) async fn refusal_reason(rsh: &mut RshClient, refusal: ControllerError) -> ControllerError {
     match switch_fault(rsh).await {
         Ok(Some(reason)) | Err(reason) => reason,
         Ok(None) => refusal,
@@ -41,10 +38,7 @@ pub(super) async fn refusal_reason(
 }
 
 /// Returns the reason that the control reports; `Err` if the control does not answer.
-async fn reported_reason(
-    rsh: &mut RshClient,
-    step: u32,
-) -> Result<ControllerError, ControllerError> {
+async fn reported_reason(rsh: &mut RshClient, step: u32) -> Result<ControllerError, ControllerError> {
     if let Some(reason) = switch_fault(rsh).await? {
         return Ok(reason);
     }
@@ -85,9 +79,7 @@ async fn switch_fault(rsh: &mut RshClient) -> Result<Option<ControllerError>, Co
         return Ok(Some(ControllerError::EmergencyStop));
     }
     if rsh.get("machine").await? != "ON" {
-        return Ok(Some(ControllerError::SwitchedOff {
-            message: rsh.read_messages().await?.join("; "),
-        }));
+        return Ok(Some(ControllerError::SwitchedOff { message: rsh.read_messages().await?.join("; ") }));
     }
     Ok(None)
 }
@@ -100,8 +92,7 @@ mod tests {
     #[test]
     fn each_message_has_its_own_meaning() {
         let of = |text: &str| interpret_messages(7, &[text.to_owned()]);
-        for text in ["Queue is not empty after probing", "Queue is not empty after external input"]
-        {
+        for text in ["Queue is not empty after probing", "Queue is not empty after external input"] {
             let late = of(text);
             assert!(matches!(late, ControllerError::MotionLate { step: 7, .. }), "{late:?}");
             assert!(late.to_string().contains(text), "{late}");

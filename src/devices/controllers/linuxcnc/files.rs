@@ -25,10 +25,7 @@ impl SharedFiles {
     /// LinuxCNC cannot use the directory's name, or the directory cannot be created.
     pub fn open(directory: &Path) -> Result<Self, ControllerError> {
         let name = directory.join(PROGRAM_FILE_NAME).to_string_lossy().into_owned();
-        if !directory.is_absolute()
-            || name.len() > MAX_PROGRAM_PATH_BYTES
-            || name.contains(['(', ')', ' '])
-        {
+        if !directory.is_absolute() || name.len() > MAX_PROGRAM_PATH_BYTES || name.contains(['(', ')', ' ']) {
             return Err(not_ready(
                 &format!("LinuxCNC cannot open {name}"),
                 "set [controller] program_dir to a short absolute path without spaces and brackets",
@@ -47,9 +44,7 @@ impl SharedFiles {
 
     /// Replaces the whole program, and removes the last log.
     pub fn write_program(&self, text: &str) -> Result<(), ControllerError> {
-        self.0
-            .write(PROGRAM_FILE_NAME, text)
-            .map_err(|error| self.directory_error(PROGRAM_FILE_NAME, &error))?;
+        self.0.write(PROGRAM_FILE_NAME, text).map_err(|error| self.directory_error(PROGRAM_FILE_NAME, &error))?;
         self.0.remove(LOG_FILE_NAME).map_err(|error| self.directory_error(LOG_FILE_NAME, &error))
     }
 
@@ -67,10 +62,7 @@ impl SharedFiles {
         match self.0.read(LOG_FILE_NAME) {
             Ok(Some(_)) => Ok(()),
             Ok(None) => Err(not_ready(
-                &format!(
-                    "LinuxCNC has run a program but has not written {}",
-                    self.0.path_of(LOG_FILE_NAME).display()
-                ),
+                &format!("LinuxCNC has run a program but has not written {}", self.0.path_of(LOG_FILE_NAME).display()),
                 "check [controller] program_dir: the user of LinuxCNC needs this folder under the same path, with \
                  write permission; a network folder may update late",
             )),

@@ -22,8 +22,7 @@ const SAMPLE_REPLIES: &[u8] = b"SET VERBOSE ACK\n\rESTOP OFF\r\nMACHINE ON\r\n\
 
 #[test]
 fn the_result_log_bears_anything() {
-    let words =
-        ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
+    let words = ["END\n", "offset\n", "state ", "from 17 4 ", "guarded 17 3 ", "touch 17 4 ", "1.0 "];
     fuzz("linuxcnc-log", &[SAMPLE_LOG], &words, |input| {
         let text = String::from_utf8_lossy(input);
         let Ok(log) = ResultLog::parse(&text, 17) else { return 0 };
@@ -40,8 +39,7 @@ fn the_result_log_bears_anything() {
 
 #[test]
 fn answers_of_linuxcncrsh_bear_anything() {
-    let words =
-        ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
+    let words = ["ESTOP ", "SET VERBOSE ACK", "GET ESTOP NAK", "ABS_ACT_POS ", "OFF", "\r\n", "\n\r"];
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     fuzz("linuxcnc-answers", &[SAMPLE_REPLIES], &words, |input| runtime.block_on(ask_all(input)));
 }
@@ -52,8 +50,7 @@ async fn ask_all(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();
     drop(far);
-    let mut rsh =
-        RshClient { link: Link::from_stream("peer", near), server: String::new(), halt: None };
+    let mut rsh = RshClient { link: Link::from_stream("peer", near), server: String::new(), halt: None };
     let mut heard = 0;
     for key in ["estop", "machine", "abs_act_pos", "joint_homed", "program_status"] {
         match rsh.get(key).await {

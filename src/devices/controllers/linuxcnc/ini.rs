@@ -12,9 +12,10 @@ impl IniFile {
     pub fn read(path: &Path) -> Result<Self, ControllerError> {
         let text = std::fs::read_to_string(path).map_err(|error| ControllerError::NotReady {
             state: format!("the INI file {} is not readable: {error}", path.display()),
-            remedy: "set [controller] ini in the machine file to the file that LinuxCNC was started with, and give this \
+            remedy:
+                "set [controller] ini in the machine file to the file that LinuxCNC was started with, and give this \
                      user read permission"
-                .to_owned(),
+                    .to_owned(),
         })?;
         Ok(Self::parse(&text))
     }
@@ -25,9 +26,7 @@ impl IniFile {
         for line in text.lines().map(str::trim) {
             if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
                 section = name.to_owned();
-            } else if let Some((key, value)) =
-                line.split_once('=').filter(|_| !line.starts_with(['#', ';']))
-            {
+            } else if let Some((key, value)) = line.split_once('=').filter(|_| !line.starts_with(['#', ';'])) {
                 let path = (section.clone(), key.trim().to_owned());
                 values.entry(path).or_insert_with(|| value.trim().to_owned());
             }

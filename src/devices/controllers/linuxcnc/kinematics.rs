@@ -73,19 +73,16 @@ fn is_mode_visible(position: &Position) -> bool {
     };
     let is_turned = |at: f64| (at / 2.0).sin().abs() > MIN_VISIBLE_ANGLE_RAD / 2.0;
     let rotary = [Axis::A, Axis::B, Axis::C].into_iter();
-    rotary
-        .filter_map(|axis| Some((axis, position.get(axis)?)))
-        .any(|(axis, at)| is_turned(at) && is_off_centre(axis))
+    rotary.filter_map(|axis| Some((axis, position.get(axis)?))).any(|(axis, at)| is_turned(at) && is_off_centre(axis))
 }
 
 fn unknown_mode_error(ini: Option<&IniFile>, mode: KinematicsMode) -> ControllerError {
     let turn_remedy = "turn a rotary axis of the table by 10° at the GUI, with X, Y and Z away from zero and from \
                 this axis, so that the positions show the mode; then start again";
     let (reason, first_remedy) = match (mode, ini) {
-        (_, None) => (
-            "no INI file is configured",
-            "set [controller] ini in the machine file to LinuxCNC's INI file; or ",
-        ),
+        (_, None) => {
+            ("no INI file is configured", "set [controller] ini in the machine file to LinuxCNC's INI file; or ")
+        }
         (KinematicsMode::NotReadable, _) => (
             "programs cannot read HAL pins",
             "set HAL_PIN_VARS = 1 in [RS274NGC] of the INI file and restart LinuxCNC; or ",
@@ -118,8 +115,7 @@ mod tests {
 
     #[test]
     fn the_number_of_identity_is_a_matter_of_the_module() {
-        let accepted =
-            |kinematics, now| is_accepted(kinematics, KinematicsMode::Type(now), HOME_POSITION);
+        let accepted = |kinematics, now| is_accepted(kinematics, KinematicsMode::Type(now), HOME_POSITION);
         assert!(accepted("xyzbc-trt-kins sparm=identityfirst", 0.0));
         assert!(!accepted("xyzbc-trt-kins sparm=identityfirst", 1.0));
         assert!(!accepted("xyzac-trt-kins", 0.0));
@@ -145,9 +141,6 @@ mod tests {
             assert!(!is_accepted("maxkins", mode, [20.0, 20.0, 200.0, 0.0, 360.0]));
         }
         assert!(check_identity_mode(None, KinematicsMode::Type(0.0), &at(HOME_POSITION)).is_err());
-        assert!(
-            check_identity_mode(None, KinematicsMode::Type(0.0), &at([20.0, 0.0, 0.0, 10.0, 0.0]))
-                .is_ok()
-        );
+        assert!(check_identity_mode(None, KinematicsMode::Type(0.0), &at([20.0, 0.0, 0.0, 10.0, 0.0])).is_ok());
     }
 }

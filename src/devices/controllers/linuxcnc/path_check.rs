@@ -8,10 +8,7 @@ use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
 /// Error if `position` is not the end of `motions`; a probing move ends at its contact.
-pub(super) fn end_deviation_error(
-    motions: &[Motion],
-    position: &Position,
-) -> Option<ControllerError> {
+pub(super) fn end_deviation_error(motions: &[Motion], position: &Position) -> Option<ControllerError> {
     let moving = motions.iter().rev().find(|motion| motion_target(motion).is_some());
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
         return None;
@@ -21,9 +18,7 @@ pub(super) fn end_deviation_error(
 
 /// Error if `position` is not `end`.
 pub(super) fn position_error(end: &Position, position: &Position) -> Option<ControllerError> {
-    arrival::deviation_error(end, &unwrap_rotary_axes(position, end), |axis| {
-        arrival::axis_tolerance(axis, None)
-    })
+    arrival::deviation_error(end, &unwrap_rotary_axes(position, end), |axis| arrival::axis_tolerance(axis, None))
 }
 
 /// End position of the rotary axes of `motions`, if one of them turns at feed.
@@ -41,8 +36,7 @@ pub(super) fn contact_path_error(motions: &[Motion], at: &Position) -> Option<Co
     let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }))?;
     let (from, to) = (end_position(&motions[..probing]), end_position(&motions[..=probing]));
     // The position of an axis before the first motion is not known here.
-    let at =
-        unwrap_rotary_axes(at, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
+    let at = unwrap_rotary_axes(at, &to).filter_axes(|axis| from.iter().any(|(known, _)| known == axis));
     if at.is_empty() {
         return None;
     }

@@ -83,10 +83,7 @@ pub(super) fn check_switches(
     joints: Option<usize>,
 ) -> Result<(), ControllerError> {
     if estop != "OFF" {
-        return Err(not_ready(
-            "the emergency stop is pressed",
-            "release the emergency stop at the machine",
-        ));
+        return Err(not_ready("the emergency stop is pressed", "release the emergency stop at the machine"));
     }
     if machine != "ON" {
         return Err(not_ready("the machine is off", "switch the machine on at the control"));
@@ -97,9 +94,7 @@ pub(super) fn check_switches(
     let joints = joints.unwrap_or(homed.len().saturating_sub(1)).max(axes);
     match (0..joints).find(|joint| homed.get(*joint) != Some(&"YES")) {
         None => Ok(()),
-        Some(joint) => {
-            Err(not_ready(&format!("joint {joint} is not homed"), "home all joints at the control"))
-        }
+        Some(joint) => Err(not_ready(&format!("joint {joint} is not homed"), "home all joints at the control")),
     }
 }
 

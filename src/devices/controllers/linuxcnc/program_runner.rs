@@ -88,8 +88,7 @@ pub(super) async fn run_program(
             // A measured result is kept, unless the program does not end at once.
             _ if halt.is_halted()
                 && (!log.is_complete
-                    || halted_since.get_or_insert_with(Instant::now).elapsed()
-                        > STOP_CONFIRM_TIME) =>
+                    || halted_since.get_or_insert_with(Instant::now).elapsed() > STOP_CONFIRM_TIME) =>
             {
                 return Err(ControllerError::Halted);
             }
@@ -116,10 +115,7 @@ pub(super) async fn run_program(
 
 /// Whether the probe reads closed before the rotary axes have reached `turn_end`. The touch of the same program
 /// begins after that.
-async fn has_contact_in_turn(
-    rsh: &mut RshClient,
-    turn_end: &Position,
-) -> Result<bool, ControllerError> {
+async fn has_contact_in_turn(rsh: &mut RshClient, turn_end: &Position) -> Result<bool, ControllerError> {
     if rsh.get("probe_value").await? == "0" {
         return Ok(false);
     }
@@ -159,9 +155,7 @@ impl ProgressMonitor {
             return Err(paused_error("the feed override is 0 %"));
         }
         if self.since.elapsed() > MAX_STALL_TIME + rest_time {
-            return Err(paused_error(
-                "the program runs, but the machine does not move: a feed hold or an interlock",
-            ));
+            return Err(paused_error("the program runs, but the machine does not move: a feed hold or an interlock"));
         }
         self.last_sign_of_life = Instant::now();
         Ok(())
@@ -235,13 +229,9 @@ async fn is_off(rsh: &mut RshClient) -> Result<bool, ControllerError> {
 fn ignore_odd_reply<T>(result: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
     use ControllerError as E;
     match result {
-        Err(
-            E::Refused { .. }
-            | E::NoAnswer { .. }
-            | E::UnreadableReply { .. }
-            | E::Frozen
-            | E::NotReady { .. },
-        ) => Ok(None),
+        Err(E::Refused { .. } | E::NoAnswer { .. } | E::UnreadableReply { .. } | E::Frozen | E::NotReady { .. }) => {
+            Ok(None)
+        }
         result => result.map(Some),
     }
 }

@@ -57,12 +57,8 @@ impl ResultLog {
             match (kind, numbers.as_slice()) {
                 ("END", []) => log.is_complete = true,
                 ("offset", []) => log.result = Some(ProgramResult::OffsetSet),
-                ("probe_error", []) => {
-                    log.result = Some(ProgramResult::ProbeFault(ProbeFault::Error))
-                }
-                ("probe_battery", []) => {
-                    log.result = Some(ProgramResult::ProbeFault(ProbeFault::Battery))
-                }
+                ("probe_error", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::Error)),
+                ("probe_battery", []) => log.result = Some(ProgramResult::ProbeFault(ProbeFault::Battery)),
                 ("state", _) => log.state_values = numbers,
                 (_, [n, _, ..]) if *n != f64::from(step) => return Err(garbled()),
                 ("from", [_, _, at @ ..]) => from = at.to_vec(),
@@ -126,31 +122,19 @@ mod tests {
 
     #[test]
     fn the_target_of_a_missed_touch_is_no_touch() {
-        assert_eq!(
-            verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"),
-            Some(ProgramResult::NoContact)
-        );
+        assert_eq!(verdict("touch 17 4 0.0 40.0 0.0 60.0 0.0 0.0 0.0\n"), Some(ProgramResult::NoContact));
     }
 
     #[test]
     fn a_touch_where_it_started_is_a_probe_that_was_closed() {
-        assert_eq!(
-            verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"),
-            Some(ProgramResult::ProbeClosedAtStart)
-        );
-        assert_eq!(
-            verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"),
-            Some(ProgramResult::ProbeClosedAtStart)
-        );
+        assert_eq!(verdict("touch 17 4 1.0 50.0 0.0 60.0 0.0 0.0 0.0\n"), Some(ProgramResult::ProbeClosedAtStart));
+        assert_eq!(verdict("guarded 17 4 1.0 50.0 0.0 60.0\n"), Some(ProgramResult::ProbeClosedAtStart));
     }
 
     #[test]
     fn a_guarded_move_should_touch_nothing() {
         assert_eq!(verdict("guarded 17 4 0.0 40.0 0.0 60.0\n"), None);
-        assert_eq!(
-            verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"),
-            Some(ProgramResult::UnexpectedContact)
-        );
+        assert_eq!(verdict("guarded 17 4 1.0 45.0 0.0 60.0\n"), Some(ProgramResult::UnexpectedContact));
     }
 
     #[test]

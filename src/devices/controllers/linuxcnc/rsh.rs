@@ -26,17 +26,11 @@ pub(super) struct RshClient {
 impl RshClient {
     /// Connects and performs the handshake. This alone gives no right to command: see [`RshClient::take_command`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
-        let link = link::open_line_link(address)
-            .await
-            .map_err(|error| connection_error(address, error))?;
+        let link = link::open_line_link(address).await.map_err(|error| connection_error(address, error))?;
         let mut rsh = Self { link, server: String::new(), halt: None };
         let answer = rsh.send_request("hello EMC trued 1.0", &["HELLO"]).await?;
         let Some(server) = answer.strip_prefix("ACK") else {
-            return Err(refusal_error(
-                "hello EMC trued 1.0",
-                answer,
-                "linuxcncrsh requires another password",
-            ));
+            return Err(refusal_error("hello EMC trued 1.0", answer, "linuxcncrsh requires another password"));
         };
         rsh.server = server.trim().to_owned();
         // This command is not answered, but perhaps echoed.
@@ -57,11 +51,7 @@ impl RshClient {
         let refusal = format!("GET {key}");
         let answer = self.send_request(&line, &[&key, &refusal]).await?;
         if answer == "NAK" {
-            return Err(refusal_error(
-                &line,
-                answer,
-                "this linuxcncrsh does not support the command",
-            ));
+            return Err(refusal_error(&line, answer, "this linuxcncrsh does not support the command"));
         }
         Ok(answer)
     }
@@ -74,11 +64,7 @@ impl RshClient {
         if answer == "ACK" {
             return Ok(());
         }
-        Err(refusal_error(
-            &line,
-            answer,
-            "the command is not allowed now, or another program has taken control",
-        ))
+        Err(refusal_error(&line, answer, "the command is not allowed now, or another program has taken control"))
     }
 
     /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
@@ -90,11 +76,7 @@ impl RshClient {
     }
 
     /// Sends `line`; returns the rest of the first line that begins with one of `starts`.
-    async fn send_request(
-        &mut self,
-        line: &str,
-        starts: &[&str],
-    ) -> Result<String, ControllerError> {
+    async fn send_request(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
         self.link.send_line(line)?;
         let mut deadline = Instant::now() + REPLY_TIMEOUT;
         loop {
@@ -107,9 +89,9 @@ impl RshClient {
                 // An acknowledgement ends in \n\r: the \r arrives at the beginning of the next line.
                 Some(LineEvent::Line(text)) => {
                     let text = text.trim();
-                    let rest = starts.iter().find_map(|start| {
-                        text.strip_prefix(start).filter(|r| r.is_empty() || r.starts_with(' '))
-                    });
+                    let rest = starts
+                        .iter()
+                        .find_map(|start| text.strip_prefix(start).filter(|r| r.is_empty() || r.starts_with(' ')));
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
@@ -119,9 +101,7 @@ impl RshClient {
                     }
                 }
                 Some(LineEvent::Noise { bytes }) => {
-                    return Err(ControllerError::UnreadableReply {
-                        text: format!("{bytes} unreadable bytes"),
-                    });
+                    return Err(ControllerError::UnreadableReply { text: format!("{bytes} unreadable bytes") });
                 }
                 None => {
                     let seconds = REPLY_TIMEOUT.as_secs_f64();

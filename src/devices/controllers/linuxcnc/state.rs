@@ -12,10 +12,7 @@ const REPORTED_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, A
 const POSITION_EQUALITY_TOLERANCE: f64 = 0.000_002;
 
 /// Reads the positions of `axes`.
-pub(super) async fn read_position(
-    rsh: &mut RshClient,
-    axes: &[Axis],
-) -> Result<Position, ControllerError> {
+pub(super) async fn read_position(rsh: &mut RshClient, axes: &[Axis]) -> Result<Position, ControllerError> {
     let mm = read_length_unit_mm(rsh).await?;
     match rsh.get("user_angular_units").await?.as_str() {
         "DEG" => {}
@@ -46,10 +43,7 @@ fn unsupported_units_error(unit: &str) -> ControllerError {
 
 /// Checks that each axis is where its joint is, as switchable kinematics must be in identity mode. A
 /// deviation shows only while rotary axes are away from zero, so the check is repeated.
-pub(super) async fn check_identity_kinematics(
-    rsh: &mut RshClient,
-    axes: &[Axis],
-) -> Result<(), ControllerError> {
+pub(super) async fn check_identity_kinematics(rsh: &mut RshClient, axes: &[Axis]) -> Result<(), ControllerError> {
     let values = read_numbers(rsh, "abs_act_pos").await?;
     let joints = read_numbers(rsh, "joint_pos").await?;
     let axes = REPORTED_AXES.iter().zip(values).filter(|(axis, _)| axes.contains(axis));
@@ -65,8 +59,7 @@ pub(super) async fn check_identity_kinematics(
 /// Whether `axes` are found among `joints` in their order; a gantry has more joints in between.
 fn is_subsequence(axes: impl Iterator<Item = f64>, joints: &[f64]) -> bool {
     let mut joints = joints.iter();
-    axes.into_iter()
-        .all(|axis| joints.any(|joint| (axis - joint).abs() < POSITION_EQUALITY_TOLERANCE))
+    axes.into_iter().all(|axis| joints.any(|joint| (axis - joint).abs() < POSITION_EQUALITY_TOLERANCE))
 }
 
 /// Checks that the feed override is 100 %: the touching speed determines how late a contact is detected.
@@ -76,17 +69,11 @@ pub(super) async fn check_feed_override(rsh: &mut RshClient) -> Result<(), Contr
         return Ok(());
     }
     let state = format!("the feed override is {percent} %");
-    Err(not_ready(
-        &state,
-        "set the feed override to 100 %: another speed changes the detection delay of a contact",
-    ))
+    Err(not_ready(&state, "set the feed override to 100 %: another speed changes the detection delay of a contact"))
 }
 
 /// Checks that a run will execute this program, and not one that another client has opened meanwhile.
-pub(super) async fn check_open_program(
-    rsh: &mut RshClient,
-    program: &str,
-) -> Result<(), ControllerError> {
+pub(super) async fn check_open_program(rsh: &mut RshClient, program: &str) -> Result<(), ControllerError> {
     let open = rsh.get("program").await?;
     if open == program {
         return Ok(());
@@ -95,19 +82,15 @@ pub(super) async fn check_open_program(
     Err(not_ready(&state, "do not use the control during a measurement; start again"))
 }
 
-pub(super) async fn read_numbers(
-    rsh: &mut RshClient,
-    key: &str,
-) -> Result<Vec<f64>, ControllerError> {
+pub(super) async fn read_numbers(rsh: &mut RshClient, key: &str) -> Result<Vec<f64>, ControllerError> {
     parse_numbers(&rsh.get(key).await?)
 }
 
 /// Parses the numbers of an answer, one for each axis that may be reported.
 pub(super) fn parse_numbers(values: &str) -> Result<Vec<f64>, ControllerError> {
     let numbers: Result<Vec<f64>, _> = values.split_whitespace().map(str::parse).collect();
-    let is_complete = |numbers: &Vec<f64>| {
-        numbers.len() >= REPORTED_AXES.len() && numbers.iter().all(|number| number.is_finite())
-    };
+    let is_complete =
+        |numbers: &Vec<f64>| numbers.len() >= REPORTED_AXES.len() && numbers.iter().all(|number| number.is_finite());
     let numbers = numbers.ok().filter(is_complete);
     numbers.ok_or_else(|| ControllerError::UnreadableReply { text: values.to_owned() })
 }

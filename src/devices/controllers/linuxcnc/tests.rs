@@ -128,8 +128,7 @@ async fn open_driver(
     program_end: Option<(&'static str, f64)>,
     odd: impl FnMut(usize, &str) -> Option<&'static str> + Send + 'static,
 ) -> (LinuxCnc, Halt, Arc<Mutex<Machine>>) {
-    let machine =
-        Arc::new(Mutex::new(Machine { program_end, state: READY_STATE, ..Machine::default() }));
+    let machine = Arc::new(Mutex::new(Machine { program_end, state: READY_STATE, ..Machine::default() }));
     let odd: Arc<Mutex<ReplyOverride>> = Arc::new(Mutex::new(Box::new(odd)));
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -170,17 +169,12 @@ fn prove_block(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
 
 /// Rapid move to X 60 and guarded move to X 30.
 fn guarded_block() -> Block {
-    let motions = vec![
-        Motion::Rapid { to: x_position(60.0) },
-        Motion::Guarded { to: x_position(30.0), feed_mm_min: 300.0 },
-    ];
+    let motions =
+        vec![Motion::Rapid { to: x_position(60.0) }, Motion::Guarded { to: x_position(30.0), feed_mm_min: 300.0 }];
     Block { step: 1, repeat: 0, motions }
 }
 
-async fn halt_during_move(
-    mut driver: LinuxCnc,
-    halt: Halt,
-) -> Result<BlockOutcome, ControllerError> {
+async fn halt_during_move(mut driver: LinuxCnc, halt: Halt) -> Result<BlockOutcome, ControllerError> {
     let person = tokio::spawn(async move {
         tokio::time::sleep(Duration::from_millis(100)).await;
         halt.trigger();
@@ -201,17 +195,16 @@ async fn a_hold_is_seen_through_whatever_is_answered() {
         ("set enable EMCTOO", "SET ABORT ACK\n\r"),
     ];
     let mut hears = false;
-    let (driver, halt, machine) =
-        prepared_driver(&directory, None, move |number, line| match (number, line) {
-            (2, "set enable EMCTOO") => {
-                hears = true;
-                Some("SET NAK\n\r")
-            }
-            (2, "set abort") => Some("SET ABORT NAK\n\r"),
-            (1, line) if hears => odd.pop_if(|(asked, _)| *asked == line).map(|(_, answer)| answer),
-            _ => None,
-        })
-        .await;
+    let (driver, halt, machine) = prepared_driver(&directory, None, move |number, line| match (number, line) {
+        (2, "set enable EMCTOO") => {
+            hears = true;
+            Some("SET NAK\n\r")
+        }
+        (2, "set abort") => Some("SET ABORT NAK\n\r"),
+        (1, line) if hears => odd.pop_if(|(asked, _)| *asked == line).map(|(_, answer)| answer),
+        _ => None,
+    })
+    .await;
     let outcome = halt_during_move(driver, halt).await;
     assert!(matches!(outcome, Err(ControllerError::Halted)), "{outcome:?}");
     let machine = machine.lock().unwrap();
@@ -221,10 +214,8 @@ async fn a_hold_is_seen_through_whatever_is_answered() {
 #[tokio::test]
 async fn a_control_that_takes_no_abort_is_told_as_such() {
     let directory = tempfile::tempdir().unwrap();
-    let (driver, halt, machine) = prepared_driver(&directory, None, |_, line| {
-        (line == "set abort").then_some("SET ABORT NAK\n\r")
-    })
-    .await;
+    let (driver, halt, machine) =
+        prepared_driver(&directory, None, |_, line| (line == "set abort").then_some("SET ABORT NAK\n\r")).await;
     let error = halt_during_move(driver, halt).await.unwrap_err();
     assert!(matches!(error, ControllerError::HoldFailed { .. }), "{error}");
     assert!(error.is_position_lost() && error.remedy().contains("emergency stop"));
@@ -235,13 +226,11 @@ async fn a_control_that_takes_no_abort_is_told_as_such() {
 async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_run() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
-    let (mut driver, _, machine) =
-        prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
+    let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
     let dialect = dialect("linuxcnc").unwrap();
     let (axes, sent) = (driver.settings.axes.clone(), driver.transmission());
     let before = fs::read_to_string(&machine.lock().unwrap().program).unwrap();
-    let elsewhere =
-        proven_block_from(x_position(12.0), &guarded_block(), &axes, &dialect, &sent).unwrap();
+    let elsewhere = proven_block_from(x_position(12.0), &guarded_block(), &axes, &dialect, &sent).unwrap();
     let error = driver.execute(elsewhere).await.unwrap_err();
     assert!(error.to_string().contains("it is at X0.000, not at X12.000"), "{error}");
     driver.prepare().await.unwrap();
@@ -256,8 +245,7 @@ async fn a_block_that_begins_elsewhere_or_was_proven_for_another_control_is_not_
 async fn the_program_that_it_runs_is_the_proven_text() {
     let directory = tempfile::tempdir().unwrap();
     let well = "guarded 1 1 0.000000 30.0 0.0 0.0\nEND\n";
-    let (mut driver, _, machine) =
-        prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
+    let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
     let block = prove_block(&driver, &guarded_block());
     let [part] = block.units().unwrap() else { panic!("{block:?}") };
     let text = part.unit.text.clone();
@@ -275,22 +263,16 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let (mut driver, ..) = prepared_driver(&directory, Some((well, 30.0)), |_, _| None).await;
     driver.execute(prove_block(&driver, &guarded_block())).await.unwrap();
 
-    let (mut driver, _, machine) =
-        prepared_driver(&directory, Some((well, 47.0)), |_, _| None).await;
+    let (mut driver, _, machine) = prepared_driver(&directory, Some((well, 47.0)), |_, _| None).await;
     let error = driver.execute(prove_block(&driver, &guarded_block())).await.unwrap_err();
     assert!(error.to_string().contains("X47.000, not at X30.000"), "{error}");
     assert_eq!(machine.lock().unwrap().aborts, 1);
 
     let stale = "touch 1 1 1.000000 -28.0 0.0 0.0 0.0 0.0 0.0\nEND\n";
     let (mut driver, ..) = prepared_driver(&directory, Some((stale, 28.0)), |_, _| None).await;
-    let motions = vec![
-        Motion::Rapid { to: x_position(30.0) },
-        Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 },
-    ];
-    let error = driver
-        .execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions }))
-        .await
-        .unwrap_err();
+    let motions =
+        vec![Motion::Rapid { to: x_position(30.0) }, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
+    let error = driver.execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
 }
 
@@ -345,14 +327,9 @@ async fn a_touch_at_another_feed_override_is_not_kept() {
         (line == "get FEED_OVERRIDE" && runs > 1).then_some("FEED_OVERRIDE 120\r\n")
     })
     .await;
-    let motions = vec![
-        Motion::Rapid { to: x_position(30.0) },
-        Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 },
-    ];
-    let error = driver
-        .execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions }))
-        .await
-        .unwrap_err();
+    let motions =
+        vec![Motion::Rapid { to: x_position(30.0) }, Motion::Probe { to: x_position(26.0), feed_mm_min: 30.0 }];
+    let error = driver.execute(prove_block(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
     assert!(error.to_string().contains("override is 120 %"), "{error}");
 }
 

@@ -64,9 +64,7 @@ impl RegisterWindow {
             if attempts_left == 0 || !is_transient(&error) {
                 return Err(error.into());
             }
-            if self.read_status().await?.accepted_sequence != self.sequence
-                || self.has_registers(at, &words).await?
-            {
+            if self.read_status().await?.accepted_sequence != self.sequence || self.has_registers(at, &words).await? {
                 // The chunk was accepted, or is about to be; the next poll reports any other state.
                 return Ok(());
             }

@@ -76,8 +76,7 @@ impl TryFrom<ModbusConfigKeys> for ModbusConfig {
             registers,
             program,
         } = keys;
-        let device =
-            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let device = ModbusDevice::try_from(device)?;
         let (map, program) = window_config(registers.unwrap_or_default(), program)?;
         Ok(Self { device, map, program, dialect })

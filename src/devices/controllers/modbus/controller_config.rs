@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use super::{ModbusConfig, ModbusControl};
-use crate::controllers::{
-    Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture,
-};
+use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
 use link::Clock;
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
@@ -19,12 +17,7 @@ impl ControllerConfig for ModbusConfig {
         self.device.describe()
     }
 
-    fn open<'a>(
-        &'a self,
-        machine: &'a Machine,
-        modes: ProvenModes,
-        _clock: Arc<dyn Clock>,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, machine: &'a Machine, modes: ProvenModes, _clock: Arc<dyn Clock>) -> OpenFuture<'a> {
         Box::pin(async move {
             let (driver, halt) = ModbusControl::open(self, machine, modes).await?;
             Ok(Controller::spawn(driver, halt))

@@ -45,11 +45,9 @@ impl ModbusControl {
             findings.push(ReadinessFinding::note(description, remedy));
         }
         if status.time_s.is_none() {
-            let description = "the control does not report its time: each reading has the time at which trued received it";
-            findings.push(ReadinessFinding::note(
-                description,
-                "no action needed; drift is determined less precisely",
-            ));
+            let description =
+                "the control does not report its time: each reading has the time at which trued received it";
+            findings.push(ReadinessFinding::note(description, "no action needed; drift is determined less precisely"));
         }
         findings
     }

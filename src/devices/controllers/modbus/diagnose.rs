@@ -11,8 +11,7 @@ use super::status::{LINE_WINDOW_VERSION, PROGRAM_WINDOW_VERSION};
 use super::{CONTROL_KIND, ModbusConfig, format_diagnosis};
 use crate::controllers::{ControllerError, Diagnosis, DiagnosisMode, port, port_scan};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity,
-    RegisterRange, RegisterSpace,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, Parity, RegisterRange, RegisterSpace,
 };
 use link::{Address, LinkConfig};
 use machine::record::machine::Machine;
@@ -57,8 +56,7 @@ impl ModbusConfig {
         let all = |space| RegisterRange { space, first: 0, last: u16::MAX };
         let read = vec![all(RegisterSpace::Input), all(RegisterSpace::Holding)];
         let allowed = AccessList { read, write: Vec::new() };
-        let settings =
-            DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed };
+        let settings = DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed };
         ModbusClient::open(self.device.line.clone(), settings).await
     }
 
@@ -66,8 +64,7 @@ impl ModbusConfig {
         let Ok(modbus) = self.open_read_only().await else { return Vec::new() };
         let block = read_status_block(&modbus, &self.map).await;
         if let Some(block) = block.filter(|block| format_diagnosis::is_status(&self.map, block)) {
-            let are_positions_plausible =
-                format_diagnosis::are_positions_plausible(&self.map, &block, machine);
+            let are_positions_plausible = format_diagnosis::are_positions_plausible(&self.map, &block, machine);
             return if are_positions_plausible {
                 Vec::new()
             } else {
@@ -101,10 +98,8 @@ impl ModbusConfig {
         let heartbeat_address = registers.heartbeat.address;
         let frame_addresses = [registers.sequence_head.address, registers.sequence_tail.address];
         let changed = (first..).zip(before.iter().zip(&after)).filter(|(_, (old, new))| old != new);
-        let changed: Vec<u16> = changed
-            .map(|(at, _)| at)
-            .filter(|at| !frame_addresses.contains(at) && *at != heartbeat_address)
-            .collect();
+        let changed: Vec<u16> =
+            changed.map(|(at, _)| at).filter(|at| !frame_addresses.contains(at) && *at != heartbeat_address).collect();
         vec![match changed.as_slice() {
             [] => stopped_program_diagnosis(heartbeat_address),
             changed => wrong_heartbeat_diagnosis(heartbeat_address, changed),
@@ -114,17 +109,11 @@ impl ModbusConfig {
     fn passive_diagnosis(&self, failure: &ControllerError) -> Diagnosis {
         let (cause, remedy) = match self.device.line.link {
             LinkConfig::Tcp(_) => (
-                format!(
-                    "wrong unit ({}), wrong port, or another kind of control",
-                    self.device.unit
-                ),
+                format!("wrong unit ({}), wrong port, or another kind of control", self.device.unit),
                 "compare [controller] unit, tcp and kind with the control's manual, or permit the search for other settings",
             ),
             _ => (
-                format!(
-                    "wrong unit ({}), baud rate, parity or port, or another kind of control",
-                    self.device.unit
-                ),
+                format!("wrong unit ({}), baud rate, parity or port, or another kind of control", self.device.unit),
                 "compare [controller] unit, baud, parity and serial with the control's manual, or permit the \
                  search for other settings",
             ),
@@ -146,11 +135,8 @@ impl ModbusConfig {
             Err(_) => None,
         };
         let at = self.device.line.to_string();
-        let evidence = || {
-            format!(
-                "{failure}; requests with other unit numbers and in other protocols also had no valid reply"
-            )
-        };
+        let evidence =
+            || format!("{failure}; requests with other unit numbers and in other protocols also had no valid reply");
         vec![found.unwrap_or_else(|| port_scan::no_known_device_diagnosis(&at, &evidence()))]
     }
 
@@ -162,13 +148,8 @@ impl ModbusConfig {
         }
         for parity in [Parity::Even, Parity::None, Parity::Odd] {
             let line = ModbusLine { parity, ..self.device.line.clone() };
-            if parity != self.device.line.parity
-                && port_scan::has_modbus_unit(&line, self.device.unit).await
-            {
-                return Some(wrong_line_diagnosis(
-                    "wrong parity",
-                    &format!("parity = \"{parity:?}\"").to_lowercase(),
-                ));
+            if parity != self.device.line.parity && port_scan::has_modbus_unit(&line, self.device.unit).await {
+                return Some(wrong_line_diagnosis("wrong parity", &format!("parity = \"{parity:?}\"").to_lowercase()));
             }
         }
         for other in port_scan::BAUD_RATES.into_iter().filter(|rate| *rate != baud) {
@@ -178,9 +159,7 @@ impl ModbusConfig {
                 if port_scan::has_modbus_unit(&line, self.device.unit).await {
                     let parity = format!("{parity:?}").to_lowercase();
                     let keys = format!("baud = {other}, parity = \"{parity}\"");
-                    let cause = format!(
-                        "wrong baud rate: the device replies at {other} baud, not at {baud}"
-                    );
+                    let cause = format!("wrong baud rate: the device replies at {other} baud, not at {baud}");
                     return Some(wrong_line_diagnosis(&cause, &keys));
                 }
             }
@@ -194,15 +173,11 @@ impl ModbusConfig {
                 return Some(wrong_unit_diagnosis(self.device.unit, unit));
             }
         }
-        let framing =
-            if self.device.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
+        let framing = if self.device.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
         let line = ModbusLine { framing, ..self.device.line.clone() };
         if port_scan::has_modbus_unit(&line, self.device.unit).await {
             let key = format!("framing = \"{framing:?}\"").to_lowercase();
-            return Some(wrong_line_diagnosis(
-                "wrong framing: the converter uses another framing",
-                &key,
-            ));
+            return Some(wrong_line_diagnosis("wrong framing: the converter uses another framing", &key));
         }
         port_scan::scan_tcp(&self.device.line.link, CONTROL_KIND).await
     }
@@ -241,9 +216,7 @@ fn wrong_unit_diagnosis(configured: u8, actual: u8) -> Diagnosis {
     Diagnosis {
         is_confirmed: true,
         needs_active_search: false,
-        cause: format!(
-            "wrong unit: a device replies as unit {actual}, no device as unit {configured}"
-        ),
+        cause: format!("wrong unit: a device replies as unit {actual}, no device as unit {configured}"),
         evidence: format!("unit {actual} replied to a read of one register"),
         remedy: format!("if that device is the control, set [controller] unit = {actual}"),
     }
@@ -276,9 +249,7 @@ fn stopped_program_diagnosis(heartbeat_address: u16) -> Diagnosis {
         is_confirmed: true,
         needs_active_search: false,
         cause: "the control's program is stopped: only its Modbus server replies".to_owned(),
-        evidence: format!(
-            "the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"
-        ),
+        evidence: format!("the status does not change, and the heartbeat (register {heartbeat_address}) has stopped"),
         remedy: "start the program in the control or PLC (RUN), then try again".to_owned(),
     }
 }

@@ -15,9 +15,7 @@ use super::window::RegisterWindow;
 use crate::controllers::arrival::into_moved_by_hand;
 use crate::controllers::control_clock::{ControlClock, ReportedTime};
 use crate::controllers::motion_lines::{self, MotionLines};
-use crate::controllers::{
-    ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival,
-};
+use crate::controllers::{ControllerError, DeviceInfo, Driver, Halt, MachineSnapshot, PreparedControl, arrival};
 use machine::record::machine::Machine;
 use machine::record::motion::{BlockOutcome, Motion};
 use machine::{Axis, Position};
@@ -60,13 +58,11 @@ impl ModbusControl {
         machine: &Machine,
         modes: ProvenModes,
     ) -> Result<(Self, Halt), ControllerError> {
-        let machine_axes: Vec<Axis> =
-            machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
+        let machine_axes: Vec<Axis> = machine.axes.keys().copied().filter(|axis| *axis != Axis::S).collect();
         if let Some(axis) = config.map.axis_without_registers(&machine_axes) {
             return Err(ControllerError::Unsupported {
                 reason: format!("the register map has no registers for axis {axis}"),
-                remedy: "add the axis to [controller.registers.status.position] and .latch"
-                    .to_owned(),
+                remedy: "add the axis to [controller.registers.status.position] and .latch".to_owned(),
             });
         }
         let switches = modes.settling_time_s().is_some() || modes.switch_off_program().is_some();
@@ -79,10 +75,8 @@ impl ModbusControl {
         }
         let (line, map) = (config.device.line.clone(), config.map.clone());
         let name = format!("{line}, unit {}", config.device.unit);
-        let (window, halt) =
-            RegisterWindow::open(line, config.device.unit, config.device.timeout, map).await?;
-        let tolerance =
-            |axis: &Axis| (*axis, arrival::axis_tolerance(*axis, machine.axes.get(axis)));
+        let (window, halt) = RegisterWindow::open(line, config.device.unit, config.device.timeout, map).await?;
+        let tolerance = |axis: &Axis| (*axis, arrival::axis_tolerance(*axis, machine.axes.get(axis)));
         let driver = Self {
             window,
             modes,
@@ -106,10 +100,7 @@ impl ModbusControl {
     }
 
     /// Sends the lines of one motion; returns the status after the last line.
-    async fn send_lines(
-        &mut self,
-        lines: &MotionLines<'_>,
-    ) -> Result<WindowStatus, ControllerError> {
+    async fn send_lines(&mut self, lines: &MotionLines<'_>) -> Result<WindowStatus, ControllerError> {
         let rest_time = max_rest_time(lines.motion) + lines.clamp_wait;
         let mut status = None;
         for line in lines.text.lines() {
@@ -164,10 +155,7 @@ impl ModbusControl {
     }
 
     /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
-    async fn rest_status(
-        &mut self,
-        last_status: Option<WindowStatus>,
-    ) -> Result<WindowStatus, ControllerError> {
+    async fn rest_status(&mut self, last_status: Option<WindowStatus>) -> Result<WindowStatus, ControllerError> {
         match last_status {
             Some(status) => Ok(status),
             None => self.window.wait_idle().await,
@@ -215,14 +203,11 @@ impl ModbusControl {
         let from = std::mem::replace(&mut self.rest_position, status.position.clone());
         let contact = self.machine_axes_only(&status.latched_position);
         let deviation_error =
-            arrival::contact_path_error(&from, &self.rest_position, &contact, |axis| {
-                self.axis_tolerance(axis)
-            });
+            arrival::contact_path_error(&from, &self.rest_position, &contact, |axis| self.axis_tolerance(axis));
         if let Some(error) = deviation_error {
             return Err(error);
         }
-        outcome.touch =
-            Some(contact.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect());
+        outcome.touch = Some(contact.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect());
         outcome.t_s = status.latch_time_s;
         Ok(status)
     }
@@ -240,9 +225,7 @@ impl ModbusControl {
     ) -> Result<WindowStatus, ControllerError> {
         self.rest_position = status.position.clone();
         let target = target.filter_axes(|axis| axis != Axis::S);
-        let deviation_error = arrival::deviation_error(&target, &self.rest_position, |axis| {
-            self.axis_tolerance(axis)
-        });
+        let deviation_error = arrival::deviation_error(&target, &self.rest_position, |axis| self.axis_tolerance(axis));
         deviation_error.map_or(Ok(status), Err)
     }
 
@@ -270,10 +253,7 @@ impl ModbusControl {
         Ok(status)
     }
 
-    async fn execute_block(
-        &mut self,
-        block: &ProvenBlock,
-    ) -> Result<BlockOutcome, ControllerError> {
+    async fn execute_block(&mut self, block: &ProvenBlock) -> Result<BlockOutcome, ControllerError> {
         if let Some(program) = self.program.clone() {
             return self.call_program(&program, block).await;
         }
@@ -300,10 +280,7 @@ impl ModbusControl {
     }
 
     /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
-    pub(super) async fn check_block_start(
-        &mut self,
-        block: &ProvenBlock,
-    ) -> Result<(), ControllerError> {
+    pub(super) async fn check_block_start(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let mut status = self.window.wait_idle().await?;
         self.check_probe_health(&status)?;
         let backs_off = matches!(block.motions().next(), Some(Motion::BackOff { .. }));
@@ -312,9 +289,8 @@ impl ModbusControl {
         }
         let begins = self.machine_axes_only(block.start_position());
         let expected = [&self.rest_position, &begins].into_iter();
-        let mut deviation_error = expected.filter_map(|at| {
-            arrival::deviation_error(at, &status.position, |axis| self.axis_tolerance(axis))
-        });
+        let mut deviation_error =
+            expected.filter_map(|at| arrival::deviation_error(at, &status.position, |axis| self.axis_tolerance(axis)));
         deviation_error.next().map_or(Ok(()), |error| Err(into_moved_by_hand(error)))
     }
 
@@ -361,8 +337,7 @@ impl Driver for ModbusControl {
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
         let status = self.window.read_status().await?;
         self.rest_position = self.machine_axes_only(&status.position);
-        let position =
-            self.rest_position.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect();
+        let position = self.rest_position.iter().chain(self.spindle_rad.map(|s| (Axis::S, s))).collect();
         Ok(MachineSnapshot { is_probe_closed: status.is_probe_closed, position })
     }
 

@@ -57,8 +57,7 @@ pub(super) fn no_reply_error(line: &str, waited: Duration) -> ControllerError {
 
 pub(super) fn unexpected_reply_error(status: &WindowStatus, sequence: u16) -> ControllerError {
     let WindowStatus { accepted_sequence, executed_sequence, .. } = status;
-    let reply =
-        format!("accepted {accepted_sequence}, executed {executed_sequence}, expected {sequence}");
+    let reply = format!("accepted {accepted_sequence}, executed {executed_sequence}, expected {sequence}");
     ControllerError::UnexpectedReply { reply }
 }
 
@@ -70,13 +69,9 @@ pub(super) fn reset_error() -> ControllerError {
 pub(super) fn check_state(status: &WindowStatus) -> Result<(), ControllerError> {
     match status.state {
         WindowState::Idle | WindowState::Running => Ok(()),
-        WindowState::NotReady => {
-            Err(ControllerError::Reset { banner: "the control is not ready".to_owned() })
-        }
+        WindowState::NotReady => Err(ControllerError::Reset { banner: "the control is not ready".to_owned() }),
         WindowState::Held if status.alarm_code == ALARM_HEARTBEAT_LOST => {
-            Err(ControllerError::HeldAtControl {
-                state: "held because the heartbeat of trued stopped".to_owned(),
-            })
+            Err(ControllerError::HeldAtControl { state: "held because the heartbeat of trued stopped".to_owned() })
         }
         WindowState::Held => Err(ControllerError::HeldAtControl { state: "held".to_owned() }),
         WindowState::Alarm => Err(ControllerError::Alarm {
@@ -90,20 +85,16 @@ pub(super) fn check_state(status: &WindowStatus) -> Result<(), ControllerError> 
 pub(super) fn not_ready_error(status: &WindowStatus) -> Option<ControllerError> {
     let (state, remedy) = match status.state {
         WindowState::Idle => return None,
-        WindowState::Running => {
-            ("the machine is running", "wait until the machine is at rest, then start again")
-        }
+        WindowState::Running => ("the machine is running", "wait until the machine is at rest, then start again"),
         WindowState::NotReady => (
             "the state is `not ready`",
             "switch the machine on, home it if the control requires it, make the control ready",
         ),
-        WindowState::Held => {
-            ("the machine is held", "inspect the machine, then reset the hold at the control")
-        }
+        WindowState::Held => ("the machine is held", "inspect the machine, then reset the hold at the control"),
         WindowState::Alarm => {
-            let state =
-                format!("alarm {}: {}", status.alarm_code, alarm_meaning(status.alarm_code));
-            let remedy = "inspect the machine, clear the alarm at the control, home the machine if the control requires it";
+            let state = format!("alarm {}: {}", status.alarm_code, alarm_meaning(status.alarm_code));
+            let remedy =
+                "inspect the machine, clear the alarm at the control, home the machine if the control requires it";
             return Some(ControllerError::NotReady { state, remedy: remedy.to_owned() });
         }
     };
@@ -120,9 +111,7 @@ pub(super) fn require_open_probe(status: &WindowStatus) -> Result<(), Controller
 pub(super) fn is_transient(error: &ModbusError) -> bool {
     match error {
         ModbusError::ReadBackFailed { source, .. } => is_transient(source),
-        ModbusError::Timeout { .. }
-        | ModbusError::UnexpectedReply { .. }
-        | ModbusError::LineNotCleared { .. } => true,
+        ModbusError::Timeout { .. } | ModbusError::UnexpectedReply { .. } | ModbusError::LineNotCleared { .. } => true,
         ModbusError::ExceptionReply { code, .. } => matches!(code, 5 | 6),
         _ => false,
     }

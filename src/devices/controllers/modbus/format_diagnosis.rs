@@ -9,8 +9,7 @@ use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
 use machine::record::machine::Machine;
 
-const WORD_ORDERS: [ByteOrder; 4] =
-    [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
+const WORD_ORDERS: [ByteOrder; 4] = [ByteOrder::Abcd, ByteOrder::Cdab, ByteOrder::Badc, ByteOrder::Dcba];
 const SCALE_CANDIDATES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
 /// Largest distance of an axis beyond the travel of the machine file, mm or degrees.
 pub(super) const TRAVEL_MARGIN: f64 = 1.0;
@@ -39,9 +38,7 @@ impl FormatChange {
     fn describe(self, from: NumberFormat) -> (String, String) {
         let lowercase = |text: String| text.to_lowercase();
         match self {
-            Self::Order(order) => {
-                ("wrong word order".to_owned(), lowercase(format!("order = \"{order:?}\"")))
-            }
+            Self::Order(order) => ("wrong word order".to_owned(), lowercase(format!("order = \"{order:?}\""))),
             Self::Kind(kind) => {
                 let is_same_class = kind.is_float() == from.kind.is_float();
                 let cause = if is_same_class { "wrong signedness" } else { "wrong type" };
@@ -60,26 +57,17 @@ pub(super) fn is_misread_integer(value: f64) -> bool {
 
 /// Whether the positions in `block` are possible for `machine`: each within its travel.
 pub(super) fn are_positions_plausible(map: &RegisterMap, block: &[u16], machine: &Machine) -> bool {
-    read_positions(&map.status, block, machine, None)
-        .is_some_and(|positions| are_within_travel(&positions, machine))
+    read_positions(&map.status, block, machine, None).is_some_and(|positions| are_within_travel(&positions, machine))
 }
 
 /// Suspected causes, one for each single change that would bring all axes into their travel.
-pub(super) fn diagnose_position_format(
-    map: &RegisterMap,
-    block: &[u16],
-    machine: &Machine,
-) -> Vec<Diagnosis> {
+pub(super) fn diagnose_position_format(map: &RegisterMap, block: &[u16], machine: &Machine) -> Vec<Diagnosis> {
     let Some(number) = map.status.position.values().next().map(|register| register.number) else {
         return Vec::new();
     };
     let kinds = number.kind.same_size_types();
-    let orders =
-        WORD_ORDERS.into_iter().filter(|order| *order != number.order).map(FormatChange::Order);
-    let scales = SCALE_CANDIDATES
-        .into_iter()
-        .filter(|scale| *scale != number.scale)
-        .map(FormatChange::Scale);
+    let orders = WORD_ORDERS.into_iter().filter(|order| *order != number.order).map(FormatChange::Order);
+    let scales = SCALE_CANDIDATES.into_iter().filter(|scale| *scale != number.scale).map(FormatChange::Scale);
     let changes = orders.chain(kinds.iter().copied().map(FormatChange::Kind)).chain(scales);
     let mut candidates: Vec<(FormatChange, Vec<(Axis, f64)>)> = Vec::new();
     for change in changes {
@@ -87,42 +75,27 @@ pub(super) fn diagnose_position_format(
             continue;
         };
         let is_plausible = positions.iter().any(|(_, value)| value.abs() >= MIN_PLAUSIBLE_POSITION)
-            && positions
-                .iter()
-                .all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_POSITION);
+            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= MIN_PLAUSIBLE_POSITION);
         // Among the scales that fit, the largest represents all; among types with the same result, the
         // first.
-        let is_scale_again = |earlier: &FormatChange| {
-            matches!((earlier, change), (FormatChange::Scale(_), FormatChange::Scale(_)))
-        };
-        let is_duplicate =
-            candidates.iter().any(|(earlier, same)| is_scale_again(earlier) || *same == positions);
+        let is_scale_again =
+            |earlier: &FormatChange| matches!((earlier, change), (FormatChange::Scale(_), FormatChange::Scale(_)));
+        let is_duplicate = candidates.iter().any(|(earlier, same)| is_scale_again(earlier) || *same == positions);
         if is_plausible && !is_duplicate && are_within_travel(&positions, machine) {
             candidates.push((change, positions));
         }
     }
-    candidates
-        .iter()
-        .map(|(change, positions)| format_diagnosis(*change, number, positions))
-        .collect()
+    candidates.iter().map(|(change, positions)| format_diagnosis(*change, number, positions)).collect()
 }
 
-fn format_diagnosis(
-    change: FormatChange,
-    number: NumberFormat,
-    positions: &[(Axis, f64)],
-) -> Diagnosis {
+fn format_diagnosis(change: FormatChange, number: NumberFormat, positions: &[(Axis, f64)]) -> Diagnosis {
     let (cause, key) = change.describe(number);
-    let position_list: Vec<String> =
-        positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
+    let position_list: Vec<String> = positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
     Diagnosis {
         is_confirmed: false,
         needs_active_search: false,
         cause: format!("{cause} of the positions"),
-        evidence: format!(
-            "with {key} every axis is within its travel: {}",
-            position_list.join(", ")
-        ),
+        evidence: format!("with {key} every axis is within its travel: {}", position_list.join(", ")),
         remedy: format!(
             "if the control's display shows these positions: {key} in each axis of \
              [controller.registers.status.position] and .latch"
@@ -154,30 +127,19 @@ fn are_within_travel(positions: &[(Axis, f64)], machine: &Machine) -> bool {
             return false;
         }
         let travel = machine.axes.get(axis);
-        travel.is_none_or(|spec| {
-            (spec.min - TRAVEL_MARGIN..=spec.max + TRAVEL_MARGIN).contains(value)
-        })
+        travel.is_none_or(|spec| (spec.min - TRAVEL_MARGIN..=spec.max + TRAVEL_MARGIN).contains(value))
     })
 }
 
 /// Other locations of the status that are tried: shift in registers, and whether in the other space.
-pub(super) const STATUS_SHIFTS: [(i16, bool); 5] =
-    [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
+pub(super) const STATUS_SHIFTS: [(i16, bool); 5] = [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
 /// Returns the map with its status shifted by `shift` registers, and in the other space if `in_other_space`.
-pub(super) fn shifted_map(
-    map: &RegisterMap,
-    shift: i16,
-    in_other_space: bool,
-) -> Option<RegisterMap> {
+pub(super) fn shifted_map(map: &RegisterMap, shift: i16, in_other_space: bool) -> Option<RegisterMap> {
     let mut map = map.clone();
     let status = &mut map.status;
     if in_other_space {
-        status.space = if status.space == RegisterSpace::Input {
-            RegisterSpace::Holding
-        } else {
-            RegisterSpace::Input
-        };
+        status.space = if status.space == RegisterSpace::Input { RegisterSpace::Holding } else { RegisterSpace::Input };
     }
     let counts = [
         &mut status.sequence_head,
@@ -209,18 +171,12 @@ pub(super) fn is_status(map: &RegisterMap, block: &[u16]) -> bool {
 }
 
 /// Suspected cause if the status was found with [`shifted_map`].
-pub(super) fn shifted_status_diagnosis(
-    map: &RegisterMap,
-    shift: i16,
-    in_other_space: bool,
-) -> Diagnosis {
+pub(super) fn shifted_status_diagnosis(map: &RegisterMap, shift: i16, in_other_space: bool) -> Diagnosis {
     let space = if map.status.space == RegisterSpace::Input { "input" } else { "holding" };
     let cause = match (shift, in_other_space) {
         (0, _) => format!("wrong space: the status is in the {space} registers"),
         (_, false) => {
-            format!(
-                "addresses off by one: the status begins {shift:+} register from the configured address"
-            )
+            format!("addresses off by one: the status begins {shift:+} register from the configured address")
         }
         (_, true) => format!("wrong space and addresses off by one: {space} registers, {shift:+}"),
     };
@@ -237,9 +193,7 @@ pub(super) fn shifted_status_diagnosis(
         is_confirmed: true,
         needs_active_search: false,
         cause,
-        evidence: format!(
-            "read from {space} register {first} on, head, tail, version and state agree"
-        ),
+        evidence: format!("read from {space} register {first} on, head, tail, version and state agree"),
         remedy: format!("in the machine file: {keys}"),
     }
 }
@@ -290,10 +244,7 @@ mod tests {
             let candidates = diagnose_position_format(&map, &block(), &machine());
             let first = candidates.first().unwrap_or_else(|| panic!("{wrong}: nothing"));
             assert!(first.cause.starts_with(named), "{wrong}: {candidates:?}");
-            assert!(
-                candidates.iter().any(|candidate| candidate.remedy.contains(right)),
-                "{wrong}: {candidates:?}"
-            );
+            assert!(candidates.iter().any(|candidate| candidate.remedy.contains(right)), "{wrong}: {candidates:?}");
             assert!(candidates.iter().all(|candidate| !candidate.is_confirmed));
         }
     }

@@ -48,15 +48,12 @@ impl ModbusControl {
         let transmission = match self.program {
             Some(_) => Transmission::Rows,
             // A chunk holds one line.
-            None => {
-                Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 }
-            }
+            None => Transmission::Lines { max_line_bytes: self.window.map.command.chunk.bytes() + 1 },
         };
         let (identity, position) = (self.identity(), self.rest_position.clone());
         // The window has registers for the position and the probe; the control's program checks all else.
         let unreadable_items = ReadinessItem::ALL.into_iter();
-        let unreadable_items =
-            unreadable_items.filter(|item| *item != ReadinessItem::ProbeInput).collect();
+        let unreadable_items = unreadable_items.filter(|item| *item != ReadinessItem::ProbeInput).collect();
         Ok(PreparedControl { identity, stop_description, position, transmission, unreadable_items })
     }
 
@@ -77,8 +74,7 @@ impl ModbusControl {
             let (position, span) = (axis.to_mm_or_deg(value), spec.max - spec.min);
             let is_misread = format_diagnosis::is_misread_integer(position);
             if is_misread || position < spec.min - span || position > spec.max + span {
-                let position =
-                    if is_misread { format!("{position:e}") } else { position.to_string() };
+                let position = if is_misread { format!("{position:e}") } else { position.to_string() };
                 return Err(ControllerError::UnexpectedDevice {
                     state: format!(
                         "the reported position {axis} = {position} is not plausible: the travel is from {} to {}",

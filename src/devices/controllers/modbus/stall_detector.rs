@@ -24,16 +24,10 @@ pub(super) struct HeartbeatMonitor {
 
 impl HeartbeatMonitor {
     /// Error if the heartbeat has stopped: the status is outdated.
-    pub(super) fn check_heartbeat(
-        &mut self,
-        beat: u16,
-        timeouts: &ModbusTimeouts,
-    ) -> Result<(), ControllerError> {
+    pub(super) fn check_heartbeat(&mut self, beat: u16, timeouts: &ModbusTimeouts) -> Result<(), ControllerError> {
         let now = Instant::now();
         self.unchanged_time = match self.last.replace((beat, now)) {
-            Some((last, read)) if last == beat => {
-                self.unchanged_time + MAX_COUNTED_READ_INTERVAL.min(now - read)
-            }
+            Some((last, read)) if last == beat => self.unchanged_time + MAX_COUNTED_READ_INTERVAL.min(now - read),
             _ => Duration::ZERO,
         };
         if self.unchanged_time > timeouts.heartbeat { Err(ControllerError::Frozen) } else { Ok(()) }
@@ -54,9 +48,7 @@ impl StallDetector {
         rest_time: Duration,
         line: &str,
     ) -> Result<(), ControllerError> {
-        let same = |(last, _): &(WindowStatus, Instant)| {
-            last.state == status.state && last.position == status.position
-        };
+        let same = |(last, _): &(WindowStatus, Instant)| last.state == status.state && last.position == status.position;
         let last = self.0.take().filter(same);
         let since = last.map_or_else(Instant::now, |(_, since)| since);
         self.0 = Some((status.clone(), since));

@@ -73,8 +73,7 @@ impl WindowStatus {
             return Ok(None);
         }
         let version = block.read_count("version", &status.version)?;
-        let expected =
-            if status.result.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
+        let expected = if status.result.is_some() { PROGRAM_WINDOW_VERSION } else { LINE_WINDOW_VERSION };
         if version != expected {
             return Err(window_error(format!("the window has version {version}, not {expected}")));
         }
@@ -139,19 +138,11 @@ impl StatusBlock<'_> {
     }
 
     /// Reads a timestamp, s; 0: the control has none.
-    fn read_timestamp(
-        &self,
-        name: &str,
-        register: &Register,
-    ) -> Result<Option<f64>, ControllerError> {
+    fn read_timestamp(&self, name: &str, register: &Register) -> Result<Option<f64>, ControllerError> {
         self.read_number(name, register).map(|seconds| (seconds != 0.0).then_some(seconds))
     }
 
-    fn read_axes(
-        &self,
-        name: &str,
-        registers: &BTreeMap<Axis, Register>,
-    ) -> Result<Position, ControllerError> {
+    fn read_axes(&self, name: &str, registers: &BTreeMap<Axis, Register>) -> Result<Position, ControllerError> {
         let value = |(axis, register): (&Axis, &Register)| {
             let edge = self.read_number(&format!("{name}.{axis}"), register)?;
             Ok((*axis, axis.to_mm_or_rad(edge)))

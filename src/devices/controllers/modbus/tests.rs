@@ -16,9 +16,7 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block};
 use planning::proof::{ProvenBlock, prove_modes};
-use simulator::controls::modbus::{
-    Diary, DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp,
-};
+use simulator::controls::modbus::{Diary, DiaryEntry, Fault, FaultKind, Firmware, SimulatedModbusOptions, serve_tcp};
 use simulator::interpreter::Pace;
 use simulator::{MachineTruth, SimulatedWorld};
 
@@ -33,18 +31,13 @@ fn machine() -> Machine {
 
 /// Driver whose table has `keys`, and the diary of the simulated control. The control has a resident
 /// program if the keys name one.
-pub(super) async fn driver(
-    keys: &str,
-    pace: Pace,
-    faults: Vec<Fault>,
-) -> (ModbusControl, Halt, Diary) {
+pub(super) async fn driver(keys: &str, pace: Pace, faults: Vec<Fault>) -> (ModbusControl, Halt, Diary) {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    let world =
-        SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
+    let world = SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap();
     let resident = keys.contains("[program");
     let options = SimulatedModbusOptions {
         faults,
@@ -112,13 +105,7 @@ async fn a_hold_that_gets_lost_is_sent_again() {
     let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
     assert!(0.0 < stands && stands < 90.0, "{stands}");
     let diary = diary.lock().unwrap();
-    assert_eq!(
-        diary
-            .iter()
-            .filter(|entry| **entry == DiaryEntry::FaultOccurred(FaultKind::LostHold))
-            .count(),
-        2
-    );
+    assert_eq!(diary.iter().filter(|entry| **entry == DiaryEntry::FaultOccurred(FaultKind::LostHold)).count(), 2);
     assert_eq!(diary.last(), Some(&DiaryEntry::Hold));
 }
 
@@ -127,8 +114,7 @@ async fn a_hold_that_gets_lost_is_sent_again() {
 async fn a_control_that_does_not_hold_is_told_as_such() {
     let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
     let (driver, halt, _) = driver("", Pace::Real, deaf).await;
-    let timeouts =
-        ModbusTimeouts { reply: Duration::from_millis(100), ..ModbusTimeouts::default() };
+    let timeouts = ModbusTimeouts { reply: Duration::from_millis(100), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let error = halt_during_move(&mut driver, halt).await;
@@ -151,8 +137,7 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     let (driver, ..) = driver("", Pace::Real, frozen).await;
     let heartbeat = Duration::from_millis(400);
     let long = Duration::from_secs(10);
-    let timeouts =
-        ModbusTimeouts { heartbeat, stall: long, reply: long, ..ModbusTimeouts::default() };
+    let timeouts = ModbusTimeouts { heartbeat, stall: long, reply: long, ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
@@ -170,8 +155,7 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
 async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
     let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
     let (driver, ..) = driver("", Pace::Real, stands).await;
-    let timeouts =
-        ModbusTimeouts { heartbeat: Duration::from_millis(400), ..ModbusTimeouts::default() };
+    let timeouts = ModbusTimeouts { heartbeat: Duration::from_millis(400), ..ModbusTimeouts::default() };
     let mut driver = driver.with_timeouts(timeouts);
     driver.prepare().await.unwrap();
     let mut ended = Ok(Default::default());
@@ -193,10 +177,8 @@ async fn regress_a_stamp_that_no_clock_shows_makes_no_reading() {
     let down = Position::new().with(Axis::Z, -190.0);
     let way = vec![Motion::Rapid { to: x(60.0) }, Motion::Rapid { to: down }];
     driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
-    let motions = vec![
-        Motion::Probe { to: x(20.0), feed_mm_min: 60.0 },
-        Motion::BackOff { to: x(60.0), feed_mm_min: 300.0 },
-    ];
+    let motions =
+        vec![Motion::Probe { to: x(20.0), feed_mm_min: 60.0 }, Motion::BackOff { to: x(60.0), feed_mm_min: 300.0 }];
     let touch = driver.execute(prove_block(&Block { step: 1, repeat: 0, motions })).await;
     let error = touch.unwrap_err();
     assert!(error.to_string().contains("1e300 s"), "{error}");
@@ -254,13 +236,8 @@ async fn a_torn_status_is_never_a_reading() {
         driver.execute(prove_block(&Block { step: 0, repeat: 0, motions: way })).await.unwrap();
         let far = driver.execute(prove_block(&probe(60.0, 20.0))).await.unwrap().touch.unwrap();
         let diary = diary.lock().unwrap();
-        torn_within +=
-            usize::from(diary[begun..].contains(&DiaryEntry::FaultOccurred(FaultKind::Torn)));
-        assert!(
-            (far.get_or_zero(Axis::X) - 28.0).abs() < 0.01,
-            "{at_request}: {}",
-            far.get_or_zero(Axis::X)
-        );
+        torn_within += usize::from(diary[begun..].contains(&DiaryEntry::FaultOccurred(FaultKind::Torn)));
+        assert!((far.get_or_zero(Axis::X) - 28.0).abs() < 0.01, "{at_request}: {}", far.get_or_zero(Axis::X));
     }
     assert!(torn_within > 20, "{torn_within}");
 }
@@ -282,9 +259,7 @@ async fn registers_that_lie_elsewhere_are_told_before_anything_moves() {
 #[tokio::test]
 async fn words_in_the_wrong_order_are_told_by_where_the_machine_would_stand() {
     let axes = |first: u16, order: &str| {
-        let axis = |(axis, k): (&str, u16)| {
-            format!("{axis} = {{ address = {}, order = \"{order}\" }}", first + k)
-        };
+        let axis = |(axis, k): (&str, u16)| format!("{axis} = {{ address = {}, order = \"{order}\" }}", first + k);
         [("X", 0), ("Y", 2), ("Z", 4), ("B", 8), ("C", 10)].map(axis).join(", ")
     };
     let keys = |order: &str| {
@@ -311,24 +286,12 @@ fn a_table_that_cannot_be_is_refused_in_words() {
         ("tcp = \"a:1\"\nregister = 1", "unknown field"),
         ("tcp = \"a:1\"\n[registers.status.result]", "belongs to a resident program"),
         ("tcp = \"a:1\"\n[program]\nnummer = 1", "unknown field"),
-        (
-            "tcp = \"a:1\"\n[program.row]\nX = { address = 5 }",
-            "`row.X` and `row.Y` overlap at address",
-        ),
+        ("tcp = \"a:1\"\n[program.row]\nX = { address = 5 }", "`row.X` and `row.Y` overlap at address"),
         ("tcp = \"a:1\"\n[program.row]\nC = { address = 15 }", "beyond the 16 registers of a row"),
         ("tcp = \"a:1\"\n[program.parameters]\nrows = { address = 8 }", "before the table"),
-        (
-            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { registers = 20 }",
-            "too small for one row",
-        ),
-        (
-            "tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { order = \"badc\" }",
-            "have no `order`",
-        ),
-        (
-            "tcp = \"a:1\"\nprogram = {}\n[registers.status]\nsequence_tail = { address = 44 }",
-            "outside the block",
-        ),
+        ("tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { registers = 20 }", "too small for one row"),
+        ("tcp = \"a:1\"\nprogram = {}\n[registers.command]\nchunk = { order = \"badc\" }", "have no `order`"),
+        ("tcp = \"a:1\"\nprogram = {}\n[registers.status]\nsequence_tail = { address = 44 }", "outside the block"),
     ] {
         let said = toml::from_str::<ModbusConfig>(keys).unwrap_err();
         assert!(said.message().contains(why), "{keys}: {}", said.message());

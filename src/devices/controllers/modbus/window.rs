@@ -8,9 +8,7 @@ use std::time::Duration;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep};
 
-use super::fault::{
-    check_state, is_transient, no_reply_error, refusal_error, reset_error, unexpected_reply_error,
-};
+use super::fault::{check_state, is_transient, no_reply_error, refusal_error, reset_error, unexpected_reply_error};
 use super::map::RegisterMap;
 use super::stall_detector::{HeartbeatMonitor, StallDetector};
 use super::status::{WindowState, WindowStatus};
@@ -146,9 +144,9 @@ impl RegisterWindow {
             let error = match self.link.read(self.map.status.space, first, count).await {
                 Ok(block) => match WindowStatus::parse(&self.map, &block)? {
                     Some(status) => return Ok(status),
-                    None => ControllerError::UnreadableReply {
-                        text: "a status that changed during the read".to_owned(),
-                    },
+                    None => {
+                        ControllerError::UnreadableReply { text: "a status that changed during the read".to_owned() }
+                    }
                 },
                 Err(error) if is_transient(&error) => error.into(),
                 Err(error) => return Err(error.into()),
@@ -288,9 +286,7 @@ impl RegisterWindow {
                 last_beat_at = Instant::now();
             }
             match status.state {
-                WindowState::Idle
-                    if beats.len() > 2 && status.executed_sequence == status.accepted_sequence =>
-                {
+                WindowState::Idle if beats.len() > 2 && status.executed_sequence == status.accepted_sequence => {
                     break;
                 }
                 WindowState::Idle | WindowState::Running => self.hold(),
@@ -310,15 +306,10 @@ impl RegisterWindow {
     /// Starts the heartbeat of `trued` and waits until the control's heartbeat changes; returns the status
     /// that shows it.
     pub(super) async fn wait_for_heartbeat(&self) -> Result<WindowStatus, ControllerError> {
-        let heart =
-            || write_heartbeats(self.link.clone(), self.map.clone(), self.own_heartbeat.clone());
+        let heart = || write_heartbeats(self.link.clone(), self.map.clone(), self.own_heartbeat.clone());
         self.heartbeat_task.get_or_init(|| tokio::spawn(heart()));
-        let (at, words) = self
-            .map
-            .command
-            .heartbeat
-            .write(next_heartbeat(&self.own_heartbeat))
-            .map_err(encoding_error)?;
+        let (at, words) =
+            self.map.command.heartbeat.write(next_heartbeat(&self.own_heartbeat)).map_err(encoding_error)?;
         match self.link.write_without_echo(at, &words).await {
             Err(error) if !is_transient(&error) => return Err(error.into()),
             _ => {}
@@ -344,11 +335,7 @@ pub(super) fn next_heartbeat(heartbeat: &AtomicU16) -> u16 {
 
 /// Writes heartbeats until the task is aborted, or a hold closes the link. A lost beat is followed by
 /// another.
-async fn write_heartbeats(
-    link: Arc<ModbusClient>,
-    map: RegisterMap,
-    own_heartbeat: Arc<AtomicU16>,
-) {
+async fn write_heartbeats(link: Arc<ModbusClient>, map: RegisterMap, own_heartbeat: Arc<AtomicU16>) {
     loop {
         sleep(HEARTBEAT_INTERVAL).await;
         let Ok((at, words)) = map.command.heartbeat.write(next_heartbeat(&own_heartbeat)) else {

@@ -43,8 +43,7 @@ impl BusState {
         }
         // Frames of other nodes arrive, so the bus itself works.
         if !self.foreign_ids.is_empty() {
-            let foreign_ids =
-                self.foreign_ids.iter().map(CanId::to_string).collect::<Vec<_>>().join(", ");
+            let foreign_ids = self.foreign_ids.iter().map(CanId::to_string).collect::<Vec<_>>().join(", ");
             return Some(CanError::ForeignIds { interface, id, foreign_ids });
         }
         let why = self.errors.clone()?;

@@ -78,12 +78,8 @@ async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
 #[tokio::test]
 async fn frames_of_others_alone_are_named() {
     let other = |raw| CanEvent::ForeignId(id(raw));
-    let error =
-        refused(vec![CanEvent::BusErrors(words("bus error")), other(0x182), other(7)]).await;
-    assert_eq!(
-        error.to_string(),
-        "no frame 123 was received on `can0`, only frames with other identifiers: 182, 007"
-    );
+    let error = refused(vec![CanEvent::BusErrors(words("bus error")), other(0x182), other(7)]).await;
+    assert_eq!(error.to_string(), "no frame 123 was received on `can0`, only frames with other identifiers: 182, 007");
     assert!(error.remedy().contains("compare `id`"), "{}", error.remedy());
 }
 

@@ -6,9 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{
-    CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys,
-};
+use crate::sensors::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys};
 use link::Clock;
 use link::can::{CanError, CanId, CanReceiver};
 
@@ -61,22 +59,15 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { interface, length, timeout_s, .. } = keys;
-        if interface.is_empty()
-            || interface.len() > MAX_INTERFACE_NAME_LENGTH
-            || interface.contains('/')
-        {
-            return Err(format!(
-                "`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"
-            ));
+        if interface.is_empty() || interface.len() > MAX_INTERFACE_NAME_LENGTH || interface.contains('/') {
+            return Err(format!("`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"));
         }
         let id = CanId::new(keys.id, keys.extended).map_err(|why| format!("`id` {why}"))?;
         if !(1..=MAX_FRAME_BYTES).contains(&length) {
             return Err(format!("`length` is {length}; a frame has 1 to {MAX_FRAME_BYTES} bytes"));
         }
         if timeout_s <= 0.0 || timeout_s > MAX_TIMEOUT_S {
-            return Err(format!(
-                "`timeout_s` is {timeout_s}; permitted: above 0 to {MAX_TIMEOUT_S} s"
-            ));
+            return Err(format!("`timeout_s` is {timeout_s}; permitted: above 0 to {MAX_TIMEOUT_S} s"));
         }
         let timeout = Duration::from_secs_f64(timeout_s);
         let length = usize::from(length);

@@ -8,8 +8,7 @@ use super::bus::BusState;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::frame_layout::FrameLayout;
 use crate::sensors::{
-    MAX_RATE_SAMPLES, OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver,
-    SensorError, SensorInfo,
+    MAX_RATE_SAMPLES, OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo,
 };
 use link::can::{CanEvent, CanFrame, CanId, CanReceiver};
 use link::{Clock, SharedPorts};
@@ -34,12 +33,7 @@ pub(super) struct CanDriver {
 }
 
 impl CanDriver {
-    pub(super) fn new(
-        config: &Config,
-        can: CanReceiver,
-        range_mm: [f64; 2],
-        clock: Arc<dyn Clock>,
-    ) -> Self {
+    pub(super) fn new(config: &Config, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
         let Config { id, layout, timeout, .. } = config.clone();
         let counter = CounterTracker::new(layout.sample.counter_modulus());
         let since_s = f64::NEG_INFINITY;
@@ -53,13 +47,10 @@ impl CanDriver {
     }
 
     fn decode_frame(&mut self, frame: &CanFrame) -> Result<Sample, SensorError> {
-        let decoded =
-            self.layout.decode(frame.data()).map_err(|short| SensorError::InvalidData {
-                text: format!("{short} (id {} on {})", self.id, self.can.name()),
-                remedy:
-                    "compare `id`, `length` and the layout of [sensor.can] with the sensor's manual"
-                        .to_owned(),
-            })?;
+        let decoded = self.layout.decode(frame.data()).map_err(|short| SensorError::InvalidData {
+            text: format!("{short} (id {} on {})", self.id, self.can.name()),
+            remedy: "compare `id`, `length` and the layout of [sensor.can] with the sensor's manual".to_owned(),
+        })?;
         Ok(self.counter.complete_sample(frame.t_s, decoded.flag_out_of_range(self.range_mm)))
     }
 
@@ -91,9 +82,7 @@ impl CanDriver {
     /// they took, s.
     async fn measure_rate(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
         let (mut last, mut steps, mut unchanged_count) = (first.t_s, 0, 0);
-        while steps.max(unchanged_count) < MAX_RATE_SAMPLES
-            && last - first.t_s < RATE_WINDOW.as_secs_f64()
-        {
+        while steps.max(unchanged_count) < MAX_RATE_SAMPLES && last - first.t_s < RATE_WINDOW.as_secs_f64() {
             let Sample { t_s, flag, missing, .. } = self.next().await?;
             if self.counter.is_unchanged() {
                 unchanged_count += 1;
@@ -182,12 +171,7 @@ impl SensorConfig for Config {
     }
 
     /// The kernel gives each listener its own copy of a frame, so no port is shared.
-    fn open<'a>(
-        &'a self,
-        sensor: &'a sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        _: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
             let can = self.open_bus(clock.clone())?;
             Ok(self.spawn_sensor(can, sensor, clock, None))

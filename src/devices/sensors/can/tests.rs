@@ -26,8 +26,7 @@ pub(super) fn config(text: &str) -> Result<Config, String> {
 
 /// A sensor that sends these frames, one each millisecond, and then nothing.
 fn spawn_sensor(config: &Config, frames: &[&[u8]]) -> Sensor {
-    let mut left: std::collections::VecDeque<Vec<u8>> =
-        frames.iter().map(|frame| frame.to_vec()).collect();
+    let mut left: std::collections::VecDeque<Vec<u8>> = frames.iter().map(|frame| frame.to_vec()).collect();
     let id = CanId::new(0x123, false).unwrap();
     let mut t_s = 0.0;
     let can = CanReceiver::on_demand("memory", move || {

@@ -8,9 +8,7 @@ use serde::Deserialize;
 use super::map::{CounterKeys, EncoderCountKeys, RegisterMap, StatusKeys, ValueKeys};
 use crate::sensors::SharedPort;
 use link::HostPort;
-use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace,
-};
+use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,16 +61,13 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device =
-            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let device = ModbusDevice::try_from(device)?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
             return Err(format!("`rate_hz` is {}; permitted: 0.001 to 10000", keys.rate_hz));
         }
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
-            return Err(
-                "`space` must be `input` or `holding`: a bit cannot hold a distance".to_owned()
-            );
+            return Err("`space` must be `input` or `holding`: a bit cannot hold a distance".to_owned());
         }
         let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
         let Keys { space, value, counter, encoder_count, status, .. } = keys;

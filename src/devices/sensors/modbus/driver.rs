@@ -9,8 +9,7 @@ use super::frozen_value::FrozenValueDetector;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
-    OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo,
-    SharedPort,
+    OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo, SharedPort,
 };
 use link::modbus::{ModbusClient, ModbusError};
 use link::{Clock, SharedPorts};
@@ -85,10 +84,9 @@ impl ModbusSensorDriver {
         let read = self.config.map.sample.decode(&words);
         read.map_err(|error| SensorError::InvalidData {
             text: format!("registers {} to {}: {error}", span.first, span.last),
-            remedy:
-                "compare [sensor.modbus] with the sensor's manual: register, type, order; set `nan` \
+            remedy: "compare [sensor.modbus] with the sensor's manual: register, type, order; set `nan` \
                      to the meaning of a number that is not finite"
-                    .to_owned(),
+                .to_owned(),
         })
     }
 
@@ -114,9 +112,7 @@ impl ModbusSensorDriver {
         let counter = self.config.map.sample.counter;
         let limitation = match (counter, &self.frozen_detector, self.simulated_hz) {
             (Some(_), ..) | (_, _, Some(_)) => "",
-            (None, Some(_), None) => {
-                ", without a counter: a frozen value is detected only by its noise"
-            }
+            (None, Some(_), None) => ", without a counter: a frozen value is detected only by its noise",
             (None, None, None) => {
                 ", without a counter: a frozen value cannot be detected (possible with noise_um of four counts \
                  or more)"
@@ -133,10 +129,7 @@ impl ModbusSensorDriver {
 /// Whether the error counts as silence: no answer, or an invalid one; a later answer may come.
 fn is_transient(error: &SensorError) -> bool {
     use ModbusError::{LineNotCleared, Timeout, UnexpectedReply};
-    matches!(
-        error,
-        SensorError::Modbus(Timeout { .. } | UnexpectedReply { .. } | LineNotCleared { .. })
-    )
+    matches!(error, SensorError::Modbus(Timeout { .. } | UnexpectedReply { .. } | LineNotCleared { .. }))
 }
 
 impl SensorDriver for ModbusSensorDriver {
@@ -150,9 +143,7 @@ impl SensorDriver for ModbusSensorDriver {
             let start = Instant::now();
             let mut count = 0;
             let is_unchanged = |frozen_detector: &Option<FrozenValueDetector>, count: usize| {
-                frozen_detector
-                    .as_ref()
-                    .is_some_and(|detector| detector.repeat_count() as usize >= count)
+                frozen_detector.as_ref().is_some_and(|detector| detector.repeat_count() as usize >= count)
             };
             while (count < RATE_SAMPLES || is_unchanged(&self.frozen_detector, count))
                 && start.elapsed() < RATE_WINDOW.max(2 * self.config.device.timeout)
@@ -160,9 +151,7 @@ impl SensorDriver for ModbusSensorDriver {
                 let is_stale = self.next().await?.flag == ReadingFlag::Stale;
                 count += usize::from(!is_stale);
             }
-            if count == 0
-                || self.frozen_detector.as_ref().is_some_and(FrozenValueDetector::is_frozen)
-            {
+            if count == 0 || self.frozen_detector.as_ref().is_some_and(FrozenValueDetector::is_frozen) {
                 return Err(SensorError::InvalidData {
                     text: "the registers of the sensor never change: counter or value is constant, or the status \
                            reports an old value"
@@ -222,12 +211,7 @@ impl SensorConfig for Config {
         self.map.sample.encoder_modulus()
     }
 
-    fn open<'a>(
-        &'a self,
-        sensor: &'a sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        ports: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
             let link = ports.modbus(self.device.line.clone(), self.device_settings()).await?;
             let driver = ModbusSensorDriver::from_link(link, self.clone(), sensor, clock, None);

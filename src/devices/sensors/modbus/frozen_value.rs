@@ -23,16 +23,9 @@ impl FrozenValueDetector {
     /// Returns the detector; `None` if detection is impossible, or if there is a counter.
     pub fn for_sensor(map: &RegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
-        let is_detectable =
-            map.sample.counter_modulus().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
+        let is_detectable = map.sample.counter_modulus().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
         let (value_mm, since) = (f64::NAN, Instant::now());
-        is_detectable.then_some(Self {
-            timeout,
-            value_mm,
-            since,
-            repeat_count: 0,
-            is_frozen: false,
-        })
+        is_detectable.then_some(Self { timeout, value_mm, since, repeat_count: 0, is_frozen: false })
     }
 
     /// Whether the value has been unchanged for too long; `value_mm` was read at `now`.
@@ -65,8 +58,7 @@ mod tests {
         let timeout = Duration::from_secs(1);
         let begun = Instant::now();
         let (value_mm, since) = (f64::NAN, begun);
-        let mut standing =
-            FrozenValueDetector { timeout, value_mm, since, repeat_count: 0, is_frozen: false };
+        let mut standing = FrozenValueDetector { timeout, value_mm, since, repeat_count: 0, is_frozen: false };
         let at = |ms: u64| begun + Duration::from_millis(ms);
         // Many equal values, but within a short time.
         assert!((0..200).all(|n| !standing.check_value(1.5, at(n))));

@@ -136,9 +136,7 @@ impl Location for RegisterLocation {
             RegisterCondition::NotFinite(value) => {
                 matches!(value.read_number(words), Err(ValueError::NotFinite(_)))
             }
-            RegisterCondition::Code(value, code) => {
-                value.read_number(words).is_ok_and(|v| v == *code)
-            }
+            RegisterCondition::Code(value, code) => value.read_number(words).is_ok_and(|v| v == *code),
         }
     }
 }
@@ -159,19 +157,13 @@ impl RegisterMap {
         let ValueKeys { scale_mm, offset_mm, .. } = value;
         check_scale(scale_mm, offset_mm)?;
         if value.nan.is_some() && !value.kind.is_float() {
-            return Err(
-                "`value.nan` is only for `f32` and `f64`; use `codes` for an integer".to_owned()
-            );
+            return Err("`value.nan` is only for `f32` and `f64`; use `codes` for an integer".to_owned());
         }
-        if counter
-            .as_ref()
-            .is_some_and(|counter| !matches!(counter.kind, NumberType::U16 | NumberType::U32))
-        {
+        if counter.as_ref().is_some_and(|counter| !matches!(counter.kind, NumberType::U16 | NumberType::U32)) {
             return Err("`counter.type` must be an unsigned integer: `u16` or `u32`".to_owned());
         }
         let encoder_modulus = encoder.as_ref().map(encoder_modulus).transpose()?;
-        let mut status =
-            status.into_iter().map(StatusKeys::check).collect::<Result<Vec<_>, _>>()?;
+        let mut status = status.into_iter().map(StatusKeys::check).collect::<Result<Vec<_>, _>>()?;
         check_status_bits(&status)?;
         let numbers = [
             ("value", Some((value.register, value.kind))),
@@ -180,8 +172,7 @@ impl RegisterMap {
         ];
         let span = register_span(space, numbers, &status)?;
         status.iter_mut().for_each(|(status, _)| status.register -= span.first);
-        let status =
-            status.into_iter().map(|(status, flag)| (RegisterCondition::Status(status), flag));
+        let status = status.into_iter().map(|(status, flag)| (RegisterCondition::Status(status), flag));
         let location = |register: u16, kind, order| {
             let number = NumberFormat { kind, order, scale: 1.0 };
             RegisterLocation { offset: usize::from(register - span.first), number }
@@ -226,9 +217,7 @@ impl StatusKeys {
         }
         let mask = u16::MAX >> (16 - width);
         if let Some(is) = is.filter(|is| *is > mask) {
-            return Err(format!(
-                "`status` at register {register} can never be {is}: {width} bits hold 0 to {mask}"
-            ));
+            return Err(format!("`status` at register {register} can never be {is}: {width} bits hold 0 to {mask}"));
         }
         Ok((StatusBits { register, bit, mask, is }, means.flag()))
     }
@@ -269,9 +258,9 @@ fn register_span(
     status: &[(StatusBits, ReadingFlag)],
 ) -> Result<RegisterRange, String> {
     let mut taken = BTreeMap::new();
-    let numbers = numbers.into_iter().filter_map(|(name, number)| {
-        number.map(|(register, kind)| (name, register, kind.register_count()))
-    });
+    let numbers = numbers
+        .into_iter()
+        .filter_map(|(name, number)| number.map(|(register, kind)| (name, register, kind.register_count())));
     let words = status.iter().map(|(status, _)| ("status", status.register, 1));
     for (name, register, count) in numbers.chain(words) {
         let Some(last) = register.checked_add(count - 1) else {

@@ -75,8 +75,7 @@ fn registers_are_read_as_the_map_says() {
 #[test]
 fn the_count_of_an_encoder_is_read_beside_the_value() {
     let read = |kind: &str, words: [u16; 6]| {
-        let count =
-            format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
+        let count = format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
         let text = format!("tcp = \"a:9\"\n{count}\n{MAP}");
         let map = toml::from_str::<Config>(&text).unwrap().map;
         // A 16-bit number is the last register that is read.
@@ -95,27 +94,19 @@ fn the_count_of_an_encoder_is_read_beside_the_value() {
 #[test]
 fn maps_that_cannot_be_are_refused_in_words() {
     let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
-    assert!(
-        map("register = 12", "register = 11")
-            .contains("`value` and `counter` overlap at register 11")
-    );
+    assert!(map("register = 12", "register = 11").contains("`value` and `counter` overlap at register 11"));
     assert!(map("register = 9\nbit = 15", "register = 10\nbit = 15").contains("overlap"));
     assert!(map("scale_mm = 0.001", "scale_mm = 0").contains("all readings would be equal"));
     assert!(map("scale_mm = 0.001", "scale_mm = \"0.001\"").contains("invalid type"));
     assert!(map("register = 12", "register = 300").contains("too many for one request"));
-    assert!(
-        map("register = 12\ntype = \"u16\"", "register = 12\ntype = \"f32\"")
-            .contains("unsigned integer")
-    );
+    assert!(map("register = 12\ntype = \"u16\"", "register = 12\ntype = \"f32\"").contains("unsigned integer"));
     assert!(map("is = 3", "is = 4").contains("can never be 4"));
     assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
     assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("are met at the same time"));
     let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
     assert!(toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
     assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
-    assert!(
-        map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("is only for `f32`")
-    );
+    assert!(map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("is only for `f32`"));
     assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit cannot hold a distance"));
     assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
 }
@@ -131,18 +122,13 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
             SensorOutput::Distance(place % 1.0)
         };
         let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, Box::new(sense), 100.0).unwrap();
-        let value =
-            "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
+        let value = "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
         let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
         let config = toml::from_str::<Config>(&config).unwrap();
         let sensor = Sensor { noise_um, ..sensor() };
         let clock = Arc::new(HostClock::start());
         let mut registers = ModbusSensorDriver::open(config, &sensor, clock, None).await.unwrap();
-        registers
-            .prepare()
-            .await
-            .map(|prepared| prepared.identity)
-            .map_err(|error| error.to_string())
+        registers.prepare().await.map(|prepared| prepared.identity).map_err(|error| error.to_string())
     };
     let stands = prepared(Some(0.5), 0.0).await.unwrap_err();
     assert!(stands.contains("never change"), "{stands}");

@@ -1,8 +1,6 @@
 //! Checksum of a frame, selected by its usual name.
 
-use crc::{
-    CRC_8_SMBUS, CRC_16_IBM_3740, CRC_16_KERMIT, CRC_16_MODBUS, CRC_16_XMODEM, CRC_32_ISO_HDLC, Crc,
-};
+use crc::{CRC_8_SMBUS, CRC_16_IBM_3740, CRC_16_KERMIT, CRC_16_MODBUS, CRC_16_XMODEM, CRC_32_ISO_HDLC, Crc};
 use serde::Deserialize;
 
 use crate::sensors::field::Endianness;
@@ -75,9 +73,7 @@ impl Checksum {
     fn compute(&self, bytes: &[u8]) -> u32 {
         let sixteen = |algorithm| u32::from(Crc::<u16>::new(algorithm).checksum(bytes));
         match self.kind {
-            ChecksumKind::Sum => {
-                bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)).into()
-            }
+            ChecksumKind::Sum => bytes.iter().fold(0, |sum: u8, byte| sum.wrapping_add(*byte)).into(),
             ChecksumKind::Xor => bytes.iter().fold(0, |sum, byte| sum ^ byte).into(),
             ChecksumKind::Crc8 => Crc::<u8>::new(&CRC_8_SMBUS).checksum(bytes).into(),
             ChecksumKind::Crc16Modbus => sixteen(&CRC_16_MODBUS),
@@ -108,9 +104,7 @@ mod tests {
     #[test]
     fn the_check_values_of_the_catalogue() {
         // Values for the text 123456789, from the catalogue of parametrised CRC algorithms.
-        let of = |kind| {
-            Checksum { kind, order: Endianness::Big, with_sync: false }.compute(b"123456789")
-        };
+        let of = |kind| Checksum { kind, order: Endianness::Big, with_sync: false }.compute(b"123456789");
         assert_eq!(of(ChecksumKind::Crc8), 0xF4);
         assert_eq!(of(ChecksumKind::Crc16Modbus), 0x4B37);
         assert_eq!(of(ChecksumKind::Crc16Ccitt), 0x29B1);

@@ -50,15 +50,10 @@ impl TryFrom<Keys> for Config {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let link = link::LinkConfig::from_keys(
-            (keys.serial, keys.serial_id, keys.tcp),
-            keys.baud,
-            DEFAULT_BAUD,
-        )?;
+        let link = link::LinkConfig::from_keys((keys.serial, keys.serial_id, keys.tcp), keys.baud, DEFAULT_BAUD)?;
         let timeout = link::parse_timeout_s(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
-            return Err("`request` is empty; remove it for a sensor that sends without a request"
-                .to_owned());
+            return Err("`request` is empty; remove it for a sensor that sends without a request".to_owned());
         }
         if keys.rate_hz.is_some() && keys.request.is_none() {
             return Err(

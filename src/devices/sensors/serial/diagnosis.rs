@@ -40,10 +40,9 @@ impl StartupData {
         let is_noisy = 8 * unreadable > example.len();
         let example = example.escape_ascii();
         let (text, remedy) = match format {
-            DataFormat::Line(_) if is_noisy => (
-                format!("mostly noise instead of lines of text: `{example}`"),
-                baud_remedy(baud),
-            ),
+            DataFormat::Line(_) if is_noisy => {
+                (format!("mostly noise instead of lines of text: `{example}`"), baud_remedy(baud))
+            }
             DataFormat::Line(_) if self.invalid_bytes == 0 => (
                 format!("{} bytes without a line end: `{example}`", self.bytes),
                 format!(
@@ -78,9 +77,9 @@ fn append_limited(example: &mut Vec<u8>, bytes: &[u8]) {
 
 fn baud_remedy(baud: Option<u32>) -> String {
     match baud {
-        Some(baud) => format!(
-            "set `baud` to the sensor's baud rate (the sensor probably uses another baud rate than {baud})"
-        ),
+        Some(baud) => {
+            format!("set `baud` to the sensor's baud rate (the sensor probably uses another baud rate than {baud})")
+        }
         None => "set the converter to the sensor's baud rate (the converter probably uses another baud rate \
                  than the sensor)"
             .to_owned(),

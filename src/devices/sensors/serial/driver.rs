@@ -11,8 +11,8 @@ use super::splitter::{StreamPiece, StreamSplitter};
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
-    MAX_CONSECUTIVE_SILENCES, MAX_RATE_SAMPLES, OpenFuture, RATE_WINDOW, Sample, Sensor,
-    SensorConfig, SensorDriver, SensorError, SensorInfo, SharedPort,
+    MAX_CONSECUTIVE_SILENCES, MAX_RATE_SAMPLES, OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver,
+    SensorError, SensorInfo, SharedPort,
 };
 use link::{ByteStreamHandle, Clock, SharedPorts, StreamRead};
 use machine::record::sensor;
@@ -124,8 +124,7 @@ impl SerialDriver {
             self.wait_until_silent().await?;
         }
         self.request(&request).await?;
-        let decoded =
-            self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
+        let decoded = self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
         turn.reply_owed = decoded.is_none();
         Ok(decoded)
     }
@@ -158,10 +157,7 @@ impl SerialDriver {
     }
 
     /// Returns the next piece that can be decoded; `None` if none comes before `deadline`.
-    async fn next_decoded(
-        &mut self,
-        deadline: Instant,
-    ) -> Result<Option<(Instant, DecodedSample)>, SensorError> {
+    async fn next_decoded(&mut self, deadline: Instant) -> Result<Option<(Instant, DecodedSample)>, SensorError> {
         loop {
             match self.decoded_items.pop_front() {
                 Some(StreamItem::Sample(at, decoded)) => return Ok(Some((at, decoded))),
@@ -221,9 +217,7 @@ impl SerialDriver {
                 break;
             }
         }
-        if unchanged_count >= MAX_CONSECUTIVE_SILENCES as usize
-            && unchanged_count + 1 == times.len()
-        {
+        if unchanged_count >= MAX_CONSECUTIVE_SILENCES as usize && unchanged_count + 1 == times.len() {
             return Err(SensorError::CounterFrozen);
         }
         let span = times.first().zip(times.last()).map(|(first, last)| *last - *first);
@@ -293,12 +287,7 @@ impl SensorConfig for Config {
         self.format.encoder_modulus()
     }
 
-    fn open<'a>(
-        &'a self,
-        sensor: &'a sensor::Sensor,
-        clock: Arc<dyn Clock>,
-        ports: &'a SharedPorts,
-    ) -> OpenFuture<'a> {
+    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
             let driver = SerialDriver::open(self.clone(), sensor, clock, ports.clone()).await?;
             Ok(Sensor::spawn(sensor.name.as_str(), driver))

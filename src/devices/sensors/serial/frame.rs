@@ -5,9 +5,7 @@ use serde::Deserialize;
 
 use super::checksum::{Checksum, Keys as ChecksumKeys};
 use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{
-    CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys,
-};
+use crate::sensors::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys};
 use crate::sensors::sample_layout::DecodedSample;
 
 /// Keys of `[sensor.serial.frame]`; bytes count from 0 after `sync`.
@@ -71,12 +69,9 @@ impl TryFrom<Keys> for FrameFormat {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { sync, length, tail, order, value, counter, encoder_count, status, checksum } =
-            keys;
+        let Keys { sync, length, tail, order, value, counter, encoder_count, status, checksum } = keys;
         if sync.is_empty() {
-            return Err(
-                "`sync` is empty; set the first bytes of each frame, e.g. [0xAA, 0x55]".to_owned()
-            );
+            return Err("`sync` is empty; set the first bytes of each frame, e.g. [0xAA, 0x55]".to_owned());
         }
         if length == 0 || length > MAX_FRAME_BYTES {
             return Err(format!(

@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use crate::sensors::encoder;
-use crate::sensors::sample_layout::{
-    DecodedSample, InvalidReason, Location, SampleLayout, check_scale,
-};
+use crate::sensors::sample_layout::{DecodedSample, InvalidReason, Location, SampleLayout, check_scale};
 
 /// Keys of `[sensor.serial.line]`.
 #[derive(Debug, Deserialize)]
@@ -180,9 +178,8 @@ impl TryFrom<Keys> for LineFormat {
         let ValueKeys { scale_mm, offset_mm, .. } = keys.value;
         check_scale(scale_mm, offset_mm)?;
         check_columns(&keys)?;
-        let modulus = |name: &str, column, round| {
-            encoder::modulus(name, round, 64).map(|modulus| (Column(column), modulus))
-        };
+        let modulus =
+            |name: &str, column, round| encoder::modulus(name, round, 64).map(|modulus| (Column(column), modulus));
         let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
         let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
         let (counter, encoder) = (counter.transpose()?, encoder.transpose()?);
@@ -204,24 +201,18 @@ impl TryFrom<Keys> for LineFormat {
 
 fn check_delimiters(keys: &Keys) -> Result<(), String> {
     if keys.end.is_empty() {
-        return Err(
-            "`end` is empty; set the end of a line: \"\\r\\n\", \"\\n\" or \"\\r\"".to_owned()
-        );
+        return Err("`end` is empty; set the end of a line: \"\\r\\n\", \"\\n\" or \"\\r\"".to_owned());
     }
     for (name, text) in [("prefix", &keys.prefix), ("suffix", &keys.suffix)] {
         if text.contains(&keys.end) {
-            return Err(format!(
-                "`{name}` contains `end`: a line could never match; remove `end` from `{name}`"
-            ));
+            return Err(format!("`{name}` contains `end`: a line could never match; remove `end` from `{name}`"));
         }
     }
     match &keys.separator {
         Some(separator) if separator.is_empty() => {
             Err("`separator` is empty; remove it for lines with one column".to_owned())
         }
-        Some(separator)
-            if separator.chars().any(|character| NUMBER_CHARACTERS.contains(character)) =>
-        {
+        Some(separator) if separator.chars().any(|character| NUMBER_CHARACTERS.contains(character)) => {
             Err(format!("`separator` is `{separator}`, which can be part of a number"))
         }
         _ => Ok(()),

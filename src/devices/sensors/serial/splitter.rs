@@ -41,21 +41,13 @@ impl StreamSplitter {
     pub fn push(&mut self, bytes: &[u8]) -> Vec<StreamPiece> {
         self.buffer.extend_from_slice(bytes);
         match &self.format {
-            DataFormat::Line(layout) => {
-                split_lines(layout, &mut self.buffer, &mut self.is_unsynchronized)
-            }
-            DataFormat::Frame(layout) => {
-                split_frames(layout, &mut self.buffer, &mut self.is_unsynchronized)
-            }
+            DataFormat::Line(layout) => split_lines(layout, &mut self.buffer, &mut self.is_unsynchronized),
+            DataFormat::Frame(layout) => split_frames(layout, &mut self.buffer, &mut self.is_unsynchronized),
         }
     }
 }
 
-fn split_lines(
-    layout: &line::LineFormat,
-    buffer: &mut Vec<u8>,
-    is_unsynchronized: &mut bool,
-) -> Vec<StreamPiece> {
+fn split_lines(layout: &line::LineFormat, buffer: &mut Vec<u8>, is_unsynchronized: &mut bool) -> Vec<StreamPiece> {
     let mut pieces = Vec::new();
     while let Some(at) = find_bytes(buffer, &layout.end) {
         let rest = buffer.split_off(at + layout.end.len());
@@ -77,17 +69,13 @@ fn split_lines(
     pieces
 }
 
-fn split_frames(
-    layout: &frame::FrameFormat,
-    buffer: &mut Vec<u8>,
-    is_unsynchronized: &mut bool,
-) -> Vec<StreamPiece> {
+fn split_frames(layout: &frame::FrameFormat, buffer: &mut Vec<u8>, is_unsynchronized: &mut bool) -> Vec<StreamPiece> {
     let mut pieces = Vec::new();
     let mut invalid = Vec::new();
     loop {
         // Keep bytes that may be the beginning of a frame.
-        let begin = find_bytes(buffer, &layout.sync)
-            .unwrap_or_else(|| buffer.len().saturating_sub(layout.sync.len() - 1));
+        let begin =
+            find_bytes(buffer, &layout.sync).unwrap_or_else(|| buffer.len().saturating_sub(layout.sync.len() - 1));
         invalid.extend(buffer.drain(..begin));
         let Some(frame) = buffer.get(..layout.frame_length()) else { break };
         match layout.decode(frame) {

@@ -93,9 +93,7 @@ fn lines_split_anywhere_say_the_same() {
 
 #[test]
 fn what_is_no_line_of_the_layout_is_no_sample() {
-    for line in
-        ["E2000;07;", "D2000", "D2000;x;", "Dinf;7;", "D1e999;7;", "D;7;", "D20 00;7;", "D1;100;"]
-    {
+    for line in ["E2000;07;", "D2000", "D2000;x;", "Dinf;7;", "D1e999;7;", "D;7;", "D20 00;7;", "D1;100;"] {
         assert_eq!(cut(LINE, &[line.as_bytes(), b"\r\n"]), [None], "{line}");
     }
     assert_eq!(cut(LINE, &[b"D1\xFF;7;\r\nD1000;8;\r\n"]), [None, mm(1.0, 8)]);
@@ -165,27 +163,21 @@ async fn over_tcp(layout: &str) -> (SerialDriver, TcpStream) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
     let config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{layout}")).unwrap();
-    let serial =
-        SerialDriver::open(config, &sensor(), clock(), SharedPorts::default()).await.unwrap();
+    let serial = SerialDriver::open(config, &sensor(), clock(), SharedPorts::default()).await.unwrap();
     (serial, listener.accept().await.unwrap().0)
 }
 
 /// Value in um or flag, and number of missing samples.
 fn short(sample: Sample) -> (i64, &'static str, u32) {
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
-    assert_eq!(
-        sample.value_mm.is_some(),
-        matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap)
-    );
+    assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, ReadingFlag::None | ReadingFlag::Gap));
     (um, sample.flag.as_str(), sample.missing)
 }
 
 #[tokio::test]
 async fn what_a_sensor_says_is_flagged_as_it_is() {
     let (mut serial, mut far) = over_tcp(LINE).await;
-    far.write_all(b"rest of a line\r\nD1;97;\r\nD2;98;\r\nD3;98;\r\nD-11000;99;\r\nD4;0;\r\n")
-        .await
-        .unwrap();
+    far.write_all(b"rest of a line\r\nD1;97;\r\nD2;98;\r\nD3;98;\r\nD-11000;99;\r\nD4;0;\r\n").await.unwrap();
     far.write_all(b"D5;4;\r\nnoise\r\nD6;6;\r\nD----;8;\r\nD7;9;S\r\nD8;10;\r\n").await.unwrap();
     let expected = [
         (1, "", 0),
@@ -295,10 +287,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
             }
         };
         let error = serial.prepare().await.unwrap_err();
-        assert!(
-            error.remedy().contains(&format!("another baud rate than {baud}")),
-            "{baud}: {error}"
-        );
+        assert!(error.remedy().contains(&format!("another baud rate than {baud}")), "{baud}: {error}");
     }
     sends.abort();
 }

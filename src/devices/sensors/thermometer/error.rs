@@ -27,7 +27,9 @@ impl ThermometerError {
             Self::Modbus(error) => {
                 format!("{}; for the thermometer: the keys of [thermometer.modbus]", error.remedy())
             }
-            Self::InvalidNumber(_) => "compare `value` of [thermometer.modbus] with the thermometer's manual".to_owned(),
+            Self::InvalidNumber(_) => {
+                "compare `value` of [thermometer.modbus] with the thermometer's manual".to_owned()
+            }
             Self::ImplausibleValue { .. } => format!(
                 "plausible are {} to {} °C: compare `register`, `type`, `order`, `scale_c` and \
                  `offset_c` with the thermometer's manual; with a broken wire a thermometer reports the end of \
@@ -36,7 +38,8 @@ impl ThermometerError {
                 PLAUSIBLE_RANGE_C.end()
             ),
             Self::NoSimulatedMachine => {
-                "write the connection of the real thermometer in [thermometer.modbus], or remove the thermometer".to_owned()
+                "write the connection of the real thermometer in [thermometer.modbus], or remove the thermometer"
+                    .to_owned()
             }
         }
     }

@@ -72,10 +72,7 @@ impl Keys {
         let simulated = self.simulated.take().map(|_| ThermometerSource::SimulatedThermometerKeys);
         match (modbus, simulated) {
             (Some(one), None) | (None, Some(one)) => Ok(one),
-            _ => Err(format!(
-                "`{}` needs exactly one of [thermometer.modbus] and [thermometer.simulated]",
-                self.name
-            )),
+            _ => Err(format!("`{}` needs exactly one of [thermometer.modbus] and [thermometer.simulated]", self.name)),
         }
     }
 }
@@ -116,11 +113,8 @@ pub async fn read_once(
     entries: &[ThermometerConfig],
     feel: impl Fn(&str) -> Option<SimulatedTemperature>,
 ) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
-    let simulated = entries
-        .iter()
-        .filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys));
-    let mut results: Vec<_> =
-        simulated.map(|entry| (entry, read_simulated(feel(&entry.name).as_ref()))).collect();
+    let simulated = entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys));
+    let mut results: Vec<_> = simulated.map(|entry| (entry, read_simulated(feel(&entry.name).as_ref()))).collect();
     for channels in group_by_device(entries).into_values() {
         let mut bus = ThermometerReader::for_device(channels.iter().map(|(_, config)| *config));
         for (entry, config) in channels {
@@ -131,9 +125,7 @@ pub async fn read_once(
 }
 
 /// Groups thermometers by device. Those of one device share its link: a serial port is opened once.
-fn group_by_device(
-    entries: &[ThermometerConfig],
-) -> BTreeMap<String, Vec<(&ThermometerConfig, &modbus::Config)>> {
+fn group_by_device(entries: &[ThermometerConfig]) -> BTreeMap<String, Vec<(&ThermometerConfig, &modbus::Config)>> {
     let mut devices: BTreeMap<String, Vec<_>> = BTreeMap::new();
     for entry in entries {
         if let ThermometerSource::Modbus(config) = &entry.source {

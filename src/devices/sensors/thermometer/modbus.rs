@@ -9,8 +9,8 @@ use super::{ThermometerError, check_plausible};
 use link::HostPort;
 use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use link::modbus::{
-    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDevice, ModbusDeviceKeys, ModbusError,
-    Parity, RegisterRange, RegisterSpace,
+    AccessList, DeviceSettings, Framing, ModbusClient, ModbusDevice, ModbusDeviceKeys, ModbusError, Parity,
+    RegisterRange, RegisterSpace,
 };
 
 #[derive(Debug, Deserialize)]
@@ -68,13 +68,10 @@ impl TryFrom<Keys> for Config {
 
     fn try_from(keys: Keys) -> Result<Self, String> {
         let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
-        let device =
-            ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
+        let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let device = ModbusDevice::try_from(device)?;
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
-            return Err(
-                "`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned()
-            );
+            return Err("`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned());
         }
         let ValueKeys { register, kind, order, scale_c, offset_c } = keys.value;
         if scale_c == 0.0 || !scale_c.is_finite() || !offset_c.is_finite() {
@@ -84,9 +81,9 @@ impl TryFrom<Keys> for Config {
             ));
         }
         let number = NumberFormat { kind, order, scale: scale_c };
-        let last = register.checked_add(number.register_count() - 1).ok_or_else(|| {
-            format!("`value.register` at {register} extends beyond register 65535")
-        })?;
+        let last = register
+            .checked_add(number.register_count() - 1)
+            .ok_or_else(|| format!("`value.register` at {register} extends beyond register 65535"))?;
         let span = RegisterRange { space: keys.space, first: register, last };
         Ok(Self { device, span, number, offset_c })
     }

@@ -2,10 +2,7 @@
 
 use std::time::Duration;
 
-use super::{
-    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller, group_by_device,
-    read_once,
-};
+use super::{SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerPoller, group_by_device, read_once};
 
 const MODBUS: &str = r#"
 name = "spindle"
@@ -26,10 +23,7 @@ fn simulated(name: &str) -> ThermometerConfig {
 #[test]
 fn what_cannot_be_is_refused_in_words() {
     let made = entry(MODBUS).unwrap();
-    assert_eq!(
-        (made.max_age, made.describe_address()),
-        (Duration::from_secs(10), "127.0.0.1:9, unit 255".to_owned())
-    );
+    assert_eq!((made.max_age, made.describe_address()), (Duration::from_secs(10), "127.0.0.1:9, unit 255".to_owned()));
     let cases = [
         ("name = \"spindle\"", "name = \"spindle nose\"", "letters, digits and hyphens"),
         ("name = \"spindle\"", "name = \"\"", "letters, digits and hyphens"),
@@ -37,11 +31,7 @@ fn what_cannot_be_is_refused_in_words() {
         ("stale_s = 10", "stales = 10", "unknown field `stales`"),
         ("scale_c = 0.1", "scale_c = 0", "`value.scale_c` is 0"),
         ("scale_c = 0.1", "scale_mm = 0.1", "unknown field `scale_mm`"),
-        (
-            "register = 4, type = \"i16\"",
-            "register = 65535, type = \"f32\"",
-            "beyond register 65535",
-        ),
+        ("register = 4, type = \"i16\"", "register = 65535, type = \"f32\"", "beyond register 65535"),
         ("[modbus]", "[simulated]\n[modbus]", "exactly one of"),
         ("[modbus]\n", "[modbus]\nspace = \"coil\"\n", "a bit cannot hold a temperature"),
         ("[modbus]\n", "[modbus]\nbaud = 9600\n", "baud"),
@@ -57,12 +47,8 @@ fn what_cannot_be_is_refused_in_words() {
 #[test]
 fn those_behind_one_device_share_its_link() {
     let of = |from: &str, to: &str| entry(&MODBUS.replacen(from, to, 1)).unwrap();
-    let entries = [
-        of("", ""),
-        of("register = 4", "register = 5"),
-        of("[modbus]\n", "[modbus]\nunit = 3\n"),
-        simulated("bed"),
-    ];
+    let entries =
+        [of("", ""), of("register = 4", "register = 5"), of("[modbus]\n", "[modbus]\nunit = 3\n"), simulated("bed")];
     let counts: Vec<_> = group_by_device(&entries).values().map(Vec::len).collect();
     assert_eq!(counts, [2, 1]);
 }

@@ -8,8 +8,7 @@ use tokio::time::{sleep, timeout};
 
 use super::modbus::{Config, ThermometerReader};
 use super::{
-    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device,
-    read_simulated,
+    SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device, read_simulated,
 };
 
 /// Maximum time for the first values before the first touch: longer than a port may take to be released.
@@ -49,14 +48,9 @@ struct LastValue {
 impl ThermometerPoller {
     /// Starts to poll `entries`; `simulated` returns the source of a simulated thermometer by its name, if there
     /// is one. Call inside a tokio runtime.
-    pub fn start(
-        entries: &[ThermometerConfig],
-        simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
-    ) -> Self {
+    pub fn start(entries: &[ThermometerConfig], simulated: impl Fn(&str) -> Option<SimulatedTemperature>) -> Self {
         let (mut all, mut stop) = (Vec::new(), Vec::new());
-        for entry in entries
-            .iter()
-            .filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys))
+        for entry in entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys))
         {
             all.push(PolledThermometer {
                 name: entry.name.clone(),
@@ -78,8 +72,7 @@ impl ThermometerPoller {
             stop.push(stop_sender);
             tokio::spawn(poll_device(
                 channels,
-                (min_age / POLLS_PER_VALIDITY)
-                    .clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
+                (min_age / POLLS_PER_VALIDITY).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
                 stop_receiver,
             ));
         }
@@ -124,10 +117,7 @@ impl LastValue {
     fn value_within(&self, max_age: Duration) -> Result<f64, String> {
         match self.latest {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
-            _ => Err(self
-                .why
-                .clone()
-                .unwrap_or_else(|| "no reply from the thermometer yet".to_owned())),
+            _ => Err(self.why.clone().unwrap_or_else(|| "no reply from the thermometer yet".to_owned())),
         }
     }
 }

@@ -33,21 +33,14 @@ fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> ObservedBalls {
     let settings = Settings::default();
     let setup = design::dome_setup(plan, &settings).unwrap();
     let mut observed = ObservedBalls::default();
-    for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate()
-    {
-        let triple: Triple =
-            [visit.rotary.get_or_zero(Axis::B), visit.rotary.get_or_zero(Axis::C), 0.0];
+    for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate() {
+        let triple: Triple = [visit.rotary.get_or_zero(Axis::B), visit.rotary.get_or_zero(Axis::C), 0.0];
         for ball in visit.balls {
             let centre = Vector3::from(setup.balls.balls[ball].centre_mm);
             let xyz = truth.axes_at(centre, triple);
             let id = setup.balls.balls[ball].id.clone();
             observed.centres.push(BallCentre {
-                label: Label {
-                    pass: MeasurementPass::Slow,
-                    indexation: place as u32,
-                    ball: id,
-                    touch: "pole".into(),
-                },
+                label: Label { pass: MeasurementPass::Slow, indexation: place as u32, ball: id, touch: "pole".into() },
                 ball,
                 rotary_index: place,
                 commanded_index: place,

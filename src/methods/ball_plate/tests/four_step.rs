@@ -68,8 +68,7 @@ fn four_steps_do_not_bear_missing_visits() {
 fn a_difference_beyond_u_is_a_warning() {
     let warning = |by: f64| {
         let symbol = "EXC_c2".to_owned();
-        let difference =
-            CoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 };
+        let difference = CoefficientDifference { symbol, unit: Unit::Um, difference: by, expanded: 0.3e-3 };
         CrossCheck::Compared(difference).warning()
     };
     assert_eq!(warning(0.29e-3), None);

@@ -51,8 +51,7 @@ impl Truth {
             harmonics[y][0] = [s, -c];
         }
         let range = Uniform::new_inclusive(-SYSTEMATIC_MM, SYSTEMATIC_MM).unwrap();
-        let mut vector =
-            |size: f64| Vector3::from_fn(|_, _| size * range.sample(&mut random) / SYSTEMATIC_MM);
+        let mut vector = |size: f64| Vector3::from_fn(|_, _| size * range.sample(&mut random) / SYSTEMATIC_MM);
         let places = (0..setting.positions).map(|_| vector(SYSTEMATIC_MM)).collect();
         // Up to 100 µm, as in section 2.2.
         let balls = setting.steps.iter().map(|_| vector(0.1)).collect();
@@ -70,15 +69,10 @@ impl Truth {
     }
 
     /// Paper 5, Eq. (1): measured position of a ball minus its position on the nominal plate.
-    fn deviation(
-        &self,
-        setting: &Setting,
-        (angle, ball, place): (f64, usize, usize),
-    ) -> Vector3<f64> {
+    fn deviation(&self, setting: &Setting, (angle, ball, place): (f64, usize, usize)) -> Vector3<f64> {
         let nominal = setting.radial()[ball] * RADIUS_MM;
         let tilt = Rotation3::new(Vector3::new(TILT[0], TILT[1], 0.0));
-        let on_table = Vector3::new(ECCENTRICITY_MM[0], ECCENTRICITY_MM[1], 0.0)
-            + tilt * (nominal + self.balls[ball]);
+        let on_table = Vector3::new(ECCENTRICITY_MM[0], ECCENTRICITY_MM[1], 0.0) + tilt * (nominal + self.balls[ball]);
         let [x, y, z, a, b, c] = std::array::from_fn(|k| self.motion_index(k, angle));
         let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         let table = Rotation3::from_axis_angle(&Vector3::x_axis(), a)
@@ -93,20 +87,12 @@ impl Truth {
 pub fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
     let mut random = seeded_stream(seed, &[2]);
     let normal = Normal::new(0.0, 0.1e-3).unwrap();
-    move || {
-        Vector3::from_fn(|_, _| normal.sample(&mut random) + random.random_range(-0.15e-3..0.15e-3))
-    }
+    move || Vector3::from_fn(|_, _| normal.sample(&mut random) + random.random_range(-0.15e-3..0.15e-3))
 }
 
-pub fn observe_run(
-    setting: &Setting,
-    truth: &Truth,
-    mut noise: impl FnMut() -> Vector3<f64>,
-) -> Vec<BallObservation> {
+pub fn observe_run(setting: &Setting, truth: &Truth, mut noise: impl FnMut() -> Vector3<f64>) -> Vec<BallObservation> {
     let stops = setting.stops();
-    setting.observations(|stop, ball, place| {
-        Some(truth.deviation(setting, (stops[stop].angle, ball, place)) + noise())
-    })
+    setting.observations(|stop, ball, place| Some(truth.deviation(setting, (stops[stop].angle, ball, place)) + noise()))
 }
 
 /// Largest error of each motion over the positions, mm or rad.
@@ -117,11 +103,8 @@ pub fn errors(setting: &Setting, truth: &Truth, basis: &AngleBasis, x: &[f64]) -
     let at: Vec<(f64, Vec<f64>)> = at.collect();
     std::array::from_fn(|k| {
         let coefficients = &x[k * basis.len()..][..basis.len()];
-        let found =
-            |values: &[f64]| values.iter().zip(coefficients).map(|(v, c)| v * c).sum::<f64>();
-        let error = |(angle, values): &(f64, Vec<f64>)| {
-            (found(values) - truth.motion_index(k, *angle)).abs()
-        };
+        let found = |values: &[f64]| values.iter().zip(coefficients).map(|(v, c)| v * c).sum::<f64>();
+        let error = |(angle, values): &(f64, Vec<f64>)| (found(values) - truth.motion_index(k, *angle)).abs();
         at.iter().map(error).fold(0.0, f64::max)
     })
 }

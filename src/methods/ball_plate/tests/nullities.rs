@@ -59,15 +59,10 @@ fn sub_harmonics_need_as_many_revolutions() {
     let setting = Setting { positions: POSITIONS, revolutions: 3, radius_mm: 1.0, steps: even(12) };
     let condition = |sub_order: usize| {
         let basis = AngleBasis::Fourier { order: 8, sub_order };
-        let rows: Vec<Vec<f64>> = setting
-            .stops()
-            .iter()
-            .map(|stop| [vec![1.0], basis.values(stop.angle, 0)].concat())
-            .collect();
+        let rows: Vec<Vec<f64>> =
+            setting.stops().iter().map(|stop| [vec![1.0], basis.values(stop.angle, 0)].concat()).collect();
         let a = Mat::from_fn(rows.len(), basis.len() + 1, |i, j| rows[i][j]);
-        estimation::linear::analyse_rank(a.as_ref(), None, RANK_THRESHOLD)
-            .unwrap()
-            .condition_unscaled
+        estimation::linear::analyse_rank(a.as_ref(), None, RANK_THRESHOLD).unwrap().condition_unscaled
     };
     let (enough, too_many) = (condition(3), condition(4));
     println!("condition {enough:.2} up to θ/3, {too_many:.1} up to θ/4");

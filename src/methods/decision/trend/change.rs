@@ -60,11 +60,7 @@ pub(super) fn detect_changes(points: &[TrendPoint]) -> Vec<Change> {
     let mut begin = points.len().saturating_sub(MAX_SERIES_LENGTH);
     while let Some(found) = points.get(begin..).and_then(most_significant_change) {
         let [before, after] = found.between;
-        let change = Change {
-            first: found.first + begin,
-            between: [before + begin, after + begin],
-            ..found
-        };
+        let change = Change { first: found.first + begin, between: [before + begin, after + begin], ..found };
         begin = change.first;
         let ends = change.kind == ChangeKind::Drift;
         changes.push(change);
@@ -129,8 +125,7 @@ fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
         return None;
     }
     let origin = points.first()?.t_s;
-    let days: Vec<f64> =
-        points.iter().map(|point| (point.t_s - origin) / SECONDS_PER_DAY).collect();
+    let days: Vec<f64> = points.iter().map(|point| (point.t_s - origin) / SECONDS_PER_DAY).collect();
     let values: Vec<f64> = points.iter().map(|point| point.value).collect();
     let all = candidate_changes(&days);
     let scatter = sum_of_squares(&values);
@@ -139,9 +134,8 @@ fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
     if scatter <= f64::EPSILON.powi(2) * size * values.len() as f64 {
         return None;
     }
-    let best = all.iter().max_by(|one, other| {
-        one.explained_squares(&values).total_cmp(&other.explained_squares(&values))
-    })?;
+    let best =
+        all.iter().max_by(|one, other| one.explained_squares(&values).total_cmp(&other.explained_squares(&values)))?;
     let chance = random_probability(&all, values.len(), best.explained_squares(&values) / scatter)?;
     (chance <= SIGNIFICANCE_LEVEL).then(|| change_from_candidate(&all, best, &values, chance))
 }
@@ -161,8 +155,7 @@ fn random_probability(all: &[CandidateChange], count: usize, share: f64) -> Opti
     for _ in 0..SIMULATED_SERIES_COUNT {
         draw.fill_with(|| StandardNormal.sample(&mut rng));
         let enough = share * sum_of_squares(&draw);
-        as_much +=
-            u32::from(all.iter().any(|possible| possible.explained_squares(&draw) >= enough));
+        as_much += u32::from(all.iter().any(|possible| possible.explained_squares(&draw) >= enough));
         if as_much >= most {
             return None;
         }
@@ -170,21 +163,13 @@ fn random_probability(all: &[CandidateChange], count: usize, share: f64) -> Opti
     Some(f64::from(as_much + 1) / f64::from(SIMULATED_SERIES_COUNT + 1))
 }
 
-fn change_from_candidate(
-    all: &[CandidateChange],
-    best: &CandidateChange,
-    values: &[f64],
-    chance: f64,
-) -> Change {
+fn change_from_candidate(all: &[CandidateChange], best: &CandidateChange, values: &[f64], chance: f64) -> Change {
     // Level, height and position of the change are fitted to the values.
     let dof = (values.len() - 3) as f64;
-    let left = |possible: &CandidateChange| {
-        (sum_of_squares(values) - possible.explained_squares(values)).max(0.0)
-    };
+    let left = |possible: &CandidateChange| (sum_of_squares(values) - possible.explained_squares(values)).max(0.0);
     let least = left(best);
     let u = (least / dof).sqrt() / best.norm;
-    let bound =
-        least * (1.0 + coverage::two_sided_factor(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
+    let bound = least * (1.0 + coverage::two_sided_factor(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
     let may = all.iter().filter(|other| other.kind == best.kind && left(other) <= bound);
     let [mut before, mut after] = best.bounding_indices();
     for [earlier, later] in may.map(CandidateChange::bounding_indices) {

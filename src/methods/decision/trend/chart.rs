@@ -34,15 +34,11 @@ impl IndividualsChart {
 
     /// Lower and upper control limit.
     pub fn limits(&self) -> [f64; 2] {
-        [
-            self.centre - CONTROL_LIMIT_SIGMAS * self.sigma,
-            self.centre + CONTROL_LIMIT_SIGMAS * self.sigma,
-        ]
+        [self.centre - CONTROL_LIMIT_SIGMAS * self.sigma, self.centre + CONTROL_LIMIT_SIGMAS * self.sigma]
     }
 
     pub fn contains(&self, value: f64) -> bool {
-        (value - self.centre).abs()
-            <= CONTROL_LIMIT_SIGMAS * self.sigma + rounding_error(self.centre)
+        (value - self.centre).abs() <= CONTROL_LIMIT_SIGMAS * self.sigma + rounding_error(self.centre)
     }
 }
 
@@ -73,9 +69,7 @@ impl Ewma {
     /// Whether the newest mean lies outside its limits.
     pub fn is_outside_limits(&self) -> bool {
         let newest = self.means.last().zip(self.widths.last());
-        let beyond = |mean: f64, width: f64| {
-            (mean - self.centre).abs() > width + rounding_error(self.centre)
-        };
+        let beyond = |mean: f64, width: f64| (mean - self.centre).abs() > width + rounding_error(self.centre);
         newest.is_some_and(|(mean, width)| beyond(*mean, *width))
     }
 }

@@ -43,8 +43,7 @@ mod tests {
     use super::*;
 
     fn mended(times: &[f64]) -> Vec<f64> {
-        let mut points: Vec<TrendPoint> =
-            times.iter().map(|t_s| TrendPoint { t_s: *t_s, value: 0.0 }).collect();
+        let mut points: Vec<TrendPoint> = times.iter().map(|t_s| TrendPoint { t_s: *t_s, value: 0.0 }).collect();
         correct_times(&mut points);
         points.iter().map(|point| point.t_s).collect()
     }

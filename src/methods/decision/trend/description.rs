@@ -14,11 +14,7 @@ pub struct NamedTrend<'a> {
 /// Changes since `since_s`, in one sentence; `day` formats a time as a day. A change counts if it may have
 /// happened since then; a drift counts as long as it continues. A value that was not measured since then is
 /// reported as not measured, not as unchanged.
-pub fn describe_changes(
-    all: &[NamedTrend<'_>],
-    since_s: f64,
-    day: impl Fn(f64) -> String,
-) -> String {
+pub fn describe_changes(all: &[NamedTrend<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
     let (named, short): (Vec<&NamedTrend<'_>>, Vec<&NamedTrend<'_>>) =
         all.iter().partition(|named| named.trend.points.len() >= MIN_SERIES_LENGTH);
     let mut parts: Vec<String> = describe_unmeasured(all, since_s, &day);
@@ -45,20 +41,14 @@ pub fn describe_changes(
     parts.extend(rest);
     if !short.is_empty() {
         let symbols = join_symbols(&short);
-        parts
-            .push(format!("fewer than {MIN_SERIES_LENGTH} runs of {symbols}, too few for a trend"));
+        parts.push(format!("fewer than {MIN_SERIES_LENGTH} runs of {symbols}, too few for a trend"));
     }
     format!("Since {}: {}.", day(since_s), parts.join("; "))
 }
 
 /// Sentence about values that were not measured since `since_s`: all of them, or some.
-fn describe_unmeasured(
-    all: &[NamedTrend<'_>],
-    since_s: f64,
-    day: &impl Fn(f64) -> String,
-) -> Vec<String> {
-    let old: Vec<&NamedTrend<'_>> =
-        all.iter().filter(|named| !named.is_measured_since(since_s)).collect();
+fn describe_unmeasured(all: &[NamedTrend<'_>], since_s: f64, day: &impl Fn(f64) -> String) -> Vec<String> {
+    let old: Vec<&NamedTrend<'_>> = all.iter().filter(|named| !named.is_measured_since(since_s)).collect();
     let newest_s = old.iter().map(|named| named.newest_time_s()).reduce(f64::max);
     let newest = newest_s.filter(|newest_s| newest_s.is_finite()).map(day);
     let named = newest.map(|newest| match old.len() == all.len() {
@@ -105,9 +95,7 @@ impl NamedTrend<'_> {
             ChangeKind::Step => {
                 format!("{symbol} changed by {by:+.1} {unit} (U {expanded:.1} {unit}), {when}")
             }
-            ChangeKind::Drift => format!(
-                "{symbol} drifts by {by:+.2} {unit} a day (U {expanded:.2} {unit}), {begun}"
-            ),
+            ChangeKind::Drift => format!("{symbol} drifts by {by:+.2} {unit} a day (U {expanded:.2} {unit}), {begun}"),
         }
     }
 

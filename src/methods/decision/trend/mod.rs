@@ -45,14 +45,11 @@ impl Trend {
     pub fn from_points(mut points: Vec<TrendPoint>) -> Self {
         clock_correction::correct_times(&mut points);
         let changes = change::detect_changes(&points);
-        let begins =
-            changes.iter().filter(|change| change.kind == ChangeKind::Step).map(|c| c.first);
+        let begins = changes.iter().filter(|change| change.kind == ChangeKind::Step).map(|c| c.first);
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let regime = values.get(begins.max().unwrap_or(0)..).unwrap_or_default();
         let before = regime.split_last().map_or(&[][..], |(_, before)| before);
-        let individuals = (before.len() >= MIN_CHART_VALUES)
-            .then(|| IndividualsChart::from_values(before))
-            .flatten();
+        let individuals = (before.len() >= MIN_CHART_VALUES).then(|| IndividualsChart::from_values(before)).flatten();
         let ewma = individuals.map(|chart| Ewma::from_values(regime, chart.centre, chart.sigma));
         Self { points, changes, individuals, ewma }
     }

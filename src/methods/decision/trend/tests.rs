@@ -20,8 +20,8 @@ fn paper_nist_ewma_chart() {
     let first = [52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5];
     let values: Vec<f64> = first.into_iter().chain(FLOW).collect();
     let published = [
-        50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33, 50.11, 49.36, 49.52,
-        50.05, 49.38, 49.92, 50.73, 51.23, 51.94, 51.99,
+        50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33, 50.11, 49.36, 49.52, 50.05, 49.38, 49.92,
+        50.73, 51.23, 51.94, 51.99,
     ];
     let ewma = Ewma::from_values(&values, 50.0, 2.0539);
     for (mean, published) in ewma.means.iter().zip(published) {
@@ -51,9 +51,7 @@ fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<TrendPoint>
 #[test]
 fn nothing_is_told_of_a_machine_that_stays() {
     let false_alarms = (0..2000)
-        .filter(|seed| {
-            !Trend::from_points(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
-        })
+        .filter(|seed| !Trend::from_points(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty())
         .count();
     // False alarms have a probability of 1 in 1000: 2 of 2000 on average; 8 or more with a probability of 0.1
     // %.
@@ -63,10 +61,7 @@ fn nothing_is_told_of_a_machine_that_stays() {
         for count in 9..20 {
             let points = (0..count).map(|i| TrendPoint { t_s: at_s(f64::from(i)), value });
             let same = Trend::from_points(points.collect());
-            assert!(
-                same.changes.is_empty() && same.is_outside_limits() == Some(false),
-                "{count} of {value}"
-            );
+            assert!(same.changes.is_empty() && same.is_outside_limits() == Some(false), "{count} of {value}");
         }
     }
 }
@@ -78,8 +73,7 @@ fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
     let seeds = 60;
     for seed in 0..seeds {
         let trend = Trend::from_points(series(seed, 40, |day| if day < 25.0 { 3.0 } else { 6.5 }));
-        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Step)
-        else {
+        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Step) else {
             continue;
         };
         found += 1;
@@ -97,8 +91,7 @@ fn a_drift_is_no_step() {
     let seeds = 60;
     for seed in 0..seeds {
         let trend = Trend::from_points(series(seed, 60, |day| 0.25 * (day - 30.0f64).max(0.0)));
-        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Drift)
-        else {
+        let Some(change) = trend.changes.first().filter(|change| change.kind == ChangeKind::Drift) else {
             continue;
         };
         found += 1;

@@ -7,8 +7,8 @@ use serde_json::json;
 
 use super::assert_near;
 use crate::identification::declared::{
-    display_step_mm, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
-    resolution_u_mm, rotary_error_motions,
+    display_step_mm, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_u_mm,
+    rotary_error_motions,
 };
 
 fn plan() -> Plan {

@@ -9,8 +9,8 @@ use machine::record::estimate::{FigureKind, Unit};
 
 use super::{Mean, assert_near};
 use crate::identification::{
-    Curve, Effect, NonlinearOutputs, Output, Outputs, TrialPlan, UncertaintySource,
-    central_differences, identify, parameter_without_budget, reported_unit,
+    Curve, Effect, NonlinearOutputs, Output, Outputs, TrialPlan, UncertaintySource, central_differences, identify,
+    parameter_without_budget, reported_unit,
 };
 
 #[test]
@@ -27,10 +27,7 @@ fn regress_a_source_of_another_size_is_refused_by_its_name() {
         let solution = mean.solution(&fit, true);
         let refused = identify(&solution, &[source], Outputs::default(), Some(plan));
         let reason = refused.err().map(|error| error.to_string()).unwrap_or_default();
-        assert!(
-            reason.contains("`scatter` does not match 4 observations and 1 unknowns"),
-            "{reason}"
-        );
+        assert!(reason.contains("`scatter` does not match 4 observations and 1 unknowns"), "{reason}");
     }
     let solution = mean.solution(&fit, true);
     assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
@@ -114,13 +111,9 @@ fn regress_trials_contradict_a_wrong_slope() {
     let mean = Mean::of(&[0.0]);
     let fit = mean.fit();
     let sources = [UncertaintySource::new("each", Effect::Independent(vec![1.0]))];
-    let outputs = Outputs {
-        parameters: vec![Output::from_unknown("x", Unit::Mm, 0, &[0.0])],
-        ..Outputs::default()
-    };
+    let outputs = Outputs { parameters: vec![Output::from_unknown("x", Unit::Mm, 0, &[0.0])], ..Outputs::default() };
     let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(10_000) };
-    let mut identified =
-        identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
+    let mut identified = identify(&mean.solution(&fit, true), &sources, outputs, Some(plan)).unwrap();
     assert!(identified.contradicted_symbols().is_empty());
     identified.outputs.parameters[0].slope = Some(vec![0.1]);
     assert_eq!(identified.contradicted_symbols(), ["x"]);

@@ -102,10 +102,7 @@ fn what_is_of_no_use_is_refused_with_its_reason() {
     assert_eq!(reason(&[of("EXC", "um"), of("EXC", "um")]), "two estimates contain EXC");
     let mut turns = of("EXC", "um");
     turns.functions[0].x.iter_mut().for_each(|deg| *deg *= 3.0);
-    assert!(
-        reason(&[turns])
-            .contains("EXC of the estimate of ball-plate covers more than one revolution")
-    );
+    assert!(reason(&[turns]).contains("EXC of the estimate of ball-plate covers more than one revolution"));
     let priors = [of("EXC", "um"), of("EAC", "urad")];
     let known = KnownMotions::new(Axis::C, &priors).unwrap();
     assert!(

@@ -40,21 +40,13 @@ impl Mean {
         LinearFit { x, design_matrix: a, sigma, gain }
     }
 
-    pub fn solution<'a>(
-        &'a self,
-        fit: &'a LinearFit<'a>,
-        has_declared_sizes: bool,
-    ) -> Solution<'a> {
+    pub fn solution<'a>(&'a self, fit: &'a LinearFit<'a>, has_declared_sizes: bool) -> Solution<'a> {
         solution(fit, &self.residuals, has_declared_sizes)
     }
 }
 
 /// A solution of full rank.
-pub fn solution<'a>(
-    model: &'a dyn ObservationModel,
-    residuals: &'a [f64],
-    has_declared_sizes: bool,
-) -> Solution<'a> {
+pub fn solution<'a>(model: &'a dyn ObservationModel, residuals: &'a [f64], has_declared_sizes: bool) -> Solution<'a> {
     let rank = model.unknowns();
     let dof = residuals.len().saturating_sub(rank);
     let figures = FitFigures { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };

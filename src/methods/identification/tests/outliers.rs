@@ -16,8 +16,7 @@ fn checked(readings: &[f64], has_declared_sizes: bool, rows: usize) -> Vec<(Stri
         u_mm: 1.0,
     };
     let measurements: Vec<Measurement> = (0..readings.len() / rows).map(measurement).collect();
-    let solution =
-        Solution { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
+    let solution = Solution { measurements: &measurements, ..mean.solution(&fit, has_declared_sizes) };
     let source = UncertaintySource::new("each", Effect::Independent(vec![1.0; readings.len()]));
     let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
     let outliers = found.outlier_check.outliers.into_iter();
@@ -47,13 +46,8 @@ fn a_reading_is_compared_with_all_others() {
 /// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
 #[test]
 fn limits_are_those_of_tables() {
-    let rows = RowResiduals {
-        residuals: &[0.0; 3],
-        variances: &[1.0; 3],
-        chi2: 20.0,
-        dof: 20.0,
-        has_declared_sizes: true,
-    };
+    let rows =
+        RowResiduals { residuals: &[0.0; 3], variances: &[1.0; 3], chi2: 20.0, dof: 20.0, has_declared_sizes: true };
     assert_near(rows.studentised_limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
     let three = RowResiduals { dof: 23.0, ..rows };
     assert_near(three.studentised_limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
@@ -69,10 +63,7 @@ fn what_no_other_row_checks_is_not_judged() {
         dof,
         has_declared_sizes: false,
     };
-    assert!(
-        rows(20.0).studentised_limit(0..1, 1e-3).is_some()
-            && rows(1.5).studentised_limit(0..1, 1e-3).is_none()
-    );
+    assert!(rows(20.0).studentised_limit(0..1, 1e-3).is_some() && rows(1.5).studentised_limit(0..1, 1e-3).is_none());
     assert!(rows(20.0).studentised_limit(3..4, 1e-3).is_none());
     assert_eq!(rows(20.0).studentised_residual(3..4), 0.0);
     // Of the three rows of a point only the two that are checked count.

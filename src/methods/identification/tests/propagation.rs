@@ -6,8 +6,8 @@ use faer::Mat;
 
 use super::{Mean, assert_near, solution};
 use crate::identification::{
-    Effect, EvaluationType, LeastSquares, ObservationEquation, ObservationModel, ObservationSpan,
-    Propagation, ResidualTreatment, UncertaintySource,
+    Effect, EvaluationType, LeastSquares, ObservationEquation, ObservationModel, ObservationSpan, Propagation,
+    ResidualTreatment, UncertaintySource,
 };
 
 /// Mean of two readings. Independent 0.3 and 0.4: 0.25·(0.09 + 0.16) = 0.25²; common 0.5: 0.5².
@@ -23,8 +23,7 @@ fn regress_two_inputs_by_hand() {
     assert_near(propagation.misfit.uncertainty_factor, 4.0, 1e-12);
     let found = propagation.uncertainty(&[2.0]);
     assert_near(found.u, 2.0 * 4.0 * 0.3125_f64.sqrt(), 1e-12);
-    let lines: Vec<(&str, f64)> =
-        found.budget.iter().map(|line| (line.source.as_str(), line.u)).collect();
+    let lines: Vec<(&str, f64)> = found.budget.iter().map(|line| (line.source.as_str(), line.u)).collect();
     assert_eq!((lines[0].0, lines[1].0), ("each", "both"));
     assert_near(lines[0].1, 2.0, 1e-12);
     assert_near(lines[1].1, 4.0, 1e-12);
@@ -82,16 +81,14 @@ fn regress_declared_sizes_stand_where_residuals_agree() {
 fn regress_effects_of_the_same_draws_agree() {
     let mean = Mean::of(&[0.1, 0.0, -0.1]);
     let fit = mean.fit();
-    let run =
-        |first, values: &[f64]| ObservationSpan { first_index: first, changes_mm: values.to_vec() };
+    let run = |first, values: &[f64]| ObservationSpan { first_index: first, changes_mm: values.to_vec() };
     let runs = Effect::Spans(vec![run(0, &[0.5]), run(1, &[0.2, -0.7])]);
     let columns = Effect::Joint(vec![vec![0.5], vec![0.0, 0.2, -0.7]]);
     let propagated = |effect: Effect, in_residuals: ResidualTreatment| {
         let source = UncertaintySource { in_residuals, ..UncertaintySource::new("one", effect) };
         Propagation::new(&mean.solution(&fit, true), &[source])
     };
-    let [a, b] =
-        [runs.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::Expected));
+    let [a, b] = [runs.clone(), columns].map(|effect| propagated(effect, ResidualTreatment::Expected));
     assert_eq!(a.uncertainty(&[1.0]).u, b.uncertainty(&[1.0]).u);
     assert_eq!(a.misfit.expected, b.misfit.expected);
     assert_near(a.uncertainty(&[1.0]).u, (0.25_f64 + 0.25).sqrt() / 3.0, 1e-15);

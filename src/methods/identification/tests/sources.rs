@@ -5,8 +5,7 @@ use nalgebra::Matrix2;
 
 use super::{Mean, assert_near};
 use crate::identification::{
-    Effect, ObservationSpan, Output, Outputs, ResidualTreatment, UncertaintySource,
-    block_covariances, identify,
+    Effect, ObservationSpan, Output, Outputs, ResidualTreatment, UncertaintySource, block_covariances, identify,
 };
 
 fn run(first: usize, values: &[f64]) -> ObservationSpan {
@@ -71,10 +70,7 @@ fn regress_prior_has_the_covariance_of_its_estimate() {
 
     let columns = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 5.0]];
     let source = UncertaintySource::from_prior(&prior, &["EA0C", "EX0C"], &columns).unwrap();
-    assert_eq!(
-        (source.name.as_str(), source.in_residuals),
-        ("estimate of mean", ResidualTreatment::Expected)
-    );
+    assert_eq!((source.name.as_str(), source.in_residuals), ("estimate of mean", ResidualTreatment::Expected));
     assert_near(source.dof, 7.0, 1e-9);
     let changes: Vec<Vec<f64>> = (0..2).map(|draw| source.observation_change(draw, 3)).collect();
     // EA0C acts on the first observation, EX0C on the second and five times on the third.

@@ -18,8 +18,7 @@ fn regress_amplitudes_by_hand() {
     let solution = solution(&fit, &[0.0; 2], true);
     let identified = identify(&solution, &sources, Outputs::default(), None).unwrap();
     let [first, second] = [0, 1].map(|index| unit_slope(index, 2));
-    let harmonic =
-        |order, cos: &[f64], sin: &[f64]| Harmonic { order, parts: [cos.to_vec(), sin.to_vec()] };
+    let harmonic = |order, cos: &[f64], sin: &[f64]| Harmonic { order, parts: [cos.to_vec(), sin.to_vec()] };
     let spectrum = HarmonicFunction {
         symbol: "EXC".to_owned(),
         unit: Unit::Um,

@@ -9,8 +9,8 @@ use super::propagation::growth;
 use super::{Mean, assert_near};
 use crate::IdentifyError;
 use crate::identification::{
-    DrawDistribution, Effect, LeastSquares, LinearFit, ObservationModel, ObservationSpan, Output,
-    Outputs, ResidualTreatment, TrialPlan, UncertaintySource, propagate_by_trials,
+    DrawDistribution, Effect, LeastSquares, LinearFit, ObservationModel, ObservationSpan, Output, Outputs,
+    ResidualTreatment, TrialPlan, UncertaintySource, propagate_by_trials,
 };
 
 const TRIALS: usize = 200_001;
@@ -33,11 +33,7 @@ fn outputs(slopes: &[&[f64]]) -> Outputs {
     Outputs { parameters: slopes.iter().map(output).collect(), ..Outputs::default() }
 }
 
-fn run(
-    model: &dyn ObservationModel,
-    sources: &[UncertaintySource],
-    slopes: &[&[f64]],
-) -> TrialStatistics {
+fn run(model: &dyn ObservationModel, sources: &[UncertaintySource], slopes: &[&[f64]]) -> TrialStatistics {
     propagate_by_trials(model, sources, &AS_DECLARED, &outputs(slopes), plan(TRIALS)).unwrap()
 }
 
@@ -54,19 +50,14 @@ fn sum_of_four(sources: &[UncertaintySource]) -> TrialStatistics {
 fn paper_jcgm_101_additive_model() {
     let each = UncertaintySource::new("each", Effect::Independent(vec![1.0; 4]));
     let normal = sum_of_four(std::slice::from_ref(&each));
-    let rectangular =
-        sum_of_four(&[UncertaintySource { shape: DrawDistribution::Rectangular, ..each }]);
+    let rectangular = sum_of_four(&[UncertaintySource { shape: DrawDistribution::Rectangular, ..each }]);
     for found in [&normal, &rectangular] {
         assert_near(found.mean[0], 0.0, 4.0 * 2.0 / (TRIALS as f64).sqrt());
         assert_near(found.standard_deviation[0], 2.0, 2.0 * 4.0 / (2.0 * TRIALS as f64).sqrt());
     }
     assert_near(normal.symmetric_interval[0][1], 4.0, 0.05);
     // JCGM 101, table 3: [-3.88, 3.88] at 95 %; ±2·√12 is the upper bound.
-    assert!(
-        (3.88..3.99).contains(&rectangular.symmetric_interval[0][1]),
-        "{:?}",
-        rectangular.symmetric_interval
-    );
+    assert!((3.88..3.99).contains(&rectangular.symmetric_interval[0][1]), "{:?}", rectangular.symmetric_interval);
 }
 
 /// Two unknowns from three rows: their standard deviations and that of their difference, by hand.
@@ -105,9 +96,7 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
         Effect::Spans(numbered().map(run_of).collect()),
         Effect::Joint(numbered().map(|(i, size)| column(i, size)).collect()),
     ]
-    .map(|effect| {
-        run(&mean.fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]])
-    });
+    .map(|effect| run(&mean.fit(), &[before.clone(), UncertaintySource::new("one", effect)], &[&[1.0]]));
     let variance = 0.09 + (0.2_f64 / 3.0).powi(2) + (0.25 + 0.04 + 0.49) / 9.0;
     for one in &found {
         let relative = 4.0 / (2.0 * TRIALS as f64).sqrt();
@@ -122,8 +111,7 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
 fn regress_misfit_scales_judged_sources() {
     let mean = Mean::of(&[0.0]);
     let judged = UncertaintySource::new("judged", Effect::Independent(vec![1.0]));
-    let expected =
-        UncertaintySource { in_residuals: ResidualTreatment::Expected, ..judged.clone() };
+    let expected = UncertaintySource { in_residuals: ResidualTreatment::Expected, ..judged.clone() };
     let misfit = Misfit { uncertainty_factor: 3.0, ..AS_DECLARED };
     for (source, sd) in [(judged, 3.0), (expected, 1.0)] {
         let outputs = outputs(&[&[1.0]]);
@@ -157,8 +145,7 @@ fn regress_trials_follow_the_curvature() {
     let change = [0.02, 0.06, 0.12, 0.2];
     let source = UncertaintySource::new("growth", Effect::Joint(vec![change.to_vec()]));
     let found = run(&model, &[source], &[&[1.0]]);
-    let at =
-        |unit: f64| model.solve_for_change(&change.map(|change| unit * change))[0] - minimum.x[0];
+    let at = |unit: f64| model.solve_for_change(&change.map(|change| unit * change))[0] - minimum.x[0];
     // Moments of the near solution by Gauss–Hermite quadrature of five points.
     let nodes = [(2.856_970, 0.011_257_4), (1.355_626, 0.222_075_9)];
     let moment = |power: i32| -> f64 {
@@ -176,7 +163,5 @@ fn regress_trials_follow_the_curvature() {
 fn regress_one_trial_is_refused() {
     let mean = Mean::of(&[0.0]);
     let found = propagate_by_trials(&mean.fit(), &[], &AS_DECLARED, &outputs(&[&[1.0]]), plan(1));
-    assert!(
-        matches!(found, Err(IdentifyError::IdentificationFailed(reason)) if reason.starts_with("1 trials"))
-    );
+    assert!(matches!(found, Err(IdentifyError::IdentificationFailed(reason)) if reason.starts_with("1 trials")));
 }

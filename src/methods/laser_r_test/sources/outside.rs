@@ -27,12 +27,9 @@ impl DwellPoints<'_> {
         let sigma = self.setup.settings.form_u_um * 1e-3;
         let groups = &self.grouped.groups;
         let rows = self.grouped.centres.rows.iter().zip(&self.normals);
-        let outward =
-            rows.map(|(row, normal)| groups[row.group].machine_from_table.inverse() * normal);
+        let outward = rows.map(|(row, normal)| groups[row.group].machine_from_table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
-        let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| {
-            outward.iter().map(|u| sigma * effect(u)).collect()
-        };
+        let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
         // Variances 1 on the diagonal and 1/2 off it, less the trace: the variance along every u is 2/3.
         let own = |k: usize| column(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| column(&move |u| 3f64.sqrt() * u[i] * u[j]);
@@ -51,12 +48,11 @@ impl DwellPoints<'_> {
             return common_source(name, Effect::Joint(Vec::new()));
         }
         let frame = self.grouped.centres.beam_frame;
-        let inclinations =
-            self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
-                let n = (row.machine_from_spindle * frame).transpose() * normal;
-                // If the surface faces the beam, n is (0, 0, −1).
-                [n.x / -n.z, n.y / -n.z]
-            });
+        let inclinations = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
+            let n = (row.machine_from_spindle * frame).transpose() * normal;
+            // If the surface faces the beam, n is (0, 0, −1).
+            [n.x / -n.z, n.y / -n.z]
+        });
         let inclinations: Vec<[f64; 2]> = inclinations.collect();
         let column = |effect: fn(&[f64; 2]) -> f64| {
             let rows = inclinations.iter().zip(&self.distance_per_reading);

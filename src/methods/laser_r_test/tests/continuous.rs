@@ -45,12 +45,10 @@ fn value_and_u(estimate: &Estimate, symbol: &str) -> (f64, f64) {
 
 #[test]
 fn crosses_are_walked_forward_and_back_and_the_references_stand() {
-    let (plan, done, _) =
-        run(ideal(0.5), &continuous_settings(), &machine_with_latency(0.0, 1), 9).unwrap();
+    let (plan, done, _) = run(ideal(0.5), &continuous_settings(), &machine_with_latency(0.0, 1), 9).unwrap();
     let names: Vec<&str> = done.iter().map(|stage| stage.name.as_str()).collect();
     assert_eq!(names[..4], ["find the sphere", "latency", "beam direction", "reference"]);
-    let rests =
-        |step: &&Step| matches!(step.scan.as_ref().unwrap().sampling, Sampling::Dwell { .. });
+    let rests = |step: &&Step| matches!(step.scan.as_ref().unwrap().sampling, Sampling::Dwell { .. });
     let stands: Vec<&str> = plan.steps.iter().filter(rests).map(|s| s.label.as_str()).collect();
     assert_eq!(stands, ["find/B0/C0", "pose/first/B0/C0", "pose/last/B0/C0"]);
     let of_latency = plan.steps.iter().filter(|step| step.label.starts_with("latency"));
@@ -75,11 +73,7 @@ fn latency_and_reversal_come_back_without_noise() {
     println!("latency {latency} ms, reversal {:?}", value_and_u(&estimate, "reversal_X"));
     assert!((latency - 3.3).abs() < 3e-3, "{latency}");
     for axis in ["reversal_X", "reversal_Y"] {
-        assert!(
-            (value_and_u(&estimate, axis).0 - 4.0).abs() < 0.05,
-            "{:?}",
-            value_and_u(&estimate, axis)
-        );
+        assert!((value_and_u(&estimate, axis).0 - 4.0).abs() < 0.05, "{:?}", value_and_u(&estimate, axis));
     }
     let said = estimate.gauge.iter().find(|line| line.contains("continuous scans")).unwrap();
     println!("{said}");
@@ -101,10 +95,8 @@ fn table_5_comes_back_without_noise() {
 #[test]
 fn a_latency_is_not_lost_motion_and_has_its_sign() {
     let of = |latency_s: f64, gap_mm: f64| {
-        let estimate = estimate_run(
-            &SimulatedMachine { latency_s, gap_mm, ..table_5_machine(0.0, 1) },
-            &continuous_settings(),
-        );
+        let estimate =
+            estimate_run(&SimulatedMachine { latency_s, gap_mm, ..table_5_machine(0.0, 1) }, &continuous_settings());
         (value_and_u(&estimate, "latency").0, value_and_u(&estimate, "reversal_X").0)
     };
     for (latency_ms, gap_um) in [(0.0, 0.0), (20.0, 0.0), (-5.0, 0.0), (3.3, 4.0)] {
@@ -130,12 +122,8 @@ fn regress_latency_and_errors_scatter_as_predicted() {
     const FULL_SEED_COUNT: u64 = 40;
     let seeds = population(FULL_SEED_COUNT);
     let names = [&FIVE_PARAMETERS[..], &["latency", "reversal_X", "reversal_Y"]].concat();
-    let truth: Vec<f64> = PAPER_TABLE_5
-        .iter()
-        .zip(TABLE_FACTORS)
-        .map(|(t, edge)| t * edge)
-        .chain([3.3, 4.0, 4.0])
-        .collect();
+    let truth: Vec<f64> =
+        PAPER_TABLE_5.iter().zip(TABLE_FACTORS).map(|(t, edge)| t * edge).chain([3.3, 4.0, 4.0]).collect();
     let (mut squares, mut predicted) = (vec![0.0; 8], vec![0.0; 8]);
     for seed in 0..seeds {
         let estimate = estimate_run(&machine_with_latency(0.5, seed), &continuous_settings());
@@ -217,17 +205,12 @@ fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
         println!("{error}\n  -> {}", error.remedy());
         assert!(error.to_string().contains("rank"), "{error}");
         assert!(error.to_string().contains("do not separate"), "{error}");
-        assert!(
-            error.remedy().contains("two feeds") || error.remedy().contains("fast_feed_mm_min")
-        );
+        assert!(error.remedy().contains("two feeds") || error.remedy().contains("fast_feed_mm_min"));
     };
-    check(
-        identify_selected(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err(),
-    );
+    check(identify_selected(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err());
     // Forward motion alone: of the six sections the second and the fifth go backward.
-    let forward = |step: &Step, t: f64| {
-        !is_latency_step(step) || !(is_in_section(step, 2, t) || is_in_section(step, 5, t))
-    };
+    let forward =
+        |step: &Step, t: f64| !is_latency_step(step) || !(is_in_section(step, 2, t) || is_in_section(step, 5, t));
     check(identify_selected(forward).map(|_| ()).unwrap_err());
     let none = identify_selected(|step, _| !is_latency_step(step)).map(|_| ()).unwrap_err();
     assert!(none.to_string().contains("too few for the latency of the sensor"), "{none}");
@@ -235,9 +218,7 @@ fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
 
 #[test]
 fn a_lost_pass_is_named() {
-    let estimate =
-        identify_selected(|step, t| step.label != "pose/B30/C120" || !is_in_section(step, 2, t))
-            .unwrap();
+    let estimate = identify_selected(|step, t| step.label != "pose/B30/C120" || !is_in_section(step, 2, t)).unwrap();
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
     assert!(said("pose/B30/C120: only 0 samples along "), "{:?}", estimate.warnings);
     let (value, u) = value_and_u(&estimate, "EB0B");
@@ -255,7 +236,6 @@ fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
     check(one, "do not separate", "three times");
     check(Settings { rate_hz: 0.0, ..continuous_settings() }, "rate_hz", "1000");
     check(Settings { by: MeasuringDevice::Probe, ..continuous_settings() }, "touch probe", "laser");
-    let dwells =
-        Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..continuous_settings() };
+    let dwells = Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..continuous_settings() };
     dwells.check().unwrap();
 }

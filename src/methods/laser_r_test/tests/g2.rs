@@ -6,9 +6,7 @@ use super::played::{PAPER_TABLE_5, SimulatedMachine, run, table_5_machine};
 use super::{ideal, settings};
 use crate::laser_r_test::geometry;
 use crate::laser_r_test::identify::{identify, identify_scans};
-use crate::laser_r_test::model::{
-    CentreObservation, MachineProblem, SphereModel, with_linear_axes,
-};
+use crate::laser_r_test::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
 use crate::laser_r_test::paper;
 use crate::laser_r_test::parameters::select_parameters;
 use crate::laser_r_test::setup::LaserSetup;
@@ -30,12 +28,7 @@ fn five_values(estimate: &Estimate) -> [(f64, f64); 5] {
 }
 
 /// 42 poses of a sphere, each observed with the standard uncertainty `u` mm.
-pub fn problem(
-    names: &[&str],
-    harmonics: &[u32],
-    ball: Vector3<f64>,
-    u: f64,
-) -> (MachineProblem, Vec<f64>) {
+pub fn problem(names: &[&str], harmonics: &[u32], ball: Vector3<f64>, u: f64) -> (MachineProblem, Vec<f64>) {
     let plan = ideal(1.0);
     let chain = KinematicChain::new(&plan.machine).unwrap();
     let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
@@ -51,23 +44,14 @@ pub fn problem(
             let tip = machine::frame::Point::from_vec(zero);
             let target = machine::frame::Point::from_vec(ball);
             let at = chain.solve_linear_axes(target, tip, &rotary, &[]).unwrap();
-            centre_observations.push(CentreObservation {
-                axis_positions: rotary.updated_by(&at),
-                weight: Matrix3::identity() / u,
-            });
+            centre_observations
+                .push(CentreObservation { axis_positions: rotary.updated_by(&at), weight: Matrix3::identity() / u });
         }
     }
     let mut x = vec![0.0; parameters.len()];
     x.extend(&zero);
     x.extend(&ball);
-    (
-        MachineProblem {
-            model: SphereModel { chain, parameters },
-            centre_observations,
-            zero_point_prior: None,
-        },
-        x,
-    )
+    (MachineProblem { model: SphereModel { chain, parameters }, centre_observations, zero_point_prior: None }, x)
 }
 
 /// The parameter set that the topology implies is that of the paper, with the uncertainties of METHODS at 1 µm.
@@ -97,8 +81,7 @@ fn gate_g2_columns_are_those_of_the_exact_chain() {
     let mut rows = BlockRows::zeros(count, 0, 6);
     let mut differences = vec![vec![0.0; count]; 5];
     for (i, sight) in problem.centre_observations.iter().enumerate() {
-        let (b, c) =
-            (sight.axis_positions.get_or_zero(Axis::B), sight.axis_positions.get_or_zero(Axis::C));
+        let (b, c) = (sight.axis_positions.get_or_zero(Axis::B), sight.axis_positions.get_or_zero(Axis::C));
         let turn = paper::nominal_rotation(b, c);
         let own = problem.model.misclosure_derivatives(&sight.axis_positions, &x);
         let of_paper = paper::location_error_derivatives(b, c, ball);
@@ -128,8 +111,7 @@ fn the_chain_sees_the_sphere_where_the_paper_s_product_puts_it() {
     x[..5].copy_from_slice(&world.w);
     let zero = problem.model.zero_point(&x);
     for sight in &problem.centre_observations {
-        let (b, c) =
-            (sight.axis_positions.get_or_zero(Axis::B), sight.axis_positions.get_or_zero(Axis::C));
+        let (b, c) = (sight.axis_positions.get_or_zero(Axis::B), sight.axis_positions.get_or_zero(Axis::C));
         let at = with_linear_axes(
             &sight.axis_positions,
             world.table(b, c).transform_point(&world.ball.into()).coords - zero,
@@ -169,9 +151,7 @@ fn paper_table_5_comes_back_without_noise() {
     let result = identify_scans(&setup, &readings).unwrap();
     assert_eq!(result.grouped.groups.len(), 42 + 2);
     assert_eq!(result.observed.excluded_samples.values().sum::<usize>(), 0);
-    for (i, (found, _)) in
-        five_values(&identify(&setup, &readings).unwrap()).into_iter().enumerate()
-    {
+    for (i, (found, _)) in five_values(&identify(&setup, &readings).unwrap()).into_iter().enumerate() {
         let error = found - PAPER_TABLE_5[i] * TABLE_FACTORS[i];
         assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", FIVE_PARAMETERS[i]);
     }

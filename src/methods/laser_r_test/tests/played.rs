@@ -58,29 +58,17 @@ fn rotation_pose(matrix: Matrix3<f64>) -> Pose {
 
 fn d_a(a: f64) -> Pose {
     let (s, c) = a.sin_cos();
-    rotation_pose(Matrix3::from_columns(&[
-        Vector3::x(),
-        Vector3::new(0.0, c, s),
-        Vector3::new(0.0, -s, c),
-    ]))
+    rotation_pose(Matrix3::from_columns(&[Vector3::x(), Vector3::new(0.0, c, s), Vector3::new(0.0, -s, c)]))
 }
 
 fn d_b(b: f64) -> Pose {
     let (s, c) = b.sin_cos();
-    rotation_pose(Matrix3::from_columns(&[
-        Vector3::new(c, 0.0, -s),
-        Vector3::y(),
-        Vector3::new(s, 0.0, c),
-    ]))
+    rotation_pose(Matrix3::from_columns(&[Vector3::new(c, 0.0, -s), Vector3::y(), Vector3::new(s, 0.0, c)]))
 }
 
 fn d_c(g: f64) -> Pose {
     let (s, c) = g.sin_cos();
-    rotation_pose(Matrix3::from_columns(&[
-        Vector3::new(c, s, 0.0),
-        Vector3::new(-s, c, 0.0),
-        Vector3::z(),
-    ]))
+    rotation_pose(Matrix3::from_columns(&[Vector3::new(c, s, 0.0), Vector3::new(-s, c, 0.0), Vector3::z()]))
 }
 
 fn d_x(x: f64) -> Pose {
@@ -97,11 +85,9 @@ impl SimulatedMachine {
 
     /// Distance along the beam to its first intersection with the sphere. X moves the table.
     fn distance(&self, at: &Position, t_s: f64) -> Option<f64> {
-        let table = d_x(-at.get_or_zero(Axis::X))
-            * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
+        let table = d_x(-at.get_or_zero(Axis::X)) * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
         let centre = table.transform_point(&self.ball.into()).coords + (self.shift)(self, at, t_s);
-        let origin =
-            Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
+        let origin = Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
         let (from, along) = (origin - centre, self.beam);
         let half = from.dot(&along);
         let root = half * half - from.norm_squared() + self.radius * self.radius;
@@ -112,10 +98,8 @@ impl SimulatedMachine {
     /// touch.
     fn touch(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
         let apart = |at: &Position| {
-            let table = d_x(-at.get_or_zero(Axis::X))
-                * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
-            let tip =
-                Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
+            let table = d_x(-at.get_or_zero(Axis::X)) * self.table(at.get_or_zero(Axis::B), at.get_or_zero(Axis::C));
+            let tip = Vector3::new(0.0, at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)) + self.zero;
             tip - table.transform_point(&self.ball.into()).coords - (self.shift)(self, at, t_s)
         };
         let mut noise = StandardNormal.sample_iter(seeded_stream(self.seed, &[u64::from(step.id)]));
@@ -207,8 +191,7 @@ pub fn commanded_position(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Pos
             for axis in Axis::LINEAR {
                 at.set(
                     axis,
-                    pair[0].get_or_zero(axis)
-                        + (pair[1].get_or_zero(axis) - pair[0].get_or_zero(axis)) * s / way,
+                    pair[0].get_or_zero(axis) + (pair[1].get_or_zero(axis) - pair[0].get_or_zero(axis)) * s / way,
                 );
             }
         }
@@ -228,13 +211,7 @@ impl SimulatedMachine {
 
     /// Readings of a continuous scan: the stamped positions are the commanded ones, the axes follow once the lost
     /// motion is taken up, and the sensor reports the value of one latency earlier.
-    fn continuous_readings(
-        &self,
-        step: &Step,
-        path: &[Position],
-        rate_hz: f64,
-        t_s: &mut f64,
-    ) -> Vec<Reading> {
+    fn continuous_readings(&self, step: &Step, path: &[Position], rate_hz: f64, t_s: &mut f64) -> Vec<Reading> {
         let mut noise = StandardNormal.sample_iter(seeded_stream(self.seed, &[u64::from(step.id)]));
         let mut stands = path[0].clone();
         let (begins, (_, whole)) = (*t_s + 0.3, commanded_position(path, step.feed_mm_min, 0.0));

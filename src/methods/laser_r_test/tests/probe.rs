@@ -17,11 +17,7 @@ fn estimate_from_touches(noise_um: f64, seed: u64) -> Estimate {
     let mut plan = ideal(0.5);
     plan.probe.repeatability_um = Some(0.5);
     plan.probe.lobing_um = 0.0;
-    let own = Settings {
-        by: MeasuringDevice::Probe,
-        tilt_deg: vec![-60.0, -30.0, 30.0, 60.0],
-        ..settings()
-    };
+    let own = Settings { by: MeasuringDevice::Probe, tilt_deg: vec![-60.0, -30.0, 30.0, 60.0], ..settings() };
     let (plan, done, readings) = run(plan, &own, &world, 9).unwrap();
     assert_eq!(done.len(), 6);
     let setup = LaserSetup::new(&plan, &own).unwrap();
@@ -59,8 +55,7 @@ fn regress_touches_scatter_as_predicted() {
         let estimate = estimate_from_touches(0.5, seed);
         for (i, name) in FIVE_PARAMETERS.into_iter().enumerate() {
             let found = estimate.parameters.iter().find(|p| p.symbol == name).unwrap();
-            ratio +=
-                ((found.value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]) / found.u).powi(2) / 100.0;
+            ratio += ((found.value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]) / found.u).powi(2) / 100.0;
         }
     }
     // 100 correlated squares: within about four standard deviations of 1.

@@ -12,8 +12,7 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 fn refusal_texts(plan: &Plan, settings: Settings) -> (String, String) {
-    let refused =
-        LaserRTest::new(settings).next_stage(plan, &[], PositionSource::Nominal).unwrap_err();
+    let refused = LaserRTest::new(settings).next_stage(plan, &[], PositionSource::Nominal).unwrap_err();
     (refused.reason, refused.remedy)
 }
 
@@ -76,11 +75,8 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
 }
 
 /// Identifies a run whose readings are modified by `change`.
-fn identify_changed(
-    change: impl Fn(&Step, usize, &mut Reading),
-) -> Result<Estimate, IdentifyError> {
-    let (plan, _, mut readings) =
-        run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
+fn identify_changed(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, IdentifyError> {
+    let (plan, _, mut readings) = run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
     let mut count = 0;
     let mut last = u32::MAX;
     for reading in &mut readings {
@@ -156,8 +152,7 @@ fn samples_on_one_great_circle_say_nothing_across() {
 
 #[test]
 fn samples_beyond_the_incidence_limit_are_left_out_and_counted() {
-    let (mut plan, _, readings) =
-        run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
+    let (mut plan, _, readings) = run(ideal(0.5), &settings(), &table_5_machine(0.5, 1), 9).unwrap();
     // The ends of a line have an incidence of 24.8°.
     plan.sensors[0].incidence_limit_deg = 23.0;
     let own = settings();

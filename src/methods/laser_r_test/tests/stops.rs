@@ -37,14 +37,12 @@ impl InterruptedRun {
     /// Repeats the reference twice on a machine displaced by `by`, the first time with the noise of the original
     /// measurement.
     fn repeated_references(&self, by: Vector3<f64>) -> Vec<Reading> {
-        let step: &Step =
-            self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
+        let step: &Step = self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
         let mut t_s = self.plan.gaps_s[0] + INTERRUPTION_S / 2.0;
         let mut readings = Vec::new();
         for (round, seed) in [(0, 1), (1, 9)] {
             let world = table_5_machine(NOISE_UM, seed);
-            let mut taken =
-                SimulatedMachine { zero: world.zero + by, ..world }.play(step, 0.0, &mut t_s);
+            let mut taken = SimulatedMachine { zero: world.zero + by, ..world }.play(step, 0.0, &mut t_s);
             taken.iter_mut().for_each(|reading| reading.repeat = FIRST_REPEAT_AFTER_STOP + round);
             readings.extend(taken);
         }
@@ -53,8 +51,7 @@ impl InterruptedRun {
 
     /// Whether the reference check accepts the displacement `by`.
     fn references_accept(&self, by: Vector3<f64>) -> bool {
-        let (shifts, _) = References::from_readings(&self.plan, &self.before)
-            .compare(&self.repeated_references(by));
+        let (shifts, _) = References::from_readings(&self.plan, &self.before).compare(&self.repeated_references(by));
         shifts.len() == 26 && shifts.iter().all(|shift| shift.is_within_limit())
     }
 
@@ -87,12 +84,10 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
     let stopped = InterruptedRun::new();
     let own = settings();
     let setup = LaserSetup::new(&stopped.plan, &own).unwrap();
-    let [before, again, later] =
-        [&stopped.before, &stopped.repeated_references(Vector3::zeros()), &stopped.later];
+    let [before, again, later] = [&stopped.before, &stopped.repeated_references(Vector3::zeros()), &stopped.later];
     let readings = [before.as_slice(), again, later].concat();
     let result = identify_scans(&setup, &readings).unwrap();
-    let all =
-        uncertainty_sources(&setup, &result.observed, &result.grouped, &result.centre_fit.x, 0);
+    let all = uncertainty_sources(&setup, &result.observed, &result.grouped, &result.centre_fit.x, 0);
     let step = all.iter().find(|source| source.name == "steps at interruptions").unwrap();
     let Effect::Joint(columns) = &step.effect else { panic!("each by itself") };
     let granted = step_sizes_mm(columns);

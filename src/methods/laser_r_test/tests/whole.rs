@@ -45,8 +45,7 @@ fn shift(world: &SimulatedMachine, at: &Position, t_s: f64) -> Vector3<f64> {
         for order in 2..=5 {
             let (s, c) = (f64::from(order) * angle).sin_cos();
             let mut draw = || -> f64 { normal.next().unwrap() };
-            sum +=
-                Vector3::new(draw(), draw(), draw()) * c + Vector3::new(draw(), draw(), draw()) * s;
+            sum += Vector3::new(draw(), draw(), draw()) * c + Vector3::new(draw(), draw(), draw()) * s;
         }
         sum * 0.15 * um
     };
@@ -67,9 +66,7 @@ fn chi2_of_estimate(estimate: &Estimate) -> f64 {
     let at = FIVE_PARAMETERS.map(at);
     let rows = &estimate.covariance.rows;
     let covariance = faer::Mat::from_fn(5, 5, |i, j| rows[at[i]][at[j]]);
-    let error = faer::Mat::from_fn(5, 1, |i, _| {
-        estimate.parameters[at[i]].value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]
-    });
+    let error = faer::Mat::from_fn(5, 1, |i, _| estimate.parameters[at[i]].value - PAPER_TABLE_5[i] * TABLE_FACTORS[i]);
     use faer::linalg::solvers::Solve;
     (error.transpose() * covariance.partial_piv_lu().solve(&error))[(0, 0)]
 }
@@ -88,8 +85,7 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
         let setup = LaserSetup::new(&plan, &own).unwrap();
         let estimate = identify(&setup, &readings).unwrap();
         sum += chi2_of_estimate(&estimate);
-        above +=
-            usize::from(estimate.warnings.iter().any(|line| line.contains("does not explain")));
+        above += usize::from(estimate.warnings.iter().any(|line| line.contains("does not explain")));
     }
     let (low, high) = chi_square_bounds(5.0 * seeds as f64, 0.99).unwrap();
     println!("χ² {sum:.0} of {}, bounds {low:.0} to {high:.0}; above {above}", 5 * seeds);
@@ -107,14 +103,7 @@ fn regress_monte_carlo_agrees_with_first_order() {
     let estimate = identify(&setup, &readings).unwrap();
     println!("{:?} for 4000 trials", start.elapsed());
     for p in &estimate.parameters {
-        println!(
-            "{} {:.4} u {:.4} MC {:.4} {:?}",
-            p.symbol,
-            p.value,
-            p.u,
-            p.u_monte_carlo.unwrap(),
-            p.unit
-        );
+        println!("{} {:.4} u {:.4} MC {:.4} {:?}", p.symbol, p.value, p.u, p.u_monte_carlo.unwrap(), p.unit);
         let ratio = p.u_monte_carlo.unwrap() / p.u;
         assert!((0.93..=1.07).contains(&ratio), "{}: {ratio}", p.symbol);
         let combined: f64 = p.budget.iter().map(|line| line.u * line.u).sum();
@@ -127,9 +116,8 @@ fn regress_monte_carlo_agrees_with_first_order() {
 /// An undeclared second harmonic of B increases the residuals, and is identified if it is requested.
 #[test]
 fn regress_an_error_motion_of_b_is_noticed_and_found() {
-    let shift = |_: &SimulatedMachine, at: &Position, _: f64| {
-        Vector3::x() * 3e-3 * (2.0 * at.get_or_zero(Axis::B)).cos()
-    };
+    let shift =
+        |_: &SimulatedMachine, at: &Position, _: f64| Vector3::x() * 3e-3 * (2.0 * at.get_or_zero(Axis::B)).cos();
     let world = SimulatedMachine { shift, ..table_5_machine(0.5, 1) };
     let found = |harmonics: &[u32]| {
         let own = Settings { harmonics: harmonics.to_vec(), ..settings() };
@@ -140,11 +128,7 @@ fn regress_an_error_motion_of_b_is_noticed_and_found() {
     let without = found(&[]);
     assert!(without.warnings.iter().any(|line| line.contains("does not explain")));
     let with = found(&[2]);
-    assert!(
-        !with.warnings.iter().any(|line| line.contains("does not explain")),
-        "{:?}",
-        with.warnings
-    );
+    assert!(!with.warnings.iter().any(|line| line.contains("does not explain")), "{:?}", with.warnings);
     let motion = with.parameters.iter().find(|p| p.symbol == "EXB_cos2").unwrap();
     println!("EXB_cos2 {} ± {}", motion.value, motion.expanded);
     assert!((motion.value.abs() - 3.0).abs() < 0.1, "{}", motion.value);

@@ -41,19 +41,10 @@ const DRIFT_MM: f64 = 0.02e-3;
 
 /// Source sizes of the settings, with the drift in mm per revolution.
 fn source_sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
-    SourceSizes {
-        settings,
-        sensor_covariance: None,
-        drift_mm_per_revolution,
-        linearity: Vec::new(),
-    }
+    SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity: Vec::new() }
 }
 
-fn identify_measured(
-    layout: &ProbeLayout,
-    measured: &[RowRevolutions],
-    sizes: &SourceSizes,
-) -> SeparatedMotions {
+fn identify_measured(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> SeparatedMotions {
     let data = HarmonicData::from_revolutions(measured, MAX_ORDER).unwrap();
     identify_motions(layout, &data, sizes, None).unwrap()
 }
@@ -61,8 +52,7 @@ fn identify_measured(
 /// Truth of a parameter such as `EXC_c2`, internal unit. `None` for a first harmonic, as a part of it is
 /// eccentricity.
 fn true_value(world: &SimulatedMotions, symbol: &str) -> Option<f64> {
-    let (name, part) =
-        symbol.split_once('_').filter(|(_, part)| part.len() > 2 || !part.ends_with('1'))?;
+    let (name, part) = symbol.split_once('_').filter(|(_, part)| part.len() > 2 || !part.ends_with('1'))?;
     let terms = match name {
         "EXC" => &world.x,
         "EYC" => &world.y,
@@ -114,12 +104,8 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
         let mut covered = CoverageCount::default();
         for seed in 0..300 {
             let world = SimulatedMotions::random(seed, MAX_ORDER, 2, 0.1e-3);
-            let mut measured = world.revolutions(
-                &layout,
-                &rows,
-                ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
-                seed,
-            );
+            let mut measured =
+                world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);
             let mut random = DrawStream::from_key(seed, &[5]);
             let count = layout.index_angles_rad.len() * 4 * SAMPLES_PER_REVOLUTION;
             let together = random.unit_draws(count, &[DrawDistribution::Normal]);
@@ -181,9 +167,7 @@ struct DrawnLayout {
 
 impl DrawnLayout {
     fn new(nominal: &ProbeLayout, declared: &Settings, seed: u64) -> Self {
-        let mut units = DrawStream::from_key(seed, &[9])
-            .unit_draws(64, &[DrawDistribution::Normal])
-            .into_iter();
+        let mut units = DrawStream::from_key(seed, &[9]).unit_draws(64, &[DrawDistribution::Normal]).into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();
         layout.section_z_mm[1] += draw(declared.u_section_distance_mm);
@@ -205,12 +189,8 @@ impl DrawnLayout {
     /// The drift starts again in each revolution.
     fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<RowRevolutions> {
         let rows = self.layout.all_rows();
-        let mut measured = world.revolutions(
-            &self.layout,
-            &rows,
-            ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
-            seed,
-        );
+        let mut measured =
+            world.revolutions(&self.layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);
         for row in &mut measured {
             let channel = &self.layout.channels[row.key.channel];
             let (sin, cos) = channel.angle_rad.sin_cos();
@@ -219,8 +199,7 @@ impl DrawnLayout {
                 Surface::Face { .. } => self.drift[2],
             };
             for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
-                let part =
-                    (i % SAMPLES_PER_REVOLUTION) as f64 / SAMPLES_PER_REVOLUTION as f64 - 0.5;
+                let part = (i % SAMPLES_PER_REVOLUTION) as f64 / SAMPLES_PER_REVOLUTION as f64 - 0.5;
                 *value = self.gains[row.key.channel] * (*value + along * part);
             }
         }
@@ -232,12 +211,8 @@ impl DrawnLayout {
 fn regress_what_turns_with_the_table_is_eccentricity() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
-    let measured = world.revolutions(
-        &layout,
-        &layout.all_rows(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
-        1,
-    );
+    let measured =
+        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 }, 1);
     let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     assert!(
         ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
@@ -249,9 +224,8 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
         ["EZC harmonic 3", "F harmonic 3"]
     );
     let outputs = &separated.identification.outputs;
-    let value = |symbol: &str| {
-        outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
-    };
+    let value =
+        |symbol: &str| outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value);
     // The counter-rotating part of x alone remains: half of it along X and half along Y.
     let sign = layout.turn_sign;
     let (x, y) = (world.x[0], world.y[0]);
@@ -263,9 +237,7 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
     let form = world.sections[1][0];
     let co_x = (x.a + height * world.b[0].a + sign * (y.b - height * world.a[0].b)) / 2.0;
     assert!((value("ecc_X2").unwrap() - co_x - form.a).abs() < 1e-6);
-    let exy = |q: f64| {
-        sum_of_terms(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin()
-    };
+    let exy = |q: f64| sum_of_terms(&world.z, q) - world.z[2].a * (3.0 * q).cos() - world.z[2].b * (3.0 * q).sin();
     let values: Vec<f64> = (0..360).map(|i| exy(f64::from(i) * TAU / 360.0)).collect();
     let range = range_of(&values);
     assert!((value("EZC_synchronous").unwrap() - range).abs() < 1e-6);
@@ -277,17 +249,11 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.1e-3);
-    let measured = world.revolutions(
-        &layout,
-        &layout.all_rows(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
-        1,
-    );
+    let measured =
+        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, 1);
     let data = HarmonicData::from_revolutions(&measured, MAX_ORDER).unwrap();
     let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(20_000) };
-    let separated =
-        identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan))
-            .unwrap();
+    let separated = identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan)).unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {
         let trials = parameter.u_monte_carlo.unwrap();
@@ -310,12 +276,8 @@ fn regress_asynchronous_and_total_values() {
     for term in [&mut world.x[0], &mut world.y[0]] {
         (term.a, term.b) = (0.0, 0.0);
     }
-    let mut measured = world.revolutions(
-        &layout,
-        &layout.all_rows(),
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
-        1,
-    );
+    let mut measured =
+        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, 1);
     for row in &mut measured {
         let channel = &layout.channels[row.key.channel];
         let Surface::Section(_) = channel.surface else { continue };
@@ -332,11 +294,8 @@ fn regress_asynchronous_and_total_values() {
     assert!((value("EXC_asynchronous").value - 1.0).abs() < 1e-9);
     assert!(value("EYC_asynchronous").value < 1e-9 && value("EBC_asynchronous").value < 1e-6);
     assert!(value("EXC_asynchronous").u < 1e-9 && value("EXC_total").dof == Some(3.0));
-    let angles =
-        || (0..SAMPLES_PER_REVOLUTION).map(|i| i as f64 * TAU / SAMPLES_PER_REVOLUTION as f64);
-    let moved = angles()
-        .step_by(3)
-        .flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum_of_terms(&world.x, q) + by));
+    let angles = || (0..SAMPLES_PER_REVOLUTION).map(|i| i as f64 * TAU / SAMPLES_PER_REVOLUTION as f64);
+    let moved = angles().step_by(3).flat_map(|q| [-0.5e-3, 0.5e-3].map(|by| sum_of_terms(&world.x, q) + by));
     let all: Vec<f64> = angles().map(|q| sum_of_terms(&world.x, q)).chain(moved).collect();
     let expected_um = range_of(&all) * 1e3;
     println!("total {} {expected_um}", value("EXC_total").value);
@@ -357,9 +316,7 @@ fn regress_multiprobe_alone_reports_four_motions() {
     assert_eq!(outputs.curves.len(), 6);
     let lost = &ReportedMotions::new(&layout, &separated.fit).not_identifiable();
     println!("{lost:?}");
-    assert!(
-        lost.contains(&"EZC harmonic 2".to_owned()) && lost.contains(&"R1 harmonic 1".to_owned())
-    );
+    assert!(lost.contains(&"EZC harmonic 2".to_owned()) && lost.contains(&"R1 harmonic 1".to_owned()));
     assert!(
         ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
         "{}",

@@ -25,8 +25,6 @@ pub fn suppressed_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
 
 /// Harmonics of 1..=`max_order` with a small determinant other than zero.
 pub fn weak_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
-    let is_weak = |order: &usize| {
-        (ZERO_DETERMINANT..WEAK_DETERMINANT).contains(&determinant(angles_deg, *order))
-    };
+    let is_weak = |order: &usize| (ZERO_DETERMINANT..WEAK_DETERMINANT).contains(&determinant(angles_deg, *order));
     (1..=max_order).filter(is_weak).collect()
 }

@@ -11,12 +11,7 @@ use super::nullities::layout;
 const NOISE_MM: f64 = 0.05e-3;
 
 fn data(world: &SimulatedMotions, actual: &ProbeLayout, seed: u64) -> HarmonicData {
-    let measured = world.revolutions(
-        actual,
-        &actual.all_rows(),
-        ScanSize { samples: 72, revolutions: 3 },
-        seed,
-    );
+    let measured = world.revolutions(actual, &actual.all_rows(), ScanSize { samples: 72, revolutions: 3 }, seed);
     HarmonicData::from_revolutions(&measured, 8).unwrap()
 }
 
@@ -53,11 +48,8 @@ fn regress_wrong_index_of_a_lobed_artefact() {
             actual.index_angles_rad[n] += f64::to_radians(by_deg);
         }
         let check = check_layout(&planned, &data(&world, &actual, 9), 1.0).unwrap();
-        let LayoutCheck::Faulty(Diagnosis::WrongIndex {
-            first_index: first,
-            affects_later_mountings: all,
-            offset_deg,
-        }) = check
+        let LayoutCheck::Faulty(Diagnosis::WrongIndex { first_index: first, affects_later_mountings: all, offset_deg }) =
+            check
         else {
             panic!("{check:?}")
         };
@@ -85,20 +77,16 @@ fn regress_a_clock_that_is_one_percent_fast() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(4, 8, 2, NOISE_MM);
     let rows = layout.all_rows();
-    let mut measured =
-        world.revolutions(&layout, &rows, ScanSize { samples: 72, revolutions: 4 }, 3);
+    let mut measured = world.revolutions(&layout, &rows, ScanSize { samples: 72, revolutions: 4 }, 3);
     assert!(find_clock_errors(&layout, &measured).is_empty());
     for row in measured.iter_mut().filter(|row| row.key.channel == 4) {
         for (i, value) in row.revolutions.iter_mut().flatten().enumerate() {
             let stamped = i as f64 * TAU / 72.0;
-            *value += world.deviation(&layout, row.key, stamped / 1.01)
-                - world.deviation(&layout, row.key, stamped);
+            *value += world.deviation(&layout, row.key, stamped / 1.01) - world.deviation(&layout, row.key, stamped);
         }
     }
     let found = find_clock_errors(&layout, &measured);
-    let [Diagnosis::ClockError { channel, relative_error: relative }] = found.as_slice() else {
-        panic!("{found:?}")
-    };
+    let [Diagnosis::ClockError { channel, relative_error: relative }] = found.as_slice() else { panic!("{found:?}") };
     println!("{}", found[0]);
     assert_eq!(channel, &layout.channels[4].name);
     assert!((relative - 0.01).abs() < 5e-4, "{relative}");

@@ -13,11 +13,7 @@ const NOISE_MM: f64 = 0.05e-3;
 
 #[test]
 fn gate_g3_determinant_and_noise_gain() {
-    assert!(
-        (determinant(SENSOR_ANGLES_DEG, 4) - 0.8158).abs() < 5e-5,
-        "{}",
-        determinant(SENSOR_ANGLES_DEG, 4)
-    );
+    assert!((determinant(SENSOR_ANGLES_DEG, 4) - 0.8158).abs() < 5e-5, "{}", determinant(SENSOR_ANGLES_DEG, 4));
     assert_eq!(suppressed_orders(SENSOR_ANGLES_DEG, 40), [1, 35, 37]);
     assert_eq!(weak_orders(SENSOR_ANGLES_DEG, 40), [4, 32, 40]);
     for order in [4, 32, 40] {
@@ -67,21 +63,11 @@ fn gate_g3_monte_carlo_of_the_combined_separation() {
         let mut world = SimulatedMotions::random(seed, 20, 1, NOISE_MM);
         world.a.clear();
         world.b.clear();
-        let measured = world.revolutions(
-            &layout,
-            &rows,
-            ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 1 },
-            seed,
-        );
-        let of =
-            |k: usize| measured.iter().map(|row| basis.harmonics(&row.revolutions[0])[k]).collect();
+        let measured =
+            world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 1 }, seed);
+        let of = |k: usize| measured.iter().map(|row| basis.harmonics(&row.revolutions[0])[k]).collect();
         let means = (0..20).map(of).collect();
-        let data = HarmonicData::from_declared_uncertainty(
-            rows.clone(),
-            means,
-            NOISE_MM,
-            SAMPLES_PER_REVOLUTION,
-        );
+        let data = HarmonicData::from_declared_uncertainty(rows.clone(), means, NOISE_MM, SAMPLES_PER_REVOLUTION);
         let fit = SeparationFit::new(&layout, &data).unwrap();
         trials += 1.0;
         for (k, harmonic) in fit.blocks.iter().enumerate() {
@@ -119,12 +105,7 @@ fn gate_g3_noise_free_separation_is_exact() {
     let mut world = SimulatedMotions::random(7, 20, 1, 0.0);
     world.a.clear();
     world.b.clear();
-    let measured = world.revolutions(
-        &layout,
-        &rows,
-        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
-        1,
-    );
+    let measured = world.revolutions(&layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 }, 1);
     let data = HarmonicData::from_revolutions(&measured, 20).unwrap();
     let fit = SeparationFit::new(&layout, &data).unwrap();
     let mut worst: f64 = 0.0;

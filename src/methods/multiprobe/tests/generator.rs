@@ -75,8 +75,7 @@ impl SimulatedMotions {
             Surface::Section(section) => {
                 // The rotation vector (a, b, 0) moves the centre of the section by (a, b, 0) × (0, 0, h).
                 let height = layout.section_z_mm[section] - layout.reference_z_mm;
-                let centre =
-                    [sum_of_terms(&self.x, q) + b * height, sum_of_terms(&self.y, q) - a * height];
+                let centre = [sum_of_terms(&self.x, q) + b * height, sum_of_terms(&self.y, q) - a * height];
                 let along = centre[0] * gamma.cos() + centre[1] * gamma.sin();
                 along + sum_of_terms(&self.sections[section], on_artefact)
             }
@@ -89,20 +88,13 @@ impl SimulatedMotions {
     }
 
     /// Sampled revolutions of the `rows`.
-    pub fn revolutions(
-        &self,
-        layout: &ProbeLayout,
-        rows: &[RowKey],
-        size: ScanSize,
-        seed: u64,
-    ) -> Vec<RowRevolutions> {
+    pub fn revolutions(&self, layout: &ProbeLayout, rows: &[RowKey], size: ScanSize, seed: u64) -> Vec<RowRevolutions> {
         let ScanSize { samples, revolutions } = size;
         let mut noise = estimation::monte_carlo::DrawStream::from_key(seed, &[77]);
         let normal = [estimation::monte_carlo::DrawDistribution::Normal];
         let of = |row: &RowKey| {
-            let clean: Vec<f64> = (0..samples)
-                .map(|i| self.deviation(layout, *row, i as f64 * TAU / samples as f64))
-                .collect();
+            let clean: Vec<f64> =
+                (0..samples).map(|i| self.deviation(layout, *row, i as f64 * TAU / samples as f64)).collect();
             let mut revolution = || {
                 let units = noise.unit_draws(samples, &normal);
                 clean.iter().zip(units).map(|(m, unit)| m + self.noise_mm * unit).collect()

@@ -16,8 +16,7 @@ const FACE_HEIGHT_MM: f64 = 150.0;
 /// Distance from the zero point of the sensor along its direction to the surface.
 fn reading(world: &SimulatedMotions, layout: &ProbeLayout, row: RowKey, q: f64) -> f64 {
     let channel = &layout.channels[row.channel];
-    let [x, y, z, a, b] =
-        [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum_of_terms(t, q));
+    let [x, y, z, a, b] = [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum_of_terms(t, q));
     let turned = layout.turn_sign * q + layout.index_angles_rad[row.index];
     let (sin, cos) = channel.angle_rad.sin_cos();
     let mut distance = STAND_OFF_MM;
@@ -59,8 +58,7 @@ fn regress_readings_in_space() {
         let fit = SeparationFit::new(&layout, &data).unwrap();
         let mut worst: f64 = 0.0;
         for (k, harmonic) in fit.blocks.iter().enumerate() {
-            let [x, y, a, b, z] =
-                [&world.x, &world.y, &world.a, &world.b, &world.z].map(|terms| terms[k]);
+            let [x, y, a, b, z] = [&world.x, &world.y, &world.a, &world.b, &world.z].map(|terms| terms[k]);
             let form = |term: super::generator::HarmonicTerm| [term.a, -turn * term.b];
             let truth = [
                 [x.a, x.b],

@@ -5,13 +5,9 @@ use estimation::linear::{RANK_THRESHOLD, analyse_rank};
 use estimation::revolutions::RowKey;
 
 pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
-    let channel = |name: &str, surface, deg: f64| Channel {
-        name: name.to_owned(),
-        surface,
-        angle_rad: deg.to_radians(),
-    };
-    let section =
-        |i| [0.0, 90.0, 230.0].map(|deg| channel(&format!("r{i}-{deg}"), Surface::Section(i), deg));
+    let channel =
+        |name: &str, surface, deg: f64| Channel { name: name.to_owned(), surface, angle_rad: deg.to_radians() };
+    let section = |i| [0.0, 90.0, 230.0].map(|deg| channel(&format!("r{i}-{deg}"), Surface::Section(i), deg));
     let mut channels: Vec<Channel> = section(0).into_iter().chain(section(1)).collect();
     channels.push(channel("axial", Surface::Face { radius_mm: 20.0 }, 45.0));
     let step = 360.0 / indexes as f64;

@@ -1,11 +1,7 @@
 //! Refusals, and the alternatives that they name.
 
-use super::super::checks::{
-    check_orders, check_sensor_angles, check_surfaces, describe_weak_points,
-};
-use super::super::layout::{
-    RANKED_HARMONICS, Separation, noise_gains, rms_noise_gain, third_sensor_angles,
-};
+use super::super::checks::{check_orders, check_sensor_angles, check_surfaces, describe_weak_points};
+use super::super::layout::{RANKED_HARMONICS, Separation, noise_gains, rms_noise_gain, third_sensor_angles};
 use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
 use estimation::revolutions::{AngleRange, HarmonicData, RowKey, RowRevolutions};
@@ -33,10 +29,7 @@ fn regress_a_step_that_suppresses_a_harmonic() {
     assert!(check_orders(&ten, &radial, 1..=20).is_ok());
     let refused = check_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
     println!("{} | {}", refused.reason, refused.remedy);
-    assert!(
-        refused.reason.contains("do not determine 2 harmonics")
-            && refused.reason.contains("EZC harmonic 10")
-    );
+    assert!(refused.reason.contains("do not determine 2 harmonics") && refused.reason.contains("EZC harmonic 10"));
     assert!(refused.remedy.starts_with("index the artefact in 21 steps"));
     let better = layout(21, -1.0);
     assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
@@ -55,10 +48,7 @@ fn regress_best_third_angle_outside_exclusions() {
     println!("{:?}", &free[..6]);
     assert!(free.windows(2).all(|pair| pair[0].1 <= pair[1].1));
     assert!(free.iter().all(|(deg, _)| ![0.0, 90.0, 180.0, 270.0, 240.0].contains(deg)));
-    let exclusions = [
-        AngleRange { from_deg: 350.0, to_deg: 200.0 },
-        AngleRange { from_deg: 265.0, to_deg: 345.0 },
-    ];
+    let exclusions = [AngleRange { from_deg: 350.0, to_deg: 200.0 }, AngleRange { from_deg: 265.0, to_deg: 345.0 }];
     let limited = third_sensor_angles([0.0, 90.0], 10.0, &exclusions);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
@@ -75,9 +65,7 @@ fn regress_best_third_angle_outside_exclusions() {
 #[test]
 fn the_prompt_tells_the_noise_gain_and_a_better_place() {
     let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
-    let text = |to_deg: f64| {
-        describe_weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap()
-    };
+    let text = |to_deg: f64| describe_weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
     let better = text(200.0);
     assert!(better.contains("in one mounting: 1.53; 1.48 with 230° at 220°"), "{better}");
     assert!(text(340.0).ends_with("in one mounting: 1.53."), "{}", text(340.0));
@@ -85,8 +73,7 @@ fn the_prompt_tells_the_noise_gain_and_a_better_place() {
 
 #[test]
 fn regress_too_few_revolutions_and_samples() {
-    let row =
-        |channel, revolutions| RowRevolutions { key: RowKey { index: 0, channel }, revolutions };
+    let row = |channel, revolutions| RowRevolutions { key: RowKey { index: 0, channel }, revolutions };
     let samples = vec![0.0; 32];
     let one = HarmonicData::from_revolutions(&[row(0, vec![samples.clone()])], 8).unwrap_err();
     assert!(one.remedy().contains("at least two revolutions"), "{one}");
@@ -110,10 +97,8 @@ fn regress_surfaces_that_the_equation_does_not_hold() {
     one_section.channels.drain(3..6);
     assert!(check_surfaces(&one_section).unwrap_err().remedy.contains("second section"));
     let mut radii = whole.clone();
-    let axial = super::super::model::Channel {
-        surface: Surface::Face { radius_mm: 30.0 },
-        ..radii.channels[6].clone()
-    };
+    let axial =
+        super::super::model::Channel { surface: Surface::Face { radius_mm: 30.0 }, ..radii.channels[6].clone() };
     radii.channels.push(axial);
     assert!(why(&radii).contains("different radii"));
 }

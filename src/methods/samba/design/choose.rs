@@ -78,12 +78,9 @@ pub fn choose_measurements(
 impl GreedyChoice<'_> {
     /// Adds all balls of the indexation with the most balls not measured yet.
     fn add_indexation(&mut self) -> bool {
-        let is_new =
-            |candidate: &&CandidateMeasurement| self.visit_counts.get(candidate.ball) == Some(&0);
+        let is_new = |candidate: &&CandidateMeasurement| self.visit_counts.get(candidate.ball) == Some(&0);
         let indexations = self.candidates.iter().map(|candidate| candidate.indexation);
-        let count = |at: usize| {
-            self.candidates.iter().filter(|s| s.indexation == at).filter(is_new).count()
-        };
+        let count = |at: usize| self.candidates.iter().filter(|s| s.indexation == at).filter(is_new).count();
         let indexation_set: BTreeSet<usize> = indexations.collect();
         // The first of equal indexations.
         let best = indexation_set.into_iter().rev().max_by_key(|at| count(*at));
@@ -91,10 +88,8 @@ impl GreedyChoice<'_> {
         let is_there = |(_, candidate): &(usize, &CandidateMeasurement)| {
             candidate.indexation == best && (is_new(candidate) || self.chosen.is_empty())
         };
-        let found: Vec<usize> =
-            self.candidates.iter().enumerate().filter(is_there).map(|(index, _)| index).collect();
-        let allowed: Vec<usize> =
-            found.into_iter().filter(|index| self.is_allowed(*index)).collect();
+        let found: Vec<usize> = self.candidates.iter().enumerate().filter(is_there).map(|(index, _)| index).collect();
+        let allowed: Vec<usize> = found.into_iter().filter(|index| self.is_allowed(*index)).collect();
         allowed.iter().for_each(|index| self.add_candidate(*index));
         !allowed.is_empty()
     }
@@ -103,14 +98,13 @@ impl GreedyChoice<'_> {
     /// need more visits.
     fn add_best(&mut self, needs_visits: bool) -> bool {
         let is_eligible = |candidate: &CandidateMeasurement| {
-            !needs_visits
-                || self.visit_counts.get(candidate.ball).is_some_and(|visits| *visits < MIN_VISITS)
+            !needs_visits || self.visit_counts.get(candidate.ball).is_some_and(|visits| *visits < MIN_VISITS)
         };
         let mut best: Option<(f64, usize)> = None;
         for (index, candidate) in self.candidates.iter().enumerate() {
             if is_eligible(candidate) && self.is_allowed(index) {
-                let score = self.information.information_gain(candidate, self.criterion)
-                    / self.relative_cost(candidate);
+                let score =
+                    self.information.information_gain(candidate, self.criterion) / self.relative_cost(candidate);
                 if best.is_none_or(|(highest, _)| score > highest) {
                     best = Some((score, index));
                 }
@@ -132,11 +126,7 @@ impl GreedyChoice<'_> {
 
     /// Time in units of a ball measurement.
     fn relative_cost(&self, candidate: &CandidateMeasurement) -> f64 {
-        if self.open_indexations.contains(&candidate.indexation) {
-            1.0
-        } else {
-            1.0 + NEW_INDEXATION_COST
-        }
+        if self.open_indexations.contains(&candidate.indexation) { 1.0 } else { 1.0 + NEW_INDEXATION_COST }
     }
 
     fn add_candidate(&mut self, index: usize) {

@@ -56,8 +56,7 @@ impl InverseInformation {
     /// `columns`: columns of W, one for each unknown.
     fn update_terms(&self, columns: &[Vector3<f64>]) -> UpdateTerms {
         let rows = self.entries.chunks_exact(self.size);
-        let along: Vec<Vector3<f64>> =
-            rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
+        let along: Vec<Vector3<f64>> = rows.map(|row| row.iter().zip(columns).map(|(p, w)| *w * *p).sum()).collect();
         let parts = columns.iter().zip(&along).map(|(w, pw)| w * pw.transpose());
         let core = Matrix3::identity() + parts.sum::<Matrix3<f64>>();
         UpdateTerms { gain: along, core }
@@ -93,13 +92,7 @@ pub struct Information {
 impl Information {
     /// `shared`: number of machine parameters and tool coordinates. Balls with a certified length remain
     /// among the unknowns.
-    pub fn new(
-        machine: usize,
-        shared: usize,
-        balls: usize,
-        bars: &[LengthBar],
-        ball_unit: f64,
-    ) -> Self {
+    pub fn new(machine: usize, shared: usize, balls: usize, bars: &[LengthBar], ball_unit: f64) -> Self {
         let mut size = shared;
         let mut ball_unknowns = vec![None; balls];
         for ball in bars.iter().flat_map(|bar| bar.ball_indices) {
@@ -109,8 +102,7 @@ impl Information {
             }
         }
         let measured = vec![(0.0, vec![Vector3::zeros(); shared]); balls];
-        let (with_machine, without_machine) =
-            (InverseInformation::new(size), InverseInformation::new(size - machine));
+        let (with_machine, without_machine) = (InverseInformation::new(size), InverseInformation::new(size - machine));
         let mut information = Self {
             parameter_count: machine,
             ball_unknowns,
@@ -146,12 +138,7 @@ impl Information {
         let mut columns = match (slot, self.measurement_means.get(candidate.ball)) {
             (None, Some((count, mean))) => {
                 let share = (count / (count + 1.0)).sqrt();
-                candidate
-                    .derivatives
-                    .iter()
-                    .zip(mean)
-                    .map(|(new, mean)| (*new - *mean) * share)
-                    .collect()
+                candidate.derivatives.iter().zip(mean).map(|(new, mean)| (*new - *mean) * share).collect()
             }
             _ => candidate.derivatives.clone(),
         };
@@ -170,18 +157,13 @@ impl Information {
         let full = self.with_machine.update_terms(&columns);
         match criterion {
             Criterion::D => {
-                let partial = self
-                    .without_machine
-                    .update_terms(columns.get(self.parameter_count..).unwrap_or_default());
+                let partial =
+                    self.without_machine.update_terms(columns.get(self.parameter_count..).unwrap_or_default());
                 full.core.determinant().ln() - partial.core.determinant().ln()
             }
             Criterion::A => {
                 let solved = full.core_inverse();
-                full.gain
-                    .iter()
-                    .take(self.parameter_count)
-                    .map(|along| along.dot(&(solved * *along)))
-                    .sum()
+                full.gain.iter().take(self.parameter_count).map(|along| along.dot(&(solved * *along))).sum()
             }
         }
     }

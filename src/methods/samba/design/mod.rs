@@ -18,9 +18,7 @@ use self::information::CandidateMeasurement;
 pub use self::setup::DesignSetup;
 use super::settings::Design as DesignKind;
 use crate::MethodRefusal;
-use crate::ball_measurement::{
-    BallVisit, describe_position, list_indexations, order_balls_in_xy, order_visits,
-};
+use crate::ball_measurement::{BallVisit, describe_position, list_indexations, order_balls_in_xy, order_visits};
 use machine::record::artefact::Ball;
 use machine::{Axis, Position};
 use planning::TouchAccess;
@@ -49,11 +47,9 @@ pub fn design_visits(
     let candidates = DesignCandidates::new(setup, &access)?;
     let visits = match setup.settings.design {
         // In the order that the definition of the paper's design gives.
-        DesignKind::Paper => order_balls_in_xy(
-            &setup.measurement_setup(),
-            &access,
-            paper::paper_visits(setup, &candidates)?,
-        )?,
+        DesignKind::Paper => {
+            order_balls_in_xy(&setup.measurement_setup(), &access, paper::paper_visits(setup, &candidates)?)?
+        }
         DesignKind::Optimal => choose_optimal(setup, (&candidates, &access), time_s)?,
     };
     rank_check::check_design(setup, &visits)?;
@@ -67,11 +63,9 @@ fn choose_optimal(
     time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let (balls, settings) = (setup.balls.balls.len(), setup.settings);
-    let budget =
-        DesignBudget { max_measurements: settings.balls, max_indexations: settings.indexations };
+    let budget = DesignBudget { max_measurements: settings.balls, max_indexations: settings.indexations };
     let sights = &candidates.measurements;
-    let chosen =
-        choose_measurements(sights, balls, setup.length_information(), budget, settings.criterion)?;
+    let chosen = choose_measurements(sights, balls, setup.length_information(), budget, settings.criterion)?;
     let first_visits = |count: usize| {
         let indices = chosen.indices.get(..count).unwrap_or_default();
         let visits = order_visits(&setup.plan.machine, candidates.visits(indices));
@@ -90,8 +84,7 @@ fn choose_optimal(
                 settings.minutes,
                 min_time_s / 60.0
             ),
-            remedy: "increase minutes, choose find = \"once\", or remove balls from [artefact]"
-                .to_owned(),
+            remedy: "increase minutes, choose find = \"once\", or remove balls from [artefact]".to_owned(),
         });
     }
     // Bisection: `fits` is known to fit.
@@ -117,31 +110,22 @@ impl DesignCandidates {
         };
         let positions = settings.candidate_positions(setup.is_spindle_oriented);
         let chain = setup.model.chain();
-        let at =
-            list_indexations(crate::samba::METHOD_NAME, &setup.plan.machine, chain, &positions)?;
+        let at = list_indexations(crate::samba::METHOD_NAME, &setup.plan.machine, chain, &positions)?;
         let mut measurements = Vec::new();
         for (index, ball) in setup.balls.balls.iter().enumerate() {
             let (mut count, mut reasons_by_position) = (0, BTreeMap::<String, &Position>::new());
-            for (indexation, free) in
-                accessibility(setup, access, &at, ball).into_iter().enumerate()
-            {
+            for (indexation, free) in accessibility(setup, access, &at, ball).into_iter().enumerate() {
                 let Some(at) = at.get(indexation) else { continue };
                 match free {
                     Ok(()) => {
-                        measurements
-                            .push(setup.candidate_measurement((indexation, at), (index, ball))?);
+                        measurements.push(setup.candidate_measurement((indexation, at), (index, ball))?);
                         count += 1;
                     }
                     Err(why) => drop(reasons_by_position.entry(why).or_insert(at)),
                 }
             }
             if count < MIN_VISITS {
-                return Err(refuse_unreachable_ball(
-                    &ball.id,
-                    count,
-                    at.len(),
-                    &reasons_by_position,
-                ));
+                return Err(refuse_unreachable_ball(&ball.id, count, at.len(), &reasons_by_position));
             }
         }
         Ok(Self { positions: at, measurements })
@@ -174,16 +158,10 @@ fn accessibility(
     let mut last: Option<(Position, Result<(), String>)> = None;
     let mut all = Vec::with_capacity(at.len());
     for position in at {
-        let rotary = if is_central {
-            position.filter_axes(|axis| axis != Axis::S)
-        } else {
-            position.clone()
-        };
+        let rotary = if is_central { position.filter_axes(|axis| axis != Axis::S) } else { position.clone() };
         let result = match last.take().filter(|(before, _)| *before == rotary) {
             Some((_, result)) => result,
-            None => match access
-                .accessible_touches(&setup.measurement_setup().ball_task(ball, position, approach))
-            {
+            None => match access.accessible_touches(&setup.measurement_setup().ball_task(ball, position, approach)) {
                 Ok(_) => Ok(()),
                 Err(why) => Err(why.to_string()),
             },
@@ -200,11 +178,8 @@ fn refuse_unreachable_ball(
     total: usize,
     reasons_by_position: &BTreeMap<String, &Position>,
 ) -> MethodRefusal {
-    let reasons: Vec<String> = reasons_by_position
-        .iter()
-        .take(2)
-        .map(|(why, at)| format!("at {} {why}", describe_position(at)))
-        .collect();
+    let reasons: Vec<String> =
+        reasons_by_position.iter().take(2).map(|(why, at)| format!("at {} {why}", describe_position(at))).collect();
     let accessible = match count {
         0 => "is accessible at none".to_owned(),
         some => format!("is accessible at only {some}"),
@@ -214,9 +189,8 @@ fn refuse_unreachable_ball(
             "ball {id} {accessible} of {total} indexations, {MIN_VISITS} are needed: {}",
             reasons.join("; ")
         ),
-        remedy:
-            "mount the ball at another position or with another stem, choose other positions in \
+        remedy: "mount the ball at another position or with another stem, choose other positions in \
              tilt_deg and turn_deg, or remove the ball from [artefact]"
-                .to_owned(),
+            .to_owned(),
     }
 }

@@ -54,15 +54,10 @@ pub fn paper_settings(settings: &Settings) -> Settings {
 /// # Errors
 /// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
 /// 109 balls are accessible at these triples.
-pub fn paper_visits(
-    setup: &DesignSetup<'_>,
-    candidates: &DesignCandidates,
-) -> Result<Vec<BallVisit>, MethodRefusal> {
+pub fn paper_visits(setup: &DesignSetup<'_>, candidates: &DesignCandidates) -> Result<Vec<BallVisit>, MethodRefusal> {
     let machine = &setup.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary(*a)).collect();
-    let find_axis = |parallel: bool| {
-        rotary.iter().find(|axis| is_parallel_to_spindle(**axis, machine) == parallel)
-    };
+    let find_axis = |parallel: bool| rotary.iter().find(|axis| is_parallel_to_spindle(**axis, machine) == parallel);
     let (Some(tilt), Some(turn), 2, true) =
         (find_axis(false), find_axis(true), rotary.len(), setup.is_spindle_oriented)
     else {
@@ -76,18 +71,13 @@ pub fn paper_visits(
     for [b, c, s] in rotary_triples() {
         let triple = [(*tilt, TILTS_DEG[b]), (*turn, QUARTERS_DEG[c]), (Axis::S, QUARTERS_DEG[s])];
         let is_triple = |at: &Position| {
-            triple.iter().all(|(axis, degree)| {
-                is_same_angle(at.get_or_zero(*axis), axis.to_mm_or_rad(*degree))
-            })
+            triple.iter().all(|(axis, degree)| is_same_angle(at.get_or_zero(*axis), axis.to_mm_or_rad(*degree)))
         };
         let Some(index) = candidates.positions.iter().position(is_triple) else {
             let names = triple.map(|(axis, degree)| format!("{axis}{degree}")).join(" ");
-            return Err(refuse_paper_design(format!(
-                "the machine does not reach {names} of the paper's design"
-            )));
+            return Err(refuse_paper_design(format!("the machine does not reach {names} of the paper's design")));
         };
-        let measurements =
-            candidates.measurements.iter().filter(|measurement| measurement.indexation == index);
+        let measurements = candidates.measurements.iter().filter(|measurement| measurement.indexation == index);
         let balls: Vec<usize> = measurements.map(|measurement| measurement.ball).collect();
         let at = candidates.positions.get(index).cloned().unwrap_or_default();
         visits.push(BallVisit::new(at, balls));

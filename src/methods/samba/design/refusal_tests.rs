@@ -30,11 +30,7 @@ fn artefacts_that_cannot_be_measured() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
     refused(&twice, Settings::default(), &["ball 2: `id` is `2`, as for another ball"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
-    refused(
-        &touching,
-        Settings::default(),
-        &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"],
-    );
+    refused(&touching, Settings::default(), &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"]);
     let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
     refused(&in_stem, Settings::default(), &["puts ball `2` into the stem of ball `3`"]);
     let two = with_balls(|set| {
@@ -48,10 +44,8 @@ fn artefacts_that_cannot_be_measured() {
     let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
     refused(&other_length, Settings::default(), &["`mm` is 300", "304.8"]);
     let mut cylinder = plan(&Settings::default());
-    cylinder.artefact = serde_json::from_str(
-        r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#,
-    )
-    .unwrap();
+    cylinder.artefact =
+        serde_json::from_str(r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#).unwrap();
     refused(&cylinder, Settings::default(), &["samba measures balls"]);
 }
 
@@ -74,8 +68,7 @@ fn indexations_outside_the_limits() {
     let paper = Settings { design: Design::Paper, ..Settings::default() };
     refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
-    let answer =
-        Samba::new(Settings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(Settings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
@@ -87,8 +80,7 @@ fn a_spindle_that_is_not_oriented() {
     refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
     let asked = Settings { parameters: vec!["EA0C".into(), "EX0S".into()], ..Settings::default() };
     refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
-    let answer =
-        Samba::new(Settings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(Settings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
@@ -98,8 +90,7 @@ fn a_spindle_that_is_not_oriented() {
 fn a_head_that_tilts_stands_upright() {
     let mut fork = plan(&Settings::default());
     fork.machine = machine("wAFXYZBt");
-    let answer =
-        Samba::new(Settings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(Settings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
     let Ok(NextStage::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
     assert!(new_steps.iter().all(|step| step.from.get(Axis::B) == Some(0.0)));
     let parameters = vec!["EA0B".into(), "EC0A".into()];

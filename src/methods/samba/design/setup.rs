@@ -45,11 +45,8 @@ impl<'a> DesignSetup<'a> {
         let is_spindle_oriented = spindle_turns(&plan.machine, settings)?;
         let fixed_axes = parameters::fixed_axes(plan, settings, &chain);
         let length_directions = length_directions(set);
-        let conditions = MeasuringConditions {
-            chain: &chain,
-            fixed_axes: &fixed_axes,
-            length_directions: &length_directions,
-        };
+        let conditions =
+            MeasuringConditions { chain: &chain, fixed_axes: &fixed_axes, length_directions: &length_directions };
         let selected = parameters::select_parameters(&settings.parameters, conditions)?;
         check_fixed_axes(&selected, conditions)?;
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
@@ -60,12 +57,7 @@ impl<'a> DesignSetup<'a> {
     /// Measurement setup of the balls.
     pub fn measurement_setup(&self) -> MeasurementSetup<'a> {
         let Self { plan, settings, balls, .. } = *self;
-        MeasurementSetup {
-            method: crate::samba::METHOD_NAME,
-            plan,
-            balls,
-            touch_settings: settings.touch_settings(),
-        }
+        MeasurementSetup { method: crate::samba::METHOD_NAME, plan, balls, touch_settings: settings.touch_settings() }
     }
 
     /// Axis positions with the tip at the stated centre of the ball.
@@ -97,18 +89,13 @@ impl<'a> DesignSetup<'a> {
             .free_stylus_coordinates()
             .iter()
             .map(|k| rows.stylus_derivatives.column(*k) * OFFSET_UNIT_MM / self.centre_u_mm());
-        Ok(CandidateMeasurement {
-            indexation,
-            ball: index,
-            derivatives: machine.chain(tool).collect(),
-        })
+        Ok(CandidateMeasurement { indexation, ball: index, derivatives: machine.chain(tool).collect() })
     }
 
     /// Information from the certified lengths alone.
     pub fn length_information(&self) -> Information {
         let machine = self.model.parameters().len();
-        let bars: Vec<LengthBar> =
-            self.balls.lengths.iter().filter_map(|l| self.length_bar(l)).collect();
+        let bars: Vec<LengthBar> = self.balls.lengths.iter().filter_map(|l| self.length_bar(l)).collect();
         let unit = OFFSET_UNIT_MM / self.centre_u_mm();
         Information::new(machine, self.shared_unknown_count(), self.balls.balls.len(), &bars, unit)
     }
@@ -129,11 +116,7 @@ impl<'a> DesignSetup<'a> {
 
     fn length_bar(&self, length: &CertifiedLength) -> Option<LengthBar> {
         let (balls, direction) = self.length_ends(length)?;
-        Some(LengthBar {
-            ball_indices: balls,
-            direction,
-            weight: OFFSET_UNIT_MM / length_u_mm(length),
-        })
+        Some(LengthBar { ball_indices: balls, direction, weight: OFFSET_UNIT_MM / length_u_mm(length) })
     }
 
     /// Standard uncertainty of a coordinate of a ball centre, mm.
@@ -159,22 +142,17 @@ fn spindle_turns(machine: &Machine, settings: &Settings) -> Result<bool, MethodR
     let is_declared = machine.axes.contains_key(&Axis::S);
     if settings.spindle == settings::Spindle::Orient && !is_declared {
         return Err(MethodRefusal {
-            reason: "the spindle cannot be oriented: the machine file declares no axis S"
-                .to_owned(),
-            remedy:
-                "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
+            reason: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
+            remedy: "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
                  (EX0S, EY0S) is reported together with that of the stylus"
-                    .to_owned(),
+                .to_owned(),
         });
     }
     Ok(is_declared && settings.spindle != settings::Spindle::Fixed)
 }
 
 /// Refuses selected errors of an axis that does not move, because they have no effect.
-fn check_fixed_axes(
-    selected: &[ErrorParameter],
-    conditions: MeasuringConditions<'_>,
-) -> Result<(), MethodRefusal> {
+fn check_fixed_axes(selected: &[ErrorParameter], conditions: MeasuringConditions<'_>) -> Result<(), MethodRefusal> {
     let is_fixed = |error: &&ErrorParameter| conditions.fixed_axes.contains(&error.axis());
     let Some(error) = selected.iter().find(is_fixed) else { return Ok(()) };
     let axis = error.axis();

@@ -85,13 +85,8 @@ fn check_g4(kind: (DesignKind, Criterion)) {
     println!("rank {} condition {:.2}", found.rank, found.condition);
     assert!(found.rank == 34 && found.condition < 40.0);
     let ones = vec![1.0; matrix.nrows()];
-    let problem = LinearProblem {
-        a: matrix.as_ref(),
-        y: &ones,
-        sigma: &ones,
-        constraints: None,
-        rank_threshold: RANK_THRESHOLD,
-    };
+    let problem =
+        LinearProblem { a: matrix.as_ref(), y: &ones, sigma: &ones, constraints: None, rank_threshold: RANK_THRESHOLD };
     let covariance = solve_least_squares(&problem).unwrap().covariance;
     for (index, name) in names.iter().take(13).enumerate() {
         let sd = covariance[(index, index)].sqrt();
@@ -140,8 +135,7 @@ fn a_choice_by_chance_tells_less() {
         let scale = |i: usize| information[(i, i)].sqrt();
         let scaled = Mat::from_fn(34, 34, |i, j| information[(i, j)] / (scale(i) * scale(j)));
         let inverse = scaled.partial_piv_lu().inverse();
-        let of_machine =
-            Mat::from_fn(13, 13, |i, j| inverse[(i, j)] / (scale(i) * scale(j)) * 1e10);
+        let of_machine = Mat::from_fn(13, 13, |i, j| inverse[(i, j)] / (scale(i) * scale(j)) * 1e10);
         of_machine.determinant().ln()
     };
     let chosen = volume(&design_visits(&setup, |_| Ok(0.0)).unwrap());

@@ -55,17 +55,9 @@ fn measured(kind: DesignKind, bar: bool, spindle: bool) -> (GeometryProblem, Obs
             places.push(here);
             places.len() - 1
         });
-        seen.push(BallMeasurement {
-            position_index: place,
-            ball: *ball,
-            whitening: Matrix3::identity() / NOISE_MM,
-        });
+        seen.push(BallMeasurement { position_index: place, ball: *ball, whitening: Matrix3::identity() / NOISE_MM });
     }
-    let bars = if bar {
-        vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: U_BAR_MM }]
-    } else {
-        Vec::new()
-    };
+    let bars = if bar { vec![LengthConstraint { from_ball: 0, to_ball: 1, u_mm: U_BAR_MM }] } else { Vec::new() };
     let truth = truth();
     let measured = ObservedValues {
         xyz: visits.iter().map(|(triple, ball)| truth.axes_at(balls[*ball], *triple)).collect(),
@@ -81,8 +73,7 @@ fn nominal_tool() -> Vector3<f64> {
 fn survey(kind: DesignKind, bar: bool, spindle: bool) -> (RankAnalysis, Vec<String>) {
     let (problem, measured) = measured(kind, bar, spindle);
     let start = problem.initial_values(&measured);
-    let survey =
-        factorise(problem.rows(&start, &problem.ideal_values(&start))).0.analyse_rank().unwrap();
+    let survey = factorise(problem.rows(&start, &problem.ideal_values(&start))).0.analyse_rank().unwrap();
     let named = |(i, centre): (usize, Vector3<f64>)| Ball {
         id: (i + 1).to_string(),
         centre_mm: centre.into(),
@@ -91,10 +82,7 @@ fn survey(kind: DesignKind, bar: bool, spindle: bool) -> (RankAnalysis, Vec<Stri
         stem_radius_mm: 0.0,
         stem_length_mm: 0.0,
     };
-    let balls = Balls {
-        balls: paper_balls().into_iter().enumerate().map(named).collect(),
-        ..Balls::default()
-    };
+    let balls = Balls { balls: paper_balls().into_iter().enumerate().map(named).collect(), ..Balls::default() };
     let lost = describe_undetermined(&survey, &unknown_names(&problem, &balls));
     (survey, lost)
 }
@@ -143,10 +131,7 @@ fn regress_inseparable_additions_are_named() {
         let model = GeometryModel::new(&machine("wCBXFZYSt"), &parameters).unwrap();
         let problem = problem.with_model(model);
         let start = problem.initial_values(&measured);
-        let survey = factorise(problem.rows(&start, &problem.ideal_values(&start)))
-            .0
-            .analyse_rank()
-            .unwrap();
+        let survey = factorise(problem.rows(&start, &problem.ideal_values(&start))).0.analyse_rank().unwrap();
         let mut names: Vec<String> = parameters.iter().map(ToString::to_string).collect();
         names.extend(["tool_x", "tool_y", "tool_z"].map(str::to_owned));
         names.extend((0..18).map(|i| format!("ball_{}", i / 3 + 1)));

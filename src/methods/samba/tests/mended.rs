@@ -25,10 +25,7 @@ fn regress_readings_without_a_complete_measurement_are_refused() {
     };
     assert!(why(&plan, &[]).contains("there are no readings"));
     let three = why(&plan, &readings[..3]);
-    assert!(
-        three.contains("indexation 1 was not used: 3 touches, at least 4 are required"),
-        "{three}"
-    );
+    assert!(three.contains("indexation 1 was not used: 3 touches, at least 4 are required"), "{three}");
     for reading in readings.iter_mut().take(12) {
         reading.flag = ReadingFlag::Excluded;
     }
@@ -72,10 +69,7 @@ fn regress_rotary_encoders_that_flicker() {
     let moved = readings[2].position.get(Axis::B).unwrap() + 0.02_f64.to_radians();
     readings[2].position.set(Axis::B, moved);
     let estimate = identify(&plan, &settings(), &readings).unwrap();
-    assert!(has_warning(
-        &estimate,
-        &["indexation 1 was not used", "the rotary axes moved between the touches"]
-    ));
+    assert!(has_warning(&estimate, &["indexation 1 was not used", "the rotary axes moved between the touches"]));
 }
 
 /// Radial error motion of C of the fourth order, 5 µm along X.
@@ -99,15 +93,10 @@ fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
     assert!(((ex0c.value - truth).abs() - 5.0).abs() < 3.0 * ex0c.u);
     assert!(hidden.warnings.is_empty(), "{:?}", hidden.warnings);
     let [c, s] = told(&hidden).try_into().unwrap();
-    assert!(
-        c.starts_with("error motions of C at orders 4, 8, 12: inseparable from EX0C, EA0C, EB0C")
-    );
+    assert!(c.starts_with("error motions of C at orders 4, 8, 12: inseparable from EX0C, EA0C, EB0C"));
     assert!(c.contains("in steps of 360°/4 only"));
     assert!(s.starts_with("error motions of S at orders 4, 8, 12: inseparable from EX0S, EY0S"));
-    let seen = SimulatedMeasurement {
-        design: || turned_by(&[0.0, 72.0, 144.0, 216.0, 288.0]),
-        ..FOURTH_ORDER_MOTION
-    };
+    let seen = SimulatedMeasurement { design: || turned_by(&[0.0, 72.0, 144.0, 216.0, 288.0]), ..FOURTH_ORDER_MOTION };
     let seen = seen.identify().unwrap();
     println!("{:#?} {:#?}", told(&seen), seen.warnings);
     assert!(has_warning(&seen, &["the model does not explain the measurements"]));

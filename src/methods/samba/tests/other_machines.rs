@@ -18,11 +18,7 @@ const STYLUS_MM: Vector3<f64> = Vector3::new(0.03, -0.02, -150.0);
 fn check(topology: &str, unknowns: usize) {
     let machine = machine(topology);
     let chain = KinematicChain::new(&machine).unwrap();
-    let set = implied_parameters(MeasuringConditions {
-        chain: &chain,
-        fixed_axes: &[],
-        length_directions: &[],
-    });
+    let set = implied_parameters(MeasuringConditions { chain: &chain, fixed_axes: &[], length_directions: &[] });
     let value = |i: usize, angular: bool, gain: bool| {
         let scale = if angular || gain { 2e-5 } else { 0.05 };
         scale * (1.0 + i as f64 * 1.3).sin()
@@ -31,8 +27,7 @@ fn check(topology: &str, unknowns: usize) {
         .iter()
         .enumerate()
         .map(|(i, parameter)| {
-            let (angular, gain) =
-                (!parameter.component().is_linear(), parameter.shape() == ErrorShape::Gain);
+            let (angular, gain) = (!parameter.component().is_linear(), parameter.shape() == ErrorShape::Gain);
             ErrorTerm { parameter: *parameter, value: value(i, angular, gain) }
         })
         .collect();
@@ -44,8 +39,7 @@ fn check(topology: &str, unknowns: usize) {
     let (mut places, mut seen, mut xyz) = (Vec::new(), Vec::new(), Vec::new());
     for pose in 0..24_u32 {
         let angle = |n: usize| (f64::from(pose) * [0.37, 0.59, 0.83][n]).fract() * TAU;
-        let place: Position =
-            rotary.iter().enumerate().map(|(n, axis)| (*axis, angle(n))).collect();
+        let place: Position = rotary.iter().enumerate().map(|(n, axis)| (*axis, angle(n))).collect();
         for (ball, centre) in balls.iter().enumerate() {
             let (target, tip) = (Point::from_vec(*centre), Point::from_vec(STYLUS_MM));
             let linear = chain.solve_linear_axes(target, tip, &place, &terms).unwrap();

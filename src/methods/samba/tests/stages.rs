@@ -43,16 +43,12 @@ impl SimulatedMachine {
         let reach = ball.radius_mm + plan.probe.ball_radius_mm + (self.dirt)(&label, repeat);
         let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
         let at = |share: f64| -> Position {
-            let part = |axis| {
-                step.from.get_or_zero(axis)
-                    + share * (step.to.get_or_zero(axis) - step.from.get_or_zero(axis))
-            };
+            let part =
+                |axis| step.from.get_or_zero(axis) + share * (step.to.get_or_zero(axis) - step.from.get_or_zero(axis));
             step.from.updated_by(&Axis::LINEAR.into_iter().map(|a| (a, part(a))).collect())
         };
-        let gap = |share: f64| {
-            self.chain.tip_in_table(&at(share), tip, &self.errors).mm.metric_distance(&centre)
-                - reach
-        };
+        let gap =
+            |share: f64| self.chain.tip_in_table(&at(share), tip, &self.errors).mm.metric_distance(&centre) - reach;
         assert!(gap(0.0) > 0.0 && gap(1.0) < 0.0, "{} misses", step.label);
         let (mut out, mut inside) = (0.0, 1.0);
         for _ in 0..60 {
@@ -80,11 +76,7 @@ fn play(settings: &Settings, shop: &SimulatedMachine) -> Result<PlayedRun, Metho
     continue_run(settings, shop, &mut played).map(|()| played)
 }
 
-fn continue_run(
-    settings: &Settings,
-    shop: &SimulatedMachine,
-    played: &mut PlayedRun,
-) -> Result<(), MethodRefusal> {
+fn continue_run(settings: &Settings, shop: &SimulatedMachine, played: &mut PlayedRun) -> Result<(), MethodRefusal> {
     let (plan, done, readings) = played;
     let samba = Samba::new(settings.clone());
     while let NextStage::Stage { stage, new_steps } =
@@ -119,11 +111,7 @@ fn the_stages_are_played_to_the_end() {
             let mine = labels.iter().filter(move |l| l.pass == pass && l.touch == "pole");
             mine.filter(|l| l.ball == ball.id).count()
         };
-        assert!(
-            of(MeasurementPass::Slow) >= 3 && of(MeasurementPass::Find) >= 3,
-            "ball {}",
-            ball.id
-        );
+        assert!(of(MeasurementPass::Slow) >= 3 && of(MeasurementPass::Find) >= 3, "ball {}", ball.id);
     }
     let slow = labels.iter().filter(|l| l.pass == MeasurementPass::Slow).count();
     assert_eq!(slow, 5 * 30);
@@ -182,9 +170,7 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&plan(&settings));
-    let dirty = |label: &Label| {
-        label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45"
-    };
+    let dirty = |label: &Label| label.pass == MeasurementPass::Slow && label.ball == "3" && label.touch == "-45";
     shop.dirt = Box::new(move |label, repeat| if dirty(label) && repeat == 0 { 0.06 } else { 0.0 });
     let (played, done, readings) = play(&settings, &shop).unwrap();
     let again: Vec<&Stage> = done.iter().filter(|stage| stage.repeat == 1).collect();
@@ -208,11 +194,7 @@ fn a_larger_ball_is_a_wrong_stylus() {
     let mut shop = SimulatedMachine::new(&plan(&settings));
     shop.dirt = Box::new(|_, _| 0.05);
     let refused = play(&settings, &shop).unwrap_err();
-    assert!(
-        refused.reason.contains("diameter 19.150 mm differs from the expected 19.050 mm"),
-        "{}",
-        refused.reason
-    );
+    assert!(refused.reason.contains("diameter 19.150 mm differs from the expected 19.050 mm"), "{}", refused.reason);
 }
 
 #[test]
@@ -234,12 +216,11 @@ fn a_ball_far_from_its_stated_place_is_named() {
 fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
     let settings = small_design_settings();
     let mut shop = SimulatedMachine::new(&plan(&settings));
-    shop.dirt =
-        Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
-            (MeasurementPass::Find, "3", "+45") if label.indexation > 5 => 0.8,
-            (MeasurementPass::Find, "3", "-135") if label.indexation > 5 => -0.8,
-            _ => 0.0,
-        });
+    shop.dirt = Box::new(|label, _| match (label.pass, label.ball.as_str(), label.touch.as_str()) {
+        (MeasurementPass::Find, "3", "+45") if label.indexation > 5 => 0.8,
+        (MeasurementPass::Find, "3", "-135") if label.indexation > 5 => -0.8,
+        _ => 0.0,
+    });
     let mut played = (plan(&settings), Vec::new(), Vec::new());
     let refused = continue_run(&settings, &shop, &mut played).unwrap_err();
     assert!(refused.reason.contains("the ball has moved"), "{}", refused.reason);
@@ -252,7 +233,5 @@ fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
     let again: Vec<&Stage> = played.1.iter().filter(|stage| stage.repeat == 1).collect();
     assert_eq!(again.len(), 1);
     let label = |id: &u32| played.0.steps[*id as usize].label.parse::<Label>().unwrap();
-    assert!(
-        again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == MeasurementPass::Find)
-    );
+    assert!(again[0].steps.iter().map(label).all(|l| l.ball == "3" && l.pass == MeasurementPass::Find));
 }

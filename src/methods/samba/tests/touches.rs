@@ -43,24 +43,16 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings();
     let solved = solve_geometry(&plan, &settings, &readings).unwrap();
-    let trials: Vec<_> = (0..TRIALS)
-        .into_par_iter()
-        .map(|trial| residual_unknowns_of_trial(&solved, trial))
-        .collect();
+    let trials: Vec<_> = (0..TRIALS).into_par_iter().map(|trial| residual_unknowns_of_trial(&solved, trial)).collect();
     for (i, x) in solved.minimum.x.iter().enumerate() {
         let mean = |which: usize| {
-            trials
-                .iter()
-                .map(|residual_unknowns_of_trial| residual_unknowns_of_trial[which][i] - x)
-                .sum::<f64>()
+            trials.iter().map(|residual_unknowns_of_trial| residual_unknowns_of_trial[which][i] - x).sum::<f64>()
                 / TRIALS as f64
         };
         let u = |which: usize| {
             let squares = trials
                 .iter()
-                .map(|residual_unknowns_of_trial| {
-                    (residual_unknowns_of_trial[which][i] - x).powi(2)
-                })
+                .map(|residual_unknowns_of_trial| (residual_unknowns_of_trial[which][i] - x).powi(2))
                 .sum::<f64>();
             (squares / TRIALS as f64).sqrt()
         };
@@ -72,10 +64,7 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
         );
         // Tolerance: two significant digits of u, JCGM 101, 7.9.2.
         let tolerance = numerical_tolerance(observed_values, 2);
-        assert!(
-            (observed_values - of_touches).abs() < tolerance,
-            "{i}: {observed_values}, {of_touches}"
-        );
+        assert!((observed_values - of_touches).abs() < tolerance, "{i}: {observed_values}, {of_touches}");
         assert!((mean(0) - mean(1)).abs() < tolerance, "{i}");
     }
     assert_ne!(trials[0][0], trials[0][1]);
@@ -87,8 +76,7 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
 fn regress_weighted_changes_are_those_of_the_residuals() {
     let (plan, readings) = FAULTLESS_MEASUREMENT.measure();
     let settings = settings();
-    let GeometrySolution { problem, measured, minimum, .. } =
-        &solve_geometry(&plan, &settings, &readings).unwrap();
+    let GeometrySolution { problem, measured, minimum, .. } = &solve_geometry(&plan, &settings, &readings).unwrap();
     let equation = GeometryEquations { problem, measured };
     let change: Vec<f64> = (0..equation.observations()).map(|i| 1e-3 * (i as f64).sin()).collect();
     let changed = equation.residuals(&minimum.x, &change);
@@ -103,8 +91,7 @@ fn regress_weighted_changes_are_those_of_the_residuals() {
 #[test]
 fn regress_a_ball_that_moved_at_the_end_is_named() {
     let visits = |labels: Vec<String>| -> Vec<u32> {
-        let mut visits: Vec<u32> =
-            labels.iter().map(|label| label[5..8].parse().unwrap()).collect();
+        let mut visits: Vec<u32> = labels.iter().map(|label| label[5..8].parse().unwrap()).collect();
         visits.dedup();
         visits
     };

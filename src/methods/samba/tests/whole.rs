@@ -112,8 +112,7 @@ impl SimulatedMeasurement {
             spec.error_motion_um = self.motion_um;
             spec.error_wavelength_mm = WAVELENGTH_MM;
         }
-        let probe =
-            format!(r#"{{"ball_radius_mm":{STYLUS_MM},"repeatability_um":{REPEATABILITY_UM}}}"#);
+        let probe = format!(r#"{{"ball_radius_mm":{STYLUS_MM},"repeatability_um":{REPEATABILITY_UM}}}"#);
         let ball = |(i, centre): (usize, Vector3<f64>)| Ball {
             id: (i + 1).to_string(),
             centre_mm: centre.into(),
@@ -250,9 +249,8 @@ fn regress_the_covariance_covers_over_seeds() {
     for motion_um in [0.0, 1.5] {
         let (mut joint, mut misfits, mut unknowns) = (0.0, 0, 0);
         for seed in 0..seeds {
-            let estimate = SimulatedMeasurement { seed, motion_um, ..FAULTLESS_MEASUREMENT }
-                .identify_with(100)
-                .unwrap();
+            let estimate =
+                SimulatedMeasurement { seed, motion_um, ..FAULTLESS_MEASUREMENT }.identify_with(100).unwrap();
             unknowns = estimate.unknowns;
             joint += joint_chi2(&estimate);
             misfits += usize::from(has_warning(&estimate, &["does not explain"]));
@@ -279,9 +277,7 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
     };
     let count = estimate.parameters.len();
     let u = |i: usize| estimate.parameters[i].u;
-    let off = Mat::from_fn(count, 1, |i, _| {
-        (estimate.parameters[i].value - truth(&estimate.parameters[i])) / u(i)
-    });
+    let off = Mat::from_fn(count, 1, |i, _| (estimate.parameters[i].value - truth(&estimate.parameters[i])) / u(i));
     let scaled = Mat::from_fn(count, count, |i, j| estimate.covariance.rows[i][j] / (u(i) * u(j)));
     let solved = scaled.partial_piv_lu().solve(&off);
     (off.transpose() * solved)[(0, 0)]
@@ -343,8 +339,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
     let estimate = dirty.identify().unwrap();
     println!("{:#?}", estimate.warnings);
     assert!(has_warning(&estimate, &["at indexation 41", "The result includes this measurement"]));
-    let flagged =
-        estimate.arrows[0].groups.iter().flat_map(|g| &g.arrows).filter(|a| a.flagged).count();
+    let flagged = estimate.arrows[0].groups.iter().flat_map(|g| &g.arrows).filter(|a| a.flagged).count();
     assert_eq!((flagged, estimate.degrees_of_freedom), (1, 294));
     assert!(!has_warning(&estimate, &["moved"]));
 }
@@ -354,19 +349,13 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
 #[test]
 fn regress_sag_is_no_machine_error_and_said() {
     let sagging = SimulatedMeasurement {
-        shift: |_, _, [b, c, _]| {
-            Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2))
-        },
+        shift: |_, _, [b, c, _]| Vector3::new(c.cos(), -c.sin(), 1.0) * (0.008 * (3.0 * b).sin().powi(2)),
         ..FAULTLESS_MEASUREMENT
     };
-    let (sound, estimate) =
-        (FAULTLESS_MEASUREMENT.identify().unwrap(), sagging.identify().unwrap());
+    let (sound, estimate) = (FAULTLESS_MEASUREMENT.identify().unwrap(), sagging.identify().unwrap());
     println!("{:#?} {}", estimate.warnings, estimate.chi2_per_dof);
     assert!(has_warning(&estimate, &["the model does not explain the measurements", "multiplied"]));
-    assert!(has_warning(
-        &estimate,
-        &["Sag of the table under the tilt of B would appear in EX0C, EB0C, EB0Z"]
-    ));
+    assert!(has_warning(&estimate, &["Sag of the table under the tilt of B would appear in EX0C, EB0C, EB0Z"]));
     assert!(estimate.chi2_per_dof > 2.0);
     let ratio = parameter(&estimate, "EX0C").u / parameter(&sound, "EX0C").u;
     assert!((ratio / estimate.chi2_per_dof.sqrt() - 1.0).abs() < 0.05, "{ratio}");
@@ -379,9 +368,7 @@ fn regress_bars_that_are_wrong_or_missing() {
     let estimate = long.identify().unwrap();
     assert!(has_warning(&estimate, &["certified length 1–2", "µm/m"]), "{:?}", estimate.warnings);
     let none = SimulatedMeasurement { bar_mm: 0.0, ..FAULTLESS_MEASUREMENT };
-    let Err(IdentifyError::RankDeficient { rank: 33, unknowns: 34, undetermined: what }) =
-        none.identify()
-    else {
+    let Err(IdentifyError::RankDeficient { rank: 33, unknowns: 34, undetermined: what }) = none.identify() else {
         panic!("no bar, and yet a scale")
     };
     assert!(what[0].contains("uniform scale"), "{what:?}");
@@ -391,19 +378,14 @@ fn regress_bars_that_are_wrong_or_missing() {
     let scales = |name: &String| !["EXX1", "EYY1", "EZZ1"].contains(&name.as_str());
     settings.parameters = paper_errors().into_iter().map(|(name, _)| name).filter(scales).collect();
     let estimate = identify(&plan, &settings, &readings).unwrap();
-    assert!(
-        has_warning(&estimate, &["certified length 1–2", "the balls as measured"]),
-        "{:?}",
-        estimate.warnings
-    );
+    assert!(has_warning(&estimate, &["certified length 1–2", "the balls as measured"]), "{:?}", estimate.warnings);
 }
 
 #[test]
 fn regress_excluded_and_missing_readings() {
     let (plan, mut readings) = FAULTLESS_MEASUREMENT.measure();
     // Ball 6 keeps two measurements; of another measurement only three touches remain.
-    let of_six: Vec<usize> =
-        (0..readings.len()).filter(|i| plan.steps[*i].label.contains("/6/")).collect();
+    let of_six: Vec<usize> = (0..readings.len()).filter(|i| plan.steps[*i].label.contains("/6/")).collect();
     for i in of_six.iter().skip(10) {
         readings[*i].flag = ReadingFlag::Excluded;
     }

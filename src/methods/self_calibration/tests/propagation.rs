@@ -10,8 +10,7 @@ use super::super::model::{Observation, UnknownsLayout};
 use super::super::outputs::{axis_position_coefficients, build_outputs, dot};
 use super::RoundPart;
 use crate::identification::{
-    Effect, Identification, ResidualTreatment, Solution, TrialPlan, UncertaintySource, identify,
-    multiply_vector,
+    Effect, Identification, ResidualTreatment, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
 };
 use crate::self_calibration::design::Design;
 use estimation::coverage::{chi_square_bounds, effective_dof};
@@ -50,8 +49,7 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
 /// A touch of [`SIGMA_MM`] and a stylus offset in X that does not contribute to the residuals.
 fn uncertainty_sources(fit: &Fit) -> [UncertaintySource; 2] {
     let along_x = |seen: &Observation| {
-        STYLUS_OFFSET_MM
-            * (TAU * seen.phi_index as f64 / fit.layout.design.position_count as f64).cos()
+        STYLUS_OFFSET_MM * (TAU * seen.phi_index as f64 / fit.layout.design.position_count as f64).cos()
     };
     let offset = Effect::Joint(vec![fit.observations.iter().map(along_x).collect()]);
     [
@@ -68,24 +66,15 @@ fn identified(fit: &Fit, has_declared_sizes: bool, trials: Option<TrialPlan>) ->
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / SIGMA_MM).collect();
     let (model, figures) = (&LinearisedFit::new(fit), fit.figures(&residuals));
-    let solution =
-        Solution { model, residuals: &weighted, has_declared_sizes, figures, measurements: &[] };
-    identify(
-        &solution,
-        &uncertainty_sources(fit),
-        build_outputs(&fit.layout, Axis::C, &[0.0], &fit.x),
-        trials,
-    )
-    .unwrap()
+    let solution = Solution { model, residuals: &weighted, has_declared_sizes, figures, measurements: &[] };
+    identify(&solution, &uncertainty_sources(fit), build_outputs(&fit.layout, Axis::C, &[0.0], &fit.x), trials).unwrap()
 }
 
 /// If the uncertainty is contradicted or undeclared, χ² per degree of freedom scales the touches' share of u, the
 /// only one with limited degrees of freedom. If it is declared and plausible, nothing is scaled.
 #[test]
 fn regress_the_residuals_scale_the_touches_alone() {
-    for (noise_mm, has_declared_sizes) in
-        [(3e-3, true), (3e-3, false), (0.5e-3, false), (1e-3, true)]
-    {
+    for (noise_mm, has_declared_sizes) in [(3e-3, true), (3e-3, false), (0.5e-3, false), (1e-3, true)] {
         let fit = noisy_fit(noise_mm, false);
         let identification = identified(&fit, has_declared_sizes, None);
         let estimate = identification.estimate("self-calibration");
@@ -95,10 +84,7 @@ fn regress_the_residuals_scale_the_touches_alone() {
         let (lower, upper) = chi_square_bounds(dof, 0.998).unwrap();
         let misfit = &identification.propagation.misfit;
         let is_above = has_declared_sizes && fit.solution.chi2 > upper;
-        assert_eq!(
-            (misfit.is_above_bound, is_above),
-            (is_above, noise_mm > 2e-3 && has_declared_sizes)
-        );
+        assert_eq!((misfit.is_above_bound, is_above), (is_above, noise_mm > 2e-3 && has_declared_sizes));
         assert!(!misfit.is_below_bound && (fit.solution.chi2 > lower || !has_declared_sizes));
         let factor = if is_above || !has_declared_sizes { per_dof.sqrt() } else { 1.0 };
         let (c, _) = axis_position_coefficients(&fit.layout, 0);

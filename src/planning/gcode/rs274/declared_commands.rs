@@ -26,22 +26,16 @@ impl DeclaredCommands {
     pub fn add(&mut self, text: &str, switch: SwitchEffect) -> Result<(), String> {
         let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
         let refused = || "the command must be one M word with its parameters".to_owned();
-        let Some(Ok(GcodeLine::GcodeWords(words))) =
-            text.chars().all(harmless).then(|| GcodeLine::parse(text))
-        else {
+        let Some(Ok(GcodeLine::GcodeWords(words))) = text.chars().all(harmless).then(|| GcodeLine::parse(text)) else {
             return Err(refused());
         };
         let [code] = words.m_words.as_slice() else { return Err(refused()) };
-        if !words.g_words_tenfold.is_empty()
-            || words.letters().any(|letter| !"PQE".contains(letter))
-        {
+        if !words.g_words_tenfold.is_empty() || words.letters().any(|letter| !"PQE".contains(letter)) {
             return Err(refused());
         }
         match code {
             62 | 63 => {
-                return Err(format!(
-                    "M{code} takes effect only with the next move; use M64 or M65"
-                ));
+                return Err(format!("M{code} takes effect only with the next move; use M64 or M65"));
             }
             _ => {}
         }

@@ -114,15 +114,13 @@ impl GcodeLine {
 
 /// Upper-case text without blanks and comments, and whether a comment aborts the program.
 fn strip_comments(text: &str) -> Result<(String, bool), String> {
-    let (mut plain, mut comment, mut depth, mut has_abort_comment) =
-        (String::new(), String::new(), 0, false);
+    let (mut plain, mut comment, mut depth, mut has_abort_comment) = (String::new(), String::new(), 0, false);
     for c in text.chars() {
         match c {
             '(' if depth == 0 => depth = 1,
             ')' if depth == 1 => {
                 depth = 0;
-                has_abort_comment |=
-                    comment.trim_start().to_ascii_uppercase().starts_with("ABORT,");
+                has_abort_comment |= comment.trim_start().to_ascii_uppercase().starts_with("ABORT,");
                 comment.clear();
             }
             _ if depth == 1 => comment.push(c),
@@ -131,20 +129,13 @@ fn strip_comments(text: &str) -> Result<(String, bool), String> {
             c => plain.push(c.to_ascii_uppercase()),
         }
     }
-    if depth == 1 {
-        Err("a comment is not closed".to_owned())
-    } else {
-        Ok((plain, has_abort_comment))
-    }
+    if depth == 1 { Err("a comment is not closed".to_owned()) } else { Ok((plain, has_abort_comment)) }
 }
 
 /// Parses the text after the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
 fn parse_condition(rest: &str) -> Result<GcodeLine, String> {
-    let refused = || {
-        format!("`O{rest}` is not supported: only conditions that stop the program are supported")
-    };
-    let (name, what) =
-        rest.strip_prefix('<').and_then(|r| r.split_once('>')).ok_or_else(refused)?;
+    let refused = || format!("`O{rest}` is not supported: only conditions that stop the program are supported");
+    let (name, what) = rest.strip_prefix('<').and_then(|r| r.split_once('>')).ok_or_else(refused)?;
     match what {
         "ENDIF" => Ok(GcodeLine::EndIf(name.to_owned())),
         _ if what.starts_with("IF[") && what.ends_with(']') => Ok(GcodeLine::If(name.to_owned())),

@@ -96,14 +96,10 @@ impl ReaderState {
             GcodeLine::If(_) => Err("a condition inside a condition is not supported".to_owned()),
             GcodeLine::EndIf(name) => match self.condition.take() {
                 Some((open, true)) if open == name => Ok(None),
-                Some((open, false)) if open == name => {
-                    Err(format!("the condition {name} does not stop the program"))
-                }
+                Some((open, false)) if open == name => Err(format!("the condition {name} does not stop the program")),
                 _ => Err(format!("the condition {name} ends, but is not open")),
             },
-            GcodeLine::GcodeWords(words) if self.condition.is_some() => {
-                self.apply_in_condition(words).map(|()| None)
-            }
+            GcodeLine::GcodeWords(words) if self.condition.is_some() => self.apply_in_condition(words).map(|()| None),
             GcodeLine::GcodeWords(words) => self.apply_words(words),
         }
     }
@@ -119,10 +115,7 @@ impl ReaderState {
     }
 
     fn apply_words(&mut self, mut words: GcodeWords) -> Result<Option<ReadMotion>, String> {
-        if words.g_words_tenfold.is_empty()
-            && words.m_words.is_empty()
-            && words.first_unread_word().is_none()
-        {
+        if words.g_words_tenfold.is_empty() && words.m_words.is_empty() && words.first_unread_word().is_none() {
             return Ok(None);
         }
         if self.has_ended {
@@ -141,18 +134,13 @@ impl ReaderState {
             self.has_ended = true;
         }
         // A dwell without a step belongs to the template, not to a motion.
-        let own =
-            |motion: &ReadMotion| n.is_none() && matches!(motion.kind, MotionKind::Dwell { .. });
-        Ok(motion
-            .filter(|motion| !own(motion))
-            .map(|motion| ReadMotion { step_number: n, ..motion }))
+        let own = |motion: &ReadMotion| n.is_none() && matches!(motion.kind, MotionKind::Dwell { .. });
+        Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { step_number: n, ..motion }))
     }
 
     fn set_modal(&mut self, words: &mut GcodeWords) -> Result<(), String> {
         // M66 L0 reads an input immediately: it waits for the moves before it and does not move.
-        if words.take_m(66)
-            && (words.take_value('L'), words.take_value('P').is_some()) != (Some(0.0), true)
-        {
+        if words.take_m(66) && (words.take_value('L'), words.take_value('P').is_some()) != (Some(0.0), true) {
             return Err("M66 is supported only with P and L0".to_owned());
         }
         // M70 saves the modal state; after M72 the text does not determine it.
@@ -234,10 +222,7 @@ impl ReaderState {
         for axis in Axis::ALL {
             match words.take_value(axis.letter()) {
                 Some(0.0) => {
-                    self.zeroed_axes
-                        .entry(WORK_OFFSET_SLOTS[p as usize - 1].0)
-                        .or_default()
-                        .insert(axis);
+                    self.zeroed_axes.entry(WORK_OFFSET_SLOTS[p as usize - 1].0).or_default().insert(axis);
                 }
                 Some(value) => {
                     return Err(format!("a work offset of {value} in {axis}; only 0 is supported"));
@@ -248,11 +233,7 @@ impl ReaderState {
         Ok(())
     }
 
-    fn straight_move(
-        &mut self,
-        machine: bool,
-        named: &[(Axis, f64)],
-    ) -> Result<ReadMotion, String> {
+    fn straight_move(&mut self, machine: bool, named: &[(Axis, f64)]) -> Result<ReadMotion, String> {
         let kind = self.modal.motion.ok_or("the line has axis words, but no motion mode is set")?;
         let scale = self.modal.mm_per_unit.ok_or(UNITS_NOT_SET)?;
         let distance = self.modal.distance.ok_or("neither G90 nor G91 is set")?;
@@ -262,9 +243,7 @@ impl ReaderState {
         if !self.modal.is_feed_per_minute {
             return Err("G94 is not set".to_owned());
         }
-        if machine
-            && (matches!(kind, MotionKind::Probe { .. }) || distance == DistanceMode::Incremental)
-        {
+        if machine && (matches!(kind, MotionKind::Probe { .. }) || distance == DistanceMode::Incremental) {
             return Err("G53 is supported only with G90 and G0 or G1".to_owned());
         }
         self.switches.check_clamps_open(named.iter().map(|(axis, _)| *axis))?;
@@ -280,19 +259,16 @@ impl ReaderState {
             let value = if axis.is_linear() { word * scale } else { axis.to_mm_or_rad(*word) };
             let from = match distance {
                 DistanceMode::Absolute => 0.0,
-                DistanceMode::Incremental => self
-                    .position
-                    .get(*axis)
-                    .ok_or_else(|| format!("the position of {axis} is unknown"))?,
+                DistanceMode::Incremental => {
+                    self.position.get(*axis).ok_or_else(|| format!("the position of {axis} is unknown"))?
+                }
             };
             target.set(*axis, from + value);
         }
         let frame = if machine { MotionFrame::Machine } else { self.target_frame(&target) };
         self.position = match kind {
             // Contact may have stopped the move before its target.
-            MotionKind::Probe { .. } => {
-                self.position.filter_axes(|axis| target.get(axis).is_none())
-            }
+            MotionKind::Probe { .. } => self.position.filter_axes(|axis| target.get(axis).is_none()),
             _ => self.position.updated_by(&target),
         };
         Ok(ReadMotion { line: 0, step_number: None, kind, target, frame, feed_mm_min })
@@ -320,20 +296,13 @@ fn motion_without_target(kind: MotionKind) -> ReadMotion {
 }
 
 /// Sets `to` from the word of a modal group in the line; a line has at most one word of a group.
-fn set_modal_group<T: Copy>(
-    words: &mut GcodeWords,
-    group: &[(u32, T)],
-    to: &mut Option<T>,
-) -> Result<(), String> {
+fn set_modal_group<T: Copy>(words: &mut GcodeWords, group: &[(u32, T)], to: &mut Option<T>) -> Result<(), String> {
     let mut found = group.iter().filter(|(g, _)| words.take_g(*g));
     if let Some((_, value)) = found.next() {
         *to = Some(*value);
     }
     match found.next() {
-        Some((g, _)) => Err(format!(
-            "G{} and another word of its modal group are in one line",
-            f64::from(*g) / 10.0
-        )),
+        Some((g, _)) => Err(format!("G{} and another word of its modal group are in one line", f64::from(*g) / 10.0)),
         None => Ok(()),
     }
 }

@@ -13,17 +13,13 @@ use serde::Deserialize;
 
 use super::session::SESSION_DURATION;
 use super::tokens::find_token;
-use super::{
-    Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_numbers, tokens_unreadable,
-};
+use super::{Access, AccessDenied, LOGIN_ROUTE, SESSION_COOKIE_NAME, session_numbers, tokens_unreadable};
 use crate::service::http::AppState;
 use crate::service::http::page::{errors_as_pages, render_page};
 use crate::service::http::problem::Problem;
 
 pub fn login_routes() -> Router<AppState> {
-    let routes = Router::new()
-        .route(LOGIN_ROUTE, get(login_page).post(sign_in))
-        .route("/logout", post(sign_out));
+    let routes = Router::new().route(LOGIN_ROUTE, get(login_page).post(sign_in)).route("/logout", post(sign_out));
     // These routes are for browsers only.
     routes.layer(from_fn(errors_as_pages))
 }
@@ -33,10 +29,7 @@ struct LoginForm {
     token: String,
 }
 
-async fn login_page(
-    State(app): State<AppState>,
-    headers: HeaderMap,
-) -> Result<Html<String>, Problem> {
+async fn login_page(State(app): State<AppState>, headers: HeaderMap) -> Result<Html<String>, Problem> {
     let access = &app.access;
     let numbers = session_numbers(&headers);
     let session_token = numbers.iter().find_map(|number| access.sessions.find(number));

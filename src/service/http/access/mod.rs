@@ -15,9 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::extract::{ConnectInfo, MatchedPath, Request, State};
-use axum::http::header::{
-    ACCEPT, AUTHORIZATION, COOKIE, HOST, HeaderName, HeaderValue, RETRY_AFTER, WWW_AUTHENTICATE,
-};
+use axum::http::header::{ACCEPT, AUTHORIZATION, COOKIE, HOST, HeaderName, HeaderValue, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
@@ -93,8 +91,7 @@ impl Caller {
 
     /// Name for the log, where a name is not required.
     pub fn log_name(&self, typed: &str) -> String {
-        let unsigned_name =
-            || self.token.as_ref().map_or("an unnamed person at the page", |token| &token.name);
+        let unsigned_name = || self.token.as_ref().map_or("an unnamed person at the page", |token| &token.name);
         self.audit_name(typed).unwrap_or_else(|_| unsigned_name().to_owned())
     }
 
@@ -168,9 +165,7 @@ impl Access {
         let mut logged_error = self.logged_error.lock().unwrap_or_else(PoisonError::into_inner);
         if *logged_error != trouble {
             match &trouble {
-                Some(why) => self
-                    .log
-                    .error(&format!("the tokens cannot be read, so access is refused: {why}")),
+                Some(why) => self.log.error(&format!("the tokens cannot be read, so access is refused: {why}")),
                 None => self.log.info("the tokens can be read again"),
             }
             *logged_error = trouble;
@@ -201,12 +196,7 @@ impl Access {
         Ok(Caller { token, rate_limit_key, access: Arc::clone(self) })
     }
 
-    fn authenticate(
-        &self,
-        headers: &HeaderMap,
-        address: &str,
-        route: &str,
-    ) -> Result<Token, AccessDenied> {
+    fn authenticate(&self, headers: &HeaderMap, address: &str, route: &str) -> Result<Token, AccessDenied> {
         let presented = header_text(headers, AUTHORIZATION).map(bearer_token);
         let known = match self.valid_tokens() {
             Ok(known) => known,
@@ -265,24 +255,15 @@ fn bearer_token(authorization: &str) -> Option<&str> {
 fn session_numbers(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
-    let named =
-        cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_SESSION_COOKIES);
+    let named = cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_SESSION_COOKIES);
     named.map(|cookie| cookie.value().to_owned()).collect()
 }
 
 /// Middleware that admits or refuses each request.
-pub async fn check_access(
-    State(access): State<Arc<Access>>,
-    mut request: Request,
-    next: Next,
-) -> Response {
+pub async fn check_access(State(access): State<Arc<Access>>, mut request: Request, next: Next) -> Response {
     let refused = match access.authorize(&request) {
         Ok(caller) => {
-            let client = ClientIdentity(format!(
-                "{} {}",
-                caller.rate_limit_key,
-                access.client_address(&request)
-            ));
+            let client = ClientIdentity(format!("{} {}", caller.rate_limit_key, access.client_address(&request)));
             request.extensions_mut().insert(caller);
             let mut response = next.run(request).await;
             response.extensions_mut().insert(client);
@@ -294,9 +275,7 @@ pub async fn check_access(
     match refused {
         refused if !is_browser_request(&request) => refused.into_response(),
         AccessDenied::NoToken if reads => Redirect::to(LOGIN_ROUTE).into_response(),
-        AccessDenied::NoToken => {
-            error_page(not_signed_in().into_response(), access.requires_tokens).await
-        }
+        AccessDenied::NoToken => error_page(not_signed_in().into_response(), access.requires_tokens).await,
         refused => error_page(refused.into_response(), access.requires_tokens).await,
     }
 }

@@ -32,8 +32,7 @@ impl Default for RateLimits {
     fn default() -> Self {
         let limiter = |most| Limiter::hashmap(Quota::per_minute(most));
         let [changes, failures, holds] =
-            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE]
-                .map(limiter);
+            [MAX_CHANGES_PER_MINUTE, MAX_FAILURES_PER_MINUTE, MAX_HOLD_LOG_LINES_PER_MINUTE].map(limiter);
         Self { changes, failures, holds }
     }
 }
@@ -75,9 +74,8 @@ mod tests {
         assert_eq!(refused("10.0.0.1"), 1);
         assert_eq!(refused("10.0.0.2"), 1);
         assert_eq!(rates.count_change("10.0.0.1"), Ok(()));
-        let flood = (0..3 * MAX_COUNTED_CLIENTS)
-            .filter(|n| rates.count_failure(&format!("flood {n}")).is_err())
-            .count();
+        let flood =
+            (0..3 * MAX_COUNTED_CLIENTS).filter(|n| rates.count_failure(&format!("flood {n}")).is_err()).count();
         assert!(flood > MAX_COUNTED_CLIENTS, "{flood}");
         assert!(rates.failures.len() <= MAX_COUNTED_CLIENTS + 1);
     }

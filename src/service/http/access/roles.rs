@@ -67,10 +67,7 @@ pub fn required_role(route: &str, reads: bool) -> Role {
     if reads {
         return Role::Viewer;
     }
-    ROUTE_ROLES
-        .iter()
-        .find(|(known, _)| *known == route)
-        .map_or(Role::Metrologist, |(_, role)| *role)
+    ROUTE_ROLES.iter().find(|(known, _)| *known == route).map_or(Role::Metrologist, |(_, role)| *role)
 }
 
 #[cfg(test)]

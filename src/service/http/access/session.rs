@@ -36,8 +36,7 @@ impl Sessions {
     /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
         let number = secret::generate_secret()?;
-        let session =
-            Session { sha256: secret::sha256_hex(&number), token, started: Instant::now() };
+        let session = Session { sha256: secret::sha256_hex(&number), token, started: Instant::now() };
         let mut all = self.lock_valid();
         if all.len() >= MAX_SESSIONS {
             all.remove(0);
@@ -49,8 +48,7 @@ impl Sessions {
     pub fn find(&self, number: &str) -> Option<Token> {
         let sha256 = secret::sha256_hex(number);
         let all = self.lock_valid();
-        let is =
-            |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
+        let is = |session: &&Session| bool::from(session.sha256.as_bytes().ct_eq(sha256.as_bytes()));
         all.iter().find(is).map(|session| session.token.clone())
     }
 
@@ -73,8 +71,7 @@ mod tests {
         tokens.add("tablet", Role::Viewer).unwrap();
         let token = tokens.read_all().unwrap().remove(0);
         let sessions = Sessions::default();
-        let numbers: Vec<String> =
-            (0..MAX_SESSIONS).map(|_| sessions.open(token.clone()).unwrap()).collect();
+        let numbers: Vec<String> = (0..MAX_SESSIONS).map(|_| sessions.open(token.clone()).unwrap()).collect();
         assert_eq!(sessions.find(&numbers[0]), Some(token.clone()));
         sessions.open(token.clone()).unwrap();
         assert_eq!(sessions.find(&numbers[0]), None);

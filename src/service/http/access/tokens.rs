@@ -67,13 +67,9 @@ impl TokenError {
             Self::OwnerChange { .. } => {
                 "run the command as the daemon's user: `sudo -u trued trued token ... --state /var/lib/trued`"
             }
-            Self::File { .. } => {
-                "check the disk and the owner of the folder, or choose another folder with --state"
-            }
+            Self::File { .. } => "check the disk and the owner of the folder, or choose another folder with --state",
             Self::Unreadable { .. } => "move the file away, then create the tokens again",
-            Self::InvalidName(_) => {
-                "name the device or person that uses the token, for example `tablet-hall-2`"
-            }
+            Self::InvalidName(_) => "name the device or person that uses the token, for example `tablet-hall-2`",
             Self::DuplicateName(_) => "revoke that token first, or choose another name",
             Self::UnknownName(_) => "list the tokens with `trued token list`",
             Self::TooManyTokens => "revoke unused tokens",
@@ -110,9 +106,7 @@ impl Tokens {
         };
         if read.0 != version {
             let tokens = match version {
-                Some(_) => {
-                    self.parse(&fs::read(&self.path).map_err(|error| self.file_error(error))?)?
-                }
+                Some(_) => self.parse(&fs::read(&self.path).map_err(|error| self.file_error(error))?)?,
                 None => Vec::new(),
             };
             *read = (version, tokens);
@@ -167,10 +161,7 @@ impl Tokens {
     }
 
     /// Changes the file under a lock; the file is replaced as a whole or not at all.
-    fn change_tokens(
-        &self,
-        change: impl FnOnce(&mut Vec<Token>) -> Result<(), TokenError>,
-    ) -> Result<(), TokenError> {
+    fn change_tokens(&self, change: impl FnOnce(&mut Vec<Token>) -> Result<(), TokenError>) -> Result<(), TokenError> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
         let failed = |error| self.file_error(error);
         fs::create_dir_all(folder).map_err(failed)?;
@@ -203,11 +194,7 @@ impl Tokens {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(failed(error)),
         }
-        let mut file = self.give_to_daemon_user(
-            create_private_file(&beside).map_err(failed)?,
-            &beside,
-            folder,
-        )?;
+        let mut file = self.give_to_daemon_user(create_private_file(&beside).map_err(failed)?, &beside, folder)?;
         file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)?;
         fs::rename(&beside, &self.path).map_err(failed)?;
         File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
@@ -215,12 +202,7 @@ impl Tokens {
 
     /// Gives the new `file` at `path` to the daemon's user, whichever user creates it: the daemon could not read
     /// another user's file. The daemon's user is the owner of the tokens file, or else of the folder.
-    fn give_to_daemon_user(
-        &self,
-        file: File,
-        path: &Path,
-        folder: &Path,
-    ) -> Result<File, TokenError> {
+    fn give_to_daemon_user(&self, file: File, path: &Path, folder: &Path) -> Result<File, TokenError> {
         let failed = |error| self.file_error(error);
         let own = file.metadata().map_err(failed)?.uid();
         // A tokens file that belongs to root does not show which user the daemon runs as.
@@ -289,10 +271,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let tokens = Tokens::in_folder(&folder.path().join("made"));
         for name in ["", "two words", "a\nb", &"n".repeat(41)] {
-            assert!(
-                matches!(tokens.add(name, Role::Viewer), Err(TokenError::InvalidName(_))),
-                "{name}"
-            );
+            assert!(matches!(tokens.add(name, Role::Viewer), Err(TokenError::InvalidName(_))), "{name}");
         }
         assert!(matches!(tokens.revoke("nobody"), Err(TokenError::UnknownName(_))));
         let secret_text = tokens.add("one", Role::Viewer).unwrap();
@@ -323,11 +302,7 @@ mod tests {
         }
         tokens.add("tablet", Role::Viewer).unwrap();
         for name in ["tokens.json", "tokens.lock"] {
-            assert_eq!(
-                (made(name).uid(), made(name).mode() & 0o777),
-                (DAEMON_UID, 0o600),
-                "{name}"
-            );
+            assert_eq!((made(name).uid(), made(name).mode() & 0o777), (DAEMON_UID, 0o600), "{name}");
         }
         tokens.revoke("tablet").unwrap();
         assert_eq!(made("tokens.json").uid(), DAEMON_UID);

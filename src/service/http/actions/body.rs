@@ -36,34 +36,18 @@ impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrFor
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
-        let content_type =
-            request.headers().get(CONTENT_TYPE).and_then(|content_type| content_type.to_str().ok());
-        match content_type.is_some_and(|content_type| content_type.starts_with("application/json"))
-        {
-            true => {
-                Ok(Self::Json(Json::from_request(request, state).await.map_err(json_problem)?.0))
-            }
-            false => {
-                Ok(Self::Form(Form::from_request(request, state).await.map_err(form_problem)?.0))
-            }
+        let content_type = request.headers().get(CONTENT_TYPE).and_then(|content_type| content_type.to_str().ok());
+        match content_type.is_some_and(|content_type| content_type.starts_with("application/json")) {
+            true => Ok(Self::Json(Json::from_request(request, state).await.map_err(json_problem)?.0)),
+            false => Ok(Self::Form(Form::from_request(request, state).await.map_err(form_problem)?.0)),
         }
     }
 }
 
 fn json_problem(error: JsonRejection) -> Problem {
-    Problem::new(
-        error.status(),
-        "unreadable",
-        error.body_text(),
-        "send JSON as described in /api/v1/openapi.json",
-    )
+    Problem::new(error.status(), "unreadable", error.body_text(), "send JSON as described in /api/v1/openapi.json")
 }
 
 fn form_problem(error: FormRejection) -> Problem {
-    Problem::new(
-        error.status(),
-        "unreadable",
-        error.body_text(),
-        "send the fields of the page's form",
-    )
+    Problem::new(error.status(), "unreadable", error.body_text(), "send the fields of the page's form")
 }

@@ -40,8 +40,7 @@ impl HoldLog {
         let Some(run) = run else { return false };
         self.with_lock(|inner| {
             let last = inner.last_held.get(machine);
-            let is_repeated =
-                last.is_some_and(|(held, at)| *held == run && now < *at + SAME_HOLD_WINDOW);
+            let is_repeated = last.is_some_and(|(held, at)| *held == run && now < *at + SAME_HOLD_WINDOW);
             if !is_repeated {
                 inner.last_held.insert(machine.to_owned(), (run, now));
             }
@@ -64,16 +63,9 @@ impl HoldLog {
 }
 
 /// Whether the hold `audit` gets its own line; otherwise it is counted.
-pub fn needs_audit_line(
-    app: &AppState,
-    caller: &Caller,
-    audit: &AuditEntry,
-    stopped: HoldEffect,
-) -> bool {
+pub fn needs_audit_line(app: &AppState, caller: &Caller, audit: &AuditEntry, stopped: HoldEffect) -> bool {
     let run = (stopped == HoldEffect::RunHeld).then_some(audit.run);
-    if app.hold_log.is_first_hold(&audit.machine, run, Instant::now())
-        || !caller.exceeds_hold_log_rate()
-    {
+    if app.hold_log.is_first_hold(&audit.machine, run, Instant::now()) || !caller.exceeds_hold_log_rate() {
         return true;
     }
     let key = (caller.rate_limit_key().to_owned(), audit.machine.clone());
@@ -82,8 +74,7 @@ pub fn needs_audit_line(
         tokio::spawn(async move {
             tokio::time::sleep(HOLD_COUNT_PERIOD).await;
             let more = app.hold_log.take_count(&key);
-            let outcome =
-                format!("{}, {more} times within {} s", audit.outcome, HOLD_COUNT_PERIOD.as_secs());
+            let outcome = format!("{}, {more} times within {} s", audit.outcome, HOLD_COUNT_PERIOD.as_secs());
             // The client does not wait for this line.
             drop(app.journal.add_audit_entry(&AuditEntry { outcome, ..audit }));
         });

@@ -106,20 +106,14 @@ async fn start_cycle(
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
 /// precedence.
 fn confirmed_interlocks(machine: &ServedMachine) -> Interlocks {
-    let confirmed =
-        Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
-    machine
-        .gate
-        .fresh_interlocks()
-        .map_or(confirmed, |reported| Interlocks { person: true, ..reported })
+    let confirmed = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
+    machine.gate.fresh_interlocks().map_or(confirmed, |reported| Interlocks { person: true, ..reported })
 }
 
 fn check_confirmations(machine: &ServedMachine, request: &StartRequest) -> Result<(), Problem> {
     let missing = machine.required_interlocks.iter().find_map(|demand| match demand {
         StartInterlock::Enable if !request.enable => Some("that the machine may move (`enable`)"),
-        StartInterlock::Auto if !request.auto => {
-            Some("that the control is in automatic mode (`auto`)")
-        }
+        StartInterlock::Auto if !request.auto => Some("that the control is in automatic mode (`auto`)"),
         StartInterlock::Door if !request.door => Some("that the guards are closed (`door`)"),
         _ => None,
     });
@@ -128,12 +122,7 @@ fn check_confirmations(machine: &ServedMachine, request: &StartRequest) -> Resul
 
 fn not_confirmed(what: &str) -> Problem {
     let message = format!("the request does not confirm {what}");
-    Problem::new(
-        StatusCode::CONFLICT,
-        "not-vouched",
-        message,
-        "inspect the machine, then confirm the condition",
-    )
+    Problem::new(StatusCode::CONFLICT, "not-vouched", message, "inspect the machine, then confirm the condition")
 }
 
 /// Hold the machine at once. A known caller is never refused; the body may be missing.
@@ -157,12 +146,8 @@ async fn finish_hold(
     stopped: HoldEffect,
     request: Request,
 ) -> Result<Response, Problem> {
-    let body = tokio::time::timeout(
-        HOLD_BODY_TIMEOUT,
-        JsonOrForm::<HoldRequest>::from_request(request, &()),
-    );
-    let body =
-        body.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(HoldRequest::default()));
+    let body = tokio::time::timeout(HOLD_BODY_TIMEOUT, JsonOrForm::<HoldRequest>::from_request(request, &()));
+    let body = body.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(HoldRequest::default()));
     let (HoldRequest { who, why }, is_form) = body.into_parts();
     let held = match stopped {
         // This service cannot hold motion of another process.

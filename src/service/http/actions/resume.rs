@@ -54,10 +54,7 @@ pub async fn resume_held_run(
     let can_resume = can_resume(&stored.plan, &stored.readings);
     let resumable_run = ResumableRun::from_stored(stored)?;
     if !(free && whole) {
-        return Err(not_confirmed(&format!(
-            "the run can resume ({})",
-            resumable_run.resume_question().confirmation
-        )));
+        return Err(not_confirmed(&format!("the run can resume ({})", resumable_run.resume_question().confirmation)));
     }
     resumable_run.acknowledgement(&who, homed)?;
     if !can_resume {
@@ -68,11 +65,7 @@ pub async fn resume_held_run(
             "acknowledge the held run, then start a new run",
         ));
     }
-    let accepted = machine.gate.resume(
-        run,
-        Inspection { who: &who, why: &why, homed },
-        confirmed_interlocks(&machine),
-    );
+    let accepted = machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, confirmed_interlocks(&machine));
     let what = format!("resume of run {run}");
     await_result(app, machine, (who, what, why), accepted, is_form).await
 }
@@ -80,9 +73,7 @@ pub async fn resume_held_run(
 impl From<ResumeRefusal> for Problem {
     fn from(error: ResumeRefusal) -> Self {
         let (code, remedy) = match &error {
-            ResumeRefusal::NotResumable { next_action, .. } => {
-                ("not-unfinished", next_action.clone())
-            }
+            ResumeRefusal::NotResumable { next_action, .. } => ("not-unfinished", next_action.clone()),
             ResumeRefusal::NameMissing(ResumeQuestion { confirmation, .. }) => {
                 ("nameless", Some((*confirmation).to_owned()))
             }

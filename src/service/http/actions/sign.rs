@@ -50,8 +50,7 @@ pub async fn sign_result(
     }
     let remark = truncate_reason(&why);
     let signature = Signature { who, remark, estimate_sha256: estimate };
-    let signature =
-        run_to_completion(store_signature(app, run, stored.summary.machine, signature)).await?;
+    let signature = run_to_completion(store_signature(app, run, stored.summary.machine, signature)).await?;
     Ok(match is_form {
         true => Redirect::to(&format!("/runs/{run}")).into_response(),
         false => (StatusCode::CREATED, Json(signature)).into_response(),
@@ -67,8 +66,6 @@ async fn store_signature(
     app.journal.add_signature(run, &signature).await?;
     let (who, why) = (signature.who.clone(), signature.remark.clone());
     let (what, outcome) = (format!("signature under run {run}"), "accepted".to_owned());
-    app.journal
-        .add_audit_entry(&AuditEntry { who, what, why, machine, run: run.0, outcome })
-        .await?;
+    app.journal.add_audit_entry(&AuditEntry { who, what, why, machine, run: run.0, outcome }).await?;
     Ok(signature)
 }

@@ -8,8 +8,7 @@ use axum::{Json, Router};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{
-    Components, ContentBuilder, Info, OpenApi, OpenApiBuilder, PathItem, Ref, RefOr,
-    ResponseBuilder,
+    Components, ContentBuilder, Info, OpenApi, OpenApiBuilder, PathItem, Ref, RefOr, ResponseBuilder,
 };
 use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
@@ -34,8 +33,7 @@ fn describe_routes() -> (Router<AppState>, OpenApi) {
     components.add_security_scheme(SECURITY_SCHEME_NAME, SecurityScheme::Http(bearer.build()));
     let head = OpenApiBuilder::new().info(Info::new("trued", "1")).components(Some(components));
     let all = OpenApiRouter::with_openapi(head.build());
-    let all =
-        all.merge(api::api_routes()).merge(actions::action_routes()).merge(events::event_routes());
+    let all = all.merge(api::api_routes()).merge(actions::action_routes()).merge(events::event_routes());
     let all = all.merge(schedule::schedule_routes());
     let (router, mut described) = all.split_for_parts();
     described.paths.paths.values_mut().flat_map(path_operations).for_each(add_token_and_error);
@@ -53,8 +51,7 @@ fn add_token_and_error(operation: &mut Operation) {
             answer.description = "the response".into();
         }
     }
-    operation.security =
-        Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(SECURITY_SCHEME_NAME, [])]);
+    operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], &str>(SECURITY_SCHEME_NAME, [])]);
     let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name())));
     let refused = ResponseBuilder::new()
         .description("error: its reason and its remedy")
@@ -76,10 +73,7 @@ mod tests {
             std::fs::write(file, &text).unwrap();
         }
         let kept = std::fs::read_to_string(file).unwrap();
-        assert!(
-            kept == text,
-            "{file} is out of date: run `{WRITE_ENV_VAR}=1 cargo test --lib openapi`"
-        );
+        assert!(kept == text, "{file} is out of date: run `{WRITE_ENV_VAR}=1 cargo test --lib openapi`");
     }
 
     #[test]

@@ -241,9 +241,7 @@ mod tests {
     use super::*;
     use crate::archive::compare::Comparison;
     use crate::store::{AuditEntry, RunId, RunState, RunSummary, StoredAuditEntry};
-    use machine::record::estimate::{
-        BudgetLine, Distribution, EvaluationType, LimitVerdict, Parameter, Unit, Verdict,
-    };
+    use machine::record::estimate::{BudgetLine, Distribution, EvaluationType, LimitVerdict, Parameter, Unit, Verdict};
     use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
     use methods::decision::difference::ParameterDifference;
     use methods::decision::function_difference::FunctionDifference;
@@ -261,8 +259,7 @@ mod tests {
         for (name, value) in written.as_object().unwrap() {
             let kind = &schema["properties"][name]["type"];
             let known = [("string", value.is_string()), ("number", value.is_number())];
-            let known =
-                [known[0], known[1], ("integer", value.is_i64()), ("array", value.is_array())];
+            let known = [known[0], known[1], ("integer", value.is_i64()), ("array", value.is_array())];
             for (word, is) in known {
                 assert!(kind != word || is, "{name}: {kind}, {value}");
             }
@@ -344,11 +341,7 @@ mod tests {
                 sensitivity: Some(0.2),
                 assumed: true,
             }],
-            judged: Some(LimitVerdict {
-                limit: 5.0,
-                verdict: Verdict::Pass,
-                conformance: Some(1.0),
-            }),
+            judged: Some(LimitVerdict { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),
         };
         assert_same_properties::<JudgementView>(parameter.judged);
         assert_same_properties::<BudgetView>(&parameter.budget[0]);
@@ -365,19 +358,9 @@ mod tests {
         let text = String::new;
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         let audit = AuditEntry { who, what, why, machine, run: 1, outcome };
-        assert_same_properties::<AuditView>(StoredAuditEntry {
-            seq: 1,
-            at: jiff::Timestamp::UNIX_EPOCH,
-            audit,
-        });
+        assert_same_properties::<AuditView>(StoredAuditEntry { seq: 1, at: jiff::Timestamp::UNIX_EPOCH, audit });
         let schema = serde_json::to_value(VerdictView::schema()).unwrap();
-        let all = [
-            Verdict::Pass,
-            Verdict::Fail,
-            Verdict::Undecided,
-            Verdict::UndecidedModel,
-            Verdict::None,
-        ];
+        let all = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
         assert_eq!(schema["enum"], serde_json::to_value(all).unwrap());
     }
 }

@@ -13,12 +13,8 @@ use crate::service::http::problem::Problem;
 use methods::decision::difference::ParameterDifference;
 use methods::decision::function_difference::FunctionDifference;
 
-pub async fn compare_page(
-    State(app): State<AppState>,
-    Query(pair): Query<RunPair>,
-) -> Result<Html<String>, Problem> {
-    let Comparison { runs, differences, functions, common_sources, besides } =
-        compare_pair(&app, pair).await?;
+pub async fn compare_page(State(app): State<AppState>, Query(pair): Query<RunPair>) -> Result<Html<String>, Problem> {
+    let Comparison { runs, differences, functions, common_sources, besides } = compare_pair(&app, pair).await?;
     render_page(
         "compare.html",
         app.access.requires_tokens(),
@@ -33,8 +29,7 @@ pub async fn compare_page(
 }
 
 fn difference_row(difference: &ParameterDifference) -> Value {
-    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } =
-        difference;
+    let ParameterDifference { symbol, unit, first, second, by, expanded, normalized, significant } = difference;
     let number = |value: &f64| format!("{value:.2}");
     context! {
         symbol,

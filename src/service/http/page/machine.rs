@@ -6,10 +6,7 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{
-    local_time, machine_page_path, render_page, render_template, run_row, schedule, sensors,
-    trends, views,
-};
+use super::{local_time, machine_page_path, render_page, render_template, run_row, schedule, sensors, trends, views};
 use crate::archive::history::history;
 use crate::run::{can_resume, resume_question};
 use crate::service::config::StartInterlock;
@@ -26,17 +23,11 @@ use machine::record::estimate::Verdict;
 /// Number of runs on a machine's page.
 const MAX_SHOWN_RUNS: usize = 10;
 
-pub async fn machine_page(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Html<String>, Problem> {
+pub async fn machine_page(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<String>, Problem> {
     let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let tokens = app.access.requires_tokens();
     // The charts are drawn outside the thread that receives holds.
-    read_journal(&app, move |journal| {
-        render_page("machine.html", tokens, machine_values(journal, &machine)?)
-    })
-    .await?
+    read_journal(&app, move |journal| render_page("machine.html", tokens, machine_values(journal, &machine)?)).await?
 }
 
 fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
@@ -59,14 +50,9 @@ fn machine_values(journal: &Journal, machine: &ServedMachine) -> Result<Value, P
 }
 
 /// Live part of the page, for the script.
-pub async fn live_part(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Html<Bytes>, Problem> {
-    let (machine, shared) = app
-        .find_machine(&name)
-        .zip(app.live_parts.get(&name))
-        .ok_or_else(|| Problem::not_found(&name))?;
+pub async fn live_part(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<Bytes>, Problem> {
+    let (machine, shared) =
+        app.find_machine(&name).zip(app.live_parts.get(&name)).ok_or_else(|| Problem::not_found(&name))?;
     // Read first: a change while the part is rendered causes a new rendering.
     let change = *machine.gate.changes().borrow();
     let make = async {
@@ -105,11 +91,9 @@ pub fn status_values(machine: &ServedMachine) -> Value {
     let result = status.result.clone();
     let (class, glance) = state_banner(&status, result.as_ref());
     // Values that no longer describe the machine are shown only with their run.
-    let shows_values =
-        !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
+    let shows_values = !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
     let newest = machine.gate.machine_state().newest;
-    let parameters =
-        newest.result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
+    let parameters = newest.result.iter().filter(|_| shows_values).flat_map(|newest| &newest.parameters);
     let parameters = parameters.map(|p| {
         context! {
             symbol => p.symbol.as_str(),
@@ -154,23 +138,16 @@ pub fn status_values(machine: &ServedMachine) -> Value {
 }
 
 /// CSS class and text of the state that must be readable from a distance.
-fn state_banner(
-    status: &MachineStatus,
-    result: Option<&NewestResult>,
-) -> (&'static str, &'static str) {
+fn state_banner(status: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
     match (status.state, result) {
         _ if status.late => ("unknown", "unknown: the service makes no progress"),
         ("held", _) if status.elsewhere => ("held", "held: another program uses the machine"),
         ("running", _) if status.asked.is_some() => ("held", "waiting: a prompt is open"),
         ("running", _) => ("measuring", "measuring"),
         ("held", _) => ("held", "held: inspect the machine"),
-        (_, _) if status.not_identified.is_some() => {
-            ("unknown", "unknown: the newest run is not identified")
-        }
+        (_, _) if status.not_identified.is_some() => ("unknown", "unknown: the newest run is not identified"),
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
-        (_, Some(NewestResult { outdated: true, .. })) => {
-            ("unknown", "unknown: the last result is out of date")
-        }
+        (_, Some(NewestResult { outdated: true, .. })) => ("unknown", "unknown: the last result is out of date"),
         (_, Some(newest)) => verdict_banner(newest.verdict),
         (_, None) => ("unknown", "unknown: no result yet"),
     }
@@ -188,9 +165,7 @@ pub fn verdict_banner(verdict: Verdict) -> (&'static str, &'static str) {
 
 fn confirmation_values(interlock: &StartInterlock) -> Value {
     let (name, words) = match interlock {
-        StartInterlock::Enable => {
-            ("enable", "the machine may move; the probe or sensor is fitted and undamaged")
-        }
+        StartInterlock::Enable => ("enable", "the machine may move; the probe or sensor is fitted and undamaged"),
         StartInterlock::Auto => ("auto", "the control is in automatic mode"),
         StartInterlock::Door => ("door", "the guards are closed"),
     };
@@ -213,30 +188,18 @@ mod tests {
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
     fn without_a_sign_of_life_nothing_is_known() {
-        let ((gate, _asks), verdict_validity) =
-            (CommandGate::for_tests(), Duration::from_secs(3600));
+        let ((gate, _asks), verdict_validity) = (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());
-        let machine = ServedMachine {
-            name,
-            file_sha256,
-            gate,
-            cycles,
-            required_interlocks: demand,
-            tolerance,
-            verdict_validity,
-        };
+        let machine =
+            ServedMachine { name, file_sha256, gate, cycles, required_interlocks: demand, tolerance, verdict_validity };
         machine.gate.update(|machine_state| {
-            (machine_state.state, machine_state.run, machine_state.measured) =
-                (State::Running, 3, 17);
+            (machine_state.state, machine_state.run, machine_state.measured) = (State::Running, 3, 17);
             "touch 18".clone_into(&mut machine_state.step);
         });
         let page = || {
             let values = context! { machine => status_values(&machine), views => () };
-            (
-                MachineStatus::from_machine(&machine).late,
-                render_template("live.html", values).ok().unwrap().0,
-            )
+            (MachineStatus::from_machine(&machine).late, render_template("live.html", values).ok().unwrap().0)
         };
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");

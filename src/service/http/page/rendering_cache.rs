@@ -31,9 +31,7 @@ impl RenderingCache {
         make: impl Future<Output = Result<Html<String>, Problem>>,
     ) -> Result<Html<Bytes>, Problem> {
         let mut last = self.0.lock().await;
-        let holds = |made: &Rendering| {
-            made.change_count == change && made.rendered_at.elapsed() < MAX_RENDERING_AGE
-        };
+        let holds = |made: &Rendering| made.change_count == change && made.rendered_at.elapsed() < MAX_RENDERING_AGE;
         if let Some(made) = last.as_ref().filter(|made| holds(made)) {
             return Ok(Html(made.text.clone()));
         }

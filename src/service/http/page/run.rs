@@ -14,10 +14,7 @@ use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunFilter, RunId, RunState, RunSummary, StoredRun};
 use ::machine::record::estimate::Estimate;
 
-pub async fn run_page(
-    State(app): State<AppState>,
-    Path(run): Path<i64>,
-) -> Result<Html<String>, Problem> {
+pub async fn run_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     let tokens = app.access.requires_tokens();
     read_journal(&app, move |journal| {
         let stored = journal.load_run(RunId(run))?;
@@ -28,10 +25,7 @@ pub async fn run_page(
 }
 
 /// The report is a separate page.
-pub async fn report_page(
-    State(app): State<AppState>,
-    Path(run): Path<i64>,
-) -> Result<Html<String>, Problem> {
+pub async fn report_page(State(app): State<AppState>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     Ok(Html(read_journal(&app, move |journal| render_report(journal, RunId(run))).await??))
 }
 

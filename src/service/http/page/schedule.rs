@@ -15,8 +15,7 @@ const MAX_SHOWN_SLOTS: usize = 5;
 pub fn schedule_values(agenda: &Agenda) -> Option<Value> {
     let Agenda { planned, armed, last } = agenda;
     let now = Timestamp::now();
-    let counts =
-        |arming: &&Arming| arming.ended.is_none() && arming.broken.is_none() && arming.until > now;
+    let counts = |arming: &&Arming| arming.ended.is_none() && arming.broken.is_none() && arming.until > now;
     let armed_for = |cycle: u16| armed.iter().filter(counts).find(|arming| arming.cycle == cycle);
     (!planned.is_empty()).then(|| {
         context! {

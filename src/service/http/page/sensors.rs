@@ -11,10 +11,7 @@ use crate::service::http::status::MachineStatus;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
 /// The part that the script reloads with each new value.
-pub async fn sensors_part(
-    State(app): State<AppState>,
-    Path(name): Path<String>,
-) -> Result<Html<String>, Problem> {
+pub async fn sensors_part(State(app): State<AppState>, Path(name): Path<String>) -> Result<Html<String>, Problem> {
     let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let live = MachineStatus::from_machine(machine).asked.and_then(|asked| asked.live);
     render_template("sensors.html", context! { live => live.as_ref().map(live_values) })

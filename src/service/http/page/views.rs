@@ -33,8 +33,7 @@ struct Mark {
 
 fn progress_views(progress: &RunProgress) -> Option<Value> {
     let marks = step_marks(progress)?;
-    let bodies: Vec<BodyShape> =
-        artefact_bodies(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
+    let bodies: Vec<BodyShape> = artefact_bodies(&progress.plan.artefact).into_iter().map(|part| part.shape).collect();
     let count = |class| marks.iter().filter(|mark| mark.class == class).count();
     Some(context! {
         done => count("done"),
@@ -49,14 +48,9 @@ fn step_marks(progress: &RunProgress) -> Option<Vec<Mark>> {
     let chain = KinematicChain::new(&plan.machine).ok()?;
     let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
     let moves = || plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
-    let is_open = |step: u32, repeat: u32| {
-        !done.contains(&(step, repeat)) && moves().any(|known| known.id == step)
-    };
+    let is_open = |step: u32, repeat: u32| !done.contains(&(step, repeat)) && moves().any(|known| known.id == step);
     // After a stop the reference checks are the last stage, and the stage before it continues after them.
-    let now = stages
-        .iter()
-        .rev()
-        .find_map(|stage| stage.steps.iter().find(|step| is_open(**step, stage.repeat)));
+    let now = stages.iter().rev().find_map(|stage| stage.steps.iter().find(|step| is_open(**step, stage.repeat)));
     let class = |step: &Step| match (now == Some(&step.id), is_done(step.id)) {
         (true, _) => "now",
         (false, true) => "done",
@@ -84,17 +78,13 @@ fn step_path(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f6
 /// Lower and upper bounds of the drawing along each axis, mm.
 fn drawing_bounds(marks: &[Mark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
     let reach = |body: &BodyShape, sign: f64| {
-        Vector3::from(
-            Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.direction())),
-        )
+        Vector3::from(Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.direction())))
     };
     let path_points = marks.iter().flat_map(|mark| mark.path.iter().copied());
     let ends = bodies.iter().flat_map(|body| [reach(body, -1.0), reach(body, 1.0)]);
     path_points
         .chain(ends)
-        .fold([f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat), |[low, high], at| {
-            [low.inf(&at), high.sup(&at)]
-        })
+        .fold([f64::INFINITY, f64::NEG_INFINITY].map(Vector3::repeat), |[low, high], at| [low.inf(&at), high.sup(&at)])
 }
 
 /// Both views have one scale. The vertical coordinate is negated, because the y axis of SVG points down.
@@ -157,8 +147,7 @@ mod tests {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
         let bodies = [BodyShape::Cylinder { from, to, radius }];
         let marks = [Mark { class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];
-        let [above, side] =
-            PROJECTIONS.map(|(name, up)| projection_values(name, up, &marks, &bodies));
+        let [above, side] = PROJECTIONS.map(|(name, up)| projection_values(name, up, &marks, &bodies));
         let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
         assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");
         assert_eq!(told(&side, "frame"), "-14.90 -32.40 34.80 34.80");

@@ -43,8 +43,7 @@ impl ConnectionSlots {
         occupied.retain(|slot| !slot.close_request.is_closed());
         if occupied.len() >= self.capacity {
             let last_received = |slot: &ConnectionSlot| read_instant(&slot.last_received);
-            let quietest =
-                occupied.iter().enumerate().min_by_key(|(_, slot)| last_received(slot))?.0;
+            let quietest = occupied.iter().enumerate().min_by_key(|(_, slot)| last_received(slot))?.0;
             if last_received(occupied.get(quietest)?).elapsed() < MIN_QUIET_TIME {
                 return None;
             }
@@ -95,8 +94,7 @@ impl RequestFrame {
         let &[_, _, _, _, n1, n0, ..] = self.header.as_slice() else { return false };
         let coils = match *self.header.as_slice() {
             [.., function, _, _, c1, c0, _]
-                if self.received_bytes == Self::BYTE_COUNT_INDEX + 1
-                    && function == Self::WRITE_COILS_FUNCTION =>
+                if self.received_bytes == Self::BYTE_COUNT_INDEX + 1 && function == Self::WRITE_COILS_FUNCTION =>
             {
                 u16::from_be_bytes([c1, c0])
             }
@@ -145,11 +143,7 @@ impl AsyncRead for GuardedStream {
 }
 
 impl AsyncWrite for GuardedStream {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
+    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         match Pin::new(&mut self.stream).poll_write(context, bytes) {
             // A client that does not read its responses is closed too.
             Poll::Pending => self.poll_timeout(context).map(Err),

@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::map::{
-    ACKNOWLEDGE_COIL, ARTEFACT_COIL, AUTO_COIL, COIL_COUNT, DOOR_COIL, ENABLE_COIL, IDLE_COIL,
-    PROBE_COIL, START_COIL_BASE, STOP_COIL, TEMPERATURE_COIL,
+    ACKNOWLEDGE_COIL, ARTEFACT_COIL, AUTO_COIL, COIL_COUNT, DOOR_COIL, ENABLE_COIL, IDLE_COIL, PROBE_COIL,
+    START_COIL_BASE, STOP_COIL, TEMPERATURE_COIL,
 };
 use crate::service::config::MAX_CYCLES;
 use crate::service::machine_state::Interlocks;
@@ -108,11 +108,8 @@ impl ControlInputs {
 }
 
 fn coil_commands(rises: &[u16]) -> Vec<CoilCommand> {
-    let starts: Vec<u16> = rises
-        .iter()
-        .filter_map(|coil| coil.checked_sub(START_COIL_BASE))
-        .filter(|k| *k > 0)
-        .collect();
+    let starts: Vec<u16> =
+        rises.iter().filter_map(|coil| coil.checked_sub(START_COIL_BASE)).filter(|k| *k > 0).collect();
     debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
     let mut coil_commands = Vec::new();
     if rises.contains(&STOP_COIL) {
@@ -164,10 +161,7 @@ mod tests {
         assert_eq!(inputs.write_coils(0, &[false; COIL_COUNT], ms(t, 10)), []);
         let mut both = [false; COIL_COUNT];
         (both[11], both[18], both[4]) = (true, true, true);
-        assert_eq!(
-            inputs.write_coils(0, &both, ms(t, 100)),
-            [CoilCommand::Acknowledge, CoilCommand::SeveralStarts]
-        );
+        assert_eq!(inputs.write_coils(0, &both, ms(t, 100)), [CoilCommand::Acknowledge, CoilCommand::SeveralStarts]);
     }
 
     #[test]
@@ -180,22 +174,11 @@ mod tests {
         inputs.write_alive(1, ms(t, 500));
         assert!(!inputs.interlocks(ms(t, 501)).enable, "the same value is not a change");
         inputs.write_alive(2, ms(t, 900));
-        let all = Interlocks {
-            fresh: true,
-            enable: true,
-            auto: true,
-            door: true,
-            stop: false,
-            person: false,
-        };
+        let all = Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
         assert_eq!(inputs.interlocks(ms(t, 1900)), all);
         assert_eq!(inputs.interlocks(ms(t, 1901)), Interlocks::default());
         inputs.write_alive(3, ms(t, 60_000));
-        assert_eq!(
-            inputs.interlocks(ms(t, 60_001)),
-            Interlocks::default(),
-            "one change after a minute is not enough"
-        );
+        assert_eq!(inputs.interlocks(ms(t, 60_001)), Interlocks::default(), "one change after a minute is not enough");
         inputs.write_alive(4, ms(t, 60_500));
         assert_eq!(inputs.interlocks(ms(t, 60_501)), all);
     }

@@ -43,8 +43,7 @@ const FIRST_DEVIATION_REGISTER: usize = 100;
 const REGISTERS_PER_DEVIATION: usize = 10;
 /// Maximum number of deviations, so that all fit into one request.
 const MAX_DEVIATIONS: usize = 12;
-pub const INPUT_REGISTER_COUNT: usize =
-    FIRST_DEVIATION_REGISTER + MAX_DEVIATIONS * REGISTERS_PER_DEVIATION;
+pub const INPUT_REGISTER_COUNT: usize = FIRST_DEVIATION_REGISTER + MAX_DEVIATIONS * REGISTERS_PER_DEVIATION;
 /// Version of this register map.
 const MAP_VERSION: u16 = 1;
 
@@ -93,8 +92,7 @@ pub fn input_registers(
         Some(Verdict::None) => 4,
         Some(Verdict::UndecidedModel) => 5,
     };
-    let flags =
-        [interlocks.fresh, interlocks.enable, interlocks.auto, interlocks.door, interlocks.stop];
+    let flags = [interlocks.fresh, interlocks.enable, interlocks.auto, interlocks.door, interlocks.stop];
     let mask = flags.iter().rev().fold(0, |mask, flag| mask << 1 | u16::from(*flag));
     let deviation_count = machine_state.deviations.len().min(MAX_DEVIATIONS);
     image[HEARTBEAT_REGISTER] = heartbeat;
@@ -110,9 +108,8 @@ pub fn input_registers(
     write_registers(&mut image, VERSION_REGISTER, &version_registers());
     image[MAP_VERSION_REGISTER] = MAP_VERSION;
     image[DEVIATION_COUNT_REGISTER] = deviation_count as u16;
-    for (register, parameter) in (FIRST_DEVIATION_REGISTER..)
-        .step_by(REGISTERS_PER_DEVIATION)
-        .zip(&machine_state.deviations[..deviation_count])
+    for (register, parameter) in
+        (FIRST_DEVIATION_REGISTER..).step_by(REGISTERS_PER_DEVIATION).zip(&machine_state.deviations[..deviation_count])
     {
         write_registers(&mut image, register, &deviation_registers(parameter));
     }
@@ -129,12 +126,8 @@ fn high_low_words(value: u32) -> [u16; 2] {
 }
 
 fn version_registers() -> [u16; 3] {
-    [
-        env!("CARGO_PKG_VERSION_MAJOR"),
-        env!("CARGO_PKG_VERSION_MINOR"),
-        env!("CARGO_PKG_VERSION_PATCH"),
-    ]
-    .map(|part| part.parse().unwrap_or(0))
+    [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR"), env!("CARGO_PKG_VERSION_PATCH")]
+        .map(|part| part.parse().unwrap_or(0))
 }
 
 /// Symbol (eight characters), unit, value and expanded uncertainty in thousandths of the unit, and whether the
@@ -167,11 +160,10 @@ mod tests {
 
     #[test]
     fn the_published_tables_are_these() {
-        let rows = MODBUS_DOCS.lines().filter(|line| {
-            ["| coil |", "| holding |", "| input |"].iter().any(|space| line.starts_with(space))
-        });
-        let expected =
-            REGISTER_TABLE.map(|(space, at, name)| format!("| {space} | {at} | `{name}` | "));
+        let rows = MODBUS_DOCS
+            .lines()
+            .filter(|line| ["| coil |", "| holding |", "| input |"].iter().any(|space| line.starts_with(space)));
+        let expected = REGISTER_TABLE.map(|(space, at, name)| format!("| {space} | {at} | `{name}` | "));
         assert_eq!(rows.clone().count(), expected.len());
         for (row, expected) in rows.zip(&expected) {
             assert!(row.starts_with(expected.as_str()), "{row} is not {expected}");
@@ -198,10 +190,7 @@ mod tests {
             budget: Vec::new(),
             judged: None,
         };
-        assert_eq!(
-            deviation_registers(&parameter(-0.001)),
-            [0x4558, 0x3043, 0, 0, 1, 0xffff, 0xffff, 0, 1000, 1]
-        );
+        assert_eq!(deviation_registers(&parameter(-0.001)), [0x4558, 0x3043, 0, 0, 1, 0xffff, 0xffff, 0, 1000, 1]);
         assert_eq!(deviation_registers(&parameter(1e9))[5..7], [0x7fff, 0xffff]);
     }
 }

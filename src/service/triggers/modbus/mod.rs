@@ -40,13 +40,8 @@ const MAX_COILS_PER_REQUEST: u16 = 2000;
 ///
 /// # Errors
 /// The address cannot be listened on, or the thread cannot be started.
-pub fn start_modbus_server(
-    config: &ModbusConfig,
-    gate: &CommandGate,
-    log: &Log,
-) -> Result<(), ServeError> {
-    let failed =
-        |source| ServeError::Listen { server: "the Modbus server", listen: config.listen, source };
+pub fn start_modbus_server(config: &ModbusConfig, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
+    let failed = |source| ServeError::Listen { server: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     log.info(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
@@ -104,14 +99,15 @@ impl ConnectionFilter {
         if !self.allowed.contains(&by) {
             let mut last = self.last_refused.lock().unwrap_or_else(PoisonError::into_inner);
             if last.replace(by) != Some(by) {
-                self.log.info(&format!("the connection from {by} is refused: the address is not in `allow` of [serve.modbus]"));
+                self.log.info(&format!(
+                    "the connection from {by} is refused: the address is not in `allow` of [serve.modbus]"
+                ));
             }
             return None;
         }
         // Responses are small and sent at once; on an error they are only delayed.
         let _ = stream.set_nodelay(true);
-        let client =
-            ModbusClient { shared: self.shared.clone(), name: format!("Modbus client {by}") };
+        let client = ModbusClient { shared: self.shared.clone(), name: format!("Modbus client {by}") };
         Some((client, self.slots.admit(stream)?))
     }
 }
@@ -144,9 +140,7 @@ impl ModbusState {
             match command {
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
-                CoilCommand::SeveralStarts => {
-                    self.gate.refuse(Refusal::Several, &format!("request of {by}"))
-                }
+                CoilCommand::SeveralStarts => self.gate.refuse(Refusal::Several, &format!("request of {by}")),
                 CoilCommand::Stop => drop(self.gate.stop(by)),
                 // The reason of a refusal is in the machine state.
                 CoilCommand::Acknowledge => {
@@ -158,12 +152,7 @@ impl ModbusState {
     }
 
     fn write_registers(&self, first: u16, values: &[u16]) -> Result<(), ExceptionCode> {
-        register_range(
-            first,
-            values.len() as u16,
-            MAX_REGISTERS_PER_REQUEST,
-            HOLDING_REGISTER_COUNT,
-        )?;
+        register_range(first, values.len() as u16, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
         if let [alive] = values {
             self.lock_inputs().write_alive(*alive, Instant::now());
         }
@@ -172,12 +161,7 @@ impl ModbusState {
 }
 
 /// Indexes of `count` registers from `first` on, out of `size`; at most `max_count` in one request.
-fn register_range(
-    first: u16,
-    count: u16,
-    max_count: u16,
-    size: usize,
-) -> Result<Range<usize>, ExceptionCode> {
+fn register_range(first: u16, count: u16, max_count: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
     if count == 0 || count > max_count {
         return Err(ExceptionCode::IllegalDataValue);
     }
@@ -216,17 +200,11 @@ impl ModbusClient {
                 Ok(Response::ReadCoils(coils))
             }
             Request::ReadInputRegisters(first, count) => {
-                let range =
-                    register_range(first, count, MAX_REGISTERS_PER_REQUEST, INPUT_REGISTER_COUNT)?;
+                let range = register_range(first, count, MAX_REGISTERS_PER_REQUEST, INPUT_REGISTER_COUNT)?;
                 Ok(Response::ReadInputRegisters(slice(&shared.input_registers(), range)))
             }
             Request::ReadHoldingRegisters(first, count) => {
-                let range = register_range(
-                    first,
-                    count,
-                    MAX_REGISTERS_PER_REQUEST,
-                    HOLDING_REGISTER_COUNT,
-                )?;
+                let range = register_range(first, count, MAX_REGISTERS_PER_REQUEST, HOLDING_REGISTER_COUNT)?;
                 Ok(Response::ReadHoldingRegisters(slice(&[shared.lock_inputs().alive()], range)))
             }
             Request::WriteSingleCoil(at, value) => {

@@ -111,10 +111,8 @@ impl Firmware {
     fn apply_fault(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
         // These faults wait for their move, their answer, or a machine that can be held.
-        let is_recorded_later = matches!(
-            fault.kind,
-            K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door
-        );
+        let is_recorded_later =
+            matches!(fault.kind, K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door);
         if !is_recorded_later {
             self.record_fault(fault.kind);
         }

@@ -1,8 +1,6 @@
 //! Jobs of the simulated control: executed one after the other, at once or in real time.
 
-use super::{
-    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, AlarmLock, FaultKind, Firmware,
-};
+use super::{ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, AlarmLock, FaultKind, Firmware};
 use crate::Contact;
 use crate::interpreter::{ActiveJob, Job, JobResult, ProbeInputFault};
 use machine::Position;
@@ -69,8 +67,7 @@ impl Firmware {
             self.record_fault(FaultKind::ForeignBody);
         }
         let t_s = contact.as_ref().map(|contact| contact.t_s);
-        let position =
-            contact.map_or_else(|| self.displayed_position(), |contact| contact.position);
+        let position = contact.map_or_else(|| self.displayed_position(), |contact| contact.position);
         self.last_probe = Some(LastProbe { position, has_contact, t_s });
         self.send_last_probe();
     }
@@ -78,11 +75,7 @@ impl Firmware {
     /// Reports the last probing move; zeros before the first one.
     pub(super) fn send_last_probe(&mut self) {
         let last = self.last_probe.clone().unwrap_or_default();
-        self.send_line(&format!(
-            "[PRB:{}:{}]",
-            self.axis_values(&last.position),
-            u8::from(last.has_contact)
-        ));
+        self.send_line(&format!("[PRB:{}:{}]", self.axis_values(&last.position), u8::from(last.has_contact)));
         if let Some(t_s) = last.t_s.filter(|_| self.options.has_time_stamps) {
             self.send_line(&format!("[TIME:{t_s}]"));
         }

@@ -24,9 +24,7 @@ pub use fault::{Fault, FaultKind};
 use job::LastProbe;
 
 use crate::SimulatedWorld;
-use crate::interpreter::{
-    ActiveJob, GrblErrorCode, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank,
-};
+use crate::interpreter::{ActiveJob, GrblErrorCode, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -69,8 +67,7 @@ pub struct SimulatedGrblOptions {
 impl SimulatedGrblOptions {
     /// Options for the control of `machine`: native level, time stamps enabled.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        let (interpreter, settings) =
-            (Interpreter::for_machine(machine), settings::machine_settings(machine));
+        let (interpreter, settings) = (Interpreter::for_machine(machine), settings::machine_settings(machine));
         Self {
             interpreter,
             pace,
@@ -187,9 +184,7 @@ impl Firmware {
                 b'~' => (self.is_held, self.is_door_open) = (false, false),
                 0x18 => self.reset(),
                 0x80.. => {}
-                byte if self.receive_buffer.len() < RX_BUFFER_BYTES => {
-                    self.receive_buffer.push_back(*byte)
-                }
+                byte if self.receive_buffer.len() < RX_BUFFER_BYTES => self.receive_buffer.push_back(*byte),
                 _ => {}
             }
         }

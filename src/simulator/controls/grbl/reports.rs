@@ -84,16 +84,13 @@ impl Firmware {
             PLANNER_BLOCK_COUNT.saturating_sub(planned)
         );
         let t_s = self.with_world(|world| world.time_s());
-        let shows_pins =
-            self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_PINS_BIT != 0;
+        let shows_pins = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_PINS_BIT != 0;
         if self.is_probe_closed() && shows_pins {
             report += "|Pn:P";
         }
         self.on_probe_state_reported();
         let [feed, rapid] = self.options.overrides;
-        let shows_overrides = self.setting(settings::REPORT_MASK_SETTING) as u32
-            & settings::REPORT_OVERRIDES_BIT
-            != 0;
+        let shows_overrides = self.setting(settings::REPORT_MASK_SETTING) as u32 & settings::REPORT_OVERRIDES_BIT != 0;
         if shows_overrides && (full || !self.has_reported) {
             report += &format!("|Ov:{feed},{rapid},100");
         }
@@ -150,8 +147,7 @@ impl Firmware {
     }
 
     fn send_build_info(&mut self) {
-        let letters: String =
-            self.options.interpreter.axes().iter().map(|axis| axis.letter()).collect();
+        let letters: String = self.options.interpreter.axes().iter().map(|axis| axis.letter()).collect();
         let count = letters.len();
         self.send_line(&format!("[VER:{BUILD_VERSION}:]"));
         self.send_line(&format!("[OPT:VNML+,{PLANNER_BLOCK_COUNT},{RX_BUFFER_BYTES},{count},0]"));

@@ -52,11 +52,7 @@ pub(super) fn machine_settings(machine: &Machine) -> BTreeMap<u16, f64> {
         settings.insert(ACCELERATION_SETTING + number, spec.acceleration_per_s2);
         settings.insert(MAX_TRAVEL_SETTING + number, spec.max - spec.min + pull_off);
     }
-    settings.extend([
-        (23, f64::from(to_negative)),
-        (44, f64::from(homed_axes)),
-        (376, f64::from(rotary_axes)),
-    ]);
+    settings.extend([(23, f64::from(to_negative)), (44, f64::from(homed_axes)), (376, f64::from(rotary_axes))]);
     settings
 }
 

@@ -29,7 +29,5 @@ pub fn world() -> Arc<Mutex<SimulatedWorld>> {
         "kind": "cylinder", "centre_mm": [0, 0, -200], "axis": [0, 0, 1], "radius_mm": 25
     }))
     .unwrap();
-    Arc::new(Mutex::new(
-        SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap(),
-    ))
+    Arc::new(Mutex::new(SimulatedWorld::new(&machine(), &probe, &artefact, &MachineTruth::default()).unwrap()))
 }

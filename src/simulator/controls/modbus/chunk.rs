@@ -1,8 +1,6 @@
 //! Acceptance of a chunk: each chunk is executed at most once.
 
-use super::layout::{
-    ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER,
-};
+use super::layout::{ACKNOWLEDGE_REGISTER, CHUNK_REGISTER, CRC_REGISTER, LENGTH_REGISTER, SEQUENCE_REGISTER};
 use super::{DiaryEntry, Firmware, Mode};
 
 pub(super) const ERROR_BAD_LENGTH: u16 = 1;
@@ -18,14 +16,12 @@ impl Firmware {
     pub(super) fn on_sequence_written(&mut self) {
         let sequence = self.holding_registers[SEQUENCE_REGISTER];
         self.record(DiaryEntry::Offered { sequence });
-        let next_sequence =
-            if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
+        let next_sequence = if self.accepted_sequence == u16::MAX { 1 } else { self.accepted_sequence + 1 };
         if sequence != next_sequence || self.frozen_status.is_some() {
             return;
         }
         let accepted_before = std::mem::replace(&mut self.accepted_sequence, sequence);
-        match self.chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes))
-        {
+        match self.chunk_bytes(accepted_before).and_then(|bytes| self.accept_chunk(sequence, bytes)) {
             Err(error) => self.error_code = error,
             Ok(text) => {
                 self.error_code = 0;

@@ -140,10 +140,7 @@ impl FaultKind {
 
     /// Whether the fault is recorded when it takes effect, not when it is due.
     fn is_recorded_later(self) -> bool {
-        matches!(
-            self,
-            Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::StartedTwice
-        )
+        matches!(self, Self::ForeignBody | Self::RapidContact | Self::SkippedResult | Self::StartedTwice)
     }
 
     /// Whether the fault can affect this request.
@@ -181,8 +178,7 @@ impl Firmware {
         }
         let (request_count, accepted_chunk_count, contact_count) =
             (self.request_count, self.accepted_chunk_count, self.contact_count);
-        let has_previous_result =
-            self.resident.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
+        let has_previous_result = self.resident.as_ref().is_some_and(|resident| resident.previous_slot.is_some());
         let due = |fault: &Fault| {
             fault.at_request <= request_count
                 && fault.at_line <= accepted_chunk_count
@@ -264,9 +260,7 @@ impl Firmware {
             FaultKind::RapidContact => self.probe_fault = ProbeInputFault::BrushPending,
             FaultKind::SlowLatch => {
                 let scan_ms = fault.scan_s.unwrap_or(DEFAULT_SCAN_PERIOD_S) * 1e3;
-                self.with_world(|world| {
-                    world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() })
-                });
+                self.with_world(|world| world.set_latch(LatchDelay { scan_ms, ..LatchDelay::default() }));
             }
             _ => {}
         }

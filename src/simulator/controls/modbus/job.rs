@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::chunk::ERROR_BAD_TEXT;
 use super::layout::position_steps;
 use super::{
-    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, DiaryEntry,
-    FaultKind, Firmware, HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, Mode,
+    ALARM_HARD_LIMIT, ALARM_NO_CONTACT, ALARM_PROBE_CLOSED, ALARM_SOFT_LIMIT, DiaryEntry, FaultKind, Firmware,
+    HEARTBEAT_TIMEOUT, HOLD_HEARTBEAT_LOST, Mode,
 };
 use crate::Contact;
 use crate::interpreter::{ActiveJob, Job, JobResult, LineAction, ProbeInputFault};
@@ -19,8 +19,7 @@ impl Firmware {
     pub(super) fn advance(&mut self, now: Duration) {
         loop {
             if let Some(end_time) = self.active.as_ref().map(|active| active.end_time) {
-                let heartbeat_deadline =
-                    self.last_heartbeat.unwrap_or_default() + HEARTBEAT_TIMEOUT;
+                let heartbeat_deadline = self.last_heartbeat.unwrap_or_default() + HEARTBEAT_TIMEOUT;
                 if heartbeat_deadline < end_time && heartbeat_deadline <= now {
                     self.now = heartbeat_deadline;
                     self.hold(HOLD_HEARTBEAT_LOST);

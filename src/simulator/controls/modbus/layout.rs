@@ -17,8 +17,6 @@ pub(super) const REGISTER_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A,
 
 /// Positions in steps of 0.001 mm or degree, rounded as in a report with three decimals.
 pub(super) fn position_steps(position: &Position) -> Vec<i32> {
-    let step = |axis: Axis| {
-        format!("{:.3}", axis.to_mm_or_deg(position.get_or_zero(axis))).replace('.', "")
-    };
+    let step = |axis: Axis| format!("{:.3}", axis.to_mm_or_deg(position.get_or_zero(axis))).replace('.', "");
     REGISTER_AXES.map(|axis| step(axis).parse().unwrap_or(i32::MAX)).to_vec()
 }

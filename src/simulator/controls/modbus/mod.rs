@@ -52,12 +52,7 @@ pub struct SimulatedModbusOptions {
 
 impl SimulatedModbusOptions {
     pub fn of(machine: &Machine, pace: Pace) -> Self {
-        Self {
-            interpreter: Interpreter::for_machine(machine),
-            pace,
-            faults: Vec::new(),
-            has_resident_program: false,
-        }
+        Self { interpreter: Interpreter::for_machine(machine), pace, faults: Vec::new(), has_resident_program: false }
     }
 }
 
@@ -198,8 +193,7 @@ impl Firmware {
     fn reset(&mut self) {
         self.stop_at_current_position();
         self.holding_registers.fill(0);
-        (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) =
-            (0, 0, 0, 0);
+        (self.accepted_sequence, self.executed_sequence, self.error_code, self.latch_count) = (0, 0, 0, 0);
         self.last_heartbeat = None;
         self.resident = self.resident.take().map(|_| ResidentProgram::default());
         self.mode = Mode::NotReady;
@@ -207,8 +201,7 @@ impl Firmware {
 
     fn is_moving(&self) -> bool {
         let begun = self.resident.as_ref().is_some_and(ResidentProgram::is_running);
-        self.mode == Mode::Ready
-            && (begun || self.active.is_some() || !self.pending_lines.is_empty())
+        self.mode == Mode::Ready && (begun || self.active.is_some() || !self.pending_lines.is_empty())
     }
 
     fn is_heartbeat_current(&self, at: Duration) -> bool {

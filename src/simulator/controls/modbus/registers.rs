@@ -3,9 +3,7 @@
 use tokio_modbus::{ExceptionCode, Request, Response};
 
 use super::fault::WRONG_STAMP_S;
-use super::layout::{
-    ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps,
-};
+use super::layout::{ACKNOWLEDGE_REGISTER, HEARTBEAT_REGISTER, HOLD_REGISTER, SEQUENCE_REGISTER, position_steps};
 use super::resident::ResultSlot;
 use super::{DiaryEntry, Firmware, Mode};
 use machine::Position;
@@ -20,10 +18,7 @@ fn position_words(position: &Position) -> Vec<u16> {
 }
 
 fn register_words(bytes: &[u8]) -> Vec<u16> {
-    bytes
-        .chunks(2)
-        .map(|pair| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte)))
-        .collect()
+    bytes.chunks(2).map(|pair| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte))).collect()
 }
 
 impl Firmware {
@@ -54,14 +49,7 @@ impl Firmware {
             None => (self.latch_count, self.latch_time_s, &self.latch),
         };
         let t_s = if self.has_wrong_stamp && t_s > 0.0 { WRONG_STAMP_S } else { t_s };
-        let mut block = vec![
-            self.status_count,
-            version,
-            state,
-            alarm,
-            self.accepted_sequence,
-            self.executed_sequence,
-        ];
+        let mut block = vec![self.status_count, version, state, alarm, self.accepted_sequence, self.executed_sequence];
         block.extend([self.error_code, probe, 0, 0, number, beat]);
         block.extend(register_words(&self.with_world(|world| world.time_s()).to_be_bytes()));
         block.extend(register_words(&t_s.to_be_bytes()));
@@ -92,10 +80,7 @@ impl Firmware {
     }
 
     /// Executes `request`.
-    pub(super) fn execute_request(
-        &mut self,
-        request: &Request<'_>,
-    ) -> Result<Response, ExceptionCode> {
+    pub(super) fn execute_request(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let read_block = |block: &[u16], first: u16, count: u16| {
             let first = usize::from(first);
             let words = block.get(first..first + usize::from(count));
@@ -106,8 +91,7 @@ impl Firmware {
                 read_block(&self.status(), *first, *count).map(Response::ReadInputRegisters)
             }
             Request::ReadHoldingRegisters(first, count) => {
-                read_block(&self.holding_registers, *first, *count)
-                    .map(Response::ReadHoldingRegisters)
+                read_block(&self.holding_registers, *first, *count).map(Response::ReadHoldingRegisters)
             }
             Request::WriteSingleRegister(at, word) => {
                 self.write(*at, &[*word])?;
@@ -115,8 +99,7 @@ impl Firmware {
             }
             Request::WriteMultipleRegisters(at, words) => {
                 self.write(*at, words)?;
-                let count =
-                    u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
+                let count = u16::try_from(words.len()).map_err(|_| ExceptionCode::IllegalDataValue)?;
                 Ok(Response::WriteMultipleRegisters(*at, count))
             }
             _ => Err(ExceptionCode::IllegalFunction),
@@ -126,19 +109,13 @@ impl Firmware {
     pub(super) fn write(&mut self, at: u16, words: &[u16]) -> Result<(), ExceptionCode> {
         let first = usize::from(at);
         let range = first..first + words.len();
-        let before =
-            [HOLD_REGISTER, HEARTBEAT_REGISTER].map(|registers| self.holding_registers[registers]);
-        let registers = self
-            .holding_registers
-            .get_mut(range.clone())
-            .ok_or(ExceptionCode::IllegalDataAddress)?;
+        let before = [HOLD_REGISTER, HEARTBEAT_REGISTER].map(|registers| self.holding_registers[registers]);
+        let registers = self.holding_registers.get_mut(range.clone()).ok_or(ExceptionCode::IllegalDataAddress)?;
         registers.copy_from_slice(words);
         if self.holding_registers[HEARTBEAT_REGISTER] != before[1] {
             self.last_heartbeat = Some(self.now);
         }
-        if let Some(resident) =
-            self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER))
-        {
+        if let Some(resident) = self.resident.as_mut().filter(|_| range.contains(&ACKNOWLEDGE_REGISTER)) {
             resident.on_acknowledged(self.holding_registers[ACKNOWLEDGE_REGISTER]);
         }
         if range.contains(&SEQUENCE_REGISTER) {

@@ -97,8 +97,7 @@ impl ResidentProgram {
 
     /// Advances to the next row; returns whether there is one.
     fn advance(&mut self) -> bool {
-        self.current_row =
-            if self.current_row < self.rows.len() { self.current_row + 1 } else { 0 };
+        self.current_row = if self.current_row < self.rows.len() { self.current_row + 1 } else { 0 };
         self.current_row > 0
     }
 }
@@ -119,9 +118,7 @@ impl Firmware {
             return Err(ERROR_BAD_LENGTH);
         }
         let rows: Option<Vec<TableRow>> = table.chunks(ROW_REGISTERS).map(parse_row).collect();
-        let rows = rows
-            .filter(|rows| rows.iter().all(|row| self.is_executable(row)))
-            .ok_or(ERROR_BAD_ROW)?;
+        let rows = rows.filter(|rows| rows.iter().all(|row| self.is_executable(row))).ok_or(ERROR_BAD_ROW)?;
         let counted = rows.iter().filter(|row| row.kind == RowKind::Touch).count();
         if *bound != sequence || counted != usize::from(*touches) {
             return Err(ERROR_BAD_ROW);
@@ -135,8 +132,7 @@ impl Firmware {
     }
 
     fn is_executable(&self, row: &TableRow) -> bool {
-        let moves =
-            matches!(row.kind, RowKind::Rapid | RowKind::Feed | RowKind::Guarded | RowKind::Touch);
+        let moves = matches!(row.kind, RowKind::Rapid | RowKind::Feed | RowKind::Guarded | RowKind::Touch);
         let fed = matches!(row.kind, RowKind::Rapid | RowKind::Orient) || row.value > 0.0;
         fed && row.to.is_empty() != moves && self.options.interpreter.within_limits(&row.to)
     }
@@ -153,9 +149,7 @@ impl Firmware {
         let job = match row.kind {
             RowKind::Rapid => Job::Travel { to, feed_mm_min: None },
             RowKind::Feed => Job::Travel { to, feed_mm_min: Some(feed) },
-            RowKind::Guarded | RowKind::Touch => {
-                Job::Probe { to, feed_mm_min: feed, alarms_on_miss: false, n: step }
-            }
+            RowKind::Guarded | RowKind::Touch => Job::Probe { to, feed_mm_min: feed, alarms_on_miss: false, n: step },
             RowKind::Dwell => Job::Dwell { seconds: feed },
             RowKind::Orient => Job::Orient { s: Axis::S.to_mm_or_rad(feed) },
         };
@@ -170,10 +164,7 @@ impl Firmware {
     pub(super) fn finish_row(&mut self, contact: Option<bool>) {
         let Some(resident) = &self.resident else { return };
         let Some(row) = resident.row() else { return };
-        let ends = matches!(
-            (row.kind, contact),
-            (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false))
-        );
+        let ends = matches!((row.kind, contact), (RowKind::Guarded, Some(true)) | (RowKind::Touch, Some(false)));
         if row.kind == RowKind::Feed && self.is_probe_closed() {
             return self.alarm(super::ALARM_STILL_CLOSED);
         }
@@ -190,8 +181,7 @@ impl Firmware {
     }
 
     fn publish_result(&mut self, contact: bool) {
-        let (latch, t_s, sequence) =
-            (self.latch.clone(), self.latch_time_s, self.accepted_sequence);
+        let (latch, t_s, sequence) = (self.latch.clone(), self.latch_time_s, self.accepted_sequence);
         let Some(resident) = &mut self.resident else { return };
         let before = resident.slot.clone();
         let skipped = std::mem::take(&mut resident.skips_result);

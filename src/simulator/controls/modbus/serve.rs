@@ -31,8 +31,7 @@ impl Service for Server {
     type Request = SlaveRequest<'static>;
     type Response = Option<Response>;
     type Exception = ExceptionCode;
-    type Future =
-        Pin<Box<dyn Future<Output = Result<Option<Response>, ExceptionCode>> + Send + 'static>>;
+    type Future = Pin<Box<dyn Future<Output = Result<Option<Response>, ExceptionCode>> + Send + 'static>>;
 
     fn call(&self, SlaveRequest { slave, request }: Self::Request) -> Self::Future {
         if self.unit.is_some_and(|unit| unit != slave) {

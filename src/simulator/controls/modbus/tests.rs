@@ -26,10 +26,8 @@ fn built(pace: Pace, resident: bool) -> Firmware {
     }))
     .unwrap();
     let world = SimulatedWorld::new(&machine, &probe, &artefact, &MachineTruth::default()).unwrap();
-    let options = SimulatedModbusOptions {
-        has_resident_program: resident,
-        ..SimulatedModbusOptions::of(&machine, pace)
-    };
+    let options =
+        SimulatedModbusOptions { has_resident_program: resident, ..SimulatedModbusOptions::of(&machine, pace) };
     Firmware::new(Arc::new(Mutex::new(world)), options)
 }
 
@@ -131,8 +129,7 @@ fn what_lies_elsewhere_is_refused_by_an_exception() {
 }
 
 /// One rapid of X to 5 mm, as step 7 of program 1, bound to sequence 1; written by hand.
-const TABLE: [u16; 24] =
-    [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+const TABLE: [u16; 24] = [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
 /// Checksums of the changed tables, as computed by another program.
 const CRC_OF_TABLE: u16 = 0x9A0A;
 

@@ -81,8 +81,7 @@ impl HealthyPeer {
             }
         }
         if line.contains("G38") {
-            self.last_probe_result =
-                format!("[PRB:{}:{}]", self.list(), u8::from(line.contains("F30.")));
+            self.last_probe_result = format!("[PRB:{}:{}]", self.list(), u8::from(line.contains("F30.")));
         }
     }
 
@@ -106,9 +105,7 @@ impl HealthyPeer {
 
 /// Healthy peer, except where `odd` answers. In an answer, `{at}` is replaced by the position and `{told}`
 /// by the last [PRB:..]; if the answer begins with `>`, the peer also executes the line.
-pub fn peer_with_overrides(
-    mut odd: impl FnMut(&str) -> Option<String> + Send + 'static,
-) -> (Link, SentText) {
+pub fn peer_with_overrides(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, SentText) {
     let mut healthy = HealthyPeer::default();
     peer(move |line| {
         let said = odd(line);

@@ -7,9 +7,7 @@ use simulator::Speed;
 use simulator::controls::grbl::{Fault, FaultKind};
 
 /// Error of one touch, and everything that was sent for it, without `?`.
-async fn fault_and_sent_text(
-    answer: impl FnMut(&str) -> Option<String> + Send + 'static,
-) -> (ControllerError, String) {
+async fn fault_and_sent_text(answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (ControllerError, String) {
     fault_and_sent_text_for(&touch(3), answer).await
 }
 
@@ -20,8 +18,7 @@ async fn fault_and_sent_text_for(
 ) -> (ControllerError, String) {
     let prepared = Arc::new(AtomicBool::new(false));
     let copy = prepared.clone();
-    let (link, tape) =
-        peer_with_overrides(move |line| copy.load(Ordering::SeqCst).then(|| answer(line))?);
+    let (link, tape) = peer_with_overrides(move |line| copy.load(Ordering::SeqCst).then(|| answer(line))?);
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     prepared.store(true, Ordering::SeqCst);
@@ -45,9 +42,7 @@ fn reply_at_line(nth: usize, said: &'static str) -> impl FnMut(&str) -> Option<S
 
 #[tokio::test]
 async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
-    for (nth, said) in
-        [(1, ">ok\r\nok\r\n"), (3, ">{told}\r\nok\r\nok\r\n"), (2, ">ok\r\nerror:9\r\n")]
-    {
+    for (nth, said) in [(1, ">ok\r\nok\r\n"), (3, ">{told}\r\nok\r\nok\r\n"), (2, ">ok\r\nerror:9\r\n")] {
         let (error, sent) = fault_and_sent_text(reply_at_line(nth, said)).await;
         assert!(matches!(error, ControllerError::UnexpectedReply { .. }), "{error}");
         assert!(sent.ends_with('!') && sent.lines().count() == nth + 1, "{sent}");
@@ -61,24 +56,16 @@ async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
 #[tokio::test]
 async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
     let other = "[PRB:-18.384,18.385,-150.000,0.000,135.000:1]\r\nok\r\n";
-    let (error, sent) =
-        fault_and_sent_text(move |line| (line == "$#").then(|| other.to_owned())).await;
+    let (error, sent) = fault_and_sent_text(move |line| (line == "$#").then(|| other.to_owned())).await;
     assert!(matches!(error, ControllerError::TouchMismatch { step: 3, .. }), "{error}");
     assert!(sent.ends_with("$#\n"), "{sent}");
-    let (error, _) =
-        fault_with_extra_line("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
-    assert!(
-        matches!(error, ControllerError::UnreadableReply { .. }),
-        "told twice at once: {error}"
-    );
+    let (error, _) = fault_with_extra_line("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
+    assert!(matches!(error, ControllerError::UnreadableReply { .. }), "told twice at once: {error}");
 }
 
 /// Sends `extra` before the true result of the touch.
 async fn fault_with_extra_line(extra: &'static str) -> (ControllerError, String) {
-    fault_and_sent_text(move |line| {
-        line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))
-    })
-    .await
+    fault_and_sent_text(move |line| line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))).await
 }
 
 #[tokio::test]
@@ -87,18 +74,14 @@ async fn a_touch_off_the_way_is_no_reading() {
     let told = "[PRB:-18.385,18.385,-149.000,0.000,135.000:1]\r\nok\r\n";
     let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
     let (error, _) = fault_and_sent_text(lie).await;
-    assert!(
-        matches!(&error, ControllerError::WrongPosition { actual, .. } if actual == "Z-149.000"),
-        "{error}"
-    );
+    assert!(matches!(&error, ControllerError::WrongPosition { actual, .. } if actual == "Z-149.000"), "{error}");
 }
 
 #[tokio::test]
 async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
     for nth in [1, 2, 3] {
         // The line is acknowledged but not executed, as if one of its bytes had been altered.
-        let said =
-            if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
+        let said = if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
         let (error, sent) = fault_and_sent_text(reply_at_line(nth, said)).await;
         assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
         assert!(error.to_string().contains("the machine is at"), "{error}");
@@ -109,10 +92,8 @@ async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
 #[tokio::test]
 async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
     for state in ["Hold:0", "Hold:1", "Door:1", "Tool"] {
-        let (error, sent) = fault_and_sent_text(move |line| {
-            (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))
-        })
-        .await;
+        let (error, sent) =
+            fault_and_sent_text(move |line| (line == "?").then(|| status(&format!("{state}|MPos:{{at}}")))).await;
         assert_eq!(error.to_string(), format!("held at the machine: the control reports {state}"));
         assert!(error.remedy().contains("reset the control"), "{}", error.remedy());
         assert_eq!(sent.lines().count(), 1, "{sent}");
@@ -121,11 +102,9 @@ async fn a_hold_or_a_door_at_the_machine_ends_the_run_at_once() {
 
 #[tokio::test]
 async fn an_alarm_whose_message_is_lost_and_a_motion_that_hangs_are_seen() {
-    let (error, _) =
-        fault_and_sent_text(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
+    let (error, _) = fault_and_sent_text(|line| (line == "?").then(|| status("Alarm|MPos:{at}"))).await;
     assert_eq!(error.to_string(), "the control is not ready: Alarm");
-    let (error, sent) =
-        fault_and_sent_text(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
+    let (error, sent) = fault_and_sent_text(|line| (line == "?").then(|| status("Run|MPos:{at}"))).await;
     assert!(matches!(error, ControllerError::NoAnswer { seconds: 2.0, .. }), "{error}");
     assert!(sent.ends_with('!'), "{sent}");
 }
@@ -162,19 +141,13 @@ async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
 }
 
 /// Executes a touch on the simulated control, which has the fault `kind` at line `at_line` of the touch.
-async fn touch_with_fault(
-    kind: FaultKind,
-    at_line: u64,
-    code: Option<u8>,
-) -> Result<BlockOutcome, ControllerError> {
+async fn touch_with_fault(kind: FaultKind, at_line: u64, code: Option<u8>) -> Result<BlockOutcome, ControllerError> {
     let (ours, theirs) = tokio::io::duplex(4096);
     // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
     let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
-    let options = SimulatedGrblOptions {
-        faults: vec![fault],
-        ..SimulatedGrblOptions::of(&testing::machine(), Pace::Fast)
-    };
+    let options =
+        SimulatedGrblOptions { faults: vec![fault], ..SimulatedGrblOptions::of(&testing::machine(), Pace::Fast) };
     let mut control = Firmware::new(testing::world(), options);
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, _) = grbl(Link::from_stream("in process", ours));
@@ -266,10 +239,8 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
     let fault = Fault { kind: FaultKind::RapidContact, at_line: 14, after_touch: 0, code: None };
-    let options = SimulatedGrblOptions {
-        faults: vec![fault],
-        ..SimulatedGrblOptions::of(&testing::machine(), Pace::Real)
-    };
+    let options =
+        SimulatedGrblOptions { faults: vec![fault], ..SimulatedGrblOptions::of(&testing::machine(), Pace::Real) };
     let mut control = Firmware::new(world.clone(), options);
     let happened = control.occurred_faults();
     tokio::spawn(async move { control.serve(theirs).await });
@@ -277,8 +248,7 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     driver.prepare().await.unwrap();
     // Without a hold the move takes more than one second.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
-    let error =
-        driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
+    let error = driver.execute(prove_block(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
     tokio::time::sleep(Duration::from_millis(1500)).await;
     let at = world.lock().unwrap().position().get_or_zero(Axis::X);

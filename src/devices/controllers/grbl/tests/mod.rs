@@ -76,8 +76,7 @@ async fn run(driver: &mut Grbl, steps: u32) -> Vec<BlockOutcome> {
 async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<SimulatedWorld>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
-    let mut control =
-        Firmware::new(world.clone(), SimulatedGrblOptions::of(&testing::machine(), pace));
+    let mut control = Firmware::new(world.clone(), SimulatedGrblOptions::of(&testing::machine(), pace));
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, halt) = grbl(Link::from_stream("in process", ours));
     driver.prepare().await.unwrap();
@@ -106,8 +105,7 @@ async fn touches_come_back_at_the_radius_the_same_over_every_stream() {
     let mut pty = create_pty().unwrap();
     let mut control = firmware();
     tokio::spawn(async move { control.serve(&mut pty.device).await });
-    let (mut driver, _) =
-        grbl(open_line_link(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
+    let (mut driver, _) = grbl(open_line_link(&Address::Serial { path: pty.path, baud: 115_200 }).await.unwrap());
     assert_eq!(run(&mut driver, 70).await, in_process);
 
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -136,11 +134,7 @@ async fn a_control_that_cannot_measure_is_refused_before_anything_moves() {
         ("Hold:0|MPos:0.000", "the control is not ready: Hold:0", "reset the control"),
         ("Door:0|MPos:0.000", "the control is not ready: Door:0", "reset the control"),
         ("Tool|MPos:0.000", "the control is not ready: Tool", "reset the control"),
-        (
-            "Idle|MPos:0.000|Pn:P|Ov:100,100,100",
-            "the control is not ready: the probe reads closed",
-            "stylus",
-        ),
+        ("Idle|MPos:0.000|Pn:P|Ov:100,100,100", "the control is not ready: the probe reads closed", "stylus"),
     ] {
         let (link, tape) = peer_with_overrides(move |line| (line == "?").then(|| status(said)));
         let error = prepare_error(link).await;
@@ -180,10 +174,7 @@ async fn execute_touch(
 ) -> (Result<BlockOutcome, ControllerError>, String) {
     let prepared = Arc::new(Mutex::new(false));
     let copy = prepared.clone();
-    let (link, tape) =
-        peer_with_overrides(
-            move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None },
-        );
+    let (link, tape) = peer_with_overrides(move |line| if *copy.lock().unwrap() { odd_answer(line) } else { None });
     let (mut driver, _) = grbl(link);
     driver.prepare().await.unwrap();
     *prepared.lock().unwrap() = true;
@@ -199,10 +190,7 @@ async fn a_touch_as_a_real_control_answers_it() {
     let outcome = outcome.unwrap();
     let at = outcome.touch.unwrap();
     // Position at the end of the touch, at 26 mm and 135 degrees, three decimals.
-    assert_eq!(
-        [at.get_or_zero(Axis::X), at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)],
-        [-18.385, 18.385, -150.0]
-    );
+    assert_eq!([at.get_or_zero(Axis::X), at.get_or_zero(Axis::Y), at.get_or_zero(Axis::Z)], [-18.385, 18.385, -150.0]);
     assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
     assert_eq!(outcome.t_s, None);
     assert_eq!(tape.lines().count(), 8, "seven motions, and the touch told again: {tape}");
@@ -284,17 +272,14 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
     assert_eq!(tape.lines().count(), 3);
     for (code, meaning) in [(1, "hard limit"), (2, "soft limits"), (9, "homing"), (99, "manual")] {
         let alarm = format!("ALARM:{code}\r\n");
-        let (outcome, _) =
-            execute_touch(move |line| line.contains("G0").then(|| alarm.clone())).await;
+        let (outcome, _) = execute_touch(move |line| line.contains("G0").then(|| alarm.clone())).await;
         let error = outcome.unwrap_err();
         assert!(error.to_string().starts_with(&format!("alarm {code}: ")), "{error}");
         assert!(error.to_string().contains(meaning), "{error}");
-        let names_limits =
-            error.remedy().contains("min and max") && error.remedy().contains("Ctrl-X");
+        let names_limits = error.remedy().contains("min and max") && error.remedy().contains("Ctrl-X");
         assert_eq!(names_limits, code == 2, "{}", error.remedy());
     }
-    let reset =
-        "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
+    let reset = "ALARM:3\r\n\r\nGrblHAL 1.1f ['$' or '$HELP' for help]\r\n[MSG:'$H'|'$X' to unlock]\r\n";
     let banner = "\r\nGrbl 1.1f ['$' for help]\r\n";
     for said in [reset, banner] {
         let (outcome, tape) = execute_touch(reply_to_probe(said)).await;
@@ -336,10 +321,7 @@ async fn a_slow_move_is_waited_for_as_long_as_the_control_says_run() {
         }
         _ => None,
     };
-    assert_eq!(
-        execute_touch(running).await.0.unwrap().touch.unwrap().get_or_zero(Axis::X),
-        -18.385
-    );
+    assert_eq!(execute_touch(running).await.0.unwrap().touch.unwrap().get_or_zero(Axis::X), -18.385);
 }
 
 #[tokio::test]
@@ -438,8 +420,7 @@ async fn a_held_simulated_machine_stays() {
     let before = world.lock().unwrap().position();
     // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);
-    let block =
-        Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
+    let block = Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
     let running = tokio::spawn(async move { (driver.execute(prove_block(&block)).await, driver) });
     tokio::time::sleep(Duration::from_millis(50)).await;
     halt.trigger();

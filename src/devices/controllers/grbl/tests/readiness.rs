@@ -62,27 +62,12 @@ async fn regress_a_control_that_is_not_ready_is_sent_no_motion() {
         made.settings.insert(number, value);
         assert_refused(made, state, remedy).await;
     }
-    assert_refused(
-        SimulatedGrblOptions { is_homed: false, ..options() },
-        "X, Y, Z, B, C are not homed",
-        "$H",
-    )
-    .await;
+    assert_refused(SimulatedGrblOptions { is_homed: false, ..options() }, "X, Y, Z, B, C are not homed", "$H").await;
     for (overrides, state) in [([200, 100], "feed 200 %"), ([100, 25], "rapid 25 %")] {
         assert_refused(SimulatedGrblOptions { overrides, ..options() }, state, "100 %").await;
     }
-    assert_refused(
-        SimulatedGrblOptions { has_pendant: true, ..options() },
-        "a pendant",
-        "pendant off",
-    )
-    .await;
-    assert_refused(
-        SimulatedGrblOptions { tool_length_mm: 50.0, ..options() },
-        "tool length",
-        "G49",
-    )
-    .await;
+    assert_refused(SimulatedGrblOptions { has_pendant: true, ..options() }, "a pendant", "pendant off").await;
+    assert_refused(SimulatedGrblOptions { tool_length_mm: 50.0, ..options() }, "tool length", "G49").await;
     let silent = SimulatedGrblOptions { settings: [].into(), ..options() };
     assert_refused(silent, "does not report its settings", "grblHAL").await;
 
@@ -120,8 +105,7 @@ async fn an_introduction_has_the_whole_list() {
     let mut made = SimulatedGrblOptions { is_homed: false, overrides: [110, 50], ..options() };
     made.settings.extend([(13, 1.0), (20, 0.0)]);
     let said = taped_driver(made).0.identify_device().await.unwrap();
-    let blocking: Vec<String> =
-        said.findings.iter().filter(|r| r.is_blocking).map(|r| r.description.clone()).collect();
+    let blocking: Vec<String> = said.findings.iter().filter(|r| r.is_blocking).map(|r| r.description.clone()).collect();
     assert_eq!(blocking.len(), 4, "{blocking:?}");
 }
 
@@ -130,8 +114,7 @@ async fn an_introduction_has_the_whole_list() {
 async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
     for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
         let (link, tape) = peer_with_overrides(move |line| {
-            let modes =
-                format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
+            let modes = format!("[GC:G0 G59 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
         });
         let (mut driver, _) = grbl(link);
@@ -174,8 +157,7 @@ async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
     assert_eq!(head_sent(&driver, &tape), 0);
     for words in ["M3 G50", "M5 G51:XY"] {
         let (link, tape) = peer_with_overrides(move |line| {
-            let modes =
-                format!("[GC:G0 G54 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
+            let modes = format!("[GC:G0 G54 G17 G21 G90 G94 G49 G98 {words} M9 T0 F0 S0.]\r\nok\r\n");
             (line == "$G").then_some(modes)
         });
         let (mut driver, _) = grbl(link);
@@ -245,9 +227,7 @@ async fn regress_a_late_report_is_not_taken_for_the_full_one() {
 /// grblHAL at compatibility level 2 leaves out the field that marks a full report.
 #[tokio::test]
 async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
-    let (link, _) = peer_with_overrides(|line| {
-        (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", ""))
-    });
+    let (link, _) = peer_with_overrides(|line| (line == "0x87").then(|| FULL_REPORT.replace("|FW:grblHAL", "")));
     grbl(link).0.prepare().await.unwrap();
 }
 

@@ -67,18 +67,12 @@ impl TryFrom<SamplerKeys> for SamplerConfig {
 
     fn try_from(SamplerKeys { tcp, period_s, axes }: SamplerKeys) -> Result<Self, String> {
         if !(1e-5..=0.1).contains(&period_s) {
-            return Err(format!(
-                "`period_s` is {period_s}; it must be the servo thread's period, 0.00001 to 0.1 s"
-            ));
+            return Err(format!("`period_s` is {period_s}; it must be the servo thread's period, 0.00001 to 0.1 s"));
         }
-        let is_repeated = |axes: &Vec<Axis>| {
-            axes.iter().enumerate().any(|(i, axis)| *axis == Axis::S || axes[..i].contains(axis))
-        };
+        let is_repeated =
+            |axes: &Vec<Axis>| axes.iter().enumerate().any(|(i, axis)| *axis == Axis::S || axes[..i].contains(axis));
         if axes.as_ref().is_some_and(is_repeated) {
-            return Err(
-                "`axes` must name each axis once, in the order of the sampler's pins, without S"
-                    .to_owned(),
-            );
+            return Err("`axes` must name each axis once, in the order of the sampler's pins, without S".to_owned());
         }
         Ok(Self { tcp, period_s, axes })
     }
@@ -105,11 +99,7 @@ impl Sampler {
     ///
     /// # Errors
     /// Nothing listens at the address.
-    pub async fn open(
-        config: &SamplerConfig,
-        axes: &[Axis],
-        clock: Arc<dyn Clock>,
-    ) -> Result<Self, ControllerError> {
+    pub async fn open(config: &SamplerConfig, axes: &[Axis], clock: Arc<dyn Clock>) -> Result<Self, ControllerError> {
         let machine_axes = || axes.iter().copied().filter(|axis| *axis != Axis::S).collect();
         let axes = config.axes.clone().unwrap_or_else(machine_axes);
         let address = Address::from(&config.tcp);
@@ -118,8 +108,7 @@ impl Sampler {
             let state = format!("{name} is not reachable: {error}");
             not_ready(&state, &format!("start the sampler together with LinuxCNC: {SETUP_GUIDE}"))
         })?;
-        let state =
-            SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
+        let state = SamplerState { record: TickRecord::new(axes, config.period_s), lost_reason: None };
         let shared_state = Arc::new(Mutex::new(state));
         tokio::spawn(read_stream(stream, Arc::downgrade(&shared_state), clock.clone()));
         Ok(Self { name, period_s: config.period_s, clock, shared_state, mm_per_unit: 1.0 })
@@ -144,31 +133,22 @@ impl Sampler {
     ) -> Result<(), ControllerError> {
         self.mm_per_unit = mm_per_unit;
         let required_axes = axes.iter().filter(|axis| **axis != Axis::S);
-        if let Some(axis) =
-            required_axes.into_iter().find(|a| !self.lock_state().record.axes().contains(a))
-        {
+        if let Some(axis) = required_axes.into_iter().find(|a| !self.lock_state().record.axes().contains(a)) {
             return Err(not_ready(
                 &format!("{} does not record axis {axis}", self.name),
                 "add the axis to [controller.sampler] axes, and connect it to a pin of the sampler",
             ));
         }
         let silent = |name: &str, reason: String| {
-            not_ready(
-                &format!("{name}: {reason}"),
-                &format!("check that the sampler runs: {SETUP_GUIDE}"),
-            )
+            not_ready(&format!("{name}: {reason}"), &format!("check that the sampler runs: {SETUP_GUIDE}"))
         };
         // Positions buffered before the connection arrive at once.
-        self.wait_for_tick_after(f64::NEG_INFINITY)
-            .await
-            .map_err(|reason| silent(&self.name, reason))?;
+        self.wait_for_tick_after(f64::NEG_INFINITY).await.map_err(|reason| silent(&self.name, reason))?;
         sleep(BUFFER_DRAIN_TIME).await;
-        let before =
-            self.lock_state().record.newest_positions.as_ref().map(|position| position.tick);
+        let before = self.lock_state().record.newest_positions.as_ref().map(|position| position.tick);
         sleep(PERIOD_CHECK_TIME).await;
         let now_s = self.clock.now_s();
-        let newest =
-            self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
+        let newest = self.wait_for_tick_after(now_s).await.map_err(|reason| silent(&self.name, reason))?;
         let period_s = before.and_then(|tick| self.lock_state().record.ticks.wrong_period_s(tick));
         if let Some(period_s) = period_s {
             return Err(not_ready(
@@ -186,17 +166,10 @@ impl Sampler {
     }
 
     /// Returns all positions since [`Self::start_recording`]; the machine has come to rest at `position` after `step`.
-    pub(super) async fn finish_recording(
-        &self,
-        step: u32,
-        position: &Position,
-    ) -> Result<AxisTrack, ControllerError> {
+    pub(super) async fn finish_recording(&self, step: u32, position: &Position) -> Result<AxisTrack, ControllerError> {
         let unstamped = |reason, remedy| ControllerError::MissingTrack { step, reason, remedy };
         let newest = self.wait_for_tick_after(self.clock.now_s()).await.map_err(|reason| {
-            unstamped(
-                format!("{}: {reason}", self.name),
-                format!("check that the sampler runs: {SETUP_GUIDE}"),
-            )
+            unstamped(format!("{}: {reason}", self.name), format!("check that the sampler runs: {SETUP_GUIDE}"))
         })?;
         let track = self.lock_state().record.finish_recording(self.mm_per_unit);
         if let Some(difference) = self.position_difference(&newest, position) {
@@ -205,8 +178,7 @@ impl Sampler {
         track.ok_or_else(|| {
             unstamped(
                 "the scan was too long for the position memory".to_owned(),
-                "make the scan shorter or faster: at 1 kHz the memory holds a quarter of an hour"
-                    .to_owned(),
+                "make the scan shorter or faster: at 1 kHz the memory holds a quarter of an hour".to_owned(),
             )
         })
     }
@@ -247,20 +219,14 @@ impl Sampler {
     /// Describes a difference between the positions of the sampler and of the control.
     fn position_difference(&self, newest: &TickPositions, position: &Position) -> Option<String> {
         let state = self.lock_state();
-        let value: Vec<f64> =
-            state.record.to_internal_units(&newest.positions, self.mm_per_unit).collect();
+        let value: Vec<f64> = state.record.to_internal_units(&newest.positions, self.mm_per_unit).collect();
         let mut axes = state.record.axes().iter().zip(value);
         let is_different = |axis: Axis, value: f64| {
-            let tolerance = if axis.is_linear() {
-                MAX_POSITION_DIFFERENCE_MM
-            } else {
-                MAX_POSITION_DIFFERENCE_RAD
-            };
+            let tolerance = if axis.is_linear() { MAX_POSITION_DIFFERENCE_MM } else { MAX_POSITION_DIFFERENCE_RAD };
             position.get(axis).is_some_and(|position| (position - value).abs() > tolerance)
         };
         let (axis, value) = axes.find(|(axis, value)| is_different(**axis, *value))?;
-        let (at, value) =
-            (axis.to_mm_or_deg(position.get_or_zero(*axis)), axis.to_mm_or_deg(value));
+        let (at, value) = (axis.to_mm_or_deg(position.get_or_zero(*axis)), axis.to_mm_or_deg(value));
         Some(format!("{axis} is at {at:.3}, but {} reports {value:.3}", self.name))
     }
 }

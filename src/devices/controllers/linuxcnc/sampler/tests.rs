@@ -89,8 +89,7 @@ async fn wrong_pins_units_and_lines_are_refused_before_anything_moves() {
 async fn one_that_falls_silent_or_is_lost_ends_the_scan() {
     let silent = Arc::new(AtomicBool::new(false));
     let known = silent.clone();
-    let quiet =
-        start_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_line(tick) });
+    let quiet = start_halsampler(move |tick| if known.load(SeqCst) { None } else { valid_line(tick) });
     let mut sampler = open_sampler(&quiet).await;
     sampler.check_agreement(&position(2.0, 90.0), &AXES, 1.0).await.unwrap();
     sampler.start_recording();
@@ -103,16 +102,12 @@ async fn one_that_falls_silent_or_is_lost_ends_the_scan() {
     let nobody = SamplerConfig { tcp: HostPort::local(free), period_s: 0.001, axes: None };
     let closed = Sampler::open(&nobody, &AXES, Arc::new(HostClock::start())).await;
     let error = closed.err().unwrap();
-    assert!(
-        error.to_string().contains("is not reachable") && error.remedy().contains("docs/"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("is not reachable") && error.remedy().contains("docs/"), "{error}");
 }
 
 #[test]
 fn its_table_is_looked_at() {
-    let read =
-        |text: &str| toml::from_str::<SamplerConfig>(text).map_err(|error| error.to_string());
+    let read = |text: &str| toml::from_str::<SamplerConfig>(text).map_err(|error| error.to_string());
     assert!(read("tcp = \"127.0.0.1:5008\"\nperiod_s = 0.0005\naxes = [\"C\", \"X\"]").is_ok());
     for (keys, named) in [
         ("period_s = 1.0", "servo thread's period"),

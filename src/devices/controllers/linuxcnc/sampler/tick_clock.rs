@@ -61,10 +61,7 @@ impl TickClock {
     /// Registers the tick `number` that arrived at `at_s`. A number that is not greater than the last one
     /// starts a new count.
     pub fn register_tick(&mut self, number: i64, at_s: f64) -> Tick {
-        if self
-            .newest_tick
-            .is_some_and(|last| last.count_index == self.count_index && last.number >= number)
-        {
+        if self.newest_tick.is_some_and(|last| last.count_index == self.count_index && last.number >= number) {
             self.start_new_count();
         }
         let tick = Tick { count_index: self.count_index, number };
@@ -83,17 +80,12 @@ impl TickClock {
     /// Time of the tick, s; `None` if it cannot be trusted.
     pub fn time_s(&self, tick: Tick) -> Option<f64> {
         let (count_index, number) = self.bin_index(tick);
-        let from =
-            self.bins.partition_point(|bin| bin.index < (count_index, number - NEIGHBOUR_BINS));
-        let neighbours = || {
-            self.bins
-                .range(from..)
-                .take_while(|bin| bin.index <= (count_index, number + NEIGHBOUR_BINS))
-        };
+        let from = self.bins.partition_point(|bin| bin.index < (count_index, number - NEIGHBOUR_BINS));
+        let neighbours =
+            || self.bins.range(from..).take_while(|bin| bin.index <= (count_index, number + NEIGHBOUR_BINS));
         let min_offset_s = neighbours().map(|bin| bin.min_offset_s).fold(f64::INFINITY, f64::min);
         let own = neighbours().find(|bin| bin.index == (count_index, number))?;
-        (own.min_offset_s <= min_offset_s + MAX_BIN_DELAY_S)
-            .then(|| min_offset_s + self.nominal_time_s(tick))
+        (own.min_offset_s <= min_offset_s + MAX_BIN_DELAY_S).then(|| min_offset_s + self.nominal_time_s(tick))
     }
 
     /// True period, s, if it differs from the configured one, as the bins after `since` show.
@@ -126,12 +118,7 @@ mod tests {
 
     /// Registers `count` ticks from `first` on in batches of `batch`. A batch arrives after its last tick,
     /// with the delay `late` of the batch's number, s.
-    fn feed_ticks(
-        ticks: &mut TickClock,
-        (first, count): (i64, i64),
-        batch: i64,
-        late: impl Fn(i64) -> f64,
-    ) {
+    fn feed_ticks(ticks: &mut TickClock, (first, count): (i64, i64), batch: i64, late: impl Fn(i64) -> f64) {
         for number in first..first + count {
             let of = number / batch;
             let told_s = TICK_ZERO_TIME_S + (of * batch + batch - 1) as f64 * PERIOD_S + late(of);
@@ -189,17 +176,13 @@ mod tests {
         assert_eq!((again, ticks.newest_tick), (Tick { count_index: 1, number: 3 }, Some(again)));
         assert!((ticks.time_s(again).unwrap() - late_s).abs() < 1e-9);
         assert_eq!(time_error_s(&ticks, 7_000), Some(0.0));
-        assert!(
-            !Tick { count_index: 1, number: 4 }.is_next_after(Tick { count_index: 0, number: 3 })
-        );
+        assert!(!Tick { count_index: 1, number: 4 }.is_next_after(Tick { count_index: 0, number: 3 }));
     }
 
     #[test]
     fn a_wrong_period_shows_within_a_second() {
         let since = Tick { count_index: 0, number: 0 };
-        for (period_s, wrong) in
-            [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))]
-        {
+        for (period_s, wrong) in [(PERIOD_S, None), (0.0005, Some(PERIOD_S)), (0.00095, Some(PERIOD_S))] {
             let mut ticks = TickClock::with_period(period_s);
             feed_ticks(&mut ticks, (0, 2_000), 10, |of| ((of * 37) % 91) as f64 * 1e-4);
             match (ticks.wrong_period_s(since), wrong) {

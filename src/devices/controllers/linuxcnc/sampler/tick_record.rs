@@ -107,9 +107,7 @@ impl TickRecord {
         let block_ticks = self.block_ticks.take().unwrap_or_default();
         let mut track = AxisTrack::new(self.axes.clone());
         let mut before = None;
-        for (tick, at) in
-            block_ticks.ticks.iter().zip(block_ticks.values.chunks(self.axes.len().max(1)))
-        {
+        for (tick, at) in block_ticks.ticks.iter().zip(block_ticks.values.chunks(self.axes.len().max(1))) {
             if !before.is_some_and(|before| tick.is_next_after(before)) {
                 track.record_gap();
             }
@@ -122,11 +120,7 @@ impl TickRecord {
     }
 
     /// Converts positions to mm and rad; `mm_per_unit` is the control's unit of length, mm.
-    pub fn to_internal_units<'a>(
-        &'a self,
-        at: &'a [f64],
-        mm_per_unit: f64,
-    ) -> impl Iterator<Item = f64> + 'a {
+    pub fn to_internal_units<'a>(&'a self, at: &'a [f64], mm_per_unit: f64) -> impl Iterator<Item = f64> + 'a {
         let scaled = move |(axis, at): (&Axis, &f64)| match axis.is_linear() {
             true => at * mm_per_unit,
             false => axis.to_mm_or_rad(*at),
@@ -183,8 +177,7 @@ mod tests {
             let track = record.finish_recording(25.4).unwrap();
             let at = track.position_at(0.0075).unwrap();
             assert!(
-                (at.get_or_zero(Axis::X) - 2.0 * 25.4).abs() < 1e-9
-                    && at.get_or_zero(Axis::C).abs() < 1e-9,
+                (at.get_or_zero(Axis::X) - 2.0 * 25.4).abs() < 1e-9 && at.get_or_zero(Axis::C).abs() < 1e-9,
                 "{at:?}"
             );
             let first = track.position_at(0.007 + 1e-9).unwrap();
@@ -223,23 +216,16 @@ mod tests {
 
     #[test]
     fn what_is_no_line_of_the_sampler_is_told() {
-        for line in
-            ["1 2 0", "1 2 3", "1 2 3 4 0", "1 2 3 2", "x 2 3 0", "1 nan 3 0", "1.5 2 3 0", ""]
-        {
+        for line in ["1 2 0", "1 2 3", "1 2 3 4 0", "1 2 3 2", "x 2 3 0", "1 nan 3 0", "1.5 2 3 0", ""] {
             let mut record = new_record();
             record.push_bytes(format!("{line}\n").as_bytes(), 0.0);
-            assert_eq!(
-                (record.newest_positions, record.last_invalid_line.as_deref()),
-                (None, Some(line))
-            );
+            assert_eq!((record.newest_positions, record.last_invalid_line.as_deref()), (None, Some(line)));
         }
         let mut record = new_record();
         for _ in 0..100 {
             record.push_bytes(&[b'7'; 500], 0.0);
         }
-        assert!(
-            record.last_invalid_line.is_some() && record.partial_line.len() <= MAX_LINE_BYTES + 500
-        );
+        assert!(record.last_invalid_line.is_some() && record.partial_line.len() <= MAX_LINE_BYTES + 500);
     }
 
     #[test]

@@ -26,8 +26,7 @@ pub(super) fn check_map(map: &RegisterMap) -> Result<(), String> {
     }
     if is_program && order != ByteOrder::default() {
         return Err(
-            "`command.chunk` of a resident program must have no `order`: set the `order` of each parameter"
-                .to_owned(),
+            "`command.chunk` of a resident program must have no `order`: set the `order` of each parameter".to_owned()
         );
     }
     if !is_program {
@@ -36,11 +35,9 @@ pub(super) fn check_map(map: &RegisterMap) -> Result<(), String> {
     check_scales(map)?;
     check_status_block(map)?;
     let command = map.command.register_spans().into_iter();
-    let command = command
-        .map(|(name, at, count)| (RegisterSpace::Holding, at, count, format!("command.{name}")));
+    let command = command.map(|(name, at, count)| (RegisterSpace::Holding, at, count, format!("command.{name}")));
     let status = map.status.register_spans().into_iter();
-    let status =
-        status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
+    let status = status.map(|(name, at, count)| (map.status.space, at, count, format!("status.{name}")));
     check_overlaps(command.chain(status).collect())
 }
 
@@ -74,9 +71,7 @@ fn check_scales(map: &RegisterMap) -> Result<(), String> {
     let times = [status.time_s, status.latch_time_s];
     match axes.chain(&times).find(|register| register.number.scale <= 0.0) {
         None => Ok(()),
-        Some(register) => {
-            Err(format!("the scale at address {} must be greater than 0", register.address))
-        }
+        Some(register) => Err(format!("the scale at address {} must be greater than 0", register.address)),
     }
 }
 
@@ -94,9 +89,7 @@ fn check_status_block(map: &RegisterMap) -> Result<(), String> {
         }
     }
     if usize::from(count) > MAX_READ_REGISTERS {
-        return Err(format!(
-            "the status block has {count} registers; one request reads at most {MAX_READ_REGISTERS}"
-        ));
+        return Err(format!("the status block has {count} registers; one request reads at most {MAX_READ_REGISTERS}"));
     }
     Ok(())
 }

@@ -4,10 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{
-    ChunkRegisters, CommandRegisters, Register, RegisterMap, ResultRegisters, StatusRegisters,
-    check,
-};
+use super::{ChunkRegisters, CommandRegisters, Register, RegisterMap, ResultRegisters, StatusRegisters, check};
 use link::modbus::RegisterSpace;
 use link::modbus::value::{ByteOrder, NumberFormat, NumberType};
 use machine::Axis;
@@ -90,10 +87,8 @@ struct DefaultAddresses {
     tail_address: u16,
 }
 
-const LINE_WINDOW_DEFAULTS: DefaultAddresses =
-    DefaultAddresses { chunk_registers: 100, tail_address: 44 };
-const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses =
-    DefaultAddresses { chunk_registers: 328, tail_address: 49 };
+const LINE_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk_registers: 100, tail_address: 44 };
+const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk_registers: 328, tail_address: 49 };
 
 const WINDOW_AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const LATCH_ADDRESS: u16 = 20;
@@ -128,9 +123,7 @@ fn axis_registers(
 ) -> Result<BTreeMap<Axis, Register>, String> {
     let Some(keys) = keys else {
         let addresses = WINDOW_AXES.into_iter().zip((first..).step_by(2));
-        return Ok(addresses
-            .map(|(axis, address)| (axis, RegisterKeys::default().axis_register(address)))
-            .collect());
+        return Ok(addresses.map(|(axis, address)| (axis, RegisterKeys::default().axis_register(address))).collect());
     };
     let register = |(axis, entry): (Axis, RegisterKeys)| match entry.address {
         Some(address) => Ok((axis, entry.axis_register(address))),
@@ -144,11 +137,9 @@ impl TryFrom<RegisterMapKeys> for RegisterMap {
 
     fn try_from(RegisterMapKeys { command, status }: RegisterMapKeys) -> Result<Self, String> {
         if status.result.is_some() {
-            return Err(
-                "`status.result` belongs to a resident program: add [controller.program], \
+            return Err("`status.result` belongs to a resident program: add [controller.program], \
                         or remove `status.result`"
-                    .to_owned(),
-            );
+                .to_owned());
         }
         let map = Self {
             command: command.into_registers(&LINE_WINDOW_DEFAULTS),

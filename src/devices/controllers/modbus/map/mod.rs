@@ -98,9 +98,7 @@ impl Register {
         let wanted = self.count();
         let start = usize::from(self.address.saturating_sub(first));
         let words = block.get(start..start + usize::from(wanted));
-        self.number.decode(
-            words.ok_or(ValueError::RegisterCount { received: block.len(), expected: wanted })?,
-        )
+        self.number.decode(words.ok_or(ValueError::RegisterCount { received: block.len(), expected: wanted })?)
     }
 
     /// Returns the address and the words of `value`.
@@ -170,9 +168,7 @@ impl StatusRegisters {
             ("sequence_tail", self.sequence_tail),
         ];
         let items = items.into_iter().map(|(name, register)| (name.to_owned(), register));
-        let of = |name: &'static str| {
-            move |(axis, at): (&Axis, &Register)| (format!("{name}.{axis}"), *at)
-        };
+        let of = |name: &'static str| move |(axis, at): (&Axis, &Register)| (format!("{name}.{axis}"), *at);
         let results = self.result.iter().flat_map(ResultRegisters::named_registers);
         let results = results.map(|(name, register)| (format!("result.{name}"), register));
         items
@@ -206,12 +202,8 @@ impl RegisterMap {
         let (first, count) = self.status.block_range();
         let last = first.saturating_add(count.saturating_sub(1));
         let read = vec![RegisterRange { space: self.status.space, first, last }];
-        let mut spans: Vec<(u16, u16)> = self
-            .command
-            .register_spans()
-            .into_iter()
-            .map(|(_, first, count)| (first, count))
-            .collect();
+        let mut spans: Vec<(u16, u16)> =
+            self.command.register_spans().into_iter().map(|(_, first, count)| (first, count)).collect();
         spans.sort_unstable();
         let mut write: Vec<RegisterRange> = Vec::new();
         for (first, count) in spans {
@@ -227,9 +219,8 @@ impl RegisterMap {
 
     /// Returns an axis without registers in the window.
     pub(super) fn axis_without_registers(&self, axes: &[Axis]) -> Option<Axis> {
-        let has_registers = |axis: &&Axis| {
-            self.status.latch.contains_key(axis) && self.status.position.contains_key(axis)
-        };
+        let has_registers =
+            |axis: &&Axis| self.status.latch.contains_key(axis) && self.status.position.contains_key(axis);
         axes.iter().find(|axis| !has_registers(axis)).copied()
     }
 }

@@ -9,10 +9,7 @@ fn the_published_window_passes_its_own_check_and_is_all_that_can_be_reached() {
     let published = map("").unwrap();
     let allowed = published.access_ranges();
     assert_eq!(allowed.read, [RegisterRange { space: RegisterSpace::Input, first: 0, last: 44 }]);
-    assert_eq!(
-        allowed.write,
-        [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]
-    );
+    assert_eq!(allowed.write, [RegisterRange { space: RegisterSpace::Holding, first: 0, last: 105 }]);
     assert_eq!(published.status.block_range(), (0, 45));
     assert_eq!(published.axis_without_registers(&[Axis::X, Axis::C]), None);
 }

@@ -45,9 +45,7 @@ impl ModbusControl {
     ) -> Result<(), ControllerError> {
         self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(ResultSlot { is_pending: true, .. }) => {
-                self.window.acknowledge(status.latch_count).await
-            }
+            Some(ResultSlot { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
             _ => Ok(()),
         }
     }
@@ -61,15 +59,12 @@ impl ModbusControl {
         let (results, status) = self.execute_rows(program, &rows, block).await?;
         let touch = self.find_touch(&rows, &results, block.step())?;
         let latch_s = touch.and_then(|result| result.t_s);
-        let mut outcome =
-            BlockOutcome { t_s: self.contact_time_s(latch_s, &status)?, ..BlockOutcome::default() };
+        let mut outcome = BlockOutcome { t_s: self.contact_time_s(latch_s, &status)?, ..BlockOutcome::default() };
         if let Some(result) = touch {
             let spindle = block.motions().take(result.row).filter_map(orientation_rad).last();
             let spindle = spindle.or(self.spindle_rad);
             let spindle = spindle.map(|s| (Axis::S, s));
-            outcome.touch = Some(
-                self.machine_axes_only(&result.latched_position).iter().chain(spindle).collect(),
-            );
+            outcome.touch = Some(self.machine_axes_only(&result.latched_position).iter().chain(spindle).collect());
         }
         self.spindle_rad = block.motions().filter_map(orientation_rad).last().or(self.spindle_rad);
         let end = rows::end_position(&rows, &self.rest_position);
@@ -97,9 +92,7 @@ impl ModbusControl {
         let collected = self.collect_results(&mut pending, rows, step).await;
         collected.map_err(|error| match error {
             ControllerError::Alarm { code, .. }
-                if [ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED]
-                    .map(u32::from)
-                    .contains(&code) =>
+                if [ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED].map(u32::from).contains(&code) =>
             {
                 ControllerError::ProbeStillClosed { step }
             }
@@ -193,11 +186,8 @@ impl ModbusControl {
     ) -> Result<(), ControllerError> {
         let from = rows::end_position(before, &self.rest_position);
         let to = from.updated_by(&row.target);
-        let contact = self
-            .machine_axes_only(&result.latched_position)
-            .filter_axes(|axis| from.get(axis).is_some());
-        let deviation_error =
-            arrival::contact_path_error(&from, &to, &contact, |axis| self.axis_tolerance(axis));
+        let contact = self.machine_axes_only(&result.latched_position).filter_axes(|axis| from.get(axis).is_some());
+        let deviation_error = arrival::contact_path_error(&from, &to, &contact, |axis| self.axis_tolerance(axis));
         deviation_error.map_or(Ok(()), Err)
     }
 }
@@ -222,11 +212,7 @@ fn result_kind(
     if status.latch_count.wrapping_sub(last_number) > u16::MAX / 2 {
         return Ok(ResultFreshness::Stale);
     }
-    let reply = format!(
-        "result {} received, result {} expected",
-        status.latch_count,
-        sequence_after(last_number)
-    );
+    let reply = format!("result {} received, result {} expected", status.latch_count, sequence_after(last_number));
     Err(ControllerError::UnexpectedReply { reply })
 }
 
@@ -240,9 +226,7 @@ fn row_result(status: &WindowStatus, slot: &ResultSlot) -> RowResult {
 }
 
 fn result_mismatch(slot: &str, expected: usize) -> ControllerError {
-    ControllerError::UnexpectedReply {
-        reply: format!("{slot} received, {expected} results expected"),
-    }
+    ControllerError::UnexpectedReply { reply: format!("{slot} received, {expected} results expected") }
 }
 
 fn orientation_rad(motion: &Motion) -> Option<f64> {

@@ -89,11 +89,7 @@ pub(super) struct ParameterLayout {
 impl ParameterLayout {
     /// # Errors
     /// Items overlap, or are beyond the `registers` of the chunk.
-    pub(super) fn from_keys(
-        keys: ParameterKeys,
-        row: RowKeys,
-        registers: u16,
-    ) -> Result<Self, String> {
+    pub(super) fn from_keys(keys: ParameterKeys, row: RowKeys, registers: u16) -> Result<Self, String> {
         let table = keys.table.address.unwrap_or(8);
         let row_registers = keys.table.registers.unwrap_or(16);
         let axes = ROW_AXES.into_iter().zip([row.x, row.y, row.z, row.a, row.b, row.c]);
@@ -121,9 +117,7 @@ impl ParameterLayout {
 
     fn check_addresses(&self) -> Result<(), String> {
         if self.max_rows == 0 {
-            return Err(
-                "`command.chunk` is too small for one row of the program's table".to_owned()
-            );
+            return Err("`command.chunk` is too small for one row of the program's table".to_owned());
         }
         let span = |section: &str, name: &str, at: &Register| -> ItemSpan {
             (RegisterSpace::Holding, at.address, at.count(), format!("{section}.{name}"))
@@ -142,17 +136,10 @@ impl ParameterLayout {
         row.extend(self.target.iter().map(|(axis, at)| span("row", &axis.to_string(), at)));
         row.push((RegisterSpace::Holding, self.row_registers, 1, "the next row".to_owned()));
         let end = |(_, at, count, _): &ItemSpan| u32::from(*at) + u32::from(*count);
-        if let Some((.., name)) =
-            row.iter().rev().skip(1).find(|item| end(item) > self.row_registers.into())
-        {
-            return Err(format!(
-                "`{name}` is beyond the {} registers of a row",
-                self.row_registers
-            ));
+        if let Some((.., name)) = row.iter().rev().skip(1).find(|item| end(item) > self.row_registers.into()) {
+            return Err(format!("`{name}` is beyond the {} registers of a row", self.row_registers));
         }
-        if let Some((.., name)) =
-            parameters.iter().find(|item| end(item) > self.table_address.into())
-        {
+        if let Some((.., name)) = parameters.iter().find(|item| end(item) > self.table_address.into()) {
             return Err(format!("`{name}` must be before the table at {}", self.table_address));
         }
         check_overlaps(parameters.to_vec())?;
@@ -165,8 +152,7 @@ impl ParameterLayout {
     /// There are too many rows, or the registers cannot hold a number of the text.
     pub(super) fn encode_chunk(&self, call: &ProgramCall) -> Result<Vec<u8>, String> {
         let items = self.parameter_values(call)?;
-        let length =
-            usize::from(self.table_address) + call.rows.len() * usize::from(self.row_registers);
+        let length = usize::from(self.table_address) + call.rows.len() * usize::from(self.row_registers);
         let mut words = vec![0; length];
         for (register, value) in &items {
             let written = register.number.encode(*value).map_err(|error| error.to_string())?;
@@ -191,9 +177,7 @@ impl ParameterLayout {
     fn parameter_values(&self, call: &ProgramCall) -> Result<Vec<(Register, f64)>, String> {
         let (rows, max_rows) = (call.rows.len(), usize::from(self.max_rows));
         if rows > max_rows {
-            return Err(format!(
-                "the block has {rows} moves, but `command.chunk` holds only {max_rows} rows"
-            ));
+            return Err(format!("the block has {rows} moves, but `command.chunk` holds only {max_rows} rows"));
         }
         let touches = call.rows.iter().filter(|row| row.action == RowAction::Touch).count();
         let mut items = vec![
@@ -204,27 +188,19 @@ impl ParameterLayout {
             (self.touches, touches as f64),
             (self.rows, rows as f64),
         ];
-        for (row, first) in
-            call.rows.iter().zip((self.table_address..).step_by(self.row_registers.into()))
-        {
+        for (row, first) in call.rows.iter().zip((self.table_address..).step_by(self.row_registers.into())) {
             self.add_row(row, first, &mut items)?;
         }
         Ok(items)
     }
 
-    fn add_row(
-        &self,
-        row: &ProgramRow,
-        first: u16,
-        items: &mut Vec<(Register, f64)>,
-    ) -> Result<(), String> {
+    fn add_row(&self, row: &ProgramRow, first: u16, items: &mut Vec<(Register, f64)>) -> Result<(), String> {
         let at = |at: &Register| Register { address: first + at.address, ..*at };
         let has_axis = |axis: Axis| self.target.iter().any(|(known, _)| *known == axis);
         if let Some((axis, _)) = row.target.iter().find(|(axis, _)| !has_axis(*axis)) {
             return Err(format!("a row has no register for {axis}"));
         }
-        let named =
-            self.target.iter().zip(0..).filter(|((axis, _), _)| row.target.get(*axis).is_some());
+        let named = self.target.iter().zip(0..).filter(|((axis, _), _)| row.target.get(*axis).is_some());
         let mask: u16 = named.map(|(_, bit)| 1 << bit).sum();
         items.push((at(&self.kind), f64::from(row.action as u8)));
         items.push((at(&self.axes), f64::from(mask)));

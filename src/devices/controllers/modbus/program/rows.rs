@@ -52,9 +52,7 @@ fn row_from_motion(motion: &Motion, read: &ReadMotion) -> Result<ProgramRow, Str
     let (action, value) = match read.kind {
         MotionKind::Rapid => (RowAction::Rapid, Some(0.0)),
         MotionKind::Feed => (RowAction::Feed, feed),
-        MotionKind::Probe { .. } if matches!(motion, Motion::Probe { .. }) => {
-            (RowAction::Touch, feed)
-        }
+        MotionKind::Probe { .. } if matches!(motion, Motion::Probe { .. }) => (RowAction::Touch, feed),
         MotionKind::Probe { .. } => (RowAction::Guarded, feed),
         MotionKind::Dwell { seconds } => (RowAction::Dwell, Some(seconds)),
         MotionKind::Orient { s } => (RowAction::Orient, Some(Axis::S.to_mm_or_deg(s))),

@@ -78,10 +78,8 @@ async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
     // -0.5 rad is 331.352 degrees, -0.1 and 0.2 rad are -5.7296 and 11.4592 degrees.
     assert_eq!(
         executed_texts(&diary),
-        [
-            "step 70001: Orient 331.352; Dwell 0.25; Rapid X40.0000 0; Guarded Z-150.0000 500; Guarded \
-          X30.1230 299.5; Touch X27.0000 60; Feed X30.1230 600; Rapid B-5.7296 C11.4592 0"
-        ]
+        ["step 70001: Orient 331.352; Dwell 0.25; Rapid X40.0000 0; Guarded Z-150.0000 500; Guarded \
+          X30.1230 299.5; Touch X27.0000 60; Feed X30.1230 600; Rapid B-5.7296 C11.4592 0"]
     );
 }
 
@@ -90,13 +88,11 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
     for kind in [None, Some(FaultKind::RepeatedResult), Some(FaultKind::StaleResult)] {
         let faults = kind.map(|kind| Fault { after_touch: 2, ..fault(kind, 0) });
         let (mut driver, diary) = prepared_driver(PROGRAM_KEYS, faults.into_iter().collect()).await;
-        let motions: Vec<_> =
-            approach_motions().into_iter().chain([touch(), touch(), touch()].concat()).collect();
+        let motions: Vec<_> = approach_motions().into_iter().chain([touch(), touch(), touch()].concat()).collect();
         let block = block(motions);
         let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
         let program = driver.program.clone().unwrap();
-        let (found, status) =
-            driver.execute_rows(&program, &rows, &prove_block(&block)).await.unwrap();
+        let (found, status) = driver.execute_rows(&program, &rows, &prove_block(&block)).await.unwrap();
         assert_eq!(found.iter().map(|found| found.row).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
         // Each result is a contact that the control has made.
         let diary = diary.lock().unwrap();
@@ -140,8 +136,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     let block = block(motions);
     let rows = rows::rows_from_block(&prove_block(&block)).unwrap();
     let (program, sequence) = (first.program.clone().unwrap(), first.window.next_sequence());
-    let call =
-        super::layout::ProgramCall { sequence, program: &program, step: 70_001, rows: &rows };
+    let call = super::layout::ProgramCall { sequence, program: &program, step: 70_001, rows: &rows };
     let chunk = program.layout.encode_chunk(&call).unwrap();
     first.window.start_chunk(&chunk, "a call", Duration::ZERO).await.unwrap();
     tokio::time::sleep(Duration::from_millis(50)).await;
@@ -150,10 +145,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     // The next run prepares, and its own touch has another result.
     first.prepare().await.unwrap();
     assert!(!first.window.read_status().await.unwrap().result.unwrap().is_pending);
-    let outcome = first
-        .execute(prove_block(&Block { step: 2, repeat: 0, motions: touch().into() }))
-        .await
-        .unwrap();
+    let outcome = first.execute(prove_block(&Block { step: 2, repeat: 0, motions: touch().into() })).await.unwrap();
     let diary = diary.lock().unwrap();
     let last = diary.iter().rev().find_map(|entry| match entry {
         DiaryEntry::Contact { t_s, .. } => Some(*t_s),
@@ -207,10 +199,7 @@ async fn a_contact_during_a_rapid_is_held() {
     let faults = vec![fault(FaultKind::RapidContact, 0)];
     let (mut driver, _, diary) = driver(PROGRAM_KEYS, Pace::Real, faults).await;
     driver.prepare().await.unwrap();
-    let error = driver
-        .execute(prove_block(&block(vec![Motion::Rapid { to: x_position(390.0) }])))
-        .await
-        .unwrap_err();
+    let error = driver.execute(prove_block(&block(vec![Motion::Rapid { to: x_position(390.0) }]))).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { .. }), "{error}");
     wait_for_hold(&diary).await;
     let stands = driver.read_snapshot().await.unwrap().position.get_or_zero(Axis::X);
@@ -235,8 +224,7 @@ async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result()
         // X and Y are read from each other's registers.
         let axes = [("X", 2), ("Y", 0), ("Z", 4), ("B", 8), ("C", 10)];
         let axes = axes.map(|(axis, k)| format!("{axis} = {{ address = {} }}", first + k));
-        let keys =
-            format!("{PROGRAM_KEYS}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
+        let keys = format!("{PROGRAM_KEYS}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
         let (mut driver, diary) = prepared_driver(&keys, Vec::new()).await;
         let motions = approach_motions().into_iter().chain(touch()).collect();
         let error = driver.execute(prove_block(&block(motions))).await.unwrap_err();
