@@ -36,7 +36,7 @@ fn artefacts_that_cannot_be_measured() {
     let two = with_balls(|set| {
         set.balls.truncate(2);
     });
-    refused(&two, Settings::default(), &["2 ball(s): samba needs three"]);
+    refused(&two, Settings::default(), &["2 ball(s): samba requires three"]);
     let slash = with_balls(|set| set.balls[0].id = "1/2".into());
     refused(&slash, Settings::default(), &["`id` is `1/2`"]);
     let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
