@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::jog::{self, JogError};
 use super::question_text::{axis_unit, format_amount, format_jog, visible_motion};
-use super::{Check, CheckEnd, Part};
+use super::{Check, CheckEnd, CheckPart};
 use machine::Axis;
 use machine::record::machine::AxisSense;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question};
@@ -27,19 +27,19 @@ enum AxisOutcome {
 
 pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if !check.is_probe_working {
-        check.report_unchecked(Part::Axes, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Axes, NO_PROBE_REASON);
         return Ok(());
     }
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
     for axis in axes.iter().copied().filter(|axis| *axis != Axis::S) {
         if let AxisOutcome::Nobody = check_axis(check, axis).await? {
-            check.report_unchecked(Part::Axes, "no operator is present to permit and to observe the jogs");
+            check.report_unchecked(CheckPart::Axes, "no operator is present to permit and to observe the jogs");
             return Ok(());
         }
     }
     if axes.contains(&Axis::S) {
         let why = "S: the spindle is not jogged; check by eye that its orientation agrees with [axes.S]";
-        check.report_unchecked(Part::Axes, why);
+        check.report_unchecked(CheckPart::Axes, why);
     }
     Ok(())
 }
@@ -47,7 +47,7 @@ pub(super) async fn check_axes(check: &mut Check<'_>) -> Result<(), CheckEnd> {
 async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, CheckEnd> {
     if check.beyond_limits.contains(&axis) {
         let why = format!("{axis}: the limits differ from the limits of the control; correct them first");
-        check.report_unchecked(Part::Axes, why);
+        check.report_unchecked(CheckPart::Axes, why);
         return Ok(AxisOutcome::Reported);
     }
     let Some(jog) = plan_jog(check, axis) else { return Ok(AxisOutcome::Reported) };
@@ -65,7 +65,7 @@ async fn check_axis(check: &mut Check<'_>, axis: Axis) -> Result<AxisOutcome, Ch
             Answer::Yes => {}
             Answer::NoOperator => return Ok(AxisOutcome::Nobody),
             _ => {
-                check.report_unchecked(Part::Axes, format!("{axis}: the operator did not permit the jog"));
+                check.report_unchecked(CheckPart::Axes, format!("{axis}: the operator did not permit the jog"));
                 return Ok(AxisOutcome::Reported);
             }
         }
@@ -99,7 +99,7 @@ fn report_axis_not_returned(check: &mut Check<'_>, jog: &Jog, since: Instant) {
         format_jog(jog)
     );
     check.report_failed(
-        Part::Axes,
+        CheckPart::Axes,
         since,
         what,
         format!("check the machine; move {axis} back at the control, then repeat the check"),
@@ -120,7 +120,7 @@ fn plan_jog(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
             coordinates)"
         );
         check.has_axis_fault = true;
-        check.report_failed(Part::Axes, since, what, remedy);
+        check.report_failed(CheckPart::Axes, since, what, remedy);
     }
     jog
 }
@@ -134,7 +134,7 @@ async fn report_failed_jog(check: &mut Check<'_>, jog: &Jog, since: Instant, err
     check.has_axis_fault = true;
     let reported = if error.is_harmless() { None } else { describe_reported_motion(check, jog).await };
     let what = format!("{} {}: {error}{}", jog.axis, format_jog(jog), reported.unwrap_or_default());
-    check.report_failed(Part::Axes, since, what, error.remedy());
+    check.report_failed(CheckPart::Axes, since, what, error.remedy());
     if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) }
 }
 
@@ -163,7 +163,7 @@ fn judge_axis(check: &mut Check<'_>, jog: &Jog, seen: ObservedMotion, since: Ins
     };
     let (what, remedy) = match seen {
         ObservedMotion::AsAnnounced | ObservedMotion::Unclear => {
-            return check.report_ok(Part::Axes, since, format!("{axis} {by}: {expected}, as expected"));
+            return check.report_ok(CheckPart::Axes, since, format!("{axis} {by}: {expected}, as expected"));
         }
         ObservedMotion::Opposite => (
             format!("{axis} {by}: the axis moved in the opposite direction: the sense of {axis} is wrong"),
@@ -187,7 +187,7 @@ fn judge_axis(check: &mut Check<'_>, jog: &Jog, seen: ObservedMotion, since: Ins
         ObservedMotion::Distance(seen) => gain_fault(jog, seen),
     };
     check.has_axis_fault = true;
-    check.report_failed(Part::Axes, since, what, remedy);
+    check.report_failed(CheckPart::Axes, since, what, remedy);
 }
 
 fn sense_remedy(axis: Axis, stated: Option<AxisSense>) -> String {

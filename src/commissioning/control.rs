@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::question_text::format_position;
-use super::{Check, CheckEnd, Part, compare::Difference, compare::machine_file_differences, links};
+use super::{Check, CheckEnd, CheckPart, compare::Difference, compare::machine_file_differences, links};
 use devices::controllers::{ControllerError, DeviceInfo, MachineSnapshot, describe_unreadable_items};
 use machine::Position;
 use machine::record::question::{Answer, Question};
@@ -18,7 +18,7 @@ pub(super) async fn check_control(check: &mut Check<'_>) -> Result<(), CheckEnd>
             // If the control cannot be prepared either, that error explains more.
             prepare_control(check).await?;
             let what = format!("the control does not report travel, speeds and axes: {error}");
-            check.report_failed(Part::Control, since, what, error.remedy());
+            check.report_failed(CheckPart::Control, since, what, error.remedy());
             return Ok(());
         }
     };
@@ -43,18 +43,18 @@ fn compare_device_info(check: &mut Check<'_>, info: DeviceInfo, since: Instant) 
             "the axes agree with the machine file; the control does not report travel and speeds"
         };
         let what = format!("{}: {suits}", info.identity);
-        check.report_ok(Part::Control, since, what);
+        check.report_ok(CheckPart::Control, since, what);
     }
     for Difference { beyond_limits, what, remedy } in differences {
         check.beyond_limits.extend(beyond_limits);
-        check.report_failed(Part::Control, since, what, remedy);
+        check.report_failed(CheckPart::Control, since, what, remedy);
     }
     let may_move = !info.findings.iter().any(|remark| remark.is_blocking);
     for remark in info.findings {
         if remark.is_blocking {
-            check.report_failed(Part::Control, since, remark.description, remark.remedy);
+            check.report_failed(CheckPart::Control, since, remark.description, remark.remedy);
         } else {
-            check.report_ok(Part::Control, since, format!("{} ({})", remark.description, remark.remedy));
+            check.report_ok(CheckPart::Control, since, format!("{} ({})", remark.description, remark.remedy));
         }
     }
     may_move
@@ -73,7 +73,7 @@ pub(super) async fn read_status(check: &mut Check<'_>, since: Instant) -> Result
         Ok(look) => Ok(look),
         Err(error) => {
             check.check_stop()?;
-            check.report_failed(Part::Probe, since, error.to_string(), error.remedy());
+            check.report_failed(CheckPart::Probe, since, error.to_string(), error.remedy());
             Err(CheckEnd::Unsafe)
         }
     }
@@ -89,7 +89,7 @@ pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position
         }
         Err(error) => {
             check.check_stop()?;
-            links::report_link_fault(check, Part::Control, since, &error).await?;
+            links::report_link_fault(check, CheckPart::Control, since, &error).await?;
             Err(CheckEnd::Unsafe)
         }
     }
@@ -104,11 +104,11 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
             let what = format!("ready at {stands}; stopping method: {}", prepared.stop_description);
             check.summary.control = Some(prepared.identity);
             check.transmission = Some(prepared.transmission);
-            check.report_ok(Part::Control, since, what);
+            check.report_ok(CheckPart::Control, since, what);
             let is_first = check.position.replace(prepared.position).is_none();
             let not_readable = describe_unreadable_items(&prepared.unreadable_items).filter(|_| is_first);
             if let Some(what) = not_readable {
-                check.report_ok(Part::Control, since, what);
+                check.report_ok(CheckPart::Control, since, what);
             }
             Ok(())
         }
@@ -119,7 +119,7 @@ async fn prepare_and_report(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         }
         Err(error) => {
             check.check_stop()?;
-            links::report_link_fault(check, Part::Control, since, &error).await?;
+            links::report_link_fault(check, CheckPart::Control, since, &error).await?;
             Err(CheckEnd::Unsafe)
         }
     }
@@ -132,19 +132,19 @@ async fn compare_display(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let stands = check.position.clone().unwrap_or_default();
     let told = format_position(&stands);
     match check.prompt_operator(Question::DisplayedPosition(stands)).await? {
-        Answer::Yes => check.report_ok(Part::Control, since, "the display of the control shows the same position"),
+        Answer::Yes => check.report_ok(CheckPart::Control, since, "the display of the control shows the same position"),
         Answer::No => {
             let what = format!("the display of the control does not show the reported position {told}");
             let remedy = "the check does not move the machine in this state. Modbus: compare `type`, \
                 `order` and `scale` of the position registers with the program of the control. Other \
                 controls: check that the units are millimetres and that the display shows machine \
                 coordinates";
-            check.report_failed(Part::Control, since, what, remedy);
+            check.report_failed(CheckPart::Control, since, what, remedy);
             return Err(CheckEnd::Unsafe);
         }
         _ => {
             let what = "no operator is present to compare the position with the display of the control";
-            check.report_unchecked(Part::Control, what);
+            check.report_unchecked(CheckPart::Control, what);
         }
     }
     Ok(())

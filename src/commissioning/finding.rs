@@ -7,7 +7,7 @@ use serde::Serialize;
 /// The parts of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Part {
+pub enum CheckPart {
     Links,
     Sensors,
     Control,
@@ -17,7 +17,7 @@ pub enum Part {
     Latch,
 }
 
-impl Part {
+impl CheckPart {
     fn name(self) -> &'static str {
         match self {
             Self::Links => "links",
@@ -43,7 +43,7 @@ pub enum Verdict {
 /// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    pub part: Part,
+    pub part: CheckPart,
     pub verdict: Verdict,
     pub what: String,
     pub took_s: f64,

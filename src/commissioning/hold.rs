@@ -7,7 +7,7 @@ use tokio::time::timeout;
 
 use super::axes::NO_PROBE_REASON;
 use super::jog::{self, ProvenJog};
-use super::{Check, CheckEnd, Part};
+use super::{Check, CheckEnd, CheckPart};
 use crate::setup::{Pace, SetupError};
 use devices::controllers::ControllerError;
 use machine::Axis;
@@ -40,16 +40,16 @@ struct HeldJog {
 
 pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault {
-        check.report_unchecked(Part::Hold, "an axis did not follow its command; correct this first");
+        check.report_unchecked(CheckPart::Hold, "an axis did not follow its command; correct this first");
         return Ok(());
     }
     if !check.is_probe_working {
-        check.report_unchecked(Part::Hold, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Hold, NO_PROBE_REASON);
         return Ok(());
     }
     let Some(jog) = longest_jog(check) else {
         check.report_unchecked(
-            Part::Hold,
+            CheckPart::Hold,
             format!(
                 "for no linear axis a path of {HELD_JOG_MM} mm is free of collision: \
             raise Z above the declared bodies"
@@ -58,14 +58,14 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         return Ok(());
     };
     if check.prompt_operator(Question::AllowHold(jog)).await? != Answer::Yes {
-        check.report_unchecked(Part::Hold, "the operator did not permit the motion");
+        check.report_unchecked(CheckPart::Hold, "the operator did not permit the motion");
         return Ok(());
     }
     let since = Instant::now();
     if check.site.simulated_operator().is_some() {
         // At real pace, otherwise the motion ends before the halt.
         if let Err(error) = reopen_control(check, Pace::Real).await {
-            check.report_failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     }
@@ -73,7 +73,7 @@ pub(super) async fn check_hold(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         Ok(proven) => proven,
         Err(error) => {
             check.check_stop()?;
-            check.report_failed(Part::Hold, since, error.to_string(), error.remedy());
+            check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy());
             return if error.is_harmless() { Ok(()) } else { Err(CheckEnd::Unsafe) };
         }
     };
@@ -127,22 +127,22 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
                 "{axis} had moved by {by} mm before the hold was sent: the feed was too high (a simulated \
                 machine needs --speed real)"
             );
-            check.report_unchecked(Part::Hold, why);
+            check.report_unchecked(CheckPart::Hold, why);
             return Ok(held.time_to_halt_s.is_some());
         }
         (Err(error @ ControllerError::HoldFailed { .. }), _) => {
             let remedy = format!("{}; {HOLD_REMEDY}", error.remedy());
-            check.report_failed(Part::Hold, since, error.to_string(), remedy);
+            check.report_failed(CheckPart::Hold, since, error.to_string(), remedy);
             return Err(CheckEnd::Unsafe);
         }
         (Err(error), _) => {
-            check.report_failed(Part::Hold, since, error.to_string(), error.remedy());
+            check.report_failed(CheckPart::Hold, since, error.to_string(), error.remedy());
             return Err(CheckEnd::Unsafe);
         }
     };
     let now = check.controller()?.read_snapshot().await;
     let (Ok(now), Some(before)) = (now, &check.position) else {
-        check.report_unchecked(Part::Hold, "the control does not report its position after a halt");
+        check.report_unchecked(CheckPart::Hold, "the control does not report its position after a halt");
         return Ok(true);
     };
     let gone = (now.position.get_or_zero(axis) - before.get_or_zero(axis)).abs();
@@ -153,7 +153,7 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
             {HELD_JOG_MM} mm"
         );
         check.report_failed(
-            Part::Hold,
+            CheckPart::Hold,
             since,
             what,
             format!("do not start a run on this machine until a hold stops it; {HOLD_REMEDY}"),
@@ -164,7 +164,7 @@ async fn judge_hold(check: &mut Check<'_>, jog: &Jog, held: HeldJog, since: Inst
         "the hold stopped the jog: {axis} stopped after {gone:.2} of {HELD_JOG_MM} mm, {:.2} s after the halt",
         held.stopping_time_s
     );
-    check.report_ok(Part::Hold, since, what);
+    check.report_ok(CheckPart::Hold, since, what);
     Ok(true)
 }
 
@@ -187,7 +187,7 @@ async fn wait_for_release(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         }
     }
     let what = format!("the control is not ready after the hold: {}", not_yet.unwrap_or_default());
-    check.report_unchecked(Part::Hold, what);
+    check.report_unchecked(CheckPart::Hold, what);
     Ok(())
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::axes::NO_PROBE_REASON;
-use super::{Check, CheckEnd, Part};
+use super::{Check, CheckEnd, CheckPart};
 use crate::run::{CycleError, IdentificationError, Run, RunError, conclude_run};
 use crate::setup;
 use crate::store::NewRun;
@@ -22,11 +22,11 @@ const MAX_SCAN_ERROR_SHARE: f64 = 0.1;
 
 pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     if check.has_axis_fault || check.position.is_none() {
-        check.report_unchecked(Part::Latch, "the machine is not ready for touches; see the findings above");
+        check.report_unchecked(CheckPart::Latch, "the machine is not ready for touches; see the findings above");
         return Ok(());
     }
     if !check.is_probe_working {
-        check.report_unchecked(Part::Latch, NO_PROBE_REASON);
+        check.report_unchecked(CheckPart::Latch, NO_PROBE_REASON);
         return Ok(());
     }
     let since = Instant::now();
@@ -35,25 +35,25 @@ pub(super) async fn check_latch(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let (method, plan) = match setup::plan_header(&file, latch_delay::METHOD_NAME, None) {
         Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
         Err(error) => {
-            check.report_failed(Part::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(CheckPart::Latch, since, error.to_string(), error.remedy().unwrap_or_default());
             return Ok(());
         }
     };
     let what = match describe_run(method.as_ref(), plan.clone()) {
         Ok(what) => what,
         Err(MethodRefusal { reason: why, remedy: instead }) => {
-            check.report_failed(Part::Latch, since, why, instead);
+            check.report_failed(CheckPart::Latch, since, why, instead);
             return Ok(());
         }
     };
     match check.prompt_operator(Question::AllowAction { action: what }).await? {
         Answer::Yes => touch_part(check, method, plan).await,
         Answer::NoOperator => {
-            check.report_unchecked(Part::Latch, "no operator is present to permit touches of the part");
+            check.report_unchecked(CheckPart::Latch, "no operator is present to permit touches of the part");
             Ok(())
         }
         _ => {
-            check.report_unchecked(Part::Latch, "the operator did not permit touches of the part");
+            check.report_unchecked(CheckPart::Latch, "the operator did not permit touches of the part");
             Ok(())
         }
     }
@@ -85,7 +85,7 @@ async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) 
     match measured {
         Ok(found) => judge_latch(check, &found, &probe, since),
         Err(CycleError::Run { error, .. }) if is_no_contact(&error) => check.report_failed(
-            Part::Latch,
+            CheckPart::Latch,
             since,
             format!("{error}: the part is not at the position in the machine file"),
             "move the part to the position of [artefact], or correct centre_mm, radius_mm and height_mm \
@@ -93,7 +93,7 @@ async fn touch_part(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) 
         ),
         Err(error) => {
             let remedy = cycle_remedy(&error);
-            check.report_failed(Part::Latch, since, error.to_string(), remedy);
+            check.report_failed(CheckPart::Latch, since, error.to_string(), remedy);
         }
     }
     Ok(())
@@ -129,12 +129,12 @@ async fn run_latch_delay(
 
 fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, since: Instant) {
     match found.latch {
-        LatchDiagnosis::NoScan { .. } => check.report_ok(Part::Latch, since, &found.latch_text),
+        LatchDiagnosis::NoScan { .. } => check.report_ok(CheckPart::Latch, since, &found.latch_text),
         LatchDiagnosis::Scan(time) => {
-            check.report_failed(Part::Latch, since, &found.latch_text, latch_remedy(probe, time.duration_s));
+            check.report_failed(CheckPart::Latch, since, &found.latch_text, latch_remedy(probe, time.duration_s));
         }
         LatchDiagnosis::ExcessScatter(_) => check.report_failed(
-            Part::Latch,
+            CheckPart::Latch,
             since,
             &found.latch_text,
             "check that probe, stylus, part and table are tight; a lower search_feed_mm_min causes less \
@@ -143,10 +143,10 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
     }
     if let Some(words) = &found.delay_text {
         if found.delay_s > 0.0 {
-            check.report_ok(Part::Latch, since, words);
+            check.report_ok(CheckPart::Latch, since, words);
         } else {
             check.report_failed(
-                Part::Latch,
+                CheckPart::Latch,
                 since,
                 words,
                 "set the feed override to 100 %, and switch off the compensation of the probe delay at the \
@@ -156,7 +156,7 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
     }
     match (&found.scatter_text, probe.repeatability_um) {
         (Some(words), _) => check.report_failed(
-            Part::Latch,
+            CheckPart::Latch,
             since,
             words,
             format!(
@@ -178,7 +178,7 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
                     {bound:.2} µm, χ² test)"
                 );
             }
-            check.report_ok(Part::Latch, since, what);
+            check.report_ok(CheckPart::Latch, since, what);
         }
         _ => {}
     }

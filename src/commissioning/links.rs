@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, Part, Verdict};
+use super::{Check, CheckEnd, CheckPart, Verdict};
 use crate::setup::SetupError;
 use crate::setup::machine_file::Control;
 use devices::controllers::{ControllerError, DiagnosisMode};
@@ -16,24 +16,24 @@ pub(super) async fn check_links(check: &mut Check<'_>) -> Result<(), CheckEnd> {
                 Control::Real(control) => control.describe_address(),
                 Control::Simulated(_) => "simulated".to_owned(),
             };
-            check.report_ok(Part::Links, since, format!("the link to the control is open: {at}"));
+            check.report_ok(CheckPart::Links, since, format!("the link to the control is open: {at}"));
             return check.check_stop();
         }
         Err(SetupError::Controller(error)) => error,
         Err(SetupError::Link(error)) => error.into(),
         Err(error) => {
-            check.report_failed(Part::Links, since, error.to_string(), error.remedy().unwrap_or_default());
+            check.report_failed(CheckPart::Links, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(CheckEnd::Unsafe);
         }
     };
-    report_link_fault(check, Part::Links, since, &error).await?;
+    report_link_fault(check, CheckPart::Links, since, &error).await?;
     Err(CheckEnd::Unsafe)
 }
 
 /// Reports the failure and its possible causes; closes the link.
 pub(super) async fn report_link_fault(
     check: &mut Check<'_>,
-    part: Part,
+    part: CheckPart,
     since: Instant,
     error: &ControllerError,
 ) -> Result<(), CheckEnd> {

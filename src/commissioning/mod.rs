@@ -23,7 +23,7 @@ mod thermometers;
 use std::pin::Pin;
 use std::time::Instant;
 
-pub use finding::{Finding, Part, Summary, Verdict};
+pub use finding::{CheckPart, Finding, Summary, Verdict};
 pub use operator_interface::{AnswerFuture, NoOperator, OperatorInterface};
 pub use question_text::describe_question;
 pub use stop::Stop;
@@ -48,14 +48,14 @@ type PartFuture<'c> = Pin<Box<dyn Future<Output = Result<(), CheckEnd>> + 'c>>;
 type PartCheck = for<'c, 'a> fn(&'c mut Check<'a>) -> PartFuture<'c>;
 
 /// The parts in their order. A new part is a line here.
-const CHECK_PARTS: [(Part, PartCheck); 7] = [
-    (Part::Links, |check| Box::pin(links::check_links(check))),
-    (Part::Sensors, |check| Box::pin(sensors::check_sensors(check))),
-    (Part::Control, |check| Box::pin(control::check_control(check))),
-    (Part::Probe, |check| Box::pin(probe::check_probe(check))),
-    (Part::Axes, |check| Box::pin(axes::check_axes(check))),
-    (Part::Hold, |check| Box::pin(hold::check_hold(check))),
-    (Part::Latch, |check| Box::pin(latch::check_latch(check))),
+const CHECK_PARTS: [(CheckPart, PartCheck); 7] = [
+    (CheckPart::Links, |check| Box::pin(links::check_links(check))),
+    (CheckPart::Sensors, |check| Box::pin(sensors::check_sensors(check))),
+    (CheckPart::Control, |check| Box::pin(control::check_control(check))),
+    (CheckPart::Probe, |check| Box::pin(probe::check_probe(check))),
+    (CheckPart::Axes, |check| Box::pin(axes::check_axes(check))),
+    (CheckPart::Hold, |check| Box::pin(hold::check_hold(check))),
+    (CheckPart::Latch, |check| Box::pin(latch::check_latch(check))),
 ];
 
 /// State of a check, with its machine and its operator.
@@ -174,11 +174,11 @@ impl<'a> Check<'a> {
         Ok(())
     }
 
-    fn report_ok(&mut self, part: Part, since: Instant, what: impl Into<String>) {
+    fn report_ok(&mut self, part: CheckPart, since: Instant, what: impl Into<String>) {
         self.add_finding(part, Verdict::Ok, since, what.into(), None);
     }
 
-    fn report_failed(&mut self, part: Part, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
+    fn report_failed(&mut self, part: CheckPart, since: Instant, what: impl Into<String>, remedy: impl Into<String>) {
         self.add_finding(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
     }
 
@@ -188,11 +188,11 @@ impl<'a> Check<'a> {
         findings.any(|finding| finding.verdict == Verdict::Failed && finding.what == what)
     }
 
-    fn report_unchecked(&mut self, part: Part, why: impl Into<String>) {
+    fn report_unchecked(&mut self, part: CheckPart, why: impl Into<String>) {
         self.add_finding(part, Verdict::NotLookedAt, Instant::now(), why.into(), None);
     }
 
-    fn add_finding(&mut self, part: Part, verdict: Verdict, since: Instant, what: String, remedy: Option<String>) {
+    fn add_finding(&mut self, part: CheckPart, verdict: Verdict, since: Instant, what: String, remedy: Option<String>) {
         let took_s = since.elapsed().as_secs_f64();
         let finding = Finding { part, what, took_s, verdict, remedy };
         (self.on_finding)(&finding);

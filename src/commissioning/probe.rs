@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::sleep;
 
-use super::{Check, CheckEnd, Part, control, retract};
+use super::{Check, CheckEnd, CheckPart, control, retract};
 use machine::record::question::{Answer, Question, StylusState};
 
 const NO_OPERATOR_REASON: &str = "no operator is present to deflect the stylus";
@@ -28,11 +28,11 @@ pub(super) async fn check_probe(check: &mut Check<'_>) -> Result<(), CheckEnd> {
         return if check.position.is_some() { update_position(check, since).await } else { Err(CheckEnd::Unsafe) };
     };
     if let Some((what, remedy)) = test.fault(check.polarity_setting.as_deref()) {
-        check.report_failed(Part::Probe, since, what, remedy);
+        check.report_failed(CheckPart::Probe, since, what, remedy);
         // With a faulty probe nothing would stop at a contact.
         return Err(CheckEnd::Unsafe);
     }
-    check.report_ok(Part::Probe, since, "open at rest, closed while deflected, open again");
+    check.report_ok(CheckPart::Probe, since, "open at rest, closed while deflected, open again");
     check.is_probe_working = true;
     match check.position {
         Some(_) => update_position(check, since).await,
@@ -76,10 +76,10 @@ fn report_untested_probe(check: &mut Check<'_>, since: Instant, is_closed_at_res
         let remedy = "run `trued check` on a terminal: it retracts a stylus from a contact step by step and \
             finds out whether the input is inverted or stuck; or release the stylus by hand (the input must \
             also read open while a sensor is mounted instead of the probe)";
-        check.report_failed(Part::Probe, since, "the probe reads closed", remedy);
+        check.report_failed(CheckPart::Probe, since, "the probe reads closed", remedy);
     } else {
-        check.report_ok(Part::Probe, since, "open at rest");
-        check.report_unchecked(Part::Probe, format!("whether the input closes is unknown: {why}"));
+        check.report_ok(CheckPart::Probe, since, "open at rest");
+        check.report_unchecked(CheckPart::Probe, format!("whether the input closes is unknown: {why}"));
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use super::jog::{self, JogError, RETRACT_MM};
 use super::question_text::visible_motion;
-use super::{Check, CheckEnd, Part, control};
+use super::{Check, CheckEnd, CheckPart, control};
 use devices::controllers::ControllerError;
 use machine::record::question::{Answer, AxisDirection, Jog, Question};
 use machine::{Axis, Position};
@@ -38,7 +38,7 @@ pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), Ch
     }
     let what = format!("the probe still reads closed after {MAX_ANSWERS} answers of the operator");
     let remedy = "check the machine and the stylus; retract with the jog keys of the control";
-    check.report_failed(Part::Probe, since, what, remedy);
+    check.report_failed(CheckPart::Probe, since, what, remedy);
     Err(CheckEnd::Unsafe)
 }
 
@@ -49,7 +49,7 @@ fn report_released_stylus(check: &mut Check<'_>, since: Instant) -> CheckEnd {
         the display of the control";
     let remedy = "jog the machine clear at the control, find the body that the stylus touched, and home the \
         machine if its position may be wrong; then repeat the check";
-    check.report_failed(Part::Probe, since, what, remedy);
+    check.report_failed(CheckPart::Probe, since, what, remedy);
     CheckEnd::Unsafe
 }
 
@@ -76,7 +76,7 @@ async fn retract_step(check: &mut Check<'_>, direction: AxisDirection) -> Result
         Err(error) if error.is_harmless() => Ok(format!("{direction}: no motion: {error}; {}", error.remedy())),
         Err(error) => {
             check.check_stop()?;
-            check.report_failed(Part::Probe, since, format!("{direction}: {error}"), error.remedy());
+            check.report_failed(CheckPart::Probe, since, format!("{direction}: {error}"), error.remedy());
             Err(CheckEnd::Unsafe)
         }
     }

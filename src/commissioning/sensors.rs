@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, Part, thermometers};
+use super::{Check, CheckEnd, CheckPart, thermometers};
 use crate::setup::machine_file::SensorEntry;
 use devices::sensors::{Sample, SensorError, SensorInfo};
 use machine::record::reading::ReadingFlag;
@@ -28,13 +28,13 @@ pub(super) async fn check_sensors(check: &mut Check<'_>) -> Result<(), CheckEnd>
         match record_samples(check, &entry.sensor.name).await {
             Ok((prepared, samples)) => match sensor_fault(entry, &samples) {
                 Some((what, remedy)) => {
-                    check.report_failed(Part::Sensors, since, format!("{name} {what}"), remedy);
+                    check.report_failed(CheckPart::Sensors, since, format!("{name} {what}"), remedy);
                 }
-                None => check.report_ok(Part::Sensors, since, describe_samples(&name, &prepared, &samples)),
+                None => check.report_ok(CheckPart::Sensors, since, describe_samples(&name, &prepared, &samples)),
             },
             Err(error) => {
                 let what = format!("{name}: {error}");
-                check.report_failed(Part::Sensors, since, what, error.remedy());
+                check.report_failed(CheckPart::Sensors, since, what, error.remedy());
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::{Check, CheckEnd, Part};
+use super::{Check, CheckEnd, CheckPart};
 use devices::sensors::thermometer::ThermometerError;
 
 pub(super) async fn check_thermometers(check: &mut Check<'_>) -> Result<(), CheckEnd> {
@@ -14,13 +14,13 @@ pub(super) async fn check_thermometers(check: &mut Check<'_>) -> Result<(), Chec
         .collect();
     for (name, result) in results {
         match result {
-            Ok(celsius) => check.report_ok(Part::Sensors, since, format!("{name}: {celsius:.2} °C")),
+            Ok(celsius) => check.report_ok(CheckPart::Sensors, since, format!("{name}: {celsius:.2} °C")),
             // The machine file was written for a simulated machine.
             Err(error @ ThermometerError::NoSimulatedMachine) => {
-                check.report_unchecked(Part::Sensors, format!("{name}: {error}; {}", error.remedy()));
+                check.report_unchecked(CheckPart::Sensors, format!("{name}: {error}; {}", error.remedy()));
             }
             Err(error) => {
-                check.report_failed(Part::Sensors, since, format!("{name}: {error}"), error.remedy());
+                check.report_failed(CheckPart::Sensors, since, format!("{name}: {error}"), error.remedy());
             }
         }
     }

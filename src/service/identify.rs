@@ -6,7 +6,7 @@ use tokio::sync::oneshot::error::TryRecvError;
 
 use super::Log;
 use super::command_gate::CommandGate;
-use super::machine_state::Outcome;
+use super::machine_state::CycleOutcome;
 use crate::archive::run_story::identification_fault;
 use crate::run::{IdentificationError, start_identification, store_identification};
 use crate::store::{Journal, RunId, RunState, StoreError, StoredRun};
@@ -74,13 +74,13 @@ fn publish_result(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Esti
     match stored {
         Ok(estimate) => {
             gate.update(|machine_state| {
-                machine_state.count_outcome(Outcome::Judged(estimate.verdict));
+                machine_state.count_outcome(CycleOutcome::Judged(estimate.verdict));
                 machine_state.identified = machine_state.identified.wrapping_add(1)
             });
             log.info(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }
         Err(why) => {
-            gate.update(|machine_state| machine_state.count_outcome(Outcome::Failed));
+            gate.update(|machine_state| machine_state.count_outcome(CycleOutcome::Failed));
             let remedy = why.remedy().map_or(String::new(), |remedy| format!("; {remedy}"));
             log.error(&format!("run {run} is not identified: {why}{remedy}"));
         }

@@ -190,14 +190,14 @@ pub struct MachineState {
 
 /// How a cycle ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CycleOutcome {
     Judged(Verdict),
     /// The machine is held.
     Held,
     Failed,
 }
 
-impl Outcome {
+impl CycleOutcome {
     pub(super) const ALL: [Self; 7] = [
         Self::Judged(Verdict::Pass),
         Self::Judged(Verdict::Fail),
@@ -224,7 +224,7 @@ impl Outcome {
 /// Counts since the start of the service, for the metrics.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Ended cycles and identifications by [`Outcome::label`].
+    /// Ended cycles and identifications by [`CycleOutcome::label`].
     pub outcomes: BTreeMap<&'static str, u64>,
     pub readings: u64,
     pub refusals: BTreeMap<Refusal, u64>,
@@ -246,7 +246,7 @@ pub(super) struct CycleEnd<'a> {
     pub estimate: Option<&'a Estimate>,
     pub failure: Option<Failure>,
     /// `None`: the run is counted when it is identified.
-    pub outcome: Option<Outcome>,
+    pub outcome: Option<CycleOutcome>,
     /// Whether a failure of a link ended the cycle.
     pub is_link_error: bool,
 }
@@ -284,7 +284,7 @@ impl MachineState {
         self.counters.link_errors += u64::from(end.is_link_error);
     }
 
-    pub(super) fn count_outcome(&mut self, outcome: Outcome) {
+    pub(super) fn count_outcome(&mut self, outcome: CycleOutcome) {
         *self.counters.outcomes.entry(outcome.label()).or_default() += 1;
     }
 }

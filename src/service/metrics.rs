@@ -14,7 +14,7 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 
-use super::machine_state::{MachineState, Outcome, State};
+use super::machine_state::{CycleOutcome, MachineState, State};
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type Seconds = Gauge<f64, AtomicU64>;
@@ -86,7 +86,7 @@ impl Metrics {
             self.state.get_or_create(&labels).set(i64::from(state == *now));
         }
         self.progress_age.get_or_create(&[name()]).set(progress_age.as_secs_f64());
-        for label in Outcome::ALL.map(Outcome::label) {
+        for label in CycleOutcome::ALL.map(CycleOutcome::label) {
             let count = counters.outcomes.get(label).copied().unwrap_or_default();
             set(&self.runs.get_or_create(&[name(), ("outcome", label.into())]), count);
         }

@@ -17,7 +17,7 @@ use super::cycle_failure::{CycleFailure, describe_failure};
 use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished;
-use super::machine_state::{CycleEnd, Failure, Outcome, State};
+use super::machine_state::{CycleEnd, CycleOutcome, Failure, State};
 use super::run_events::RunEvents;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{ExitState, Log, ServeError, schedule, triggers};
@@ -250,11 +250,11 @@ impl MachineWorker {
             self.lock = None;
         }
         let outcome = match &measured {
-            Ok((_, estimate)) => Some(Outcome::Judged(estimate.verdict)),
-            Err(CycleFailure::Cycle(error)) if error.holds_machine() => Some(Outcome::Held),
+            Ok((_, estimate)) => Some(CycleOutcome::Judged(estimate.verdict)),
+            Err(CycleFailure::Cycle(error)) if error.holds_machine() => Some(CycleOutcome::Held),
             // The run is counted when it is identified.
             Err(failed) if failed.is_stop() => None,
-            Err(_) => Some(Outcome::Failed),
+            Err(_) => Some(CycleOutcome::Failed),
         };
         let is_link_error = match &measured {
             Err(CycleFailure::Cycle(CycleError::Run { error, .. })) => error.is_of_link(),

@@ -13,7 +13,7 @@ use machine::record::reading::ReadingFlag;
 /// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ValueKeys {
+pub struct FrameValueKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
@@ -27,12 +27,12 @@ pub struct ValueKeys {
     offset_mm: f64,
     /// Numbers that are codes, not values.
     #[serde(default)]
-    codes: Vec<CodeKeys>,
+    codes: Vec<FrameCodeKeys>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CodeKeys {
+struct FrameCodeKeys {
     is: i64,
     means: InvalidReason,
 }
@@ -40,7 +40,7 @@ struct CodeKeys {
 /// Keys of `[sensor.….counter]`: the counter increases by one with each sample, and wraps around.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CounterKeys {
+pub struct FrameCounterKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
@@ -65,7 +65,7 @@ pub struct EncoderCountKeys {
 /// but zero).
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct StatusKeys {
+pub struct FrameStatusKeys {
     byte: u16,
     #[serde(default)]
     bit: u16,
@@ -120,17 +120,18 @@ impl FrameLayout {
     /// # Errors
     /// The layout is invalid; the message names the keys.
     pub fn new(
-        value: ValueKeys,
-        counter: Option<CounterKeys>,
+        value: FrameValueKeys,
+        counter: Option<FrameCounterKeys>,
         encoder: Option<EncoderCountKeys>,
-        status: Vec<StatusKeys>,
+        status: Vec<FrameStatusKeys>,
         order: Option<Endianness>,
         length: usize,
     ) -> Result<Self, String> {
-        let ValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
+        let FrameValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
         let value = BitField::new("value", byte, bit, width, signed, value.order.or(order))?;
         check_scale(scale_mm, offset_mm)?;
-        let code = |code: &CodeKeys| Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()));
+        let code =
+            |code: &FrameCodeKeys| Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()));
         let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
         let counter = counter.map(|keys| counter_field(&keys, order)).transpose()?;
         let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
@@ -165,8 +166,8 @@ pub struct FrameTooShort {
     pub received_bytes: usize,
 }
 
-fn counter_field(keys: &CounterKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
-    let CounterKeys { byte, bit, width, .. } = *keys;
+fn counter_field(keys: &FrameCounterKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
+    let FrameCounterKeys { byte, bit, width, .. } = *keys;
     let field = BitField::new("counter", byte, bit, width, false, keys.order.or(order))?;
     if width > MAX_COUNTER_BITS {
         return Err(format!("`counter.width` is {width}; the maximum is {MAX_COUNTER_BITS}"));
@@ -182,12 +183,12 @@ fn encoder_field(keys: &EncoderCountKeys, order: Option<Endianness>) -> Result<(
 
 /// Returns the condition and the flag of each `status`.
 fn status_conditions(
-    status: &[StatusKeys],
+    status: &[FrameStatusKeys],
     order: Option<Endianness>,
 ) -> Result<Vec<(FieldCondition, ReadingFlag)>, String> {
     let mut conditions: Vec<(FieldCondition, ReadingFlag)> = Vec::new();
     for (name, keys) in status_names().zip(status) {
-        let StatusKeys { byte, bit, width, .. } = *keys;
+        let FrameStatusKeys { byte, bit, width, .. } = *keys;
         let field = BitField::new(&name, byte, bit, width, false, keys.order.or(order))?;
         let is = keys.is.map(|is| representable(&name, is, field)).transpose()?;
         // Several entries may use the same bits, each with its own number.

@@ -5,18 +5,20 @@ use serde::Deserialize;
 use super::Sample;
 use super::counter_tracker::CounterTracker;
 use super::field::Endianness;
-use super::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, FrameTooShort, StatusKeys, ValueKeys};
+use super::frame_layout::{
+    EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameTooShort, FrameValueKeys,
+};
 use machine::record::reading::ReadingFlag;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
     order: Option<Endianness>,
-    value: ValueKeys,
-    counter: Option<CounterKeys>,
+    value: FrameValueKeys,
+    counter: Option<FrameCounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
-    status: Vec<StatusKeys>,
+    status: Vec<FrameStatusKeys>,
 }
 
 fn layout(text: &str) -> Result<FrameLayout, String> {

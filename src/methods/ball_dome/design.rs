@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::settings::Settings;
+use super::settings::BallDomeSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::{
     BallVisit, MeasurementSetup, SearchMode, list_indexations, order_balls_by_path, order_balls_in_xy, order_visits,
@@ -13,7 +13,7 @@ use machine::record::plan::Plan;
 
 /// # Errors
 /// Settings or artefact are unusable; the balls have no certified positions.
-pub fn dome_setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<MeasurementSetup<'a>, MethodRefusal> {
+pub fn dome_setup<'a>(plan: &'a Plan, settings: &BallDomeSettings) -> Result<MeasurementSetup<'a>, MethodRefusal> {
     settings.check()?;
     let set = require_balls(super::NAME, &plan.artefact)?;
     MethodRefusal::require(
@@ -35,7 +35,10 @@ pub fn dome_setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<Measurement
 ///
 /// # Errors
 /// An indexation is outside the limits; a ball is accessible at no indexation.
-pub fn design_visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<BallVisit>, MethodRefusal> {
+pub fn design_visits(
+    setup: &MeasurementSetup<'_>,
+    settings: &BallDomeSettings,
+) -> Result<Vec<BallVisit>, MethodRefusal> {
     let chain = KinematicChain::new(&setup.plan.machine)?;
     let places = list_indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
     let access = setup.access(&setup.plan.artefact)?;

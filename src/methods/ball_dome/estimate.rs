@@ -9,7 +9,7 @@ use super::model::DomeModel;
 use super::noise::simulate_noise_mm;
 use super::points::MeasuredPoints;
 use super::prior::machine_errors_from_prior;
-use super::settings::Settings;
+use super::settings::BallDomeSettings;
 use super::stylus_fit::{compute_variants, prior_error_derivatives};
 use super::variant::DomeVariant;
 use super::{design, outputs, sources};
@@ -36,7 +36,11 @@ const UNKNOWN_COUNT: usize = 9;
 
 /// # Errors
 /// The readings do not belong to the plan, or are too few for the artefact.
-pub fn build_estimate(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn build_estimate(
+    plan: &Plan,
+    settings: &BallDomeSettings,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
     let setup = design::dome_setup(plan, settings)?;
     let known = machine_errors_from_prior(plan)?;
     let observed = observe_balls(plan, readings)?;
@@ -122,7 +126,7 @@ fn check_ball_count(observed: &ObservedBalls) -> Result<(), MethodRefusal> {
     )
 }
 
-fn tool_ball_index(setup: &MeasurementSetup<'_>, settings: &Settings) -> usize {
+fn tool_ball_index(setup: &MeasurementSetup<'_>, settings: &BallDomeSettings) -> usize {
     let named = setup.balls.balls.iter().position(|ball| ball.id == settings.tool_ball);
     named.unwrap_or_default()
 }

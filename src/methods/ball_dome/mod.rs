@@ -19,7 +19,7 @@ mod variant;
 #[cfg(test)]
 mod tests;
 
-pub use settings::Settings;
+pub use settings::BallDomeSettings;
 
 use crate::ball_measurement::{self, VisitCache};
 use crate::identification::with_assumed_repeatability;
@@ -31,12 +31,12 @@ use machine::record::reading::Reading;
 pub const NAME: &str = "ball-dome";
 
 pub struct BallDome {
-    settings: Settings,
+    settings: BallDomeSettings,
     visit_cache: VisitCache,
 }
 
 impl RegisteredMethod for BallDome {
-    type Settings = Settings;
+    type Settings = BallDomeSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
         required_setup: "a ball artefact with calibrated positions, such as a ball dome",
@@ -45,7 +45,7 @@ impl RegisteredMethod for BallDome {
         machine_file: "ball-dome.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: BallDomeSettings) -> Self {
         Self { settings, visit_cache: VisitCache::default() }
     }
 }
@@ -77,7 +77,7 @@ impl Method for BallDome {
         if prior::machine_errors_from_prior(plan)?.is_none() {
             return Ok(vec![time]);
         }
-        let settings = Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings = BallDomeSettings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
         let estimate = estimate::build_estimate(&with_assumed_repeatability(plan), &settings, &readings)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;

@@ -7,7 +7,7 @@ use crate::ball_measurement::{ConfiguredPositions, RotaryPositions, SearchMode, 
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct BallDomeSettings {
     /// Commanded positions of a rotary axis that tilts the artefact, and of one parallel to the spindle. The
     /// indexations are all pairs. The defaults are restricted to the limits of the axes.
     pub tilt_deg: Vec<f64>,
@@ -35,7 +35,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for BallDomeSettings {
     fn default() -> Self {
         Self {
             tilt_deg: vec![-90.0, -54.0, -18.0, 18.0, 54.0, 90.0],
@@ -54,7 +54,7 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
+impl BallDomeSettings {
     pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
             search_mode: self.find,

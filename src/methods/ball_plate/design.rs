@@ -8,7 +8,7 @@ use super::basis::AngleBasis;
 use super::equations::{BallObservation, survey_equations};
 use super::layout::{Stop, UnknownsLayout};
 use super::plate::Plate;
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::BallVisit;
 use crate::revolution_steps::RevolutionSteps;
@@ -25,7 +25,7 @@ pub struct PlateDesign {
 impl PlateDesign {
     /// # Errors
     /// The limits of the axis do not allow the revolutions.
-    pub fn new(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &Plan, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<Self, MethodRefusal> {
         let numbers = list_stop_numbers(plan, settings, plate)?;
         let step = TAU / settings.positions as f64;
         let rising = settings.positions * settings.revolutions;
@@ -56,7 +56,7 @@ impl PlateDesign {
     ///
     /// # Errors
     /// The visits do not separate the error motions; the error proposes a better layout.
-    pub fn check(&self, settings: &Settings, plate: &Plate<'_>) -> Result<(), MethodRefusal> {
+    pub fn check(&self, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<(), MethodRefusal> {
         let observations = self.nominal_observations(settings, plate);
         let numerical = |error: estimation::linear::LinearError| MethodRefusal {
             reason: error.to_string(),
@@ -90,7 +90,7 @@ impl PlateDesign {
 
     /// Sightings as if every ball were at its stated position, with the machine frame parallel to the table
     /// frame.
-    fn nominal_observations(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<BallObservation> {
+    fn nominal_observations(&self, settings: &BallPlateSettings, plate: &Plate<'_>) -> Vec<BallObservation> {
         let count = self.stops.len().max(2) as f64;
         let mut observations = Vec::new();
         for (i, (stop, number)) in self.stops.iter().zip(&self.stop_numbers).enumerate() {
@@ -117,7 +117,7 @@ impl PlateDesign {
     }
 }
 
-fn choose_basis(settings: &Settings, stops: usize) -> AngleBasis {
+fn choose_basis(settings: &BallPlateSettings, stops: usize) -> AngleBasis {
     match settings.values {
         true => AngleBasis::Stops(stops),
         false => AngleBasis::Fourier { order: settings.harmonics, sub_order: settings.sub_harmonics },
@@ -133,8 +133,8 @@ pub fn rigid_motion_columns(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
 }
 
 /// Positions of the stops in steps from zero: rising, then falling.
-fn list_stop_numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, MethodRefusal> {
-    let Settings { positions, revolutions, .. } = *settings;
+fn list_stop_numbers(plan: &Plan, settings: &BallPlateSettings, plate: &Plate<'_>) -> Result<Vec<i64>, MethodRefusal> {
+    let BallPlateSettings { positions, revolutions, .. } = *settings;
     let steps = RevolutionSteps { positions, revolutions, lead_steps: 0 }.range_within_limits(plan, plate.axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;

@@ -3,7 +3,7 @@
 use super::identify::identify_solved;
 use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use super::solved::SolvedRun;
 use super::warnings::describe_not_identifiable;
 use crate::IdentifyError;
@@ -16,7 +16,7 @@ use machine::record::plan::Plan;
 ///
 /// # Errors
 /// The visits of the plan do not separate the unknowns.
-pub fn forecast(plan: &Plan, settings: &Settings, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
+pub fn forecast(plan: &Plan, settings: &BallPlateSettings, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
     let declared = with_assumed_repeatability(plan);
     let plate = Plate::new(&declared, settings)?;
     let solved = SolvedRun::new(&declared, settings, &plate, &nominal_readings(plan, machine_s))?;

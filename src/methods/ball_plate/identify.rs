@@ -3,7 +3,7 @@
 use super::cross_check::CrossCheck;
 use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use super::solved::SolvedRun;
 use super::{cycles, outputs, warnings};
 use crate::IdentifyError;
@@ -23,7 +23,7 @@ const MAX_TRIAL_PRODUCTS: usize = 8_000_000_000;
 
 /// # Errors
 /// The readings do not belong to the plan or do not separate the unknowns.
-pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &BallPlateSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let plate = Plate::new(plan, settings)?;
     let solved = SolvedRun::new(plan, settings, &plate, readings)?;
     let products = (solved.design_matrix.nrows() * solved.design_matrix.ncols()).max(1);

@@ -21,7 +21,7 @@ mod sources;
 mod tests;
 mod warnings;
 
-pub use settings::Settings;
+pub use settings::BallPlateSettings;
 
 use self::design::PlateDesign;
 use self::plate::Plate;
@@ -36,11 +36,11 @@ pub const NAME: &str = "ball-plate";
 const MAX_DURATION_S: f64 = 4.0 * 3600.0;
 
 pub struct BallPlate {
-    settings: Settings,
+    settings: BallPlateSettings,
 }
 
 impl RegisteredMethod for BallPlate {
-    type Settings = Settings;
+    type Settings = BallPlateSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
         required_setup: "three or more uncalibrated balls on a circle about the rotary table",
@@ -49,7 +49,7 @@ impl RegisteredMethod for BallPlate {
         machine_file: "ball-plate.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: BallPlateSettings) -> Self {
         Self { settings }
     }
 }

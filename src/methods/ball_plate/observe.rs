@@ -8,7 +8,7 @@ use super::design::PlateDesign;
 use super::equations::BallObservation;
 use super::layout::MOTION_COMPONENTS;
 use super::plate::Plate;
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use crate::ball_measurement::{BallCentre, MeasurementPass, ObservedBalls, observe_balls};
 use crate::{IdentifyError, MethodRefusal};
 use machine::frame::Point;
@@ -30,7 +30,7 @@ pub struct MeasuredRun {
 /// The readings do not belong to the plan; a ball was never measured.
 pub fn observe_run(
     plan: &Plan,
-    settings: &Settings,
+    settings: &BallPlateSettings,
     plate: &Plate<'_>,
     design: &PlateDesign,
     readings: &[Reading],

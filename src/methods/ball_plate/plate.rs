@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use crate::MethodRefusal;
 use crate::ball_measurement::require_balls;
 use machine::kinematics::{KinematicChain, TableAxis};
@@ -38,7 +38,7 @@ pub struct Plate<'a> {
 impl<'a> Plate<'a> {
     /// # Errors
     /// The machine has no rotary table along Z; the balls are not on one circle at multiples of 360°/M.
-    pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &BallPlateSettings) -> Result<Self, MethodRefusal> {
         let set = require_balls(super::NAME, &plan.artefact)?;
         let chain = KinematicChain::new(&plan.machine)?;
         let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
@@ -64,7 +64,7 @@ impl<'a> Plate<'a> {
     }
 
     /// Checks that the balls are on one circle, at one height, each on its step.
-    fn check(&self, settings: &Settings) -> Result<(), MethodRefusal> {
+    fn check(&self, settings: &BallPlateSettings) -> Result<(), MethodRefusal> {
         if self.radius_mm < MIN_RADIUS_MM {
             return Err(MethodRefusal {
                 reason: format!(

@@ -7,7 +7,7 @@ use crate::ball_measurement::{SearchMode, TouchSettings};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct BallPlateSettings {
     /// Number M of stops per revolution of the table. The balls are at multiples of 360°/M.
     pub positions: usize,
     /// Number of revolutions in each direction.
@@ -43,7 +43,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for BallPlateSettings {
     fn default() -> Self {
         Self {
             positions: 36,
@@ -70,7 +70,7 @@ const MAX_DRIFT_ORDER: usize = 5;
 /// Maximum number of stops per revolution; more would take days.
 const MAX_POSITIONS: usize = 720;
 
-impl Settings {
+impl BallPlateSettings {
     /// Refuses settings that would make the run fail, before the first motion.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         MethodRefusal::require(

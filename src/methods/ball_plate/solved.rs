@@ -7,7 +7,7 @@ use super::design::PlateDesign;
 use super::equations::solve_equations;
 use super::observe::{MeasuredRun, observe_run};
 use super::plate::Plate;
-use super::settings::Settings;
+use super::settings::BallPlateSettings;
 use super::sources::{coordinate_sigmas, uncertainty_sources};
 use crate::IdentifyError;
 use crate::ball_measurement::outlier_measurements;
@@ -21,7 +21,7 @@ use machine::record::reading::Reading;
 const MAX_NAMED_COMBINATIONS: usize = 4;
 
 pub struct SolvedRun<'a> {
-    pub settings: &'a Settings,
+    pub settings: &'a BallPlateSettings,
     pub plate: &'a Plate<'a>,
     pub design: PlateDesign,
     pub measured: MeasuredRun,
@@ -39,7 +39,7 @@ impl<'a> SolvedRun<'a> {
     /// The readings do not belong to the plan or do not separate the unknowns.
     pub fn new(
         plan: &'a Plan,
-        settings: &'a Settings,
+        settings: &'a BallPlateSettings,
         plate: &'a Plate<'a>,
         readings: &[Reading],
     ) -> Result<Self, IdentifyError> {

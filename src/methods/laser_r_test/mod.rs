@@ -27,7 +27,7 @@ mod tests;
 mod touches;
 mod two_fits;
 
-pub use settings::Settings;
+pub use settings::LaserRTestSettings;
 
 use self::settings::MeasuringDevice;
 use self::setup::LaserSetup;
@@ -39,11 +39,11 @@ use machine::record::sensor::Sensor;
 
 pub const METHOD_NAME: &str = "laser-r-test";
 pub struct LaserRTest {
-    settings: Settings,
+    settings: LaserRTestSettings,
 }
 
 impl RegisteredMethod for LaserRTest {
-    type Settings = Settings;
+    type Settings = LaserRTestSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "one precision sphere; a laser displacement sensor in the spindle, or the \
@@ -53,7 +53,7 @@ impl RegisteredMethod for LaserRTest {
         machine_file: "laser.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: LaserRTestSettings) -> Self {
         Self { settings }
     }
 }

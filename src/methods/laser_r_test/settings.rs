@@ -28,7 +28,7 @@ pub enum SamplingMode {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct LaserRTestSettings {
     pub by: MeasuringDevice,
     /// Name of the sensor. Empty: the first one of the machine file.
     pub sensor: String,
@@ -70,7 +70,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for LaserRTestSettings {
     fn default() -> Self {
         Self {
             by: MeasuringDevice::Laser,
@@ -108,7 +108,7 @@ const MAX_DWELL_S: f64 = 60.0;
 /// Highest harmonic order. No set of poses determines higher ones.
 const MAX_HARMONIC_ORDER: u32 = 36;
 
-impl Settings {
+impl LaserRTestSettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
@@ -182,7 +182,7 @@ impl Settings {
     }
 }
 
-impl Settings {
+impl LaserRTestSettings {
     fn check_harmonics(&self) -> Result<(), MethodRefusal> {
         let orders = || self.harmonics.iter().enumerate();
         let is_repeated = |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);

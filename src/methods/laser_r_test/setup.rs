@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::parameters::{table_rotary_axes, tilts_table};
-use super::settings::{MeasuringDevice, Settings};
+use super::settings::{LaserRTestSettings, MeasuringDevice};
 use crate::MethodRefusal;
 use machine::frame::unit_vector;
 use machine::kinematics::KinematicChain;
@@ -23,7 +23,7 @@ pub type RotaryAxisPositions = (Axis, Vec<f64>);
 /// A plan with the derived data that this method needs.
 pub struct LaserSetup<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a LaserRTestSettings,
     pub chain: KinematicChain,
     /// Sensor that measures the sphere. For the touch probe it is a stand-in whose zero point is the stylus centre.
     pub sensor: Sensor,
@@ -34,7 +34,7 @@ pub struct LaserSetup<'a> {
 impl<'a> LaserSetup<'a> {
     /// # Errors
     /// There is no sensor or no sphere, or the kinematics of the machine cannot be built.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a LaserRTestSettings) -> Result<Self, MethodRefusal> {
         settings.check()?;
         let chain = KinematicChain::new(&plan.machine)?;
         let (balls, ball) = find_ball(plan, settings)?;
@@ -164,7 +164,7 @@ impl<'a> LaserSetup<'a> {
     }
 }
 
-fn find_ball<'a>(plan: &'a Plan, settings: &Settings) -> Result<(&'a Balls, &'a Ball), MethodRefusal> {
+fn find_ball<'a>(plan: &'a Plan, settings: &LaserRTestSettings) -> Result<(&'a Balls, &'a Ball), MethodRefusal> {
     let refused = |why: String| MethodRefusal {
         reason: why,
         remedy: "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml".to_owned(),
@@ -209,7 +209,7 @@ fn stylus_as_sensor(plan: &Plan) -> Sensor {
 ///
 /// # Errors
 /// There is no sensor, none with that name, or its direction is zero.
-pub fn select_sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sensor, MethodRefusal> {
+pub fn select_sensor<'a>(sensors: &'a [Sensor], settings: &LaserRTestSettings) -> Result<&'a Sensor, MethodRefusal> {
     let selected = match settings.sensor.as_str() {
         "" => sensors.iter().find(|sensor| sensor.mount.is_spindle()),
         name => sensors.iter().find(|sensor| sensor.name == name),

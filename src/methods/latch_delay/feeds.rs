@@ -3,7 +3,7 @@
 use crate::MethodRefusal;
 use machine::record::machine::{Machine, Probe};
 
-use super::settings::Settings;
+use super::settings::LatchDelaySettings;
 
 /// Minimum ratio of the two feeds.
 const MIN_FEED_RATIO: f64 = 2.0;
@@ -34,7 +34,7 @@ impl TouchFeeds {
     /// overtravel.
     pub fn choose(
         (machine, probe): (&Machine, &Probe),
-        settings: &Settings,
+        settings: &LatchDelaySettings,
         length_mm: impl Fn(f64) -> f64,
     ) -> Result<Self, MethodRefusal> {
         let min_mm_min = MIN_FEED_RATIO * probe.feed_mm_min;

@@ -14,7 +14,7 @@ mod settings;
 mod texts;
 
 pub use scan_test::{LatchDiagnosis, ScanTime};
-pub use settings::Settings;
+pub use settings::LatchDelaySettings;
 
 use self::feeds::TouchFeeds;
 use self::fit::FittedDelay;
@@ -30,7 +30,7 @@ use machine::record::reading::Reading;
 pub const METHOD_NAME: &str = "latch-delay";
 
 pub struct LatchDelay {
-    settings: Settings,
+    settings: LatchDelaySettings,
 }
 
 impl LatchDelay {
@@ -42,7 +42,7 @@ impl LatchDelay {
 }
 
 impl RegisteredMethod for LatchDelay {
-    type Settings = Settings;
+    type Settings = LatchDelaySettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "a round part or balls",
@@ -51,7 +51,7 @@ impl RegisteredMethod for LatchDelay {
         machine_file: "simulated.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: LatchDelaySettings) -> Self {
         Self { settings }
     }
 }

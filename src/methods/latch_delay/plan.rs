@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use super::feeds::TouchFeeds;
-use super::settings::Settings;
+use super::settings::LatchDelaySettings;
 use crate::MethodRefusal;
 use machine::artefact::position_uncertainty_mm;
 use machine::frame::unit_vector;
@@ -44,7 +44,7 @@ pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
 impl TouchPath {
     /// # Errors
     /// The axes reach no position, or none is free of collision.
-    pub fn choose(plan: &Plan, settings: &Settings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
+    pub fn choose(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
         let within_mm = position_uncertainty_mm(&plan.artefact) + feeds.margin_mm;
         match &plan.artefact {
             Artefact::Cylinder(part) => flank_touch(plan, settings, part, within_mm),
@@ -105,7 +105,12 @@ fn horizontal_direction(degrees: f64) -> Vector3<f64> {
 }
 
 /// Touch of a cylinder at half the height of its flank.
-fn flank_touch(plan: &Plan, settings: &Settings, part: &Cylinder, within_mm: f64) -> Result<TouchPath, MethodRefusal> {
+fn flank_touch(
+    plan: &Plan,
+    settings: &LatchDelaySettings,
+    part: &Cylinder,
+    within_mm: f64,
+) -> Result<TouchPath, MethodRefusal> {
     let axis = Vector3::from(part.axis);
     if axis.z <= MIN_UPRIGHT_COSINE * axis.norm() {
         return Err(MethodRefusal {
@@ -175,7 +180,12 @@ fn axis_out_of_travel(plan: &Plan, path: &TouchPath) -> Option<Axis> {
 }
 
 /// Touch of the first ball that can be measured, from a free direction.
-fn ball_touch(plan: &Plan, settings: &Settings, balls: &Balls, within_mm: f64) -> Result<TouchPath, MethodRefusal> {
+fn ball_touch(
+    plan: &Plan,
+    settings: &LatchDelaySettings,
+    balls: &Balls,
+    within_mm: f64,
+) -> Result<TouchPath, MethodRefusal> {
     let access = TouchAccess::new(plan, &plan.artefact)?;
     let preferred = settings.direction_deg.map_or(Vector3::z(), horizontal_direction);
     let (rotary, mut first_reason) = (plan.machine.rotary_zero_position(), None);

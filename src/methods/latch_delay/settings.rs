@@ -6,7 +6,7 @@ use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct LatchDelaySettings {
     /// Feed of the faster touches. Absent: the search feed, reduced so that the axes can brake within the
     /// overtravel.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -19,7 +19,7 @@ pub struct Settings {
     pub direction_deg: Option<f64>,
 }
 
-impl Default for Settings {
+impl Default for LatchDelaySettings {
     fn default() -> Self {
         Self { fast_feed_mm_min: None, touches: 12, direction_deg: None }
     }
@@ -29,7 +29,7 @@ impl Default for Settings {
 pub const MIN_TOUCHES_PER_FEED: u32 = 5;
 const MAX_TOUCHES_PER_FEED: u32 = 200;
 
-impl Settings {
+impl LatchDelaySettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
         let refused = |why, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });

@@ -5,7 +5,7 @@ use estimation::revolutions::{DeclaredSensor, HarmonicData, RowRevolutions, Sens
 use machine::record::estimate::{Parameter, Unit};
 
 use super::model::{ProbeLayout, Surface};
-use super::settings::Settings;
+use super::settings::MultiprobeSettings;
 use crate::IdentifyError;
 use crate::identification::parameter_without_budget;
 
@@ -16,7 +16,7 @@ const MAX_REPORTED_U_RATIO: f64 = 0.9;
 /// The rows do not separate eccentricity and motion.
 pub fn calibrate_layout(
     layout: &ProbeLayout,
-    settings: &Settings,
+    settings: &MultiprobeSettings,
     data: &HarmonicData,
 ) -> Result<SensorCalibration, IdentifyError> {
     let sensors = layout.channels.iter().map(|channel| DeclaredSensor {
@@ -48,7 +48,7 @@ pub fn correct_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout)
 pub fn calibration_parameters(
     calibration: &SensorCalibration,
     layout: &ProbeLayout,
-    settings: &Settings,
+    settings: &MultiprobeSettings,
 ) -> Vec<Parameter> {
     let count = layout.channels.len();
     let parameter = |i: usize| {

@@ -7,7 +7,7 @@ use super::model::Channel;
 use super::observe::{ObservedRevolutions, observe_revolutions};
 use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
-use super::settings::{Settings, TurnSampling};
+use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use super::sources::SourceSizes;
 use super::{SeparatedMotions, identify_motions};
@@ -35,7 +35,11 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// # Errors
 /// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
 /// separate clock; all indexes from one on are wrong.
-pub fn build_estimate(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn build_estimate(
+    plan: &Plan,
+    settings: &MultiprobeSettings,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
     let mut setup = MultiprobeSetup::new(plan, settings)?;
     let mut observed = observe_revolutions(&setup, readings)?;
     if settings.sampling == TurnSampling::Continuous
@@ -95,7 +99,7 @@ fn describe_aliased_harmonics(positions: usize) -> String {
     )
 }
 
-fn harmonic_data(settings: &Settings, rows: &[RowRevolutions]) -> Result<HarmonicData, RevolutionsError> {
+fn harmonic_data(settings: &MultiprobeSettings, rows: &[RowRevolutions]) -> Result<HarmonicData, RevolutionsError> {
     let directions = if settings.both_directions { 2 } else { 1 };
     let without_drift = |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
     HarmonicData::from_revolutions(&rows.iter().map(without_drift).collect::<Vec<_>>(), settings.harmonics)

@@ -26,7 +26,7 @@ mod stages;
 #[cfg(test)]
 mod tests;
 
-pub use settings::Settings;
+pub use settings::MultiprobeSettings;
 
 use self::fit::SeparationFit;
 use self::model::ProbeLayout;
@@ -44,11 +44,11 @@ use machine::record::sensor::Sensor;
 pub const METHOD_NAME: &str = "multiprobe";
 
 pub struct Multiprobe {
-    settings: Settings,
+    settings: MultiprobeSettings,
 }
 
 impl RegisteredMethod for Multiprobe {
-    type Settings = Settings;
+    type Settings = MultiprobeSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "a datum cylinder on an indexing stage on the rotary table, three or more displacement sensors",
@@ -57,7 +57,7 @@ impl RegisteredMethod for Multiprobe {
         machine_file: "multiprobe.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: MultiprobeSettings) -> Self {
         Self { settings }
     }
 }

@@ -20,7 +20,7 @@ pub enum TurnSampling {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct MultiprobeSettings {
     /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
     /// Positions of the linear axes during the measurement, machine coordinates, mm. All of them are required.
@@ -57,7 +57,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for MultiprobeSettings {
     fn default() -> Self {
         Self {
             sensors: Vec::new(),
@@ -89,7 +89,7 @@ const MAX_INDEXES: usize = 72;
 const MAX_REVOLUTIONS: usize = 100;
 const MAX_POSITIONS: usize = 3600;
 
-impl Settings {
+impl MultiprobeSettings {
     /// # Errors
     /// The numbers do not describe a possible measurement.
     pub fn check(&self) -> Result<(), MethodRefusal> {

@@ -3,7 +3,7 @@
 
 use super::checks;
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_index_angles_rad};
-use super::settings::Settings;
+use super::settings::MultiprobeSettings;
 use crate::MethodRefusal;
 use machine::artefact::{ObservedCylinder, ObservedSurface};
 use machine::kinematics::{KinematicChain, TableAxis};
@@ -14,7 +14,7 @@ use machine::{Axis, Position};
 
 pub struct MultiprobeSetup<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a MultiprobeSettings,
     /// The measured axis.
     pub axis: Axis,
     /// Positions of all axes except the measured one at the start of a turn.
@@ -27,7 +27,7 @@ pub struct MultiprobeSetup<'a> {
 impl<'a> MultiprobeSetup<'a> {
     /// # Errors
     /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a MultiprobeSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let cylinder = find_datum_cylinder(plan)?;
@@ -107,7 +107,7 @@ fn find_datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, MethodRefusal> {
 }
 
 /// Positions of the axes with the measured one at zero.
-fn position_at_zero(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Position, MethodRefusal> {
+fn position_at_zero(plan: &Plan, settings: &MultiprobeSettings, table: &TableAxis) -> Result<Position, MethodRefusal> {
     let axis = table.axis;
     MethodRefusal::require(
         settings.at.get(axis).is_none(),

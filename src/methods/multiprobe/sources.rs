@@ -9,7 +9,7 @@ use faer::Mat;
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
-use super::settings::Settings;
+use super::settings::MultiprobeSettings;
 use crate::identification::{EvaluationType, UncertaintySource};
 
 /// Step of the numerical derivative by an angle.
@@ -19,7 +19,7 @@ const ANGLE_STEP_RAD: f64 = 1e-3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceSizes<'a> {
     /// Settings with the uncertainties of the declared layout.
-    pub settings: &'a Settings,
+    pub settings: &'a MultiprobeSettings,
     /// Covariance of the gains, then of the angles, after the calibration.
     pub sensor_covariance: Option<Mat<f64>>,
     /// Drift of the artefact relative to the sensors along X, Y and Z during one revolution, reduced by the

@@ -4,7 +4,7 @@
 use super::centring::{CENTRING_STOP_COUNT, CentringResult};
 use super::checks::describe_weak_points;
 use super::label::StepLabel;
-use super::settings::{Settings, TurnSampling};
+use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use crate::revolution_steps::RevolutionSteps;
 use crate::{MethodRefusal, NextStage, PositionSource};
@@ -148,7 +148,7 @@ fn turn_scan(
 /// # Errors
 /// The axis limits do not allow the number of revolutions.
 fn turn_angles_deg(setup: &MultiprobeSetup<'_>) -> Result<Vec<f64>, MethodRefusal> {
-    let Settings { positions, revolutions, sampling, .. } = *setup.settings;
+    let MultiprobeSettings { positions, revolutions, sampling, .. } = *setup.settings;
     // The filter needs samples before the first revolution and after the last one. The first and the last step are
     // incomplete, as the axis starts and stops there.
     let lead = match sampling {

@@ -13,7 +13,7 @@ mod setup;
 mod sources;
 mod stages;
 
-pub use settings::Settings;
+pub use settings::ProbeQualificationSettings;
 
 use self::setup::QualificationSetup;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
@@ -23,11 +23,11 @@ use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
 pub struct ProbeQualification {
-    settings: Settings,
+    settings: ProbeQualificationSettings,
 }
 
 impl RegisteredMethod for ProbeQualification {
-    type Settings = Settings;
+    type Settings = ProbeQualificationSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: probe_map::PROBE_QUALIFICATION_NAME,
         required_setup: "a precision sphere on the table; its form certificate, if later runs are to subtract the map",
@@ -36,7 +36,7 @@ impl RegisteredMethod for ProbeQualification {
         machine_file: "probe-qualification.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: ProbeQualificationSettings) -> Self {
         Self { settings }
     }
 }

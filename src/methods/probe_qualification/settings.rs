@@ -6,7 +6,7 @@ use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct ProbeQualificationSettings {
     /// Id of the ball to be touched. Empty: the first one that is accessible all around.
     pub ball: String,
     /// Number of directions around the ball, at equal angles.
@@ -31,7 +31,7 @@ pub struct Settings {
     pub search_mm: f64,
 }
 
-impl Default for Settings {
+impl Default for ProbeQualificationSettings {
     fn default() -> Self {
         Self {
             ball: String::new(),
@@ -55,7 +55,7 @@ const MAX_ORDERS: u32 = 100;
 const MIN_TRAVEL_MM: f64 = 0.1;
 const OFFSET_SIGMAS: f64 = 6.0;
 
-impl Settings {
+impl ProbeQualificationSettings {
     /// # Errors
     /// The settings would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {

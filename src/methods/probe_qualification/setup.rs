@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::settings::Settings;
+use super::settings::ProbeQualificationSettings;
 use crate::identification::azimuth::LOBING_ORDERS;
 use crate::{IdentifyError, MethodRefusal, PositionSource, latest_readings};
 use machine::kinematics::KinematicChain;
@@ -17,7 +17,7 @@ pub const SEARCH_LABEL: &str = "find";
 
 pub struct QualificationSetup<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a ProbeQualificationSettings,
     pub chain: KinematicChain,
     pub balls: &'a Balls,
     /// All rotary axes except the spindle at zero, or as near to zero as their limits allow.
@@ -30,7 +30,7 @@ impl<'a> QualificationSetup<'a> {
     /// # Errors
     /// The machine has no kinematics, the artefact has no balls, or the settings do not describe a possible
     /// measurement.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a ProbeQualificationSettings) -> Result<Self, MethodRefusal> {
         settings.check()?;
         let Artefact::Balls(balls) = &plan.artefact else {
             return Err(MethodRefusal::new(

@@ -1,7 +1,7 @@
 //! Touches of each stage: first the search for the balls, then touches all around one ball, in each orientation of
 //! the spindle.
 
-use super::settings::Settings;
+use super::settings::ProbeQualificationSettings;
 use super::setup::{QualificationSetup, SEARCH_LABEL};
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::Position;
@@ -149,7 +149,7 @@ impl<'a> OrientationPlan<'a> {
         directions: &[[f64; 2]],
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, MethodRefusal> {
-        let Settings { standoff_mm, search_mm, .. } = *self.setup.settings;
+        let ProbeQualificationSettings { standoff_mm, search_mm, .. } = *self.setup.settings;
         let approach = BallApproach::Measure { standoff_mm, search_mm };
         let task = BallTask { ball, rotary: &self.rotary, approach, touches: 0 };
         let probe = &self.setup.plan.probe;

@@ -4,7 +4,7 @@ use super::fit::{solve_equation, survey_rank, weighted_equation};
 use super::model::SensorEquations;
 use super::nest::SensorNest;
 use super::observe::{ObservedMeans, SensorMean, observe_means};
-use super::settings::Settings;
+use super::settings::RTestSettings;
 use super::sources::uncertainty_sources;
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
@@ -30,7 +30,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 /// # Errors
 /// Readings do not belong to the plan or do not separate the unknowns, or a sensor has another direction or gain
 /// than declared.
-pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let nest = SensorNest::new(plan, settings)?;
     let observed = observe_means(&nest, readings)?;
     let equation = weighted_equation(&nest, &observed);

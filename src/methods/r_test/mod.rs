@@ -16,7 +16,7 @@ mod settings;
 mod sources;
 mod stages;
 
-pub use settings::Settings;
+pub use settings::RTestSettings;
 
 use self::nest::SensorNest;
 use crate::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
@@ -28,11 +28,11 @@ use machine::record::sensor::Sensor;
 pub const METHOD_NAME: &str = "r-test";
 
 pub struct RTest {
-    settings: Settings,
+    settings: RTestSettings,
 }
 
 impl RegisteredMethod for RTest {
-    type Settings = Settings;
+    type Settings = RTestSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "a precision sphere in the spindle, three displacement sensors in the centre of the rotary table",
@@ -40,7 +40,7 @@ impl RegisteredMethod for RTest {
         machine_file: "r-test.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: RTestSettings) -> Self {
         Self { settings }
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::settings::Settings;
+use super::settings::RTestSettings;
 use crate::MethodRefusal;
 use machine::frame::{Point, SpindleFrame, TableFrame};
 use machine::kinematics::{KinematicChain, TableAxis};
@@ -20,7 +20,7 @@ const MAX_LINE_DISTANCE_MM: f64 = 0.5;
 
 pub struct SensorNest<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a RTestSettings,
     pub chain: KinematicChain,
     /// The measured axis.
     pub axis: Axis,
@@ -35,7 +35,7 @@ impl<'a> SensorNest<'a> {
     /// # Errors
     /// There is no table axis along Z, there are fewer than three sensors on the table, or the sensors do not point
     /// at one point on the axis.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a RTestSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let table = TableAxis::find(&plan.machine, &chain).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sensors: Vec<&Sensor> = plan.sensors.iter().collect();

@@ -6,7 +6,7 @@ use crate::MethodRefusal;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct RTestSettings {
     /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
     /// Number of stops in one revolution, at equal angles that start at zero.
@@ -26,7 +26,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for RTestSettings {
     fn default() -> Self {
         Self {
             sensors: Vec::new(),
@@ -49,7 +49,7 @@ const MAX_POSITIONS: usize = 720;
 /// sensors.
 const MAX_FEED_DEG_MIN: f64 = 1440.0;
 
-impl Settings {
+impl RTestSettings {
     /// # Errors
     /// The numbers do not describe a possible measurement.
     pub fn check(&self) -> Result<(), MethodRefusal> {

@@ -4,7 +4,7 @@ use super::fit;
 use super::label::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, MOUNT_PROMPT_LABEL, REFERENCE_LABEL};
 use super::nest::SensorNest;
 use super::observe::observe_means;
-use super::settings::Settings;
+use super::settings::RTestSettings;
 use crate::revolution_steps::RevolutionSteps;
 use crate::{MethodRefusal, NextStage, PositionSource};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
@@ -101,7 +101,7 @@ fn revolution_angles_deg(nest: &SensorNest<'_>) -> Result<Vec<f64>, MethodRefusa
 }
 
 fn dwell_scan(nest: &SensorNest<'_>, label: &str, kind: StepKind, path: Vec<Position>, feed_mm_min: f64) -> Step {
-    let Settings { dwell_s, samples, .. } = *nest.settings;
+    let RTestSettings { dwell_s, samples, .. } = *nest.settings;
     let scan = Scan { path, sampling: Sampling::Dwell { dwell_s, samples } };
     Step {
         kind,

@@ -2,7 +2,7 @@
 
 use super::fit::{GeometryEquations, GeometryProblem};
 use super::outputs;
-use super::settings::Settings;
+use super::settings::SambaSettings;
 use super::solution::{GeometrySolution, solve_geometry};
 use crate::IdentifyError;
 use crate::identification::{self, FitFigures, LeastSquares, Solution, TrialPlan, UncertaintySource};
@@ -24,7 +24,7 @@ const STABLE_DIGITS: u32 = 1;
 /// A sphere fit is so nearly linear that touches drawn and fitted one by one give the same u to two digits,
 /// even with ten times the scatter of a probe
 /// (`regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do`).
-pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, settings: &SambaSettings, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let solved = solve_geometry(plan, settings, readings)?;
     let GeometrySolution { problem, sources, measured, minimum, survey, .. } = &solved;
     let solution = Solution {
@@ -40,7 +40,7 @@ pub fn identify(plan: &Plan, settings: &Settings, readings: &[Reading]) -> Resul
     Ok(outputs::build_estimate(&solved, &identified))
 }
 
-fn trial_plan(settings: &Settings, problem: &GeometryProblem, sources: &[UncertaintySource]) -> TrialPlan {
+fn trial_plan(settings: &SambaSettings, problem: &GeometryProblem, sources: &[UncertaintySource]) -> TrialPlan {
     let draws = sources.iter().flat_map(|s| (0..s.draw_count()).map(|draw| s.draw_span(draw).1.len()));
     let operations = draws.sum::<usize>() + 100 * problem.row_count() + 1;
     let max = (MAX_OPERATIONS / operations).clamp(MIN_ADAPTIVE_TRIALS, 200_000);

@@ -20,7 +20,7 @@ mod warnings;
 pub use crate::identification::LeastSquares;
 pub use fit::{BallMeasurement, GeometryEquations, GeometryProblem, LengthConstraint, ObservedValues};
 pub use model::GeometryModel;
-pub use settings::Settings;
+pub use settings::SambaSettings;
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ use machine::record::reading::Reading;
 
 pub const METHOD_NAME: &str = "samba";
 pub struct Samba {
-    settings: Settings,
+    settings: SambaSettings,
     visits_cache: VisitCache,
 }
 
@@ -49,7 +49,7 @@ impl Samba {
 }
 
 impl RegisteredMethod for Samba {
-    type Settings = Settings;
+    type Settings = SambaSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: METHOD_NAME,
         required_setup: "uncalibrated master balls, and one scale bar",
@@ -58,7 +58,7 @@ impl RegisteredMethod for Samba {
         machine_file: "samba.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: SambaSettings) -> Self {
         Self { settings, visits_cache: VisitCache::default() }
     }
 }
@@ -79,7 +79,7 @@ impl Method for Samba {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let settings = Settings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
+        let settings = SambaSettings { monte_carlo_trials: MethodRefusal::MIN_TRIALS, ..self.settings.clone() };
         let readings = ball_measurement::nominal_readings(plan, machine_s);
         let estimate = identify::identify(&with_assumed_repeatability(plan), &settings, &readings)
             .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))?;

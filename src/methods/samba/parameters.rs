@@ -1,7 +1,7 @@
 //! The unknown machine errors: the set that a topology implies, or the errors that the user names.
 
 use super::confounding::MeasuringConditions;
-use super::settings::{Settings, Spindle};
+use super::settings::{SambaSettings, Spindle};
 use crate::MethodRefusal;
 use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
@@ -11,7 +11,7 @@ use machine::record::plan::Plan;
 /// Rotary axes that stay at zero in every design: the spindle if it is not oriented, and an axis that tilts
 /// the spindle. Balls are touched from above only; if the plan does turn such an axis, the plan takes
 /// precedence.
-pub fn fixed_axes(plan: &Plan, settings: &Settings, chain: &KinematicChain) -> Vec<Axis> {
+pub fn fixed_axes(plan: &Plan, settings: &SambaSettings, chain: &KinematicChain) -> Vec<Axis> {
     let (machine, topology) = (&plan.machine, chain.topology());
     let has_turned = |axis: Axis| {
         let mut at = plan.steps.iter().filter_map(|step| step.from.get(axis));

@@ -39,7 +39,7 @@ pub enum Spindle {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct SambaSettings {
     /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that ISO 10791-6
     /// implies for the topology, without those that an upright spindle cannot show.
     pub parameters: Vec<String>,
@@ -77,7 +77,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for SambaSettings {
     fn default() -> Self {
         Self {
             parameters: Vec::new(),
@@ -105,7 +105,7 @@ impl Default for Settings {
 /// Maximum number of ball measurements; a design of this size is still computed in a second or two.
 const MAX_BALL_MEASUREMENTS: usize = 2_000;
 
-impl Settings {
+impl SambaSettings {
     pub fn touch_settings(&self) -> TouchSettings {
         TouchSettings {
             search_mode: self.find,

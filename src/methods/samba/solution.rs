@@ -6,7 +6,7 @@ use super::confounding::{MeasuringConditions, length_directions};
 use super::fit::{BallMeasurement, GeometryProblem, LengthConstraint, ObservedValues, vector_at};
 use super::model::{GeometryModel, length_mm, length_u_mm};
 use super::parameters;
-use super::settings::Settings;
+use super::settings::SambaSettings;
 use super::sources::uncertainty_sources;
 use crate::ball_measurement::{ObservedBalls, artefact_balls, observe_balls};
 use crate::identification::{UncertaintySource, block_covariances};
@@ -26,7 +26,7 @@ const MIN_MEASUREMENT_U_MM: f64 = 1e-6;
 
 pub struct GeometrySolution<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a SambaSettings,
     pub observed: ObservedBalls,
     /// The balls that were measured.
     pub balls: Balls,
@@ -44,7 +44,7 @@ pub struct GeometrySolution<'a> {
 /// cannot be built.
 pub fn solve_geometry<'a>(
     plan: &'a Plan,
-    settings: &'a Settings,
+    settings: &'a SambaSettings,
     readings: &[Reading],
 ) -> Result<GeometrySolution<'a>, IdentifyError> {
     let stated = artefact_balls(plan)?;
@@ -118,7 +118,7 @@ fn refuse_no_measurement(left_out: &[String], readings: &[Reading]) -> MethodRef
 }
 
 /// The model of the machine with the selected errors.
-fn build_model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<GeometryModel, IdentifyError> {
+fn build_model(plan: &Plan, settings: &SambaSettings, balls: &Balls) -> Result<GeometryModel, IdentifyError> {
     let refused = |why: String| MethodRefusal { reason: why, remedy: "correct the machine file".to_owned() };
     let chain = KinematicChain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
     let fixed_axes = parameters::fixed_axes(plan, settings, &chain);

@@ -6,7 +6,7 @@
 
 use std::f64::consts::TAU;
 
-use super::settings::Settings;
+use super::settings::SelfCalibrationSettings;
 use crate::MethodRefusal;
 
 /// One touch on the grid.
@@ -60,7 +60,7 @@ impl Design {
     /// # Errors
     /// There are fewer than five positions, probe angles off the grid, or gcd(k_b, N) ≠ 1: the rank deficiency is
     /// gcd − 1 (METHODS section 1). The refusal names a design that works.
-    pub fn new(settings: &Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let n = settings.positions;
         if !(5..=120).contains(&n) {
             return Err(MethodRefusal {

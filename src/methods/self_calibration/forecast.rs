@@ -3,7 +3,7 @@
 use super::estimate;
 use super::identify::{nominal_reading, solve_cycle};
 use super::plan::StepPlanner;
-use super::settings::Settings;
+use super::settings::SelfCalibrationSettings;
 use crate::IdentifyError;
 use crate::identification::{
     KnownMotions, describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
@@ -23,7 +23,7 @@ const MAX_SUGGESTED_POSITIONS: usize = 72;
 /// The cycle cannot be identified.
 pub fn forecast_results(
     plan: &Plan,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
     planner: &StepPlanner<'_>,
     known_motions: &KnownMotions<'_>,
     machine_s: f64,
@@ -75,7 +75,7 @@ fn suggest_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
 /// The errors of [`forecast_results`].
 pub fn unchecked_steps(
     plan: &Plan,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
     planner: &StepPlanner<'_>,
     known_motions: &KnownMotions<'_>,
 ) -> Result<Vec<u32>, IdentifyError> {
@@ -96,7 +96,7 @@ fn nominal_plan(plan: &Plan) -> Plan {
     declared
 }
 
-fn nominal_readings(plan: &Plan, settings: &Settings) -> Vec<Reading> {
+fn nominal_readings(plan: &Plan, settings: &SelfCalibrationSettings) -> Vec<Reading> {
     let touches = plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
     let touches: Vec<Reading> = touches.map(nominal_reading).collect();
     let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });

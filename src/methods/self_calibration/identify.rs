@@ -8,7 +8,7 @@ use super::observe::{ObservedAxis, ObservedCycle, extract_observations};
 use super::outputs;
 use super::plan::StepPlanner;
 use super::sense;
-use super::settings::Settings;
+use super::settings::SelfCalibrationSettings;
 use super::solved_cycle::SolvedCycle;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
@@ -33,7 +33,7 @@ const MAX_NAMED_COMBINATIONS: usize = 4;
 
 /// Trials of the Monte Carlo propagation. The adaptive rule has a limit of 200 000 trials, fewer for large designs,
 /// so that it takes seconds. It usually stops earlier.
-fn trial_plan(settings: &Settings, fit: &Fit) -> TrialPlan {
+fn trial_plan(settings: &SelfCalibrationSettings, fit: &Fit) -> TrialPlan {
     let products = (fit.design_matrix.nrows() * fit.design_matrix.ncols()).max(1);
     let max = (4_000_000_000 / products).clamp(10_000, 200_000);
     TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max)
@@ -41,7 +41,11 @@ fn trial_plan(settings: &Settings, fit: &Fit) -> TrialPlan {
 
 /// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
 /// nominal design, including drift and heights.
-pub fn check_well_posed(plan: &Plan, settings: &Settings, planner: &StepPlanner<'_>) -> Result<(), MethodRefusal> {
+pub fn check_well_posed(
+    plan: &Plan,
+    settings: &SelfCalibrationSettings,
+    planner: &StepPlanner<'_>,
+) -> Result<(), MethodRefusal> {
     let mut plan = plan.clone();
     plan.steps = planner.cycle_steps(planner.nominal_part())?;
     let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
@@ -73,7 +77,7 @@ pub fn nominal_reading(step: &Step) -> Reading {
 
 fn observe_cycle(
     plan: &Plan,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
     axis: &ObservedAxis<'_>,
     readings: &[Reading],
 ) -> Result<(UnknownsLayout, ObservedCycle), IdentifyError> {
@@ -96,7 +100,7 @@ pub struct FittedCycle {
 /// The errors of [`identify`].
 pub fn fit_cycle(
     plan: &Plan,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
     axis: &ObservedAxis<'_>,
     readings: &[Reading],
 ) -> Result<FittedCycle, IdentifyError> {
@@ -119,7 +123,7 @@ pub fn fit_cycle(
 /// Identifies the readings of one plan.
 pub fn identify(
     plan: &Plan,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
     planner: &StepPlanner<'_>,
     known_motions: &KnownMotions<'_>,
     readings: &[Reading],
@@ -134,7 +138,7 @@ pub fn identify(
 /// The errors of [`identify`].
 pub fn solve_cycle<'a>(
     plan: &'a Plan,
-    settings: &'a Settings,
+    settings: &'a SelfCalibrationSettings,
     planner: &'a StepPlanner<'_>,
     known_motions: &'a KnownMotions<'a>,
     readings: &[Reading],
@@ -189,7 +193,7 @@ fn fit_observations(
     layout: UnknownsLayout,
     observations: Vec<Observation>,
     sigma: Vec<f64>,
-    settings: &Settings,
+    settings: &SelfCalibrationSettings,
 ) -> Result<Fit, IdentifyError> {
     let names = layout.names(axis);
     let lost = |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));

@@ -29,7 +29,7 @@ mod tests;
 pub use fit::{Fit, LinearisedFit};
 pub use identify::FittedCycle;
 pub use second_order::SecondOrderCorrection;
-pub use settings::Settings;
+pub use settings::SelfCalibrationSettings;
 
 use std::cmp::Ordering;
 
@@ -48,7 +48,7 @@ pub const NAME: &str = "self-calibration";
 const UNCHECKED_TOUCHES_STAGE_NAME: &str = "touches without redundancy, repeated";
 
 pub struct SelfCalibration {
-    settings: Settings,
+    settings: SelfCalibrationSettings,
 }
 
 impl SelfCalibration {
@@ -105,7 +105,7 @@ impl SelfCalibration {
 }
 
 impl RegisteredMethod for SelfCalibration {
-    type Settings = Settings;
+    type Settings = SelfCalibrationSettings;
     const DESCRIPTION: MethodDescription = MethodDescription {
         name: NAME,
         required_setup: "any clean round part",
@@ -114,7 +114,7 @@ impl RegisteredMethod for SelfCalibration {
         machine_file: "simulated.toml",
     };
 
-    fn new(settings: Settings) -> Self {
+    fn new(settings: SelfCalibrationSettings) -> Self {
         Self { settings }
     }
 }

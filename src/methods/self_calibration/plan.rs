@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::design::{Design, GridTouch};
-use super::settings::{Settings, SpindleMode};
+use super::settings::{SelfCalibrationSettings, SpindleMode};
 use super::table_axis::TableAxis;
 use crate::MethodRefusal;
 use machine::record::artefact::{Artefact, Cylinder};
@@ -33,7 +33,7 @@ pub struct StepPlanner<'a> {
     plan: &'a Plan,
     /// The part at its position with the axis at zero.
     stated_part: Cylinder,
-    settings: &'a Settings,
+    settings: &'a SelfCalibrationSettings,
     design: Design,
     axis: TableAxis,
 }
@@ -41,7 +41,7 @@ pub struct StepPlanner<'a> {
 impl<'a> StepPlanner<'a> {
     /// # Errors
     /// The machine has no axis to measure, or the design is not well-posed.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let axis = TableAxis::new(plan, settings)?;
         let stated = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);
         settings.check(&stated, plan.probe.ball_radius_mm)?;

@@ -19,7 +19,7 @@ pub enum SpindleMode {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Settings {
+pub struct SelfCalibrationSettings {
     /// Number N of equispaced angles.
     pub positions: usize,
     /// Probe angles of Tests 1a, 1b, 1c…: multiples of 360°/N, the first is 0. Absent: `[0, 360/N, 90]` if 90° is a
@@ -57,7 +57,7 @@ pub struct Settings {
     pub monte_carlo_trials: usize,
 }
 
-impl Default for Settings {
+impl Default for SelfCalibrationSettings {
     fn default() -> Self {
         Self {
             positions: 8,
@@ -83,7 +83,7 @@ const MIN_HEIGHT_STEP_MM: f64 = 1.0;
 /// Minimum cosine of the tilt of an upright axis: one degree.
 pub const MIN_UPRIGHT_COSINE: f64 = 0.99985;
 
-impl Settings {
+impl SelfCalibrationSettings {
     /// Whether the top face of the part is touched.
     pub fn touches_top(&self) -> bool {
         self.z_reference && (self.references || self.locate)

@@ -2,7 +2,7 @@
 
 use super::fit::Fit;
 use super::sense::SenseCheck;
-use super::settings::Settings;
+use super::settings::SelfCalibrationSettings;
 use super::table_axis::TableAxis;
 use crate::identification::{Identification, KnownMotions};
 use machine::record::plan::Plan;
@@ -10,7 +10,7 @@ use machine::record::plan::Plan;
 /// The data from which the estimate is written.
 pub struct SolvedCycle<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a SelfCalibrationSettings,
     pub axis: &'a TableAxis,
     /// Heights of the touches, machine frame, mm.
     pub heights: Vec<f64>,

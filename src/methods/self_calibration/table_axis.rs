@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::settings::{MIN_UPRIGHT_COSINE, Settings};
+use super::settings::{MIN_UPRIGHT_COSINE, SelfCalibrationSettings};
 use crate::MethodRefusal;
 use crate::identification::KnownMotions;
 use machine::frame::{Point, Pose, SpindleFrame, TableFrame};
@@ -31,7 +31,7 @@ pub struct TableAxis {
 impl TableAxis {
     /// # Errors
     /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
-    pub fn new(plan: &Plan, settings: &Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &Plan, settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let still = rest_position_of_axes(plan, &settings.at)?;
         // The search starts with the axis next to the workpiece.

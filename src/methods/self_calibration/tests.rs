@@ -10,7 +10,7 @@ use super::fit::{Fit, RANK_THRESHOLD};
 use super::model::{Observation, UnknownsLayout};
 use super::outputs::{axis_position_coefficients, dot};
 use super::paper_system::PaperSystem;
-use super::settings::Settings;
+use super::settings::SelfCalibrationSettings;
 use crate::identification::{
     Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
 };
@@ -62,7 +62,11 @@ fn regress_rank_deficiency_is_gcd_minus_one() {
 #[test]
 fn regress_45_degrees_works_for_8_positions_only() {
     for n in [8, 16, 24, 32] {
-        let settings = Settings { positions: n, probe_angles_deg: Some(vec![0.0, 45.0]), ..Settings::default() };
+        let settings = SelfCalibrationSettings {
+            positions: n,
+            probe_angles_deg: Some(vec![0.0, 45.0]),
+            ..SelfCalibrationSettings::default()
+        };
         match Design::new(&settings) {
             Ok(_) => assert_eq!(n, 8),
             Err(refused) => {
@@ -319,7 +323,8 @@ fn regress_drift_needs_references_only_where_it_says_so() {
 #[test]
 fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
-        let design = Design::new(&Settings { positions: n, ..Settings::default() }).unwrap();
+        let design =
+            Design::new(&SelfCalibrationSettings { positions: n, ..SelfCalibrationSettings::default() }).unwrap();
         let layout = UnknownsLayout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
         let touches = layout.design.cycle_touches(true);
         let last = touches.len() as f64;

@@ -3,13 +3,13 @@
 use plotters::prelude::*;
 
 use super::scale::{TickedAxis, add_margin, value_bounds};
-use super::{BAND_OPACITY, LINE_COLOUR, MAX_MARKS, Sample, draw_picture};
+use super::{BAND_OPACITY, LINE_COLOUR, MAX_MARKS, PlotPoint, draw_picture};
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
-pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
+pub(super) fn draw_curve(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let (low, high) =
         value_bounds(samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]))?;
     let (low, high) = add_margin((low, high));
@@ -43,7 +43,7 @@ pub(super) fn axis_names(function: &EstimatedFunction) -> (String, String) {
 }
 
 /// The x axis: a full turn in steps of 45° for angles, otherwise round steps over the data.
-fn x_axis(function: &EstimatedFunction, samples: &[Sample]) -> Option<TickedAxis> {
+fn x_axis(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<TickedAxis> {
     let (first, last) = value_bounds(samples.iter().map(|sample| sample.x))?;
     let (low, high) = if last > first { (first, last) } else { add_margin((first, last)) };
     let turn = function.argument_unit == "deg" && first >= 0.0 && last <= 360.0;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Sample;
+use super::PlotPoint;
 use super::scale::value_bounds;
 
 /// Centre about which the value of an error motion is taken (ISO 230-7).
@@ -46,7 +46,7 @@ pub(in crate::report) struct MotionCircles {
 
 impl MotionCircles {
     /// The circles of a curve; `None`: too few angles for the centre.
-    pub(super) fn new(samples: &[Sample], centre_kind: MotionCentre) -> Option<Self> {
+    pub(super) fn new(samples: &[PlotPoint], centre_kind: MotionCentre) -> Option<Self> {
         let centre = match centre_kind {
             MotionCentre::LeastSquares => least_squares_centre(samples)?,
             MotionCentre::Chart => [0.0, 0.0],
@@ -71,8 +71,8 @@ impl MotionCircles {
 }
 
 /// Cosine and sine part of a + b·cos θ + c·sin θ by least squares: 2/N·Σ y·cos θ and 2/N·Σ y·sin θ at equal angles.
-fn least_squares_centre(samples: &[Sample]) -> Option<[f64; 2]> {
-    let is_first_again = |sample: &&Sample| {
+fn least_squares_centre(samples: &[PlotPoint]) -> Option<[f64; 2]> {
+    let is_first_again = |sample: &&PlotPoint| {
         let turns = (sample.x - samples[0].x) / 360.0;
         turns > 0.0 && turns.fract() == 0.0
     };

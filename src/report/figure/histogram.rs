@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use plotters::prelude::*;
 
 use super::scale::{TickedAxis, round_step, value_bounds};
-use super::{FIT_COLOUR, LINE_COLOUR, Sample, draw_picture};
+use super::{FIT_COLOUR, LINE_COLOUR, PlotPoint, draw_picture};
 use crate::report::number;
 use machine::record::estimate::EstimatedFunction;
 
@@ -14,7 +14,7 @@ const PICTURE_SIZE: (u32, u32) = (1400, 640);
 /// Maximum number of columns; more would show no further detail.
 const MAX_COLUMNS: f64 = 60.0;
 
-pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
+pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let values: Vec<f64> = samples.iter().map(|sample| sample.y).collect();
     let columns = HistogramBins::from_values(&values)?;
     let tallest = columns.counts.iter().copied().max()?;
@@ -37,7 +37,7 @@ pub(super) fn draw_histogram(function: &EstimatedFunction, samples: &[Sample]) -
     })
 }
 
-fn are_lengths(samples: &[Sample]) -> bool {
+fn are_lengths(samples: &[PlotPoint]) -> bool {
     samples.iter().all(|sample| sample.y >= 0.0)
 }
 

@@ -6,7 +6,9 @@ use plotters::prelude::*;
 use super::legend::{self, DASH_PATTERN, LegendSymbol};
 use super::scale::{TickedAxis, add_margin, value_bounds};
 use super::strip::{self, Temperatures};
-use super::{Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH, draw_picture};
+use super::{
+    Area, DrawResult, FIT_COLOUR, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PlotPoint, Y_LABEL_WIDTH, draw_picture,
+};
 use crate::report::number;
 use machine::record::estimate::Unit;
 
@@ -36,7 +38,7 @@ const TIME_UNITS: [(f64, &str); 4] = [(86_400.0, "days"), (3600.0, "hours"), (60
 
 /// Data of the chart with its scales.
 struct ScaledChart {
-    samples: Vec<Sample>,
+    samples: Vec<PlotPoint>,
     /// First and last time, in units of `scale` seconds.
     time: (f64, f64),
     scale: f64,
@@ -71,8 +73,8 @@ impl IndividualsChart {
 
     fn scale_data(&self, scale: f64) -> Option<ScaledChart> {
         let finite = self.values.iter().filter(|value| value.iter().all(|part| part.is_finite()));
-        let samples: Vec<Sample> =
-            finite.map(|[t_s, y, half]| Sample { x: t_s / scale, y: *y, half_width: *half }).collect();
+        let samples: Vec<PlotPoint> =
+            finite.map(|[t_s, y, half]| PlotPoint { x: t_s / scale, y: *y, half_width: *half }).collect();
         let limits = self.limits.map(|(limits, _)| limits).into_iter().flatten();
         let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
         let (mut low, mut high) = value_bounds(ends.chain(limits))?;
@@ -129,7 +131,7 @@ impl IndividualsChart {
             let line = vec![(t_s / scale, *low), (t_s / scale, *high)];
             chart.draw_series([PathElement::new(line, INK_COLOUR.stroke_width(3))])?;
         }
-        let bars = samples.iter().map(|Sample { x, y, half_width: half }| {
+        let bars = samples.iter().map(|PlotPoint { x, y, half_width: half }| {
             let ends = vec![(*x, y - half), (*x, y + half)];
             PathElement::new(ends, LINE_COLOUR.mix(0.5).stroke_width(4))
         });

@@ -47,7 +47,7 @@ const MAX_MARKS: usize = 100;
 
 /// A point of a function: argument, value, half-width of the uncertainty band.
 #[derive(Debug, Clone, Copy)]
-struct Sample {
+struct PlotPoint {
     x: f64,
     y: f64,
     half_width: f64,
@@ -71,17 +71,17 @@ pub(super) fn error_motion(function: &EstimatedFunction) -> Option<(MotionCentre
     is_polar.then(|| motion_circles(function, &finite_samples(function, 0.0))).flatten()
 }
 
-fn motion_circles(function: &EstimatedFunction, samples: &[Sample]) -> Option<(MotionCentre, MotionCircles)> {
+fn motion_circles(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<(MotionCentre, MotionCircles)> {
     let centre = MotionCentre::from_symbol(&function.symbol)?;
     Some((centre, MotionCircles::new(samples, centre)?))
 }
 
 /// Finite values of the function.
-fn finite_samples(function: &EstimatedFunction, k: f64) -> Vec<Sample> {
+fn finite_samples(function: &EstimatedFunction, k: f64) -> Vec<PlotPoint> {
     let points = function.x.iter().zip(&function.y);
     points
         .zip(function.u.iter().copied().chain(std::iter::repeat(0.0)))
-        .map(|((x, y), u)| Sample { x: *x, y: *y, half_width: finite_or_zero(k * u) })
+        .map(|((x, y), u)| PlotPoint { x: *x, y: *y, half_width: finite_or_zero(k * u) })
         .filter(|sample| sample.x.is_finite() && sample.y.is_finite())
         .collect()
 }

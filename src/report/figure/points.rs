@@ -3,12 +3,12 @@
 use plotters::prelude::*;
 
 use super::scale::{TickedAxis, add_margin, value_bounds};
-use super::{INK_COLOUR, LINE_COLOUR, Sample, curve, draw_picture};
+use super::{INK_COLOUR, LINE_COLOUR, PlotPoint, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
 
-pub(super) fn draw_points(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
+pub(super) fn draw_points(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
     let (low, high) = add_margin(value_bounds(ends.chain([0.0]))?);
     let (first, last) = add_margin(value_bounds(samples.iter().map(|sample| sample.x))?);

@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::scale::{add_margin, round_step, tick_label, value_bounds};
 use super::{
     Area, BAND_OPACITY, DrawResult, FIT_COLOUR, FONT_SIZE, GRID_COLOUR, INK_COLOUR, LINE_COLOUR, MAX_MARKS,
-    MotionCircles, Sample,
+    MotionCircles, PlotPoint,
 };
 use super::{draw_picture, text_style};
 use crate::report::number;
@@ -62,7 +62,7 @@ fn polar_point(degrees: f64, radius: f64) -> (i32, i32) {
 
 pub(super) fn draw_polar(
     function: &EstimatedFunction,
-    samples: &[Sample],
+    samples: &[PlotPoint],
     circles: Option<MotionCircles>,
 ) -> Option<String> {
     let ends = samples.iter().flat_map(|sample| [sample.y - sample.half_width, sample.y + sample.half_width]);
@@ -136,11 +136,11 @@ fn draw_ring_labels(area: &Area<'_>, scale: &RadiusScale, unit: &str) -> DrawRes
 }
 
 /// The closed outline through `samples`, along arcs instead of chords.
-fn closed_outline(samples: &[Sample], point: impl Fn(Sample) -> (i32, i32)) -> Vec<(i32, i32)> {
+fn closed_outline(samples: &[PlotPoint], point: impl Fn(PlotPoint) -> (i32, i32)) -> Vec<(i32, i32)> {
     // The last angle may be beyond one revolution, or equal to the first.
     let turns = |x: f64| (x - samples[0].x) / 360.0;
     let end = 360.0 * samples.last().map_or(0.0, |last| turns(last.x).round());
-    let first = samples.first().map(|first| Sample { x: first.x + end, ..*first });
+    let first = samples.first().map(|first| PlotPoint { x: first.x + end, ..*first });
     let next = samples.iter().skip(1).copied().chain(first);
     let mut outline = Vec::new();
     for (from, to) in samples.iter().zip(next) {
@@ -148,7 +148,7 @@ fn closed_outline(samples: &[Sample], point: impl Fn(Sample) -> (i32, i32)) -> V
         let between = |a: f64, b: f64, n: i32| a + (b - a) * f64::from(n) / chords;
         outline.extend((0..=chords as i32).map(|n| {
             let (x, y) = (between(from.x, to.x, n), between(from.y, to.y, n));
-            point(Sample { x, y, half_width: between(from.half_width, to.half_width, n) })
+            point(PlotPoint { x, y, half_width: between(from.half_width, to.half_width, n) })
         }));
     }
     outline

@@ -5,7 +5,7 @@ use plotters::prelude::*;
 
 use super::legend::{self, LegendSymbol, SHADE_OPACITY};
 use super::scale::{TickedAxis, round_step, value_bounds};
-use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, Sample, Y_LABEL_WIDTH, curve, draw_picture};
+use super::{GRID_COLOUR, INK_COLOUR, LINE_COLOUR, PlotPoint, Y_LABEL_WIDTH, curve, draw_picture};
 use machine::record::estimate::EstimatedFunction;
 
 const PICTURE_SIZE: (u32, u32) = (1400, 640);
@@ -15,7 +15,7 @@ const MAX_TICKS: f64 = 16.0;
 const MAX_HALF_BAR: f64 = 0.3;
 const HALF_BAR_SHARE: f64 = 0.4;
 
-pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[Sample]) -> Option<String> {
+pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[PlotPoint]) -> Option<String> {
     let (_, top) = value_bounds(samples.iter().map(|sample| sample.y + sample.half_width))?;
     let top = if top > 0.0 { 1.08 * top } else { 1.0 };
     let mut orders: Vec<f64> = samples.iter().map(|sample| sample.x).collect();
@@ -36,13 +36,13 @@ pub(super) fn draw_spectrum(function: &EstimatedFunction, samples: &[Sample]) ->
         let shade =
             |[from, to]: &[f64; 2]| Rectangle::new([(*from, 0.0), (*to, top)], GRID_COLOUR.mix(SHADE_OPACITY).filled());
         chart.draw_series(lost.iter().map(shade))?;
-        chart.draw_series(samples.iter().map(|Sample { x, y, .. }| {
+        chart.draw_series(samples.iter().map(|PlotPoint { x, y, .. }| {
             let half_bar = half_bar(&orders, *x);
             let corners = [(x - half_bar, 0.0), (x + half_bar, y.max(0.0))];
             Rectangle::new(corners, LINE_COLOUR.mix(0.6).filled())
         }))?;
         let stated = samples.iter().filter(|sample| sample.half_width > 0.0);
-        chart.draw_series(stated.map(|Sample { x, y, half_width: half }| {
+        chart.draw_series(stated.map(|PlotPoint { x, y, half_width: half }| {
             let ends = [(*x, (y - half).max(0.0)), (*x, (y + half).max(0.0))];
             PathElement::new(ends, INK_COLOUR.stroke_width(3))
         }))?;

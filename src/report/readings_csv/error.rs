@@ -9,11 +9,11 @@ use machine::record::reading::UnknownFlag;
 pub struct ReadingsError {
     pub line: u64,
     #[source]
-    pub problem: Problem,
+    pub problem: ReadingsProblem,
 }
 
 #[derive(Debug, PartialEq, thiserror::Error)]
-pub enum Problem {
+pub enum ReadingsProblem {
     #[error("the file must begin with `{FIRST_LINE}`, not with `{found}`")]
     FirstLine { found: String },
     #[error("the file is not UTF-8 text; save it as UTF-8")]

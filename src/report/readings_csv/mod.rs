@@ -16,7 +16,7 @@ mod read;
 #[cfg(test)]
 mod tests;
 
-pub use error::{Problem, ReadingsError};
+pub use error::{ReadingsError, ReadingsProblem};
 pub use read::read_readings;
 
 const FIRST_LINE: &str = "# trued-readings 1";

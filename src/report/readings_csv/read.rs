@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use csv::StringRecord;
 
-use super::{Column, FIRST_LINE, Problem, ReadingsError};
+use super::{Column, FIRST_LINE, ReadingsError, ReadingsProblem};
 use machine::record::reading::{Reading, ReadingFlag, Temperatures};
 use machine::{Axis, Position};
 
@@ -18,7 +18,7 @@ pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
     let mut rows =
         csv::ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).from_reader(text.as_bytes());
     let Some((line, names)) = next_record(&mut rows)? else {
-        return Err(error_at(text.lines().count() as u64, Problem::NoHeader));
+        return Err(error_at(text.lines().count() as u64, ReadingsProblem::NoHeader));
     };
     let columns = parse_header(&names).map_err(|problem| error_at(line, problem))?;
     let mut touches = BTreeMap::new();
@@ -32,14 +32,14 @@ pub fn read_readings(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
             && is_touch
             && let Some(first) = touches.insert((step, repeat), line)
         {
-            return Err(error_at(line, Problem::Duplicate { step, repeat, first }));
+            return Err(error_at(line, ReadingsProblem::Duplicate { step, repeat, first }));
         }
         readings.push(reading);
     }
     Ok(readings)
 }
 
-fn error_at(line: u64, problem: Problem) -> ReadingsError {
+fn error_at(line: u64, problem: ReadingsProblem) -> ReadingsError {
     ReadingsError { line, problem }
 }
 
@@ -47,18 +47,18 @@ fn error_at(line: u64, problem: Problem) -> ReadingsError {
 fn checked_text(bytes: &[u8]) -> Result<&str, ReadingsError> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let before = bytes.iter().take(error.valid_up_to());
-        error_at(1 + before.filter(|byte| **byte == b'\n').count() as u64, Problem::NotUtf8)
+        error_at(1 + before.filter(|byte| **byte == b'\n').count() as u64, ReadingsProblem::NotUtf8)
     })?;
     // Spreadsheet programs write a byte order mark before UTF-8.
     let text = text.trim_start_matches('\u{feff}');
     let first = text.lines().next().unwrap_or_default().trim_end();
     if first != FIRST_LINE {
         let found = first.chars().take(60).collect();
-        return Err(error_at(1, Problem::FirstLine { found }));
+        return Err(error_at(1, ReadingsProblem::FirstLine { found }));
     }
     // A truncated line can look complete: 12.3 may be the beginning of 12.345, and an empty flag of `excluded`.
     if !text.ends_with('\n') {
-        return Err(error_at(text.lines().count() as u64, Problem::CutOff));
+        return Err(error_at(text.lines().count() as u64, ReadingsProblem::CutOff));
     }
     Ok(text)
 }
@@ -73,23 +73,23 @@ fn next_record(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecor
     match more {
         Ok(true) => Ok(Some((ended.saturating_sub(1), record))),
         Ok(false) => Ok(None),
-        Err(error) => Err(error_at(ended, Problem::Csv(error.to_string()))),
+        Err(error) => Err(error_at(ended, ReadingsProblem::Csv(error.to_string()))),
     }
 }
 
-fn parse_header(names: &StringRecord) -> Result<Vec<Column>, Problem> {
+fn parse_header(names: &StringRecord) -> Result<Vec<Column>, ReadingsProblem> {
     let mut columns = Vec::new();
     for name in names.iter().map(str::trim) {
         let column = parse_column(name)
-            .ok_or_else(|| Problem::UnknownColumn { name: name.to_owned(), nearest: nearest_column(name) })?;
+            .ok_or_else(|| ReadingsProblem::UnknownColumn { name: name.to_owned(), nearest: nearest_column(name) })?;
         if columns.contains(&column) {
-            return Err(Problem::RepeatedColumn { name: name.to_owned() });
+            return Err(ReadingsProblem::RepeatedColumn { name: name.to_owned() });
         }
         columns.push(column);
     }
     let needed = [Column::Step].into_iter().chain(Axis::LINEAR.map(Column::Position));
     match needed.into_iter().find(|column| !columns.contains(column)) {
-        Some(missing) => Err(Problem::MissingColumn { name: missing.name() }),
+        Some(missing) => Err(ReadingsProblem::MissingColumn { name: missing.name() }),
         None => Ok(columns),
     }
 }
@@ -108,9 +108,9 @@ fn nearest_column(name: &str) -> String {
     known.map(|column| column.name()).max_by(|a, b| likeness(a).total_cmp(&likeness(b))).unwrap_or_default()
 }
 
-fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, Problem> {
+fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, ReadingsProblem> {
     if record.len() != columns.len() {
-        return Err(Problem::FieldCount { found: record.len(), expected: columns.len() });
+        return Err(ReadingsProblem::FieldCount { found: record.len(), expected: columns.len() });
     }
     let mut reading = Reading {
         step: 0,
@@ -135,16 +135,16 @@ fn parse_row(columns: &[Column], record: &StringRecord) -> Result<Reading, Probl
     Ok(Reading { temperatures_c: temperatures_c.into(), ..reading })
 }
 
-fn set_field(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem> {
+fn set_field(reading: &mut Reading, column: &Column, text: &str) -> Result<(), ReadingsProblem> {
     let empty = text.trim().is_empty();
     match column {
         Column::Step => reading.step = parse_count(column, text)?,
         Column::Repeat => reading.repeat = if empty { 0 } else { parse_count(column, text)? },
         Column::Position(axis) if axis.is_linear() && empty => {
-            return Err(Problem::Empty { name: column.name() });
+            return Err(ReadingsProblem::Empty { name: column.name() });
         }
         // The column must be complete, as missing times would look like drift.
-        Column::Time if empty => return Err(Problem::Empty { name: column.name() }),
+        Column::Time if empty => return Err(ReadingsProblem::Empty { name: column.name() }),
         Column::Sensor => reading.sensor = text.to_owned(),
         Column::Flag => reading.flag = text.trim().parse()?,
         _ if empty => {}
@@ -159,16 +159,16 @@ fn set_field(reading: &mut Reading, column: &Column, text: &str) -> Result<(), P
     Ok(())
 }
 
-fn parse_count(column: &Column, text: &str) -> Result<u32, Problem> {
-    let problem = || Problem::NotACount { name: column.name(), text: text.to_owned() };
+fn parse_count(column: &Column, text: &str) -> Result<u32, ReadingsProblem> {
+    let problem = || ReadingsProblem::NotACount { name: column.name(), text: text.to_owned() };
     text.trim().parse().map_err(|_| problem())
 }
 
-fn parse_number(column: &Column, text: &str) -> Result<f64, Problem> {
+fn parse_number(column: &Column, text: &str) -> Result<f64, ReadingsProblem> {
     let (name, text) = (column.name(), text.trim().to_owned());
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(Problem::NotFinite { name, text }),
-        Err(_) => Err(Problem::NotANumber { name, text }),
+        Ok(_) => Err(ReadingsProblem::NotFinite { name, text }),
+        Err(_) => Err(ReadingsProblem::NotANumber { name, text }),
     }
 }

@@ -13,7 +13,7 @@ fn text(readings: &[Reading]) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-fn problem(rows: &str) -> (u64, Problem) {
+fn problem(rows: &str) -> (u64, ReadingsProblem) {
     let error = read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
     (error.line, error.problem)
 }
@@ -104,7 +104,7 @@ fn an_unknown_column_is_named_with_the_nearest_one() {
     assert_eq!(problem.to_string(), "unknown column `zmm`; the most similar known column is `z_mm`");
     for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
         let (_, problem) = self::problem(&format!("{name},x_mm,y_mm,z_mm\n"));
-        let expected = Problem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
+        let expected = ReadingsProblem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
         assert_eq!(problem, expected);
     }
 }
@@ -113,27 +113,27 @@ fn an_unknown_column_is_named_with_the_nearest_one() {
 fn a_bad_line_is_said_with_its_number() {
     let header = "# a comment\nstep,repeat,x_mm,y_mm,z_mm,flag\n0,0,1,2,3,\n# another\n";
     for (row, expected) in [
-        ("1,0,1,2,3,", Problem::CutOff),
-        ("1,0,1,2,\n", Problem::FieldCount { found: 5, expected: 6 }),
-        ("1,0,1,2,,\n", Problem::Empty { name: "z_mm".to_owned() }),
+        ("1,0,1,2,3,", ReadingsProblem::CutOff),
+        ("1,0,1,2,\n", ReadingsProblem::FieldCount { found: 5, expected: 6 }),
+        ("1,0,1,2,,\n", ReadingsProblem::Empty { name: "z_mm".to_owned() }),
         ("1,0,NaN,2,3,\n", not_finite("NaN")),
         ("1,0,-inf,2,3,\n", not_finite("-inf")),
         ("1,0,1e999,2,3,\n", not_finite("1e999")),
         ("1,0,1.2.3,2,3,\n", number("1.2.3")),
-        ("-1,0,1,2,3,\n", Problem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
+        ("-1,0,1,2,3,\n", ReadingsProblem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
         ("1,0,1,2,3,range!\n", "range!".parse::<ReadingFlag>().unwrap_err().into()),
-        ("0,0,1,2,3,\n", Problem::Duplicate { step: 0, repeat: 0, first: 4 }),
+        ("0,0,1,2,3,\n", ReadingsProblem::Duplicate { step: 0, repeat: 0, first: 4 }),
     ] {
         assert_eq!(problem(&format!("{header}{row}")), (6, expected), "{row}");
     }
 }
 
-fn not_finite(text: &str) -> Problem {
-    Problem::NotFinite { name: "x_mm".to_owned(), text: text.to_owned() }
+fn not_finite(text: &str) -> ReadingsProblem {
+    ReadingsProblem::NotFinite { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
-fn number(text: &str) -> Problem {
-    Problem::NotANumber { name: "x_mm".to_owned(), text: text.to_owned() }
+fn number(text: &str) -> ReadingsProblem {
+    ReadingsProblem::NotANumber { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
 #[test]
@@ -154,16 +154,16 @@ fn a_cut_anywhere_but_between_lines_is_noticed() {
 fn a_file_that_is_something_else_is_refused() {
     for first in ["", "step,x_mm,y_mm,z_mm\n1,2,3,4\n", "# trued-readings 2\n"] {
         let error = read_readings(first.as_bytes()).unwrap_err();
-        assert!(matches!(error.problem, Problem::FirstLine { .. }), "{error}");
+        assert!(matches!(error.problem, ReadingsProblem::FirstLine { .. }), "{error}");
         assert_eq!(error.line, 1);
     }
     let latin1 = [FIRST_LINE.as_bytes(), b"\n# M\xfcller\nstep\n"].concat();
     let error = read_readings(&latin1).unwrap_err();
-    assert_eq!((error.line, error.problem), (2, Problem::NotUtf8));
-    assert_eq!(problem("# nothing else\n"), (2, Problem::NoHeader));
-    let missing = Problem::MissingColumn { name: "y_mm".to_owned() };
+    assert_eq!((error.line, error.problem), (2, ReadingsProblem::NotUtf8));
+    assert_eq!(problem("# nothing else\n"), (2, ReadingsProblem::NoHeader));
+    let missing = ReadingsProblem::MissingColumn { name: "y_mm".to_owned() };
     assert_eq!(problem("step,x_mm,z_mm\n"), (2, missing));
-    let twice = Problem::RepeatedColumn { name: "x_mm".to_owned() };
+    let twice = ReadingsProblem::RepeatedColumn { name: "x_mm".to_owned() };
     assert_eq!(problem("step,x_mm,x_mm\n"), (2, twice));
 }
 

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::balls_csv::{self, Columns, CommonBallData, column_of_key};
 use super::document::{Document, value_problem};
-use super::error::{FileLocation, MachineFileError, Problem};
+use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use machine::artefact::{self, ArtefactEntry, ArtefactFault};
 use machine::record::artefact::{Artefact, Balls};
 
@@ -63,7 +63,7 @@ fn read_fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Resul
     let read = document.read_section(&["artefact"], |value| {
         T::deserialize(less.iter().fold(value, |value, key| value.without_key(key)))
     })?;
-    let missing = || Problem::MissingSection { section: "artefact".to_owned() };
+    let missing = || MachineFileProblem::MissingSection { section: "artefact".to_owned() };
     read.ok_or_else(|| document.error_at(&["artefact"], missing()))
 }
 
@@ -102,7 +102,7 @@ fn read_balls(document: &Document, source: ArtefactSource<'_>) -> Result<Balls, 
     }
     if balls.balls.is_empty() {
         let why = "contains no ball: add [[artefact.balls]], or file = \"NAME.csv\"".to_owned();
-        let problem = Problem::Section { section: "artefact".to_owned(), why };
+        let problem = MachineFileProblem::Section { section: "artefact".to_owned(), why };
         return Err(document.error_at(&["artefact"], problem));
     }
     if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFIED_U_MM)) {
@@ -180,12 +180,12 @@ fn artefact_error(document: &Document, table: Option<&BallTable>, flaw: Artefact
         (ArtefactEntry::Ball(index), Some(table)) => {
             let line = table.balls.get(index).map(|(_, line)| *line);
             let place = FileLocation { file: table.file.clone(), line };
-            let problem = Problem::Column { column: column_of_key(key).to_owned(), why };
+            let problem = MachineFileProblem::Column { column: column_of_key(key).to_owned(), why };
             return MachineFileError::Content { place, problem };
         }
         (ArtefactEntry::Ball(index), None) => ("balls", index),
         (ArtefactEntry::Length(index), _) => ("lengths", index),
     };
-    let problem = Problem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
+    let problem = MachineFileProblem::Value { section: format!("artefact.{name}"), key: key.to_owned(), why };
     document.error_at_entry(&["artefact", name], index, key, problem)
 }

@@ -1,7 +1,7 @@
 //! Balls in a CSV table beside the machine file: a header of column names in any order, then one line per ball;
 //! `#` begins a comment. Properties that all balls share may be in `[artefact]` instead.
 
-use super::error::{FileLocation, MachineFileError, Problem};
+use super::error::{FileLocation, MachineFileError, MachineFileProblem};
 use super::hint;
 use machine::record::artefact::Ball;
 
@@ -55,7 +55,7 @@ pub fn read_ball_table(
         match more {
             Ok(true) => {}
             Ok(false) => break,
-            Err(broken) => return Err(error(line, Problem::Table(broken.to_string()))),
+            Err(broken) => return Err(error(line, MachineFileProblem::Table(broken.to_string()))),
         }
         match &columns {
             None => {
@@ -93,12 +93,12 @@ impl Columns {
         self.names.iter().any(|name| name == column_of_key(key))
     }
 
-    fn new(head: &csv::StringRecord, common: &CommonBallData) -> Result<Self, Problem> {
+    fn new(head: &csv::StringRecord, common: &CommonBallData) -> Result<Self, MachineFileProblem> {
         let names: Vec<&str> = head.iter().collect();
         let known = [REQUIRED_COLUMNS, STEM_COLUMNS].concat();
         if let Some(name) = names.iter().find(|name| !known.contains(name)) {
             let why = format!("is unknown; {}", hint::unknown_key_hint(name, &known));
-            return Err(Problem::Column { column: (*name).to_owned(), why });
+            return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
         }
         let stated = |name: &str| name == "radius_mm" && common.radius_mm.is_some();
         let lacks = |name: &&&str| !names.contains(name) && !stated(name);
@@ -107,23 +107,23 @@ impl Columns {
                 "radius_mm" => "is missing; state radius_mm in [artefact] if all balls have the same",
                 _ => "is missing; the first line names the columns",
             };
-            return Err(Problem::Column { column: (*lacking).to_owned(), why: why.to_owned() });
+            return Err(MachineFileProblem::Column { column: (*lacking).to_owned(), why: why.to_owned() });
         }
         let twice = |name: &&&str| names.iter().filter(|other| other == name).count() > 1;
         if let Some(name) = names.iter().find(twice) {
             let why = "occurs twice".to_owned();
-            return Err(Problem::Column { column: (*name).to_owned(), why });
+            return Err(MachineFileProblem::Column { column: (*name).to_owned(), why });
         }
         Ok(Self { names: names.into_iter().map(str::to_owned).collect() })
     }
 
-    fn parse_ball(&self, record: &csv::StringRecord, common: &CommonBallData) -> Result<Ball, Problem> {
+    fn parse_ball(&self, record: &csv::StringRecord, common: &CommonBallData) -> Result<Ball, MachineFileProblem> {
         let text = |name: &str| {
             let index = self.names.iter().position(|column| column == name)?;
             record.get(index).filter(|text| !text.is_empty())
         };
         let number = |name: &'static str, otherwise: Option<f64>| {
-            let wrong = |why: String| Problem::Column { column: name.to_owned(), why };
+            let wrong = |why: String| MachineFileProblem::Column { column: name.to_owned(), why };
             match (text(name), otherwise) {
                 (None, Some(value)) => Ok(value),
                 (None, None) => Err(wrong("is empty".to_owned())),

@@ -2,7 +2,7 @@
 //! by `kinematics`.
 
 use super::document::{Document, value_problem};
-use super::error::{MachineFileError, Problem};
+use super::error::{MachineFileError, MachineFileProblem};
 use machine::Axis;
 use machine::record::artefact::{Artefact, Cylinder, DatumCylinder};
 use machine::record::machine::{AxisSpec, Carrier, Homing, Keepout, Machine, Probe, Solid};
@@ -82,7 +82,7 @@ pub fn check_keepouts(document: &Document, boxes: &[Keepout]) -> CheckResult {
     for keepout in boxes {
         if keepout.min_mm.iter().zip(&keepout.max_mm).any(|(min, max)| min >= max) {
             let why = format!("the box `{}` is not valid: each min_mm must be below its max_mm", keepout.name);
-            let problem = Problem::Section { section: "keepout".to_owned(), why };
+            let problem = MachineFileProblem::Section { section: "keepout".to_owned(), why };
             return Err(document.error_at(&["keepout"], problem));
         }
     }
@@ -99,7 +99,7 @@ pub fn check_unique_names<'n>(
         if names.clone().take(index).any(|earlier| earlier == name) {
             let why = format!("the name `{name}` occurs twice: use different names");
             let (of, key) = (section.to_owned(), "name".to_owned());
-            let problem = Problem::Value { section: of, key, why };
+            let problem = MachineFileProblem::Value { section: of, key, why };
             return Err(document.error_at_entry(&[section], index, "name", problem));
         }
     }
@@ -111,7 +111,7 @@ pub fn check_solids(document: &Document, solids: &[Solid], machine: &Machine) ->
     for (index, solid) in solids.iter().enumerate() {
         let name = solid.name.as_str();
         let require = |holds: bool, key: &str, why: String| {
-            let problem = Problem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
+            let problem = MachineFileProblem::Value { section: "solid".to_owned(), key: key.to_owned(), why };
             if holds { Ok(()) } else { Err(document.error_at_entry(&["solid"], index, key, problem)) }
         };
         require(!name.trim().is_empty(), "name", "must not be empty".to_owned())?;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use serde::Deserialize;
 
 use super::document::{Document, value_problem};
-use super::error::{MachineFileError, Problem};
-use super::value::Value;
+use super::error::{MachineFileError, MachineFileProblem};
+use super::value::LocatedValue;
 use devices::controllers;
 
 use crate::setup::controls;
@@ -58,14 +58,14 @@ pub fn read_controller(document: &Document) -> Result<ControllerConfig, MachineF
         let why = format!("is `{kind}`; known: {}", known.join(", "));
         return Err(document.error_at(&key, value_problem(&key, why)));
     }
-    let own = |keys: Value<'_>| {
+    let own = |keys: LocatedValue<'_>| {
         let keys = keys.without_key("kind").without_key("compensations_active");
         match kind.as_str() {
             SIMULATED_KIND => SimulatedControl::deserialize(keys).map(Control::Simulated),
             real => controls::configure_control(real, keys).map(Control::Real),
         }
     };
-    let missing = || Problem::MissingSection { section: CONTROLLER_SECTION.join(".") };
+    let missing = || MachineFileProblem::MissingSection { section: CONTROLLER_SECTION.join(".") };
     let control = document.read_section(&CONTROLLER_SECTION, own)?;
     let control = control.ok_or_else(|| document.error_at(&CONTROLLER_SECTION, missing()))?;
     Ok(ControllerConfig { control, compensations_active })

@@ -9,8 +9,8 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::error::{FileLocation, MachineFileError, Problem};
-use super::value::{Fault, FaultKind, Value, deserialize_with_location};
+use super::error::{FileLocation, MachineFileError, MachineFileProblem};
+use super::value::{LocatedValue, ValueFault, ValueFaultKind, deserialize_with_location};
 
 #[derive(Debug, Clone)]
 pub struct Document {
@@ -39,7 +39,7 @@ impl Document {
     fn parse_root(&self) -> Result<DeTable<'_>, MachineFileError> {
         DeTable::parse(&self.text).map(Spanned::into_inner).map_err(|error| {
             let offset = error.span().map(|span| span.start);
-            self.error(offset, Problem::Syntax(error.message().to_owned()))
+            self.error(offset, MachineFileProblem::Syntax(error.message().to_owned()))
         })
     }
 
@@ -63,7 +63,7 @@ impl Document {
             if !known.contains(&name.as_str()) {
                 let full = [path, &[name.as_str()]].concat();
                 let prefix = |name: &str| [path, &[name]].concat().join(".");
-                let problem = Problem::UnknownSection {
+                let problem = MachineFileProblem::UnknownSection {
                     section: prefix(&name),
                     known: known.iter().map(|name| prefix(name)).collect(),
                 };
@@ -77,7 +77,7 @@ impl Document {
     pub fn read_section<'t, R>(
         &'t self,
         path: &[&str],
-        read: impl FnOnce(Value<'t>) -> Result<R, Fault>,
+        read: impl FnOnce(LocatedValue<'t>) -> Result<R, ValueFault>,
     ) -> Result<Option<R>, MachineFileError> {
         match find_value(self.parse_root()?, path) {
             None => Ok(None),
@@ -91,20 +91,20 @@ impl Document {
     pub fn read_empty<R>(
         &self,
         path: &[&str],
-        read: impl FnOnce(Value<'_>) -> Result<R, Fault>,
+        read: impl FnOnce(LocatedValue<'_>) -> Result<R, ValueFault>,
     ) -> Result<R, MachineFileError> {
         let nothing = Spanned::new(0..0, DeValue::Table(DeTable::default()));
-        read(Value(nothing)).map_err(|fault| self.to_file_error(path, Fault { offset: None, ..fault }))
+        read(LocatedValue(nothing)).map_err(|fault| self.to_file_error(path, ValueFault { offset: None, ..fault }))
     }
 
     /// Reads a required section.
     pub fn read_required<'t, T: Deserialize<'t>>(&'t self, path: &[&str]) -> Result<T, MachineFileError> {
         self.read_section(path, T::deserialize)?
-            .ok_or_else(|| self.error(None, Problem::MissingSection { section: path.join(".") }))
+            .ok_or_else(|| self.error(None, MachineFileProblem::MissingSection { section: path.join(".") }))
     }
 
     /// Error at the key `path`, or at its nearest parent in the file.
-    pub fn error_at(&self, path: &[&str], problem: Problem) -> MachineFileError {
+    pub fn error_at(&self, path: &[&str], problem: MachineFileProblem) -> MachineFileError {
         let offset = (1..=path.len()).rev().find_map(|depth| {
             let root = DeTable::parse(&self.text).ok()?.into_inner();
             find_value(root, &path[..depth]).map(|(offset, _)| offset)
@@ -114,7 +114,13 @@ impl Document {
 
     /// Error at `key` of entry `index` of the list `[[path]]`, or at the head of the entry if the key is
     /// missing.
-    pub fn error_at_entry(&self, path: &[&str], index: usize, key: &str, problem: Problem) -> MachineFileError {
+    pub fn error_at_entry(
+        &self,
+        path: &[&str],
+        index: usize,
+        key: &str,
+        problem: MachineFileProblem,
+    ) -> MachineFileError {
         let list = self.parse_root().ok().and_then(|root| find_value(root, path));
         let entry = list.and_then(|(_, value)| match value.into_inner() {
             DeValue::Array(entries) => entries.into_iter().nth(index),
@@ -134,36 +140,38 @@ impl Document {
     }
 
     /// Error for a fault in the value at `path`.
-    fn to_file_error(&self, path: &[&str], fault: Fault) -> MachineFileError {
+    fn to_file_error(&self, path: &[&str], fault: ValueFault) -> MachineFileError {
         let mut keys: Vec<&str> = path.to_vec();
         keys.extend(fault.path.iter().map(String::as_str));
         let section = keys.join(".");
         let problem = match fault.kind {
-            FaultKind::UnknownKey { key, known } => {
-                Problem::UnknownKey { section, key, known: known.iter().map(|&name| name.to_owned()).collect() }
-            }
-            FaultKind::MissingKey { key } => Problem::MissingKey { section, key: key.to_owned() },
-            FaultKind::UnknownValue { value, known } => {
+            ValueFaultKind::UnknownKey { key, known } => MachineFileProblem::UnknownKey {
+                section,
+                key,
+                known: known.iter().map(|&name| name.to_owned()).collect(),
+            },
+            ValueFaultKind::MissingKey { key } => MachineFileProblem::MissingKey { section, key: key.to_owned() },
+            ValueFaultKind::UnknownValue { value, known } => {
                 value_problem(&keys, format!("is `{value}`; known: {}", known.join(", ")))
             }
-            FaultKind::InvalidValue(why) => value_problem(&keys, why),
+            ValueFaultKind::InvalidValue(why) => value_problem(&keys, why),
         };
         self.error(fault.offset, problem)
     }
 
-    fn error(&self, offset: Option<usize>, problem: Problem) -> MachineFileError {
+    fn error(&self, offset: Option<usize>, problem: MachineFileProblem) -> MachineFileError {
         let line = offset.and_then(|offset| self.text.get(..offset)).map(|head| head.matches('\n').count() + 1);
         MachineFileError::Content { place: FileLocation { file: self.file.clone(), line }, problem }
     }
 }
 
 /// The problem for the last key of `keys`, or for the whole section if there is only one key.
-pub fn value_problem(keys: &[&str], why: String) -> Problem {
+pub fn value_problem(keys: &[&str], why: String) -> MachineFileProblem {
     match keys {
         [section @ .., key] if !section.is_empty() => {
-            Problem::Value { section: section.join("."), key: (*key).to_owned(), why }
+            MachineFileProblem::Value { section: section.join("."), key: (*key).to_owned(), why }
         }
-        _ => Problem::Section { section: keys.join("."), why },
+        _ => MachineFileProblem::Section { section: keys.join("."), why },
     }
 }
 

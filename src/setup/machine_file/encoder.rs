@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::document::{Document, value_problem};
-use super::error::{MachineFileError, Problem};
+use super::error::{MachineFileError, MachineFileProblem};
 use super::sensor::SensorEntry;
 use machine::Axis;
 use machine::record::machine::Machine;
@@ -35,7 +35,7 @@ pub fn read_encoder(
             None => Ok(None),
             Some(index) => {
                 let why = "has `encoder_count`: add the section [encoder] with `axis` and `counts_per_turn`";
-                let problem = Problem::Section { section: "sensor".to_owned(), why: why.to_owned() };
+                let problem = MachineFileProblem::Section { section: "sensor".to_owned(), why: why.to_owned() };
                 Err(document.error_at_entry(&["sensor"], index, "name", problem))
             }
         };

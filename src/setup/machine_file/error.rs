@@ -15,7 +15,7 @@ pub enum MachineFileError {
     )]
     ReadBalls { file: String, source: io::Error },
     #[error("{place}: {problem}")]
-    Content { place: FileLocation, problem: Problem },
+    Content { place: FileLocation, problem: MachineFileProblem },
 }
 
 /// File name, and the line (from 1) if it is known.
@@ -36,7 +36,7 @@ impl fmt::Display for FileLocation {
 
 /// `read_section` is written as in the file, without brackets: `axes.X`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Problem {
+pub enum MachineFileProblem {
     #[error("the file is not valid TOML: {0}")]
     Syntax(String),
     #[error("unknown section [{section}]; {}", hint::unknown_key_hint(section, &as_strs(known)))]

@@ -43,10 +43,10 @@ use artefact::ArtefactSource;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
 pub use encoder::Encoder;
-pub use error::{MachineFileError, Problem};
+pub use error::{MachineFileError, MachineFileProblem};
 use prompt::Prompt;
 pub use sensor::{SensorConnection, SensorEntry};
-pub use value::{Fault, Value};
+pub use value::{LocatedValue, ValueFault};
 
 const KNOWN_SECTIONS: [&str; 15] = [
     "machine",
@@ -185,7 +185,7 @@ impl MachineFile {
     pub fn read_method<R>(
         &self,
         name: &str,
-        read: impl Fn(Value<'_>) -> Result<R, Fault>,
+        read: impl Fn(LocatedValue<'_>) -> Result<R, ValueFault>,
     ) -> Result<R, MachineFileError> {
         match self.document.read_section(&["method", name], &read)? {
             Some(settings) => Ok(settings),
@@ -218,7 +218,8 @@ impl MachineFile {
 
 fn read_machine(document: &Document) -> Result<Machine, MachineFileError> {
     if document.key_names(&["machine"])?.iter().any(|key| key == "axes") {
-        let problem = Problem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
+        let problem =
+            MachineFileProblem::UnknownSection { section: "machine.axes".to_owned(), known: vec!["axes".to_owned()] };
         return Err(document.error_at(&["machine", "axes"], problem));
     }
     let axes: BTreeMap<Axis, AxisSpec> = document.read_required(&["axes"])?;

@@ -6,7 +6,7 @@ use machine::record::sensor::{Sensor, SensorMount};
 use serde::Deserialize;
 
 use super::document::Document;
-use super::error::{MachineFileError, Problem};
+use super::error::{MachineFileError, MachineFileProblem};
 
 /// Maximum length of a prompt, characters: longer texts are not read at a machine.
 const MAX_PROMPT_CHARS: usize = 200;
@@ -89,6 +89,6 @@ pub fn check_methods(document: &Document, prompts: &[Prompt], known: &[&str]) ->
 }
 
 fn prompt_error(document: &Document, index: usize, key: &str, why: String) -> MachineFileError {
-    let problem = Problem::Value { section: "prompt".to_owned(), key: key.to_owned(), why };
+    let problem = MachineFileProblem::Value { section: "prompt".to_owned(), key: key.to_owned(), why };
     document.error_at_entry(&["prompt"], index, key, problem)
 }

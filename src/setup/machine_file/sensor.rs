@@ -8,7 +8,7 @@ use devices::sensors::{SensorConfig, SharedPort, can, modbus, serial};
 use machine::record::sensor::{self, SensorKind, SensorMount};
 
 use super::document::Document;
-use super::error::{MachineFileError, Problem};
+use super::error::{MachineFileError, MachineFileProblem};
 use crate::setup::simulated::SimulatedSensor;
 
 /// A sensor as `[[sensor]]` states it.
@@ -62,7 +62,7 @@ pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), M
             earlier.filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
         if let (Some(why), Some(entry)) = (conflicts.next(), sensors.get(index)) {
             let why = format!("`{}` {why}", entry.sensor.name);
-            let problem = Problem::Section { section: "sensor".to_owned(), why };
+            let problem = MachineFileProblem::Section { section: "sensor".to_owned(), why };
             return Err(document.error_at_entry(&["sensor"], index, "name", problem));
         }
     }
@@ -96,9 +96,9 @@ struct SensorKeys {
     incidence_um: f64,
     #[serde(default = "sensor::default_incidence_limit_deg")]
     incidence_limit_deg: f64,
-    can: Option<can::Config>,
-    serial: Option<serial::Config>,
-    modbus: Option<modbus::Config>,
+    can: Option<can::CanConfig>,
+    serial: Option<serial::SerialConfig>,
+    modbus: Option<modbus::ModbusSensorConfig>,
     simulated: Option<SimulatedSensor>,
 }
 

@@ -13,7 +13,7 @@ use toml::de::{DeTable, DeValue};
 
 /// Kind of fault in a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum FaultKind {
+pub enum ValueFaultKind {
     UnknownKey { key: String, known: &'static [&'static str] },
     MissingKey { key: &'static str },
     UnknownValue { value: String, known: &'static [&'static str] },
@@ -22,14 +22,14 @@ pub enum FaultKind {
 
 /// A fault with its location: the path of keys and the byte offset in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Fault {
-    pub kind: FaultKind,
+pub struct ValueFault {
+    pub kind: ValueFaultKind,
     pub path: Vec<String>,
     pub offset: Option<usize>,
 }
 
-impl Fault {
-    fn new(kind: FaultKind) -> Self {
+impl ValueFault {
+    fn new(kind: ValueFaultKind) -> Self {
         Self { kind, path: Vec::new(), offset: None }
     }
 
@@ -44,17 +44,17 @@ impl Fault {
     }
 }
 
-impl fmt::Display for Fault {
+impl fmt::Display for ValueFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {:?}", self.path.join("."), self.kind)
     }
 }
 
-impl std::error::Error for Fault {}
+impl std::error::Error for ValueFault {}
 
-impl Error for Fault {
+impl Error for ValueFault {
     fn custom<T: fmt::Display>(message: T) -> Self {
-        Self::new(FaultKind::InvalidValue(message.to_string()))
+        Self::new(ValueFaultKind::InvalidValue(message.to_string()))
     }
 
     fn invalid_type(found: Unexpected<'_>, expected: &dyn Expected) -> Self {
@@ -66,15 +66,15 @@ impl Error for Fault {
     }
 
     fn unknown_variant(value: &str, known: &'static [&'static str]) -> Self {
-        Self::new(FaultKind::UnknownValue { value: value.to_owned(), known })
+        Self::new(ValueFaultKind::UnknownValue { value: value.to_owned(), known })
     }
 
     fn unknown_field(key: &str, known: &'static [&'static str]) -> Self {
-        Self::new(FaultKind::UnknownKey { key: key.to_owned(), known })
+        Self::new(ValueFaultKind::UnknownKey { key: key.to_owned(), known })
     }
 
     fn missing_field(key: &'static str) -> Self {
-        Self::new(FaultKind::MissingKey { key })
+        Self::new(ValueFaultKind::MissingKey { key })
     }
 }
 
@@ -90,9 +90,9 @@ fn describe_expected(expected: &dyn Expected) -> String {
 }
 
 /// A value of the file, ready to be deserialized; errors contain its location.
-pub struct Value<'i>(pub Spanned<DeValue<'i>>);
+pub struct LocatedValue<'i>(pub Spanned<DeValue<'i>>);
 
-impl<'de> Value<'de> {
+impl<'de> LocatedValue<'de> {
     /// The table without one of its keys.
     pub fn without_key(mut self, key: &str) -> Self {
         if let DeValue::Table(table) = self.0.get_mut() {
@@ -101,22 +101,22 @@ impl<'de> Value<'de> {
         self
     }
 
-    fn visit<V: Visitor<'de>>(value: DeValue<'de>, visitor: V) -> Result<V::Value, Fault> {
+    fn visit<V: Visitor<'de>>(value: DeValue<'de>, visitor: V) -> Result<V::Value, ValueFault> {
         match value {
             DeValue::String(Cow::Borrowed(text)) => visitor.visit_borrowed_str(text),
             DeValue::String(Cow::Owned(text)) => visitor.visit_string(text),
             DeValue::Integer(number) => match i64::from_str_radix(number.as_str(), number.radix()) {
                 Ok(number) => visitor.visit_i64(number),
-                Err(_) => Err(Fault::custom("is too large a number")),
+                Err(_) => Err(ValueFault::custom("is too large a number")),
             },
             DeValue::Float(number) => match number.as_str().parse::<f64>() {
                 Ok(number) if number.is_finite() => visitor.visit_f64(number),
-                _ => Err(Fault::custom("must be a finite number")),
+                _ => Err(ValueFault::custom("must be a finite number")),
             },
             DeValue::Boolean(value) => visitor.visit_bool(value),
             DeValue::Datetime(value) => visitor.visit_string(value.to_string()),
             DeValue::Array(array) => {
-                let mut elements = SeqDeserializer::new(array.into_iter().map(Value));
+                let mut elements = SeqDeserializer::new(array.into_iter().map(LocatedValue));
                 let value = visitor.visit_seq(&mut elements)?;
                 elements.end()?;
                 Ok(value)
@@ -126,19 +126,23 @@ impl<'de> Value<'de> {
     }
 }
 
-impl<'de> Deserializer<'de> for Value<'de> {
-    type Error = Fault;
+impl<'de> Deserializer<'de> for LocatedValue<'de> {
+    type Error = ValueFault;
 
-    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ValueFault> {
         let offset = self.0.span().start;
         Self::visit(self.0.into_inner(), visitor).map_err(|fault| fault.with_offset(offset))
     }
 
-    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Fault> {
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, ValueFault> {
         visitor.visit_some(self)
     }
 
-    fn deserialize_newtype_struct<V: Visitor<'de>>(self, _name: &'static str, visitor: V) -> Result<V::Value, Fault> {
+    fn deserialize_newtype_struct<V: Visitor<'de>>(
+        self,
+        _name: &'static str,
+        visitor: V,
+    ) -> Result<V::Value, ValueFault> {
         visitor.visit_newtype_struct(self)
     }
 
@@ -147,14 +151,14 @@ impl<'de> Deserializer<'de> for Value<'de> {
         _name: &'static str,
         _variants: &'static [&'static str],
         visitor: V,
-    ) -> Result<V::Value, Fault> {
+    ) -> Result<V::Value, ValueFault> {
         let offset = self.0.span().start;
         match self.0.into_inner() {
             DeValue::String(text) => visitor.visit_enum(text.into_deserializer()),
             DeValue::Table(table) => visitor.visit_enum(MapAccessDeserializer::new(TableEntries::new(table))),
-            other => Err(Fault::custom(format_args!("must be a string, not a {}", other.type_str()))),
+            other => Err(ValueFault::custom(format_args!("must be a string, not a {}", other.type_str()))),
         }
-        .map_err(|fault: Fault| fault.with_offset(offset))
+        .map_err(|fault: ValueFault| fault.with_offset(offset))
     }
 
     forward_to_deserialize_any! {
@@ -163,7 +167,7 @@ impl<'de> Deserializer<'de> for Value<'de> {
     }
 }
 
-impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
+impl<'de> IntoDeserializer<'de, ValueFault> for LocatedValue<'de> {
     type Deserializer = Self;
 
     fn into_deserializer(self) -> Self {
@@ -175,13 +179,13 @@ impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
 /// own buffer without locations: its unknown key is searched for in the text.
 pub fn deserialize_with_location<'i, T>(
     value: Spanned<DeValue<'i>>,
-    read: impl FnOnce(Value<'i>) -> Result<T, Fault>,
-) -> Result<T, Fault> {
+    read: impl FnOnce(LocatedValue<'i>) -> Result<T, ValueFault>,
+) -> Result<T, ValueFault> {
     let offset = value.span().start;
     let mut keys = Vec::new();
     collect_keys(value.get_ref(), &mut keys);
-    read(Value(value)).map_err(|fault| match &fault.kind {
-        FaultKind::UnknownKey { key, .. } => {
+    read(LocatedValue(value)).map_err(|fault| match &fault.kind {
+        ValueFaultKind::UnknownKey { key, .. } => {
             let found = keys.iter().find(|(name, _)| name == key).map_or(offset, |(_, offset)| *offset);
             fault.with_offset(found)
         }
@@ -217,25 +221,25 @@ impl<'de> TableEntries<'de> {
 }
 
 impl<'de> MapAccess<'de> for TableEntries<'de> {
-    type Error = Fault;
+    type Error = ValueFault;
 
-    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Fault> {
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, ValueFault> {
         let Some((key, value)) = self.remaining.next() else { return Ok(None) };
         let offset = key.span().start;
         let key = key.into_inner();
         self.value = Some((key.to_string(), value));
-        seed.deserialize(key.into_deserializer()).map(Some).map_err(|fault: Fault| {
+        seed.deserialize(key.into_deserializer()).map(Some).map_err(|fault: ValueFault| {
             let kind = match fault.kind {
-                FaultKind::UnknownValue { value, known } => FaultKind::UnknownKey { key: value, known },
+                ValueFaultKind::UnknownValue { value, known } => ValueFaultKind::UnknownKey { key: value, known },
                 other => other,
             };
-            Fault { kind, ..fault }.with_offset(offset)
+            ValueFault { kind, ..fault }.with_offset(offset)
         })
     }
 
-    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Fault> {
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, ValueFault> {
         let Some((key, value)) = self.value.take() else {
-            return Err(Fault::custom("a value was requested before its key"));
+            return Err(ValueFault::custom("a value was requested before its key"));
         };
         deserialize_with_location(value, |value| seed.deserialize(value)).map_err(|fault| fault.within_key(&key))
     }

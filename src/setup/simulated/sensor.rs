@@ -139,7 +139,7 @@ impl SimulatedSensor {
     fn open_can(&self, wire: &str, sensor: &sensor::Sensor, view: WorldView) -> Result<Sensor, SensorError> {
         let (sense, clock) = (self.sample_source(sensor, &view), view.clock);
         let sheet = format!("interface = \"{wire}\"\n{}", simulated_can::DATA_SHEET);
-        let config: can::Config = parse_data_sheet(&sheet)?;
+        let config: can::CanConfig = parse_data_sheet(&sheet)?;
         if wire == default_wire() {
             let frames = simulated_can::frame_source(sense, clock.clone());
             let bus = CanReceiver::on_demand("the simulated sensor", frames);

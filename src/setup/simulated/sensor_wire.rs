@@ -73,7 +73,7 @@ pub async fn open_serial(
     let (at, keep) = match wire {
         Wire::Memory => {
             let sheet = simulated_serial::data_sheet(format);
-            let config: serial::Config = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
+            let config: serial::SerialConfig = parse_data_sheet(&format!("serial = \"memory\"\n{REQUEST_KEY}{sheet}"))?;
             let flow = serve_on_demand(format, sense);
             return Ok(SerialDriver::from_stream(flow, config, sensor, clock, rate_hz));
         }
@@ -81,7 +81,7 @@ pub async fn open_serial(
         Wire::Tcp => send_on_tcp(format, sense, rate_hz)?,
     };
     let sheet = simulated_serial::data_sheet(format);
-    let config: serial::Config = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
+    let config: serial::SerialConfig = parse_data_sheet(&format!("{}{sheet}", at.to_toml()))?;
     let serial = SerialDriver::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
     drop(keep);
@@ -112,7 +112,7 @@ pub async fn open_modbus(
     };
     let parity = if matches!(at, link::LinkConfig::Tcp(_)) { "" } else { "parity = \"none\"\n" };
     let keys = format!("{}{parity}rate_hz = {rate_hz}\n{DATA_SHEET}", at.to_toml());
-    let config: modbus::Config = parse_data_sheet(&keys)?;
+    let config: modbus::ModbusSensorConfig = parse_data_sheet(&keys)?;
     let simulated_hz = (measures == SampleTiming::WhenRead).then_some(rate_hz);
     let registers = ModbusSensorDriver::open(config, sensor, clock, simulated_hz).await;
     drop(keep);

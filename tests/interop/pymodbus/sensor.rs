@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use devices::sensors::modbus::{Config, ModbusSensorDriver};
+use devices::sensors::modbus::{ModbusSensorConfig, ModbusSensorDriver};
 use devices::sensors::{Sample, SensorDriver, SensorError};
 use libtest_mimic::Failed;
 use link::LinkConfig;
@@ -37,7 +37,7 @@ pub fn keys(server: &Server) -> String {
 
 async fn driver(server: &Server) -> ModbusSensorDriver {
     let at = keys(server);
-    let config: Config = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
+    let config: ModbusSensorConfig = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
     let sensor = serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM
     }));

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use devices::sensors::Sensor;
-use devices::sensors::serial::{Config, SerialDriver};
+use devices::sensors::serial::{SerialConfig, SerialDriver};
 use libtest_mimic::Failed;
 use link::clock::HostClock;
 use simulator::SensorOutput;
@@ -38,7 +38,7 @@ pub fn is_flat() -> Result<(), Failed> {
             SensorOutput::Distance(f64::from(place % 1000) * 0.001)
         };
         let keys = format!("serial = \"memory\"\n{REQUEST_KEY}{}", data_sheet(OutputFormat::Text));
-        let config: Config = toml::from_str(&keys)?;
+        let config: SerialConfig = toml::from_str(&keys)?;
         let flow = serve_on_demand(OutputFormat::Text, Box::new(sense));
         let driver = SerialDriver::from_stream(flow, config, &sensor(), Arc::new(HostClock::start()), 1000.0);
         let sensor = Sensor::spawn("laser", driver);

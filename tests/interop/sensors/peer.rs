@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 
-use devices::sensors::serial::{Config, SerialDriver};
+use devices::sensors::serial::{SerialConfig, SerialDriver};
 use link::SharedPorts;
 use link::clock::HostClock;
 use machine::record::sensor::Sensor;
@@ -68,7 +68,7 @@ impl Peer {
 
     async fn waiting(&self, timeout_s: f64, keys: &str) -> SerialDriver {
         let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
-        let config: Config = toml::from_str(&keys).unwrap();
+        let config: SerialConfig = toml::from_str(&keys).unwrap();
         let clock = Arc::new(HostClock::start());
         SerialDriver::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
     }

@@ -5,7 +5,9 @@ use std::sync::{Arc, Mutex};
 use machine::record::question::{Answer, AxisDirection, Question};
 use machine::{Axis, Position};
 use simulator::{SimulatedOperator, SimulatedWorld, Speed};
-use trued::commissioning::{AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict};
+use trued::commissioning::{
+    AnswerFuture, Check, CheckPart, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict,
+};
 use trued::setup::{self, MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
@@ -108,7 +110,7 @@ fn assert_ended(summary: &Summary) {
     let failed = failures(summary);
     assert!(failed.contains("the stylus is out of contact and the probe reads open"), "{summary}");
     assert!(failed.contains("jog the machine clear at the control"), "{summary}");
-    let axes = |finding: &&Finding| finding.part == Part::Axes && finding.verdict == Verdict::Ok;
+    let axes = |finding: &&Finding| finding.part == CheckPart::Axes && finding.verdict == Verdict::Ok;
     assert_eq!(summary.findings.iter().filter(axes).count(), 0, "{summary}");
 }
 
@@ -211,6 +213,6 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let [None, Some(refused)] = results.as_slice() else { panic!("{results:?}") };
     assert!(refused.starts_with("X+: no motion: the collision check refuses the jog"), "{refused}");
     assert!(refused.contains("stylus ball would come within"), "{refused}");
-    let probe = |finding: &&Finding| finding.part == Part::Probe;
+    let probe = |finding: &&Finding| finding.part == CheckPart::Probe;
     assert_eq!(checked.summary.findings.iter().filter(probe).count(), 1, "{}", checked.summary);
 }

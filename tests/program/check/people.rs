@@ -3,7 +3,9 @@
 use machine::Axis;
 use machine::record::question::{Answer, Jog, ObservedMotion, Question, StylusState};
 use simulator::SimulatedOperator;
-use trued::commissioning::{AnswerFuture, Check, Finding, NoOperator, OperatorInterface, Part, Stop, Summary, Verdict};
+use trued::commissioning::{
+    AnswerFuture, Check, CheckPart, Finding, NoOperator, OperatorInterface, Stop, Summary, Verdict,
+};
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
@@ -21,7 +23,7 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
         through(&file, &site, &mut NoOperator).await
     });
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
-    for part in [Part::Probe, Part::Axes, Part::Hold] {
+    for part in [CheckPart::Probe, CheckPart::Axes, CheckPart::Hold] {
         let open =
             |finding: &&trued::commissioning::Finding| finding.part == part && finding.verdict == Verdict::NotLookedAt;
         assert!(summary.findings.iter().any(|finding| open(&finding)), "{part:?}\n{summary}");

@@ -76,7 +76,7 @@ impl SensorConfig for Bus {
 
     fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
-            let config: can::Config = toml::from_str(&self.sheet).unwrap();
+            let config: can::CanConfig = toml::from_str(&self.sheet).unwrap();
             Ok(config.spawn_sensor((self.hears)()?, sensor, clock, None))
         })
     }

@@ -6,13 +6,13 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys};
+use crate::sensors::frame_layout::{EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
 use link::Clock;
 use link::can::{CanError, CanId, CanReceiver};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct CanKeys {
     interface: String,
     id: u32,
     /// Whether the identifier has 29 bits.
@@ -25,11 +25,11 @@ struct Keys {
     #[serde(default = "default_timeout_s")]
     timeout_s: f64,
     order: Option<Endianness>,
-    value: ValueKeys,
-    counter: Option<CounterKeys>,
+    value: FrameValueKeys,
+    counter: Option<FrameCounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
-    status: Vec<StatusKeys>,
+    status: Vec<FrameStatusKeys>,
 }
 
 const MAX_FRAME_BYTES: u16 = 8;
@@ -46,19 +46,19 @@ fn default_timeout_s() -> f64 {
 }
 
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
+#[serde(try_from = "CanKeys")]
+pub struct CanConfig {
     pub(super) interface: String,
     pub(super) id: CanId,
     pub(super) timeout: Duration,
     pub(super) layout: FrameLayout,
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<CanKeys> for CanConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { interface, length, timeout_s, .. } = keys;
+    fn try_from(keys: CanKeys) -> Result<Self, String> {
+        let CanKeys { interface, length, timeout_s, .. } = keys;
         if interface.is_empty() || interface.len() > MAX_INTERFACE_NAME_LENGTH || interface.contains('/') {
             return Err(format!("`interface` is `{interface}`; set a name from `ip link`, e.g. `can0`"));
         }
@@ -71,13 +71,13 @@ impl TryFrom<Keys> for Config {
         }
         let timeout = Duration::from_secs_f64(timeout_s);
         let length = usize::from(length);
-        let Keys { value, counter, encoder_count, status, order, .. } = keys;
+        let CanKeys { value, counter, encoder_count, status, order, .. } = keys;
         let layout = FrameLayout::new(value, counter, encoder_count, status, order, length)?;
         Ok(Self { interface, id, timeout, layout })
     }
 }
 
-impl Config {
+impl CanConfig {
     /// Opens the CAN interface.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::Config;
+use super::CanConfig;
 use super::bus::BusState;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::frame_layout::FrameLayout;
@@ -33,8 +33,8 @@ pub(super) struct CanDriver {
 }
 
 impl CanDriver {
-    pub(super) fn new(config: &Config, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
-        let Config { id, layout, timeout, .. } = config.clone();
+    pub(super) fn new(config: &CanConfig, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
+        let CanConfig { id, layout, timeout, .. } = config.clone();
         let counter = CounterTracker::new(layout.sample.counter_modulus());
         let since_s = f64::NEG_INFINITY;
         let (bus, _simulator) = (BusState::default(), None);
@@ -161,7 +161,7 @@ impl SensorDriver for CanDriver {
     }
 }
 
-impl SensorConfig for Config {
+impl SensorConfig for CanConfig {
     fn describe_address(&self) -> String {
         format!("frames {} on CAN interface {}", self.id, self.interface)
     }
@@ -179,7 +179,7 @@ impl SensorConfig for Config {
     }
 }
 
-impl Config {
+impl CanConfig {
     /// Creates the sensor with frames from `can`; `simulator` is kept as long as the sensor exists. Call
     /// inside a tokio runtime.
     pub fn spawn_sensor(

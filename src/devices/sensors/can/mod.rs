@@ -8,4 +8,4 @@ mod driver;
 #[cfg(test)]
 mod tests;
 
-pub use config::Config;
+pub use config::CanConfig;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::Config;
+use super::CanConfig;
 use crate::sensors::{Sample, Sensor};
 use link::Clock;
 use link::can::{CanFrame, CanId, CanReceiver};
@@ -20,12 +20,12 @@ pub(super) fn noun() -> sensor::Sensor {
     .unwrap()
 }
 
-pub(super) fn config(text: &str) -> Result<Config, String> {
+pub(super) fn config(text: &str) -> Result<CanConfig, String> {
     toml::from_str(text).map_err(|error| error.message().to_owned())
 }
 
 /// A sensor that sends these frames, one each millisecond, and then nothing.
-fn spawn_sensor(config: &Config, frames: &[&[u8]]) -> Sensor {
+fn spawn_sensor(config: &CanConfig, frames: &[&[u8]]) -> Sensor {
     let mut left: std::collections::VecDeque<Vec<u8>> = frames.iter().map(|frame| frame.to_vec()).collect();
     let id = CanId::new(0x123, false).unwrap();
     let mut t_s = 0.0;
@@ -112,7 +112,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     assert_eq!((first.id, first.t_s), (CanId::new(0x181, false).unwrap(), 12.5));
     let can = CanReceiver::on_demand("memory", frames);
     let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET);
-    let config: Config = toml::from_str(&keys).unwrap();
+    let config: CanConfig = toml::from_str(&keys).unwrap();
     let samples = config.spawn_sensor(can, &noun(), clock, None).read_samples(5).await.unwrap();
     assert_eq!(
         seen(&samples),

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::map::{CounterKeys, EncoderCountKeys, RegisterMap, StatusKeys, ValueKeys};
+use super::map::{EncoderCountKeys, RegisterCounterKeys, RegisterMap, RegisterStatusKeys, RegisterValueKeys};
 use crate::sensors::SharedPort;
 use link::HostPort;
 use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace};
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ModbusSensorKeys {
     serial: Option<PathBuf>,
     serial_id: Option<String>,
     baud: Option<u32>,
@@ -27,11 +27,11 @@ struct Keys {
     rate_hz: f64,
     #[serde(default = "default_space")]
     space: RegisterSpace,
-    value: ValueKeys,
-    counter: Option<CounterKeys>,
+    value: RegisterValueKeys,
+    counter: Option<RegisterCounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
-    status: Vec<StatusKeys>,
+    status: Vec<RegisterStatusKeys>,
 }
 
 fn default_timeout_s() -> f64 {
@@ -48,19 +48,19 @@ fn default_space() -> RegisterSpace {
 
 /// Address of a sensor behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
+#[serde(try_from = "ModbusSensorKeys")]
+pub struct ModbusSensorConfig {
     pub(super) device: ModbusDevice,
     /// Time between two reads.
     pub(super) read_interval: Duration,
     pub(super) map: RegisterMap,
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<ModbusSensorKeys> for ModbusSensorConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
+    fn try_from(keys: ModbusSensorKeys) -> Result<Self, String> {
+        let ModbusSensorKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
         let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let device = ModbusDevice::try_from(device)?;
         if !(0.001..=1e4).contains(&keys.rate_hz) {
@@ -70,13 +70,13 @@ impl TryFrom<Keys> for Config {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a distance".to_owned());
         }
         let read_interval = Duration::from_secs_f64(1.0 / keys.rate_hz);
-        let Keys { space, value, counter, encoder_count, status, .. } = keys;
+        let ModbusSensorKeys { space, value, counter, encoder_count, status, .. } = keys;
         let map = RegisterMap::new(space, value, counter, encoder_count, status)?;
         Ok(Self { device, read_interval, map })
     }
 }
 
-impl Config {
+impl ModbusSensorConfig {
     /// Limits of the link: it may read these registers only, and write none.
     pub(super) fn device_settings(&self) -> DeviceSettings {
         let allowed = AccessList { read: vec![self.map.span], write: Vec::new() };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use tokio::time::{Instant, sleep_until};
 
-use super::Config;
+use super::ModbusSensorConfig;
 use super::frozen_value::FrozenValueDetector;
 use crate::sensors::counter_tracker::CounterTracker;
 use crate::sensors::sample_layout::DecodedSample;
@@ -20,7 +20,7 @@ use machine::record::sensor;
 const RATE_SAMPLES: usize = 20;
 
 pub struct ModbusSensorDriver {
-    config: Config,
+    config: ModbusSensorConfig,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     link: ModbusClient,
@@ -39,7 +39,7 @@ impl ModbusSensorDriver {
     /// # Errors
     /// The link cannot be opened.
     pub async fn open(
-        config: Config,
+        config: ModbusSensorConfig,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
         simulated_hz: Option<f64>,
@@ -50,7 +50,7 @@ impl ModbusSensorDriver {
 
     fn from_link(
         link: ModbusClient,
-        config: Config,
+        config: ModbusSensorConfig,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
         simulated_hz: Option<f64>,
@@ -198,7 +198,7 @@ impl SensorDriver for ModbusSensorDriver {
     }
 }
 
-impl SensorConfig for Config {
+impl SensorConfig for ModbusSensorConfig {
     fn describe_address(&self) -> String {
         self.device.describe()
     }

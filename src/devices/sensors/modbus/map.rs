@@ -13,7 +13,7 @@ use machine::record::reading::ReadingFlag;
 /// Keys of the value: value = `offset_mm` + `scale_mm` × the number; registers count from 0.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ValueKeys {
+pub(super) struct RegisterValueKeys {
     register: u16,
     #[serde(rename = "type")]
     kind: NumberType,
@@ -23,21 +23,21 @@ pub(super) struct ValueKeys {
     #[serde(default)]
     offset_mm: f64,
     #[serde(default)]
-    codes: Vec<CodeKeys>,
+    codes: Vec<RegisterCodeKeys>,
     /// Meaning of a number that is not finite (`f32`, `f64`).
     nan: Option<InvalidReason>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CodeKeys {
+struct RegisterCodeKeys {
     is: f64,
     means: InvalidReason,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct CounterKeys {
+pub(super) struct RegisterCounterKeys {
     register: u16,
     #[serde(rename = "type")]
     kind: NumberType,
@@ -64,7 +64,7 @@ pub(super) struct EncoderCountKeys {
 /// but zero).
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct StatusKeys {
+pub(super) struct RegisterStatusKeys {
     register: u16,
     #[serde(default)]
     bit: u16,
@@ -149,12 +149,12 @@ impl RegisterMap {
     /// The map is invalid; the message names the keys.
     pub fn new(
         space: RegisterSpace,
-        value: ValueKeys,
-        counter: Option<CounterKeys>,
+        value: RegisterValueKeys,
+        counter: Option<RegisterCounterKeys>,
         encoder: Option<EncoderCountKeys>,
-        status: Vec<StatusKeys>,
+        status: Vec<RegisterStatusKeys>,
     ) -> Result<Self, String> {
-        let ValueKeys { scale_mm, offset_mm, .. } = value;
+        let RegisterValueKeys { scale_mm, offset_mm, .. } = value;
         check_scale(scale_mm, offset_mm)?;
         if value.nan.is_some() && !value.kind.is_float() {
             return Err("`value.nan` is only for `f32` and `f64`; use `codes` for an integer".to_owned());
@@ -163,7 +163,7 @@ impl RegisterMap {
             return Err("`counter.type` must be an unsigned integer: `u16` or `u32`".to_owned());
         }
         let encoder_modulus = encoder.as_ref().map(encoder_modulus).transpose()?;
-        let mut status = status.into_iter().map(StatusKeys::check).collect::<Result<Vec<_>, _>>()?;
+        let mut status = status.into_iter().map(RegisterStatusKeys::check).collect::<Result<Vec<_>, _>>()?;
         check_status_bits(&status)?;
         let numbers = [
             ("value", Some((value.register, value.kind))),
@@ -182,7 +182,7 @@ impl RegisterMap {
         let codes = value.codes.iter();
         let codes = codes.map(|code| (RegisterCondition::Code(number, code.is), code.means.flag()));
         let counts_gaps = counter.as_ref().is_some_and(|keys| keys.gaps);
-        let counter = counter.map(|CounterKeys { register, kind, order, .. }| {
+        let counter = counter.map(|RegisterCounterKeys { register, kind, order, .. }| {
             (location(register, kind, order), 1 << (16 * kind.register_count()))
         });
         let encoder = encoder
@@ -209,7 +209,7 @@ fn encoder_modulus(keys: &EncoderCountKeys) -> Result<u64, String> {
     }
 }
 
-impl StatusKeys {
+impl RegisterStatusKeys {
     fn check(self) -> Result<(StatusBits, ReadingFlag), String> {
         let Self { register, bit, width, is, means } = self;
         if width == 0 || bit.saturating_add(width) > 16 {

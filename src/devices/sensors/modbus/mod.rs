@@ -18,5 +18,5 @@ mod map;
 #[cfg(test)]
 mod tests;
 
-pub use config::Config;
+pub use config::ModbusSensorConfig;
 pub use driver::ModbusSensorDriver;

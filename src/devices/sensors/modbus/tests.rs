@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::ModbusSensorDriver;
-use super::config::Config;
+use super::config::ModbusSensorConfig;
 use crate::sensors::SensorDriver;
 use link::clock::HostClock;
 use machine::record::reading::ReadingFlag;
@@ -35,7 +35,7 @@ means = "stale"
 "#;
 
 fn refused(text: &str) -> String {
-    toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+    toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
 }
 
 fn sensor() -> Sensor {
@@ -47,7 +47,7 @@ fn sensor() -> Sensor {
 
 #[test]
 fn registers_are_read_as_the_map_says() {
-    let config: Config = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{MAP}")).unwrap();
+    let config: ModbusSensorConfig = toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{MAP}")).unwrap();
     let map = &config.map;
     assert_eq!((map.span.first, map.span.last), (9, 12));
     let read = |words: [u16; 4]| {
@@ -67,7 +67,7 @@ fn registers_are_read_as_the_map_says() {
 
     let float = "value = { register = 0, type = \"f32\", scale_mm = 1, nan = \"no-echo\" }";
     let nan = [0x7FC0, 0];
-    let map = |keys: &str| toml::from_str::<Config>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
+    let map = |keys: &str| toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"a:9\"\n{keys}")).unwrap().map;
     assert_eq!(map(float).sample.decode(&nan).unwrap().value, Err(ReadingFlag::Range));
     assert!(map(&float.replace(", nan = \"no-echo\"", "")).sample.decode(&nan).is_err());
 }
@@ -77,7 +77,7 @@ fn the_count_of_an_encoder_is_read_beside_the_value() {
     let read = |kind: &str, words: [u16; 6]| {
         let count = format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
         let text = format!("tcp = \"a:9\"\n{count}\n{MAP}");
-        let map = toml::from_str::<Config>(&text).unwrap().map;
+        let map = toml::from_str::<ModbusSensorConfig>(&text).unwrap().map;
         // A 16-bit number is the last register that is read.
         let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
         (map.sample.encoder_modulus(), map.sample.decode(words).unwrap().encoder_count)
@@ -104,7 +104,7 @@ fn maps_that_cannot_be_are_refused_in_words() {
     assert!(map("bit = 15", "bit = 3").contains("bits from 2 and those from 3 overlap"));
     assert!(map("bit = 15", "bit = 2\nwidth = 2\nis = 3").contains("are met at the same time"));
     let behind = MAP.replace("bit = 15", "bit = 2\nwidth = 2");
-    assert!(toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
+    assert!(toml::from_str::<ModbusSensorConfig>(&format!("tcp = \"127.0.0.1:9\"\n{behind}")).is_ok());
     assert!(map("bit = 15", "bit = 16").contains("bits 0 to 15"));
     assert!(map("scale_mm = 0.001", "scale_mm = 0.001\nnan = \"range\"").contains("is only for `f32`"));
     assert!(refused(&format!("space = \"coil\"\n{MAP}")).contains("a bit cannot hold a distance"));
@@ -124,7 +124,7 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
         let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, Box::new(sense), 100.0).unwrap();
         let value = "value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 0.00001 }";
         let config = format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{value}\n");
-        let config = toml::from_str::<Config>(&config).unwrap();
+        let config = toml::from_str::<ModbusSensorConfig>(&config).unwrap();
         let sensor = Sensor { noise_um, ..sensor() };
         let clock = Arc::new(HostClock::start());
         let mut registers = ModbusSensorDriver::open(config, &sensor, clock, None).await.unwrap();

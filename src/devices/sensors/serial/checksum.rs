@@ -8,7 +8,7 @@ use crate::sensors::field::Endianness;
 /// Keys of the checksum: `checksum = { kind = "crc16-modbus", order = "little" }`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Keys {
+pub(super) struct ChecksumKeys {
     kind: ChecksumKind,
     order: Option<Endianness>,
     /// Whether the checksum includes `sync`.
@@ -85,10 +85,10 @@ impl Checksum {
     }
 }
 
-impl TryFrom<Keys> for Checksum {
+impl TryFrom<ChecksumKeys> for Checksum {
     type Error = String;
 
-    fn try_from(Keys { kind, order, with_sync }: Keys) -> Result<Self, String> {
+    fn try_from(ChecksumKeys { kind, order, with_sync }: ChecksumKeys) -> Result<Self, String> {
         let sum = Self { kind, order: order.unwrap_or(Endianness::Little), with_sync };
         if sum.byte_count() > 1 && order.is_none() {
             return Err("`checksum` needs an `order`: `little` or `big`".to_owned());

@@ -14,7 +14,7 @@ const DEFAULT_BAUD: u32 = 115_200;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct SerialKeys {
     serial: Option<PathBuf>,
     serial_id: Option<String>,
     baud: Option<u32>,
@@ -25,8 +25,8 @@ struct Keys {
     request: Option<String>,
     /// Maximum rate of the requests, Hz; if absent, as fast as the sensor answers.
     rate_hz: Option<f64>,
-    line: Option<line::Keys>,
-    frame: Option<frame::Keys>,
+    line: Option<line::LineKeys>,
+    frame: Option<frame::FrameKeys>,
 }
 
 fn default_timeout_s() -> f64 {
@@ -35,8 +35,8 @@ fn default_timeout_s() -> f64 {
 
 /// Address of a sensor on a serial line, and format of its data.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub struct Config {
+#[serde(try_from = "SerialKeys")]
+pub struct SerialConfig {
     pub(super) link: link::LinkConfig,
     /// Maximum time without data.
     pub(super) timeout: Duration,
@@ -46,10 +46,10 @@ pub struct Config {
     pub(super) format: DataFormat,
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<SerialKeys> for SerialConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
+    fn try_from(keys: SerialKeys) -> Result<Self, String> {
         let link = link::LinkConfig::from_keys((keys.serial, keys.serial_id, keys.tcp), keys.baud, DEFAULT_BAUD)?;
         let timeout = link::parse_timeout_s(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
@@ -80,7 +80,7 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-impl Config {
+impl SerialConfig {
     /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
     /// requests reads only its own replies, so its format may differ.
     pub(super) fn shared_port(&self) -> SharedPort {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use tokio::time::{Duration, Instant, sleep_until};
 
-use super::Config;
+use super::SerialConfig;
 use super::diagnosis::StartupData;
 use super::splitter::{StreamPiece, StreamSplitter};
 use crate::sensors::counter_tracker::CounterTracker;
@@ -25,7 +25,7 @@ enum StreamItem {
 }
 
 pub struct SerialDriver {
-    config: Config,
+    config: SerialConfig,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     /// Ports that other sensors may share.
@@ -48,7 +48,7 @@ impl SerialDriver {
     /// # Errors
     /// The port cannot be opened.
     pub async fn open(
-        config: Config,
+        config: SerialConfig,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
         ports: SharedPorts,
@@ -62,7 +62,7 @@ impl SerialDriver {
     /// when it receives a request.
     pub fn from_stream(
         stream: ByteStreamHandle,
-        config: Config,
+        config: SerialConfig,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
         rate_hz: f64,
@@ -71,7 +71,7 @@ impl SerialDriver {
         Self { stream: Some(stream), simulated_hz: Some(rate_hz), ..serial }
     }
 
-    fn new(config: Config, sensor: &sensor::Sensor, clock: Arc<dyn Clock>) -> Self {
+    fn new(config: SerialConfig, sensor: &sensor::Sensor, clock: Arc<dyn Clock>) -> Self {
         Self {
             range_mm: sensor.range_mm,
             clock,
@@ -274,7 +274,7 @@ impl SensorDriver for SerialDriver {
     }
 }
 
-impl SensorConfig for Config {
+impl SensorConfig for SerialConfig {
     fn describe_address(&self) -> String {
         self.link.describe()
     }

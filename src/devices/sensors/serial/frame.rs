@@ -3,25 +3,25 @@
 
 use serde::Deserialize;
 
-use super::checksum::{Checksum, Keys as ChecksumKeys};
+use super::checksum::{Checksum, ChecksumKeys};
 use crate::sensors::field::Endianness;
-use crate::sensors::frame_layout::{CounterKeys, EncoderCountKeys, FrameLayout, StatusKeys, ValueKeys};
+use crate::sensors::frame_layout::{EncoderCountKeys, FrameCounterKeys, FrameLayout, FrameStatusKeys, FrameValueKeys};
 use crate::sensors::sample_layout::DecodedSample;
 
 /// Keys of `[sensor.serial.frame]`; bytes count from 0 after `sync`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Keys {
+pub(super) struct FrameKeys {
     sync: Vec<u8>,
     length: usize,
     #[serde(default)]
     tail: Vec<u8>,
     order: Option<Endianness>,
-    value: ValueKeys,
-    counter: Option<CounterKeys>,
+    value: FrameValueKeys,
+    counter: Option<FrameCounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
-    status: Vec<StatusKeys>,
+    status: Vec<FrameStatusKeys>,
     checksum: Option<ChecksumKeys>,
 }
 
@@ -65,11 +65,11 @@ impl FrameFormat {
     }
 }
 
-impl TryFrom<Keys> for FrameFormat {
+impl TryFrom<FrameKeys> for FrameFormat {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { sync, length, tail, order, value, counter, encoder_count, status, checksum } = keys;
+    fn try_from(keys: FrameKeys) -> Result<Self, String> {
+        let FrameKeys { sync, length, tail, order, value, counter, encoder_count, status, checksum } = keys;
         if sync.is_empty() {
             return Err("`sync` is empty; set the first bytes of each frame, e.g. [0xAA, 0x55]".to_owned());
         }

@@ -10,7 +10,7 @@ use crate::sensors::sample_layout::{DecodedSample, InvalidReason, Location, Samp
 /// Keys of `[sensor.serial.line]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Keys {
+pub(super) struct LineKeys {
     #[serde(default = "default_end")]
     end: String,
     /// Text at the beginning of each line; `suffix`: text at its end.
@@ -22,17 +22,17 @@ pub(super) struct Keys {
     separator: Option<String>,
     /// Number of columns; a line with another number is invalid.
     columns: Option<usize>,
-    value: ValueKeys,
-    counter: Option<CounterKeys>,
+    value: LineValueKeys,
+    counter: Option<LineCounterKeys>,
     encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
-    status: Vec<StatusKeys>,
+    status: Vec<LineStatusKeys>,
 }
 
 /// Keys of the value: value = `offset_mm` + `scale_mm` × the number; columns count from 1.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct ValueKeys {
+struct LineValueKeys {
     #[serde(default = "default_column")]
     column: usize,
     scale_mm: f64,
@@ -40,12 +40,12 @@ struct ValueKeys {
     offset_mm: f64,
     /// Words that may appear in place of the value.
     #[serde(default)]
-    codes: Vec<CodeKeys>,
+    codes: Vec<LineCodeKeys>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CodeKeys {
+struct LineCodeKeys {
     is: String,
     means: InvalidReason,
 }
@@ -53,7 +53,7 @@ struct CodeKeys {
 /// Keys of the counter: it increases by one with each sample, up to `round` - 1, and restarts from 0.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct CounterKeys {
+struct LineCounterKeys {
     column: usize,
     round: u64,
 }
@@ -68,7 +68,7 @@ struct EncoderCountKeys {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct StatusKeys {
+struct LineStatusKeys {
     column: usize,
     is: String,
     means: InvalidReason,
@@ -90,24 +90,24 @@ pub(super) struct LineFormat {
     suffix: String,
     separator: Option<String>,
     columns: Option<usize>,
-    pub sample: SampleLayout<Column>,
+    pub sample: SampleLayout<LineColumn>,
 }
 
 /// Number of a column, from 1.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Column(usize);
+pub(super) struct LineColumn(usize);
 
-impl Column {
+impl LineColumn {
     fn text<'t>(self, columns: &[&'t str]) -> Option<&'t str> {
         columns.get(self.0 - 1).copied()
     }
 }
 
-impl Location for Column {
+impl Location for LineColumn {
     type Data<'d> = &'d [&'d str];
     type Error = ();
     /// Column and its text.
-    type Condition = (Column, String);
+    type Condition = (LineColumn, String);
 
     fn read_number(self, columns: &[&str]) -> Result<f64, ()> {
         self.text(columns).and_then(parse_number).ok_or(())
@@ -118,7 +118,7 @@ impl Location for Column {
         number.map(i128::from).ok_or(())
     }
 
-    fn is_met((column, text): &(Column, String), columns: &[&str]) -> bool {
+    fn is_met((column, text): &(LineColumn, String), columns: &[&str]) -> bool {
         column.text(columns) == Some(text)
     }
 }
@@ -170,23 +170,23 @@ fn parse_number(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| plain && number.is_finite())
 }
 
-impl TryFrom<Keys> for LineFormat {
+impl TryFrom<LineKeys> for LineFormat {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
+    fn try_from(keys: LineKeys) -> Result<Self, String> {
         check_delimiters(&keys)?;
-        let ValueKeys { scale_mm, offset_mm, .. } = keys.value;
+        let LineValueKeys { scale_mm, offset_mm, .. } = keys.value;
         check_scale(scale_mm, offset_mm)?;
         check_columns(&keys)?;
         let modulus =
-            |name: &str, column, round| encoder::modulus(name, round, 64).map(|modulus| (Column(column), modulus));
+            |name: &str, column, round| encoder::modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus));
         let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
         let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
         let (counter, encoder) = (counter.transpose()?, encoder.transpose()?);
-        let value = Column(keys.value.column);
+        let value = LineColumn(keys.value.column);
         let codes = keys.value.codes.into_iter();
         let codes = codes.map(|code| ((value, code.is), code.means.flag()));
-        let status = keys.status.into_iter().map(|s| ((Column(s.column), s.is), s.means.flag()));
+        let status = keys.status.into_iter().map(|s| ((LineColumn(s.column), s.is), s.means.flag()));
         let flags = codes.chain(status).collect();
         Ok(Self {
             end: keys.end.into_bytes(),
@@ -199,7 +199,7 @@ impl TryFrom<Keys> for LineFormat {
     }
 }
 
-fn check_delimiters(keys: &Keys) -> Result<(), String> {
+fn check_delimiters(keys: &LineKeys) -> Result<(), String> {
     if keys.end.is_empty() {
         return Err("`end` is empty; set the end of a line: \"\\r\\n\", \"\\n\" or \"\\r\"".to_owned());
     }
@@ -220,7 +220,7 @@ fn check_delimiters(keys: &Keys) -> Result<(), String> {
 }
 
 /// Checks that no column has two meanings, except several texts of one status.
-fn check_columns(keys: &Keys) -> Result<(), String> {
+fn check_columns(keys: &LineKeys) -> Result<(), String> {
     let mut taken = BTreeMap::new();
     let named = [
         ("value", Some(keys.value.column)),
@@ -239,7 +239,7 @@ fn check_columns(keys: &Keys) -> Result<(), String> {
     Ok(())
 }
 
-fn check_column(name: &str, column: usize, keys: &Keys) -> Result<(), String> {
+fn check_column(name: &str, column: usize, keys: &LineKeys) -> Result<(), String> {
     let most = if keys.separator.is_some() { keys.columns.unwrap_or(usize::MAX) } else { 1 };
     if (1..=most).contains(&column) {
         return Ok(());

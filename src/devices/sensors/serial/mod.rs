@@ -23,5 +23,5 @@ mod splitter;
 #[cfg(test)]
 mod tests;
 
-pub use config::Config;
+pub use config::SerialConfig;
 pub use driver::SerialDriver;

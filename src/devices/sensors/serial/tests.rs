@@ -7,7 +7,7 @@ use serde_json::json;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 
-use super::config::Config;
+use super::config::SerialConfig;
 use super::driver::SerialDriver;
 use super::splitter::{StreamPiece, StreamSplitter};
 use crate::sensors::{Sample, SensorDriver, SensorError};
@@ -38,12 +38,12 @@ checksum = { kind = "xor" }
 tail = [0x0D]
 "#;
 
-fn config(text: &str) -> Config {
+fn config(text: &str) -> SerialConfig {
     toml::from_str(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap()
 }
 
 fn refused(text: &str) -> String {
-    toml::from_str::<Config>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
+    toml::from_str::<SerialConfig>(&format!("tcp = \"127.0.0.1:9\"\n{text}")).unwrap_err().to_string()
 }
 
 pub fn sensor() -> Sensor {

@@ -20,7 +20,7 @@ use modbus::ThermometerReader;
 
 /// A thermometer, from `[[thermometer]]`.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
+#[serde(try_from = "ThermometerKeys")]
 pub struct ThermometerConfig {
     pub name: String,
     /// Time for which the last value is valid.
@@ -32,20 +32,20 @@ pub struct ThermometerConfig {
 enum ThermometerSource {
     /// The thermometer measures the simulated machine, which `[simulated]` describes.
     SimulatedThermometerKeys,
-    Modbus(modbus::Config),
+    Modbus(modbus::ModbusThermometerConfig),
 }
 
 /// Returns the present temperature of a simulated thermometer, °C.
 pub type SimulatedTemperature = Box<dyn Fn() -> Option<f64> + Send + Sync>;
 
-/// Keys of a thermometer: a new kind of connection is a table here and a line in [`Keys::source`].
+/// Keys of a thermometer: a new kind of connection is a table here and a line in [`ThermometerKeys::source`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ThermometerKeys {
     name: String,
     #[serde(default = "default_stale_s")]
     stale_s: f64,
-    modbus: Option<modbus::Config>,
+    modbus: Option<modbus::ModbusThermometerConfig>,
     simulated: Option<SimulatedThermometerKeys>,
 }
 
@@ -64,7 +64,7 @@ const PLAUSIBLE_RANGE_C: std::ops::RangeInclusive<f64> = -40.0..=80.0;
 /// Maximum length of a name, which appears in table headings and beside curves.
 const MAX_NAME_LENGTH: usize = 24;
 
-impl Keys {
+impl ThermometerKeys {
     /// # Errors
     /// None of the tables is given, or several are.
     fn source(&mut self) -> Result<ThermometerSource, String> {
@@ -77,10 +77,10 @@ impl Keys {
     }
 }
 
-impl TryFrom<Keys> for ThermometerConfig {
+impl TryFrom<ThermometerKeys> for ThermometerConfig {
     type Error = String;
 
-    fn try_from(mut keys: Keys) -> Result<Self, String> {
+    fn try_from(mut keys: ThermometerKeys) -> Result<Self, String> {
         let is_permitted = |letter: char| letter.is_ascii_alphanumeric() || letter == '-';
         let is_short = (1..=MAX_NAME_LENGTH).contains(&keys.name.len());
         if !is_short || !keys.name.chars().all(is_permitted) {
@@ -125,7 +125,9 @@ pub async fn read_once(
 }
 
 /// Groups thermometers by device. Those of one device share its link: a serial port is opened once.
-fn group_by_device(entries: &[ThermometerConfig]) -> BTreeMap<String, Vec<(&ThermometerConfig, &modbus::Config)>> {
+fn group_by_device(
+    entries: &[ThermometerConfig],
+) -> BTreeMap<String, Vec<(&ThermometerConfig, &modbus::ModbusThermometerConfig)>> {
     let mut devices: BTreeMap<String, Vec<_>> = BTreeMap::new();
     for entry in entries {
         if let ThermometerSource::Modbus(config) = &entry.source {

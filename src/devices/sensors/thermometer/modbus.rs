@@ -15,7 +15,7 @@ use link::modbus::{
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Keys {
+struct ModbusThermometerKeys {
     serial: Option<PathBuf>,
     serial_id: Option<String>,
     baud: Option<u32>,
@@ -27,13 +27,13 @@ struct Keys {
     timeout_s: f64,
     #[serde(default = "default_space")]
     space: RegisterSpace,
-    value: ValueKeys,
+    value: ModbusThermometerValueKeys,
 }
 
 /// Keys of the value: °C = `offset_c` + `scale_c` × the number; registers count from 0.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct ValueKeys {
+struct ModbusThermometerValueKeys {
     register: u16,
     #[serde(rename = "type")]
     kind: NumberType,
@@ -54,8 +54,8 @@ fn default_space() -> RegisterSpace {
 
 /// Address of a thermometer behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(try_from = "Keys")]
-pub(super) struct Config {
+#[serde(try_from = "ModbusThermometerKeys")]
+pub(super) struct ModbusThermometerConfig {
     device: ModbusDevice,
     span: RegisterRange,
     /// Format of the number, with its scale.
@@ -63,17 +63,17 @@ pub(super) struct Config {
     offset_c: f64,
 }
 
-impl TryFrom<Keys> for Config {
+impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
     type Error = String;
 
-    fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
+    fn try_from(keys: ModbusThermometerKeys) -> Result<Self, String> {
+        let ModbusThermometerKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s, .. } = keys;
         let device = ModbusDeviceKeys { serial, serial_id, baud, parity, tcp, framing, unit, timeout_s };
         let device = ModbusDevice::try_from(device)?;
         if !matches!(keys.space, RegisterSpace::Input | RegisterSpace::Holding) {
             return Err("`space` must be `input` or `holding`: a bit cannot hold a temperature".to_owned());
         }
-        let ValueKeys { register, kind, order, scale_c, offset_c } = keys.value;
+        let ModbusThermometerValueKeys { register, kind, order, scale_c, offset_c } = keys.value;
         if scale_c == 0.0 || !scale_c.is_finite() || !offset_c.is_finite() {
             return Err(format!(
                 "`value.scale_c` is {scale_c}, `value.offset_c` is {offset_c}; set `scale_c` to the °C of one \
@@ -89,7 +89,7 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-impl Config {
+impl ModbusThermometerConfig {
     pub fn describe_address(&self) -> String {
         self.device.describe()
     }
@@ -104,7 +104,7 @@ pub(super) struct ThermometerReader {
 
 impl ThermometerReader {
     /// Creates the link to the device that all `configs` share.
-    pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c Config> + Clone) -> Self {
+    pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Self {
         let read = configs.clone().map(|config| config.span).collect();
         let device = configs.next().map(|config| config.device.clone());
         Self { device, allowed: AccessList { read, write: Vec::new() }, link: None }
@@ -114,7 +114,7 @@ impl ThermometerReader {
     ///
     /// # Errors
     /// There is no answer, no number, or an impossible temperature.
-    pub async fn read(&mut self, config: &Config) -> Result<f64, ThermometerError> {
+    pub async fn read(&mut self, config: &ModbusThermometerConfig) -> Result<f64, ThermometerError> {
         let RegisterRange { space, first, last } = config.span;
         let words = self.link().await?.read(space, first, last - first + 1).await;
         if matches!(words, Err(ModbusError::LinkEnded { .. })) {

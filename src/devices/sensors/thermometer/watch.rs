@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
-use super::modbus::{Config, ThermometerReader};
+use super::modbus::{ModbusThermometerConfig, ThermometerReader};
 use super::{
     SimulatedTemperature, ThermometerConfig, ThermometerError, ThermometerSource, group_by_device, read_simulated,
 };
@@ -128,7 +128,7 @@ fn lock(last_value: &Mutex<LastValue>) -> std::sync::MutexGuard<'_, LastValue> {
 
 /// Polls one device, channel by channel.
 async fn poll_device(
-    channels: Vec<(Config, Arc<Mutex<LastValue>>)>,
+    channels: Vec<(ModbusThermometerConfig, Arc<Mutex<LastValue>>)>,
     interval: Duration,
     mut stop: oneshot::Receiver<()>,
 ) {

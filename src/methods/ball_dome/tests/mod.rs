@@ -4,7 +4,7 @@ mod g4;
 
 use nalgebra::Vector3;
 
-use super::Settings;
+use super::BallDomeSettings;
 use super::design;
 use crate::ball_measurement::{BallCentre, Label, MeasurementPass, ObservedBalls};
 use crate::samba::tests::htm::{Triple, Truth};
@@ -30,7 +30,7 @@ fn certified() -> Vec<Vector3<f64>> {
 /// item S3: axis positions from plain matrix products, changed by `noise` (measurement, axis).
 fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> ObservedBalls {
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool: TOOL };
-    let settings = Settings::default();
+    let settings = BallDomeSettings::default();
     let setup = design::dome_setup(plan, &settings).unwrap();
     let mut observed = ObservedBalls::default();
     for (place, visit) in design::design_visits(&setup, &settings).unwrap().into_iter().enumerate() {

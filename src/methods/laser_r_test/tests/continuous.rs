@@ -9,7 +9,7 @@ use super::g2::{FIVE_PARAMETERS, TABLE_FACTORS};
 use super::played::{PAPER_TABLE_5, SimulatedMachine, commanded_position, run, table_5_machine};
 use super::{ideal, settings};
 use crate::IdentifyError;
-use crate::laser_r_test::Settings;
+use crate::laser_r_test::LaserRTestSettings;
 use crate::laser_r_test::cells::average_cells;
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::observe::observe_scans;
@@ -24,15 +24,15 @@ use machine::record::reading::Reading;
 use testing::population::{population, ratio_bounds};
 
 /// A lower sampling rate than usual keeps the tests fast.
-fn continuous_settings() -> Settings {
-    Settings { sampling: SamplingMode::Continuous, rate_hz: 250.0, ..settings() }
+fn continuous_settings() -> LaserRTestSettings {
+    LaserRTestSettings { sampling: SamplingMode::Continuous, rate_hz: 250.0, ..settings() }
 }
 
 fn machine_with_latency(noise_um: f64, seed: u64) -> SimulatedMachine {
     SimulatedMachine { latency_s: 3.3e-3, gap_mm: 4e-3, ..table_5_machine(noise_um, seed) }
 }
 
-fn estimate_run(world: &SimulatedMachine, own: &Settings) -> Estimate {
+fn estimate_run(world: &SimulatedMachine, own: &LaserRTestSettings) -> Estimate {
     let (plan, _, readings) = run(ideal(0.5), own, world, 9).unwrap();
     let setup = LaserSetup::new(&plan, own).unwrap();
     identify(&setup, &readings).unwrap()
@@ -227,15 +227,15 @@ fn a_lost_pass_is_named() {
 
 #[test]
 fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
-    let check = |own: Settings, why: &str, instead: &str| {
+    let check = |own: LaserRTestSettings, why: &str, instead: &str| {
         let refused = own.check().unwrap_err();
         println!("{}\n  -> {}", refused.reason, refused.remedy);
         assert!(refused.reason.contains(why) && refused.remedy.contains(instead), "{refused:?}");
     };
-    let one = Settings { fast_feed_mm_min: 700.0, ..continuous_settings() };
+    let one = LaserRTestSettings { fast_feed_mm_min: 700.0, ..continuous_settings() };
     check(one, "do not separate", "three times");
-    check(Settings { rate_hz: 0.0, ..continuous_settings() }, "rate_hz", "1000");
-    check(Settings { by: MeasuringDevice::Probe, ..continuous_settings() }, "touch probe", "laser");
-    let dwells = Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..continuous_settings() };
+    check(LaserRTestSettings { rate_hz: 0.0, ..continuous_settings() }, "rate_hz", "1000");
+    check(LaserRTestSettings { by: MeasuringDevice::Probe, ..continuous_settings() }, "touch probe", "laser");
+    let dwells = LaserRTestSettings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..continuous_settings() };
     dwells.check().unwrap();
 }

@@ -13,7 +13,7 @@ mod whole;
 
 use serde::Deserialize;
 
-use crate::laser_r_test::settings::Settings;
+use crate::laser_r_test::settings::LaserRTestSettings;
 use machine::record::plan::{PLAN_VERSION, Plan};
 use machine::record::sensor::Sensor;
 
@@ -57,6 +57,6 @@ pub fn ideal(noise_um: f64) -> Plan {
 }
 
 /// Settings with few trials. The tests of Monte Carlo set more.
-pub fn settings() -> Settings {
-    Settings { monte_carlo_trials: 100, ..Settings::default() }
+pub fn settings() -> LaserRTestSettings {
+    LaserRTestSettings { monte_carlo_trials: 100, ..LaserRTestSettings::default() }
 }

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::laser_r_test::{LaserRTest, Settings};
+use crate::laser_r_test::{LaserRTest, LaserRTestSettings};
 use crate::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::random::seeded_stream;
 use machine::frame::Pose;
@@ -242,7 +242,7 @@ impl SimulatedMachine {
 /// Plan, stages and readings of a run of the method in this simulation, with `stages` stages at most.
 pub fn run(
     mut plan: Plan,
-    settings: &Settings,
+    settings: &LaserRTestSettings,
     world: &SimulatedMachine,
     stages: usize,
 ) -> Result<(Plan, Vec<Stage>, Vec<Reading>), MethodRefusal> {

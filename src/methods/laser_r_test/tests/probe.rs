@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::g2::{FIVE_PARAMETERS, TABLE_FACTORS};
 use super::played::{PAPER_TABLE_5, SimulatedMachine, run, table_5_machine};
 use super::{ideal, settings};
-use crate::laser_r_test::Settings;
+use crate::laser_r_test::LaserRTestSettings;
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::settings::MeasuringDevice;
 use crate::laser_r_test::setup::LaserSetup;
@@ -17,7 +17,7 @@ fn estimate_from_touches(noise_um: f64, seed: u64) -> Estimate {
     let mut plan = ideal(0.5);
     plan.probe.repeatability_um = Some(0.5);
     plan.probe.lobing_um = 0.0;
-    let own = Settings { by: MeasuringDevice::Probe, tilt_deg: vec![-60.0, -30.0, 30.0, 60.0], ..settings() };
+    let own = LaserRTestSettings { by: MeasuringDevice::Probe, tilt_deg: vec![-60.0, -30.0, 30.0, 60.0], ..settings() };
     let (plan, done, readings) = run(plan, &own, &world, 9).unwrap();
     assert_eq!(done.len(), 6);
     let setup = LaserSetup::new(&plan, &own).unwrap();

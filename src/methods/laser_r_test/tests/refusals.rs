@@ -4,14 +4,14 @@ use super::played::{run, table_5_machine};
 use super::{ideal, settings};
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::setup::LaserSetup;
-use crate::laser_r_test::{LaserRTest, Settings};
+use crate::laser_r_test::{LaserRTest, LaserRTestSettings};
 use crate::{IdentifyError, Method, PositionSource, RegisteredMethod};
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
-fn refusal_texts(plan: &Plan, settings: Settings) -> (String, String) {
+fn refusal_texts(plan: &Plan, settings: LaserRTestSettings) -> (String, String) {
     let refused = LaserRTest::new(settings).next_stage(plan, &[], PositionSource::Nominal).unwrap_err();
     (refused.reason, refused.remedy)
 }
@@ -24,7 +24,7 @@ fn balls(plan: &mut Plan) -> &mut Balls {
 }
 
 #[track_caller]
-fn check(plan: &Plan, settings: Settings, why: &str, instead: &str) {
+fn check(plan: &Plan, settings: LaserRTestSettings, why: &str, instead: &str) {
     let (found, remedy) = refusal_texts(plan, settings);
     println!("{found}\n  -> {remedy}");
     assert!(found.contains(why), "{found}");
@@ -37,26 +37,26 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     let mut blind = plan.clone();
     blind.sensors.clear();
     check(&blind, settings(), "no displacement sensor", "[[sensor]]");
-    let other = Settings { sensor: "other".into(), ..settings() };
+    let other = LaserRTestSettings { sensor: "other".into(), ..settings() };
     check(&plan, other, "no sensor `other`; its sensors are laser", "[[sensor]]");
-    let two = Settings { heights_mm: vec![-5.0, 5.0, 5.1], ..settings() };
+    let two = LaserRTestSettings { heights_mm: vec![-5.0, 5.0, 5.1], ..settings() };
     check(&plan, two, "2 different heights", "three or more heights");
-    let far = Settings { tilt_deg: vec![0.0, 130.0], ..settings() };
+    let far = LaserRTestSettings { tilt_deg: vec![0.0, 130.0], ..settings() };
     check(&plan, far, "tilt_deg contains B 130°", "tilt_deg");
-    let endless = Settings { samples: 2_000_000_000, ..settings() };
+    let endless = LaserRTestSettings { samples: 2_000_000_000, ..settings() };
     check(&plan, endless, "more than 10000", "about 20");
-    let asleep = Settings { dwell_s: 1e9, ..settings() };
+    let asleep = LaserRTestSettings { dwell_s: 1e9, ..settings() };
     check(&plan, asleep, "dwell_s must be 0 to 60", "0.1");
-    let twice = Settings { harmonics: vec![2, 3, 2], ..settings() };
+    let twice = LaserRTestSettings { harmonics: vec![2, 3, 2], ..settings() };
     check(&plan, twice, "order 2 twice", "once");
-    let fast = Settings { harmonics: vec![4_000_000_000], ..settings() };
+    let fast = LaserRTestSettings { harmonics: vec![4_000_000_000], ..settings() };
     check(&plan, fast, "order 4000000000", "harmonics = [2]");
-    let few = Settings { tilt_deg: vec![0.0], turn_deg: vec![90.0], ..settings() };
+    let few = LaserRTestSettings { tilt_deg: vec![0.0], turn_deg: vec![90.0], ..settings() };
     check(&plan, few, "2 poses", "add positions");
     let mut unsure = plan.clone();
     balls(&mut unsure).uncertainty_mm = 4.5;
     check(&unsure, settings(), "incidence angle", "uncertainty_mm");
-    let high = Settings { heights_mm: vec![-5.0, 0.0, 9.5], ..settings() };
+    let high = LaserRTestSettings { heights_mm: vec![-5.0, 0.0, 9.5], ..settings() };
     let (_, _, readings) = run(plan.clone(), &settings(), &table_5_machine(0.0, 1), 1).unwrap();
     assert!(!readings.is_empty());
     let late = run(plan.clone(), &high, &table_5_machine(0.0, 1), 9).unwrap_err();
@@ -69,7 +69,7 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     assert!(beyond.reason.contains("the scan needs"), "{}", beyond.reason);
     let mut over = plan.clone();
     over.machine.axes.get_mut(&machine::Axis::B).unwrap().max = 180.0;
-    let above = Settings { tilt_deg: vec![0.0, 60.0, 150.0], ..settings() };
+    let above = LaserRTestSettings { tilt_deg: vec![0.0, 60.0, 150.0], ..settings() };
     let stem = run(over, &above, &table_5_machine(0.0, 1), 9).unwrap_err();
     assert!(stem.reason.contains("stem"), "{}", stem.reason);
 }

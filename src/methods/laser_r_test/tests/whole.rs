@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::g2::{FIVE_PARAMETERS, TABLE_FACTORS};
 use super::played::{PAPER_TABLE_5, SimulatedMachine, run, table_5_machine};
 use super::{ideal, plan, settings};
-use crate::laser_r_test::Settings;
+use crate::laser_r_test::LaserRTestSettings;
 use crate::laser_r_test::identify::{identify, identify_scans};
 use crate::laser_r_test::observe::observe_scans;
 use crate::laser_r_test::pose_groups::group_scans;
@@ -75,7 +75,7 @@ fn chi2_of_estimate(estimate: &Estimate) -> f64 {
 fn regress_the_declared_uncertainty_covers_what_is_declared() {
     const FULL_SEED_COUNT: u64 = 100;
     let seeds = population(FULL_SEED_COUNT);
-    let own = Settings { samples: 5, ..settings() };
+    let own = LaserRTestSettings { samples: 5, ..settings() };
     let (mut sum, mut above) = (0.0, 0);
     for seed in 0..seeds {
         let world = SimulatedMachine { shift, curve, ..table_5_machine(0.5, seed) };
@@ -96,7 +96,7 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
 
 #[test]
 fn regress_monte_carlo_agrees_with_first_order() {
-    let own = Settings { monte_carlo_trials: 4000, ..settings() };
+    let own = LaserRTestSettings { monte_carlo_trials: 4000, ..settings() };
     let (plan, _, readings) = run(plan(), &own, &table_5_machine(0.5, 3), 9).unwrap();
     let setup = LaserSetup::new(&plan, &own).unwrap();
     let start = std::time::Instant::now();
@@ -120,7 +120,7 @@ fn regress_an_error_motion_of_b_is_noticed_and_found() {
         |_: &SimulatedMachine, at: &Position, _: f64| Vector3::x() * 3e-3 * (2.0 * at.get_or_zero(Axis::B)).cos();
     let world = SimulatedMachine { shift, ..table_5_machine(0.5, 1) };
     let found = |harmonics: &[u32]| {
-        let own = Settings { harmonics: harmonics.to_vec(), ..settings() };
+        let own = LaserRTestSettings { harmonics: harmonics.to_vec(), ..settings() };
         let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
         let setup = LaserSetup::new(&plan, &own).unwrap();
         identify(&setup, &readings).unwrap()

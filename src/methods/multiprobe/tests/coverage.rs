@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use super::super::model::{ProbeLayout, Surface};
 use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
-use super::super::settings::{Settings, TurnSampling};
+use super::super::settings::{MultiprobeSettings, TurnSampling};
 use super::super::sources::SourceSizes;
 use super::super::{SeparatedMotions, identify_motions};
 use super::generator::{ScanSize, SimulatedMotions, sum_of_terms};
@@ -25,22 +25,22 @@ fn range_of(values: &[f64]) -> f64 {
 }
 
 /// Settings with all declared values exactly known.
-fn exact_settings() -> Settings {
-    Settings {
+fn exact_settings() -> MultiprobeSettings {
+    MultiprobeSettings {
         sampling: TurnSampling::Continuous,
         u_gain: 0.0,
         u_sensor_angle_deg: 0.0,
         u_section_distance_mm: 0.0,
         u_face_radius_mm: 0.0,
         u_index_angle_deg: 0.0,
-        ..Settings::default()
+        ..MultiprobeSettings::default()
     }
 }
 
 const DRIFT_MM: f64 = 0.02e-3;
 
 /// Source sizes of the settings, with the drift in mm per revolution.
-fn source_sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
+fn source_sizes(settings: &MultiprobeSettings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
     SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity: Vec::new() }
 }
 
@@ -132,7 +132,7 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
 /// All sources: the measurement is generated with a drawn layout and identified with the nominal one.
 #[test]
 fn regress_coverage_of_all_sources() {
-    let declared = Settings {
+    let declared = MultiprobeSettings {
         u_gain: 2e-3,
         u_sensor_angle_deg: 0.1,
         u_section_distance_mm: 0.1,
@@ -166,7 +166,7 @@ struct DrawnLayout {
 }
 
 impl DrawnLayout {
-    fn new(nominal: &ProbeLayout, declared: &Settings, seed: u64) -> Self {
+    fn new(nominal: &ProbeLayout, declared: &MultiprobeSettings, seed: u64) -> Self {
         let mut units = DrawStream::from_key(seed, &[9]).unit_draws(64, &[DrawDistribution::Normal]).into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();

@@ -11,7 +11,7 @@
 use super::{DesignCandidates, DesignSetup};
 use crate::MethodRefusal;
 use crate::ball_measurement::{BallVisit, is_parallel_to_spindle, is_rotary, is_same_angle};
-use crate::samba::settings::Settings;
+use crate::samba::settings::SambaSettings;
 use machine::{Axis, Position};
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
@@ -40,8 +40,8 @@ fn rotary_triples() -> Vec<[usize; 3]> {
 }
 
 /// The settings with the paper's positions.
-pub fn paper_settings(settings: &Settings) -> Settings {
-    Settings {
+pub fn paper_settings(settings: &SambaSettings) -> SambaSettings {
+    SambaSettings {
         tilt_deg: TILTS_DEG.to_vec(),
         turn_deg: QUARTERS_DEG.to_vec(),
         spindle_deg: QUARTERS_DEG.to_vec(),

@@ -1,7 +1,7 @@
 //! Measurements that are impossible are refused with a reason before the first motion.
 
 use super::tests::plan;
-use crate::samba::settings::{Design, Settings, Spindle};
+use crate::samba::settings::{Design, SambaSettings, Spindle};
 use crate::samba::tests::machine;
 use crate::samba::{Method, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::Axis;
@@ -9,14 +9,14 @@ use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::Plan;
 
 fn with_balls(change: impl FnOnce(&mut Balls)) -> Plan {
-    let mut plan = plan(&Settings::default());
+    let mut plan = plan(&SambaSettings::default());
     let Artefact::Balls(balls) = &mut plan.artefact else { panic!() };
     change(balls);
     plan
 }
 
 #[track_caller]
-fn refused(plan: &Plan, settings: Settings, words: &[&str]) {
+fn refused(plan: &Plan, settings: SambaSettings, words: &[&str]) {
     let answer = Samba::new(settings).next_stage(plan, &[], PositionSource::Measured(&[]));
     let Err(refused) = answer else { panic!("not refused") };
     for word in words {
@@ -28,59 +28,63 @@ fn refused(plan: &Plan, settings: Settings, words: &[&str]) {
 #[test]
 fn artefacts_that_cannot_be_measured() {
     let twice = with_balls(|set| set.balls[3].id = "2".into());
-    refused(&twice, Settings::default(), &["ball 2: `id` is `2`, as for another ball"]);
+    refused(&twice, SambaSettings::default(), &["ball 2: `id` is `2`, as for another ball"]);
     let touching = with_balls(|set| set.balls[1].centre_mm = [-140.0, 5.0, 45.0]);
-    refused(&touching, Settings::default(), &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"]);
+    refused(
+        &touching,
+        SambaSettings::default(),
+        &["ball 2: `centre_mm` is", "from ball `1`; the two balls would touch"],
+    );
     let in_stem = with_balls(|set| set.balls[1].centre_mm = [160.0, 155.0, 60.0]);
-    refused(&in_stem, Settings::default(), &["puts ball `2` into the stem of ball `3`"]);
+    refused(&in_stem, SambaSettings::default(), &["puts ball `2` into the stem of ball `3`"]);
     let two = with_balls(|set| {
         set.balls.truncate(2);
     });
-    refused(&two, Settings::default(), &["2 ball(s): samba requires three"]);
+    refused(&two, SambaSettings::default(), &["2 ball(s): samba requires three"]);
     let slash = with_balls(|set| set.balls[0].id = "1/2".into());
-    refused(&slash, Settings::default(), &["`id` is `1/2`"]);
+    refused(&slash, SambaSettings::default(), &["`id` is `1/2`"]);
     let no_pair = with_balls(|set| set.lengths[0].to = "9".into());
-    refused(&no_pair, Settings::default(), &["the length 1–9: `to` is `9`"]);
+    refused(&no_pair, SambaSettings::default(), &["the length 1–9: `to` is `9`"]);
     let other_length = with_balls(|set| set.lengths[0].mm = 300.0);
-    refused(&other_length, Settings::default(), &["`mm` is 300", "304.8"]);
-    let mut cylinder = plan(&Settings::default());
+    refused(&other_length, SambaSettings::default(), &["`mm` is 300", "304.8"]);
+    let mut cylinder = plan(&SambaSettings::default());
     cylinder.artefact =
         serde_json::from_str(r#"{"kind":"cylinder","centre_mm":[0,0,0],"axis":[0,0,1],"radius_mm":40}"#).unwrap();
-    refused(&cylinder, Settings::default(), &["samba measures balls"]);
+    refused(&cylinder, SambaSettings::default(), &["samba measures balls"]);
 }
 
 #[test]
 fn a_ball_that_no_indexation_shows_is_named() {
     let far = with_balls(|set| set.balls[4].centre_mm = [-5000.0, 0.0, 75.0]);
-    refused(&far, Settings::default(), &["ball 5 is accessible at none of", "outside"]);
+    refused(&far, SambaSettings::default(), &["ball 5 is accessible at none of", "outside"]);
     let hanging = with_balls(|set| set.balls[4].stem = [0.0, 0.0, 1.0]);
-    let upright = Settings { tilt_deg: vec![-30.0, 0.0, 30.0], ..Settings::default() };
+    let upright = SambaSettings { tilt_deg: vec![-30.0, 0.0, 30.0], ..SambaSettings::default() };
     refused(&hanging, upright, &["ball 5", "stem"]);
 }
 
 #[test]
 fn indexations_outside_the_limits() {
-    let mut narrow = plan(&Settings::default());
+    let mut narrow = plan(&SambaSettings::default());
     let b = narrow.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (-45.0, 100.0);
-    let asked = Settings { tilt_deg: vec![-60.0, 0.0, 60.0], ..Settings::default() };
+    let asked = SambaSettings { tilt_deg: vec![-60.0, 0.0, 60.0], ..SambaSettings::default() };
     refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
-    let paper = Settings { design: Design::Paper, ..Settings::default() };
+    let paper = SambaSettings { design: Design::Paper, ..SambaSettings::default() };
     refused(&narrow, paper, &["does not reach B-90"]);
     // The defaults are restricted to the limits of the axis.
-    let answer = Samba::new(Settings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&narrow, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
 #[test]
 fn a_spindle_that_is_not_oriented() {
-    let mut fixed = plan(&Settings::default());
+    let mut fixed = plan(&SambaSettings::default());
     fixed.machine.axes.remove(&Axis::S);
-    let orient = Settings { spindle: Spindle::Orient, ..Settings::default() };
+    let orient = SambaSettings { spindle: Spindle::Orient, ..SambaSettings::default() };
     refused(&fixed, orient, &["spindle cannot be oriented", "no axis S"]);
-    let asked = Settings { parameters: vec!["EA0C".into(), "EX0S".into()], ..Settings::default() };
+    let asked = SambaSettings { parameters: vec!["EA0C".into(), "EX0S".into()], ..SambaSettings::default() };
     refused(&fixed, asked, &["EX0S", "t_x are inseparable"]);
-    let answer = Samba::new(Settings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&fixed, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
@@ -88,50 +92,50 @@ fn a_spindle_that_is_not_oriented() {
 /// selected.
 #[test]
 fn a_head_that_tilts_stands_upright() {
-    let mut fork = plan(&Settings::default());
+    let mut fork = plan(&SambaSettings::default());
     fork.machine = machine("wAFXYZBt");
-    let answer = Samba::new(Settings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
+    let answer = Samba::new(SambaSettings::default()).next_stage(&fork, &[], PositionSource::Measured(&[]));
     let Ok(NextStage::Stage { new_steps, .. }) = answer else { panic!("{answer:?}") };
     assert!(new_steps.iter().all(|step| step.from.get(Axis::B) == Some(0.0)));
     let parameters = vec!["EA0B".into(), "EC0A".into()];
-    let asked = Settings { parameters, ..Settings::default() };
+    let asked = SambaSettings { parameters, ..SambaSettings::default() };
     let words = ["EA0B was requested", "the spindle must be upright", "B other than 0"];
     refused(&fork, asked, &words);
     let b = fork.machine.axes.get_mut(&Axis::B).unwrap();
     (b.min, b.max) = (10.0, 50.0);
-    refused(&fork, Settings::default(), &["must be upright", "[10, 50]"]);
+    refused(&fork, SambaSettings::default(), &["must be upright", "[10, 50]"]);
 }
 
 #[test]
 fn without_a_bar_the_common_scale_is_refused_and_relative_gains_are_not() {
     let no_bar = with_balls(|set| set.lengths.clear());
     let words = ["has no certified length", "EXX1", "EYY1", "EZZ1"];
-    refused(&no_bar, Settings::default(), &words);
+    refused(&no_bar, SambaSettings::default(), &words);
     let names = "EA0B EC0B EX0C EA0C EB0C EB0Z EA0Y EC0Y EY0S EX0S EYY1 EZZ1";
     let parameters = names.split(' ').map(str::to_owned).collect();
-    let relative = Settings { parameters, ..Settings::default() };
+    let relative = SambaSettings { parameters, ..SambaSettings::default() };
     let answer = Samba::new(relative).next_stage(&no_bar, &[], PositionSource::Measured(&[]));
     assert!(matches!(answer, Ok(NextStage::Stage { .. })), "{answer:?}");
 }
 
 #[test]
 fn settings_that_make_no_sense() {
-    let plan = plan(&Settings::default());
-    let unknown = Settings { parameters: vec!["EX0Q".into()], ..Settings::default() };
+    let plan = plan(&SambaSettings::default());
+    let unknown = SambaSettings { parameters: vec!["EX0Q".into()], ..SambaSettings::default() };
     refused(&plan, unknown, &["`EX0Q` is not an error parameter"]);
-    let poor = Settings { balls: 17, ..Settings::default() };
+    let poor = SambaSettings { balls: 17, ..SambaSettings::default() };
     refused(&plan, poor, &["budget of 17 ball", "18 measurements"]);
-    let short = Settings { minutes: 2.0, ..Settings::default() };
+    let short = SambaSettings { minutes: 2.0, ..SambaSettings::default() };
     refused(&plan, short, &["minutes = 2 is too short"]);
-    let few = Settings { indexations: 2, ..Settings::default() };
+    let few = SambaSettings { indexations: 2, ..SambaSettings::default() };
     refused(&plan, few, &["at 2 indexations"]);
-    let still = Settings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..Settings::default() };
+    let still = SambaSettings { tilt_deg: vec![0.0], turn_deg: vec![0.0], ..SambaSettings::default() };
     refused(&plan, still, &["not determined", "EX0C"]);
-    let tilted = Settings {
+    let tilted = SambaSettings {
         tilt_deg: vec![0.0],
         parameters: ["EA0B", "EC0B", "EX0C", "EA0C", "EB0C"].map(String::from).to_vec(),
-        ..Settings::default()
+        ..SambaSettings::default()
     };
     refused(&plan, tilted, &["not determined", "EA0B"]);
-    refused(&plan, Settings { touches: 3, ..Settings::default() }, &["touches = 3"]);
+    refused(&plan, SambaSettings { touches: 3, ..SambaSettings::default() }, &["touches = 3"]);
 }

@@ -9,7 +9,7 @@ use crate::ball_measurement::{MeasurementSetup, describe_position, require_balls
 use crate::samba::confounding::{MeasuringConditions, length_directions};
 use crate::samba::model::{GeometryModel, length_u_mm};
 use crate::samba::parameters;
-use crate::samba::settings::{self, Settings};
+use crate::samba::settings::{self, SambaSettings};
 use machine::frame::unit_vector;
 use machine::kinematics::{ErrorParameter, ErrorShape, KinematicChain};
 use machine::record::artefact::{Ball, Balls, CertifiedLength};
@@ -27,7 +27,7 @@ const DEFAULT_U_MM: f64 = 1e-3;
 
 pub struct DesignSetup<'a> {
     pub plan: &'a Plan,
-    pub settings: &'a Settings,
+    pub settings: &'a SambaSettings,
     pub balls: &'a Balls,
     pub model: GeometryModel,
     pub tip: Point<SpindleFrame>,
@@ -38,7 +38,7 @@ pub struct DesignSetup<'a> {
 impl<'a> DesignSetup<'a> {
     /// # Errors
     /// Settings, artefact or machine do not allow a measurement; the text states the reason.
-    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, MethodRefusal> {
+    pub fn new(plan: &'a Plan, settings: &'a SambaSettings) -> Result<Self, MethodRefusal> {
         let set = require_balls(crate::samba::METHOD_NAME, &plan.artefact)?;
         settings.check()?;
         let chain = KinematicChain::new(&plan.machine)?;
@@ -138,7 +138,7 @@ impl<'a> DesignSetup<'a> {
 ///
 /// # Errors
 /// `spindle = "orient"` is set, but the machine declares no axis S.
-fn spindle_turns(machine: &Machine, settings: &Settings) -> Result<bool, MethodRefusal> {
+fn spindle_turns(machine: &Machine, settings: &SambaSettings) -> Result<bool, MethodRefusal> {
     let is_declared = machine.axes.contains_key(&Axis::S);
     if settings.spindle == settings::Spindle::Orient && !is_declared {
         return Err(MethodRefusal {

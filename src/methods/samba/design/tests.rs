@@ -5,7 +5,7 @@ use faer::linalg::solvers::DenseSolveCore;
 
 use super::{DesignCandidates, DesignSetup, design_visits, rank_check};
 use crate::ball_measurement::{BallVisit, describe_position, machine_time_s};
-use crate::samba::settings::{Criterion, Design as DesignKind, Settings};
+use crate::samba::settings::{Criterion, Design as DesignKind, SambaSettings};
 use crate::samba::tests::{built_in, machine};
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve_least_squares};
 use machine::record::artefact::{Artefact, Ball, Balls, CertifiedLength};
@@ -43,7 +43,7 @@ pub fn rumba() -> Balls {
     }
 }
 
-pub fn plan(settings: &Settings) -> Plan {
+pub fn plan(settings: &SambaSettings) -> Plan {
     Plan {
         trued_plan: 1,
         method: "samba".into(),
@@ -108,7 +108,7 @@ fn gate_g4_the_built_in_designs() {
 /// The design has as many balls as 25 minutes allow, and hardly fewer.
 #[test]
 fn the_budget_in_minutes_is_kept() {
-    let settings = Settings { minutes: 25.0, ..Settings::default() };
+    let settings = SambaSettings { minutes: 25.0, ..SambaSettings::default() };
     let plan = plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
     let time_s = |visits: &[BallVisit]| machine_time_s(&setup.measurement_setup(), visits);
@@ -123,7 +123,7 @@ fn the_budget_in_minutes_is_kept() {
 /// A random choice of the same number of balls gives less information than the greedy choice.
 #[test]
 fn a_choice_by_chance_tells_less() {
-    let settings = Settings::default();
+    let settings = SambaSettings::default();
     let plan = plan(&settings);
     let setup = DesignSetup::new(&plan, &settings).unwrap();
     let access = setup.measurement_setup().access(&plan.artefact).unwrap();
@@ -155,7 +155,7 @@ fn a_choice_by_chance_tells_less() {
 #[test]
 fn a_machine_of_four_axes_has_a_design() {
     for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {
-        let settings = Settings::default();
+        let settings = SambaSettings::default();
         let plan = Plan { machine: machine(topology), ..plan(&settings) };
         let setup = DesignSetup::new(&plan, &settings).unwrap();
         let visits = design_visits(&setup, |_| Ok(0.0)).unwrap();

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::htm::Triple;
 use crate::ball_measurement::BallVisit;
-use crate::samba::Settings;
+use crate::samba::SambaSettings;
 use crate::samba::design::{DesignSetup, design_visits};
 use crate::samba::settings::{Criterion, Design};
 use machine::Axis;
@@ -48,8 +48,8 @@ pub fn plan_of(file: &str, method: &str) -> Plan {
     }
 }
 
-pub fn settings((design, criterion): (Design, Criterion)) -> Settings {
-    Settings { design, criterion, ..Settings::default() }
+pub fn settings((design, criterion): (Design, Criterion)) -> SambaSettings {
+    SambaSettings { design, criterion, ..SambaSettings::default() }
 }
 
 /// The design in measuring order.
@@ -66,7 +66,7 @@ pub fn visits(kind: (Design, Criterion)) -> &'static [BallVisit] {
 
 /// The design [`D_OPTIMAL_DESIGN`] with other positions of C.
 pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
-    let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(D_OPTIMAL_DESIGN) };
+    let settings = SambaSettings { turn_deg: turn_deg.to_vec(), ..settings(D_OPTIMAL_DESIGN) };
     let plan = plan();
     let setup = DesignSetup::new(&plan, &settings).unwrap();
     ball_measurements(&design_visits(&setup, |_| Ok(0.0)).unwrap())

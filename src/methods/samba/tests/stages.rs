@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::ball_measurement::{Label, MeasurementPass, SearchMode};
 use crate::samba::design::tests::{plan, rumba};
-use crate::samba::settings::Settings;
+use crate::samba::settings::SambaSettings;
 use crate::samba::{Method, MethodRefusal, NextStage, PositionSource, RegisteredMethod, Samba};
 use machine::kinematics::{ErrorTerm, KinematicChain};
 use machine::record::artefact::Artefact;
@@ -71,12 +71,16 @@ impl SimulatedMachine {
 type PlayedRun = (Plan, Vec<Stage>, Vec<Reading>);
 
 /// Plays all stages, as in a run.
-fn play(settings: &Settings, shop: &SimulatedMachine) -> Result<PlayedRun, MethodRefusal> {
+fn play(settings: &SambaSettings, shop: &SimulatedMachine) -> Result<PlayedRun, MethodRefusal> {
     let mut played = (plan(settings), Vec::new(), Vec::new());
     continue_run(settings, shop, &mut played).map(|()| played)
 }
 
-fn continue_run(settings: &Settings, shop: &SimulatedMachine, played: &mut PlayedRun) -> Result<(), MethodRefusal> {
+fn continue_run(
+    settings: &SambaSettings,
+    shop: &SimulatedMachine,
+    played: &mut PlayedRun,
+) -> Result<(), MethodRefusal> {
     let (plan, done, readings) = played;
     let samba = Samba::new(settings.clone());
     while let NextStage::Stage { stage, new_steps } =
@@ -94,8 +98,8 @@ fn continue_run(settings: &Settings, shop: &SimulatedMachine, played: &mut Playe
     Ok(())
 }
 
-fn small_design_settings() -> Settings {
-    Settings { balls: 30, indexations: 10, ..Settings::default() }
+fn small_design_settings() -> SambaSettings {
+    SambaSettings { balls: 30, indexations: 10, ..SambaSettings::default() }
 }
 
 #[test]
@@ -158,7 +162,7 @@ fn without_readings_the_plan_has_the_same_stages() {
 
 #[test]
 fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
-    let settings = Settings { find: SearchMode::Once, ..small_design_settings() };
+    let settings = SambaSettings { find: SearchMode::Once, ..small_design_settings() };
     let shop = SimulatedMachine::new(&plan(&settings));
     let (played, _, _) = play(&settings, &shop).unwrap();
     let finds = played.steps.iter().filter(|step| step.label.starts_with("find/")).count();

@@ -11,7 +11,7 @@ use super::htm::{Triple, Truth};
 use super::{BAR_MM, TOOL, machine, paper_balls, paper_errors, true_balls};
 use crate::IdentifyError;
 use crate::decision::judge_estimate;
-use crate::samba::Settings;
+use crate::samba::SambaSettings;
 use crate::samba::identify::identify;
 use estimation::coverage;
 use estimation::random::seeded_stream;
@@ -163,7 +163,7 @@ impl SimulatedMeasurement {
 
     fn identify_with(&self, monte_carlo_trials: usize) -> Result<Estimate, IdentifyError> {
         let (plan, readings) = self.measure();
-        identify(&plan, &Settings { monte_carlo_trials, ..settings() }, &readings)
+        identify(&plan, &SambaSettings { monte_carlo_trials, ..settings() }, &readings)
     }
 }
 
@@ -195,8 +195,8 @@ impl LinearErrorMotions {
     }
 }
 
-pub fn settings() -> Settings {
-    Settings { monte_carlo_trials: 2_000, ..Settings::default() }
+pub fn settings() -> SambaSettings {
+    SambaSettings { monte_carlo_trials: 2_000, ..SambaSettings::default() }
 }
 
 pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {

@@ -32,7 +32,7 @@ struct ChunkKeys {
 #[serde(deny_unknown_fields, default)]
 pub(in super::super) struct RegisterMapKeys {
     command: CommandKeys,
-    status: StatusKeys,
+    status: WindowStatusKeys,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -49,7 +49,7 @@ struct CommandKeys {
 
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct StatusKeys {
+struct WindowStatusKeys {
     space: Option<RegisterSpace>,
     sequence_head: RegisterKeys,
     version: RegisterKeys,
@@ -198,7 +198,7 @@ impl ResultKeys {
     }
 }
 
-impl StatusKeys {
+impl WindowStatusKeys {
     fn into_registers(self, defaults: &DefaultAddresses) -> Result<StatusRegisters, String> {
         Ok(StatusRegisters {
             space: self.space.unwrap_or(RegisterSpace::Input),
