@@ -30,8 +30,8 @@ pub fn check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatu
     let mut tell = |finding: &Finding| {
         if args.json { errln!("{finding}") } else { outln!("{finding}") }
     };
-    let at = (&machine, &site, args.speed.into());
-    let check = Check::new(at, &journal, person.as_mut(), stop, &mut tell);
+    let pace = args.speed.into();
+    let check = Check::new(&machine, &site, pace, &journal, person.as_mut(), stop, &mut tell);
     let summary = build_runtime()?.block_on(check.run_all_parts());
     print_summary(&summary, args.json)?;
     Ok(exit_code(&summary))

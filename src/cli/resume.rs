@@ -43,7 +43,8 @@ pub fn resume_command(args: &ResumeArgs, state: Option<&Path>) -> Result<ExitSta
         let result = again.run(&devices, &journal, answers, &mut tell).await;
         result.map_err(|error| Failure::from_cycle_error(&error, &name))
     });
-    print_result(&journal, state, links.finish(result)?, &args.output, links.is_journal_kept())
+    let (id, estimate) = links.finish(result)?;
+    print_result(&journal, state, id, estimate, &args.output, links.is_journal_kept())
 }
 
 /// Identifies a run that was measured to its end; neither the machine nor an operator is needed.
@@ -59,7 +60,7 @@ fn identify_run(
     let result = identify_stored(stored);
     let result = build_runtime()?.block_on(store_identification(journal, run, result));
     let of_cycle = |why| Failure::from_cycle_error(&CycleError::Identification { run, why }, &method);
-    print_result(journal, state, (run, result.map_err(of_cycle)?), &args.output, true)
+    print_result(journal, state, run, result.map_err(of_cycle)?, &args.output, true)
 }
 
 impl From<ResumeRefusal> for Failure {

@@ -35,8 +35,8 @@ pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, F
         Ok(lock) => lock,
         Err(error) => {
             let daemon = DaemonClient::from_lock_error(&error, &folder).ok_or(error)?;
-            let result = daemon.run(args, &machine, &journal)?;
-            return print_result(&journal, state, result, &args.output, true);
+            let (id, estimate) = daemon.run(args, &machine, &journal)?;
+            return print_result(&journal, state, id, estimate, &args.output, true);
         }
     };
     journal.mark_interrupted(&lock).wait()?;
@@ -53,8 +53,8 @@ pub fn run_command(args: &RunArgs, state: Option<&Path>) -> Result<ExitStatus, F
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
         ended.map_err(|error| Failure::from_cycle_error(&error, &args.method))
     });
-    let result = links.finish(result)?;
-    print_result(&journal, state, result, &args.output, links.is_journal_kept())
+    let (id, estimate) = links.finish(result)?;
+    print_result(&journal, state, id, estimate, &args.output, links.is_journal_kept())
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
@@ -76,7 +76,8 @@ pub fn build_runtime() -> Result<tokio::runtime::Runtime, Failure> {
 pub fn print_result(
     journal: &Journal,
     state: Option<&Path>,
-    (id, estimate): (RunId, Estimate),
+    id: RunId,
+    estimate: Estimate,
     output: &OutputArgs,
     is_journal_kept: bool,
 ) -> Result<ExitStatus, Failure> {

@@ -84,7 +84,7 @@ pub fn arm_command(args: &ArmArgs, state: Option<&Path>) -> Result<ExitStatus, F
     let journal = Journal::open(&state_folder(state)?)?;
     let ArmArgs { machine, cycle, who, until, why } = args;
     check_machine_known(&journal, machine)?;
-    let arming = arming((machine, *cycle), (require_name(who)?, why), until, Timestamp::now());
+    let arming = arming(machine, *cycle, require_name(who)?, why, until, Timestamp::now());
     let arming = arming.map_err(|why| {
         Failure::new(why, "write the end of the arming as --until 14d or --until 2027-01-31T18:00:00+01:00")
     })?;

@@ -89,7 +89,9 @@ pub struct Check<'a> {
 impl<'a> Check<'a> {
     /// A new check; `stop` holds the open control.
     pub fn new(
-        (file, site, pace): (&'a MachineFile, &'a ReopenableMachine<'a>, Pace),
+        file: &'a MachineFile,
+        site: &'a ReopenableMachine<'a>,
+        pace: Pace,
         journal: &'a Journal,
         operator: &'a mut dyn OperatorInterface,
         stop: Stop,

@@ -55,7 +55,7 @@ pub(super) fn plan_round_ball(
         return None;
     }
     let corner = tangent_corner(here, there)?.into_iter();
-    let corner = corner.map(|off| position_beside_ball(surroundings, machine, &ball, (start, off)));
+    let corner = corner.map(|off| position_beside_ball(surroundings, machine, &ball, start, off));
     let places: Vec<Position> = corner.chain([Some(start.clone())]).collect::<Option<_>>()?;
     let mut from = position;
     for to in &places {
@@ -74,7 +74,7 @@ pub(super) fn end_beside_ball(surroundings: &Surroundings, machine: &Machine, st
     let there = surroundings.tip_offset(&ball, start);
     let far = (ball.contact_distance_mm + ball.uncertainty_mm + GUARDED_CLEARANCE_MM + POSITION_TOLERANCE_MM)
         .max(there.norm());
-    let end = position_beside_ball(surroundings, machine, &ball, (start, unit_vector(there)? * far))?;
+    let end = position_beside_ball(surroundings, machine, &ball, start, unit_vector(there)? * far)?;
     let free = surroundings.is_path_free(start, &end, &ball.name) && surroundings.is_clear(&end, GUARDED_CLEARANCE_MM);
     free.then_some(end)
 }
@@ -83,7 +83,8 @@ fn position_beside_ball(
     surroundings: &Surroundings,
     machine: &Machine,
     ball: &ArtefactBall,
-    (rotary, off): (&Position, Vector3<f64>),
+    rotary: &Position,
+    off: Vector3<f64>,
 ) -> Option<Position> {
     let place = surroundings.position_at_offset(ball, rotary, off).ok()?;
     limits::is_within_limits(&place.filter_axes(Axis::is_linear), machine).then_some(place)

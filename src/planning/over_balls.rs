@@ -24,7 +24,8 @@ const MAX_SAME_BALL_DISTANCE_MM: f64 = 60.0;
 /// ball, or otherwise above it.
 pub(super) fn plan_ball_approach(
     path: &mut MotionSequence,
-    (plan, step): (&Plan, &Step),
+    plan: &Plan,
+    step: &Step,
     start: BlockStart<'_>,
     clearance: &SafeHeights,
 ) -> Result<Position, PlanningError> {

@@ -30,7 +30,7 @@ pub fn step_blocks(
 ) -> Result<Vec<Block>, PlanningError> {
     match &step.scan {
         None => touch_block(plan, step, repeat, start, clearance).map(|block| vec![block]),
-        Some(scan) => scan_blocks(plan, (step, scan), repeat, start, clearance),
+        Some(scan) => scan_blocks(plan, step, scan, repeat, start, clearance),
     }
 }
 
@@ -41,7 +41,8 @@ pub fn step_blocks(
 /// sensors on the table is always planned like this; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
-    (step, scan): (&Step, &Scan),
+    step: &Step,
+    scan: &Scan,
     repeat: u32,
     start: BlockStart<'_>,
     clearance: &SafeHeights,

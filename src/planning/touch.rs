@@ -38,8 +38,8 @@ pub fn touch_block(
     let (from, to) = (&step.from, &step.to);
     let mut path = MotionSequence::starting_at(start.position, near_part_feed_mm_min);
     let end = match clearance.part_clearance_z {
-        Some(safe_z) => over_the_part(&mut path, (plan, step), start, (clearance, safe_z)),
-        None => over_balls::plan_ball_approach(&mut path, (plan, step), start, clearance)?,
+        Some(safe_z) => over_the_part(&mut path, plan, step, start, clearance, safe_z),
+        None => over_balls::plan_ball_approach(&mut path, plan, step, start, clearance)?,
     };
     path.add_guarded(&z_position(from.get_or_zero(Axis::Z)));
     if plan.probe.settle_s > 0.0 {
@@ -57,9 +57,11 @@ pub fn touch_block(
 /// Plans the path above the start of the touch. Returns the position at which the block ends.
 fn over_the_part(
     path: &mut MotionSequence,
-    (plan, step): (&Plan, &Step),
+    plan: &Plan,
+    step: &Step,
     start: BlockStart<'_>,
-    (clearance, safe_z): (&SafeHeights, f64),
+    clearance: &SafeHeights,
+    safe_z: f64,
 ) -> Position {
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.get_or_zero(Axis::Z)).max(to.get_or_zero(Axis::Z));

@@ -24,7 +24,8 @@ impl Run<'_> {
     /// Executes the blocks of a scan and returns all samples taken along it.
     pub(super) async fn run_scan(
         &mut self,
-        (step, scan): (&Step, &Scan),
+        step: &Step,
+        scan: &Scan,
         repeat: u32,
         mut blocks: Vec<ProvenBlock>,
     ) -> Result<Vec<Reading>, RunError> {
@@ -41,7 +42,7 @@ impl Run<'_> {
             Sampling::Continuous { rate_hz, per_revolution } => {
                 // The filter to equal angles needs all samples.
                 let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
-                self.run_sweep((step, scan), repeat, most_hz, rest, in_nest).await
+                self.run_sweep(step, scan, repeat, most_hz, rest, in_nest).await
             }
         }
     }
@@ -93,7 +94,7 @@ impl Run<'_> {
             let stands = self.devices.controller.read_snapshot().await?.position;
             let stands = undo_display_rounding(&stands, &commanded);
             let samples = self.samples_at_rest(step, count).await?;
-            readings.extend(self.point_readings(step, repeat, (own_s, &stands), &samples));
+            readings.extend(self.point_readings(step, repeat, own_s, &stands, &samples));
         }
         Ok(readings)
     }
@@ -104,7 +105,8 @@ impl Run<'_> {
         &mut self,
         step: &Step,
         repeat: u32,
-        (own_s, stands): (f64, &Position),
+        own_s: f64,
+        stands: &Position,
         samples: &[Vec<Sample>],
     ) -> Vec<Reading> {
         let began = self.timeline.run_time_s(own_s);

@@ -74,7 +74,8 @@ impl Run<'_> {
     /// Samples from the first point to the last, each with the position at which it was taken.
     pub(super) async fn run_sweep(
         &mut self,
-        (step, scan): (&Step, &Scan),
+        step: &Step,
+        scan: &Scan,
         repeat: u32,
         most_hz: f64,
         mut blocks: Vec<ProvenBlock>,
@@ -86,16 +87,16 @@ impl Run<'_> {
         for way in blocks {
             self.execute_watched(step, way, self.entry_conditions(step, in_nest)).await?;
         }
-        let sweep = self.execute_sweep((step, scan), block).await?;
+        let sweep = self.execute_sweep(step, scan, block).await?;
         let mut readings = Vec::new();
         for channel in &sweep.channels {
-            let placed = sweep.assign_positions(channel, (step, scan), most_hz)?;
+            let placed = sweep.assign_positions(channel, step, scan, most_hz)?;
             let sensor = channel.sensor.as_str();
             if placed.samples.is_empty() {
                 return Err(sweep_failed(step, &no_samples_reason(sensor, channel.samples.is_empty())));
             }
             let gaps = sweep.track.as_ref().map_or(0, AxisTrack::gap_count);
-            self.report_unused_samples((step, sensor), &placed, gaps).await?;
+            self.report_unused_samples(step, sensor, &placed, gaps).await?;
             let kept = match equal_angles::equal_angle_request(scan) {
                 Some((axis, count)) => {
                     let turn = equal_angles::resample_turn(&placed.samples, axis, count);
@@ -111,7 +112,7 @@ impl Run<'_> {
         Ok(readings)
     }
 
-    async fn execute_sweep(&self, (step, scan): (&Step, &Scan), block: ProvenBlock) -> Result<Sweep, RunError> {
+    async fn execute_sweep(&self, step: &Step, scan: &Scan, block: ProvenBlock) -> Result<Sweep, RunError> {
         let mut channels = self.open_channels(step, scan).await?;
         let is_counted = channels.iter().any(|channel| channel.encoder.is_some());
         let before = if is_counted { Some(self.rest_position(scan.path.first()).await?) } else { None };
@@ -166,7 +167,8 @@ impl Run<'_> {
     /// Reports the samples that were left out.
     async fn report_unused_samples(
         &mut self,
-        (step, sensor): (&Step, &str),
+        step: &Step,
+        sensor: &str,
         placed: &PositionedSamples,
         gaps: usize,
     ) -> Result<(), RunError> {
@@ -211,7 +213,8 @@ impl Sweep {
     fn assign_positions(
         &self,
         channel: &Channel,
-        (step, scan): (&Step, &Scan),
+        step: &Step,
+        scan: &Scan,
         most_hz: f64,
     ) -> Result<PositionedSamples, RunError> {
         if let (Some((scale, first)), Some([before, after])) = (channel.encoder, &self.rest_positions) {

@@ -74,7 +74,7 @@ impl Run<'_> {
             self.has_moved = true;
             let measured = match &step.scan {
                 None => self.run_touch(&step, repeat, blocks).await,
-                Some(scan) => self.run_scan((&step, scan), repeat, blocks).await,
+                Some(scan) => self.run_scan(&step, scan, repeat, blocks).await,
             };
             self.store_readings(&step, measured.map_err(|error| error.with_step_label(&step))?).await?;
             self.confirmed = self.confirmed.after_step(&step);

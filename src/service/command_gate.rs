@@ -251,7 +251,7 @@ impl CommandGate {
     ///
     /// # Errors
     /// No prompt, or another one, is open; the refusal is also in the machine state and in the log.
-    pub fn answer(&self, (step, repeat): (u32, u32), who: &str) -> Result<(), Refusal> {
+    pub fn answer(&self, step: u32, repeat: u32, who: &str) -> Result<(), Refusal> {
         let mut inner = self.inner();
         let meant = |asked: &mut OpenPrompt| (asked.step, asked.repeat) == (step, repeat);
         let Some(asked) = inner.machine_state.asked.take_if(meant) else {

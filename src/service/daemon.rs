@@ -52,8 +52,7 @@ impl Service {
                 return Err(ServeError::NoTrigger(name));
             }
             let log = if has_several_machines { log.for_machine(name) } else { log.clone() };
-            let served = (machine, config);
-            workers.push(MachineWorker::new(served, folder.clone(), pace, log)?);
+            workers.push(MachineWorker::new(machine, config, folder.clone(), pace, log)?);
         }
         let (captures, retention) = (None, None);
         Ok(Self { workers, http, folder, log, metrics, captures, retention })

@@ -34,7 +34,7 @@ impl MachineWorker {
         journal: &Journal,
     ) -> Option<ResumableRun> {
         let Acknowledgement { who, homed, result_sender, .. } = acknowledgement;
-        match self.acknowledge_resume(run, (&who, homed), journal).await {
+        match self.acknowledge_resume(run, &who, homed, journal).await {
             Ok(resumable_run) => {
                 let _ = result_sender.send(Ok(()));
                 Some(resumable_run)
@@ -57,7 +57,8 @@ impl MachineWorker {
     async fn acknowledge_resume(
         &mut self,
         run: RunId,
-        (who, homed): (&str, bool),
+        who: &str,
+        homed: bool,
         journal: &Journal,
     ) -> Result<ResumableRun, ResumeError> {
         if self.lock.is_none() {

@@ -55,7 +55,8 @@ impl MachineWorker {
     /// # Errors
     /// A cycle has an unknown method or invalid settings.
     pub fn new(
-        (machine, config): (MachineFile, ServeConfig),
+        machine: MachineFile,
+        config: ServeConfig,
         folder: PathBuf,
         pace: Pace,
         log: Log,
@@ -91,8 +92,8 @@ impl MachineWorker {
             }
             None => self.gate.finish_command(State::Waiting),
         }
-        let kept = (self.config.schedules.as_slice(), self.config.required_interlocks.as_slice());
-        schedule::start_schedule(self.name(), kept, &self.gate, journal, &self.log)?;
+        let (entries, required) = (&self.config.schedules, &self.config.required_interlocks);
+        schedule::start_schedule(self.name(), entries, required, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
         self.gate.report_progress(HEARTBEAT_TIMEOUT);
         Ok(())
@@ -127,7 +128,7 @@ impl MachineWorker {
                 }
                 WorkerCommand::Resume { run, acknowledgement } => {
                     let span = info_span!("cycle", machine = self.name(), run = run.0);
-                    let again = self.cycle_again((run, acknowledgement), journal).instrument(span);
+                    let again = self.cycle_again(run, acknowledgement, journal).instrument(span);
                     if let Some(ended) = again.await {
                         return ended;
                     }
@@ -144,7 +145,8 @@ impl MachineWorker {
 
     async fn cycle_again(
         &mut self,
-        (run, acknowledgement): (RunId, Acknowledgement),
+        run: RunId,
+        acknowledgement: Acknowledgement,
         journal: &Journal,
     ) -> Option<ExitState> {
         let again = self.prepare_resume(run, acknowledgement, journal).await?;

@@ -234,8 +234,7 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 let is_watched = matches!(watch_ready, Ok(true));
                 drop(started.send(watch_ready.map(|_| ())));
                 if is_watched {
-                    rejected =
-                        watch_samples(&mut driver, &inbox, (is_good, on_rejection), (&capture, &mut counters)).await;
+                    rejected = watch_samples(&mut driver, &inbox, is_good, on_rejection, &capture, &mut counters).await;
                 }
             }
             SensorRequest::Counters(reply) => {
@@ -279,8 +278,10 @@ async fn prepare_watch(driver: &mut impl SensorDriver) -> Result<bool, SensorErr
 async fn watch_samples(
     driver: &mut impl SensorDriver,
     inbox: &mpsc::Receiver<SensorRequest>,
-    (is_good, on_rejection): (SamplePredicate, RejectionAction),
-    (capture, counters): (&RequestCapture, &mut SampleCounters),
+    is_good: SamplePredicate,
+    on_rejection: RejectionAction,
+    capture: &RequestCapture,
+    counters: &mut SampleCounters,
 ) -> Result<Option<Sample>, SensorError> {
     while inbox.is_empty() && !inbox.is_closed() {
         let sample = driver.next().await.inspect_err(|_| on_rejection())?;

@@ -32,7 +32,7 @@ pub fn average_cells(
 ) -> (Vec<SpotMean>, (f64, usize)) {
     let machine_from_xyz = setup.machine_from_xyz(&scan.rotary);
     let mut scatter = (0.0, 0);
-    let Some(sphere) = ScanSphere::fit(setup, (machine_from_xyz, scan.machine_from_spindle), samples) else {
+    let Some(sphere) = ScanSphere::fit(setup, machine_from_xyz, scan.machine_from_spindle, samples) else {
         return (Vec::new(), scatter);
     };
     let spot = |all: Vec<&TimedSample>| {
@@ -97,7 +97,8 @@ impl ScanSphere {
     /// spindle frame to the machine frame. `None`: the samples do not determine the sphere.
     pub fn fit(
         setup: &LaserSetup<'_>,
-        (machine_from_xyz, machine_from_spindle): (Matrix3<f64>, Rotation3<f64>),
+        machine_from_xyz: Matrix3<f64>,
+        machine_from_spindle: Rotation3<f64>,
         samples: &[TimedSample],
     ) -> Option<Self> {
         let row = |sample: &TimedSample| DwellPointRow {

@@ -164,7 +164,7 @@ impl LatencyIteration {
         for reliable in reliable_samples {
             let (scan, timed_cells) = (reliable.scan, reliable.with_latency(latency_s));
             let samples = timed_cells.concat();
-            let Some(sphere) = ScanSphere::fit(setup, (scan.machine_from_xyz, scan.machine_from_spindle), &samples)
+            let Some(sphere) = ScanSphere::fit(setup, scan.machine_from_xyz, scan.machine_from_spindle, &samples)
             else {
                 continue;
             };

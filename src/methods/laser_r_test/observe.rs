@@ -86,12 +86,7 @@ pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<Obs
             observed.skipped_scans.push(format!("{}: no readings", measurement_label(first)));
             continue;
         };
-        uncorrected_scans.push(read_uncorrected_scan(
-            setup,
-            (first, purpose, steps.len()),
-            &all.concat(),
-            &mut observed,
-        ));
+        uncorrected_scans.push(read_uncorrected_scan(setup, first, purpose, steps.len(), &all.concat(), &mut observed));
     }
     observed.latency = estimate_latency(setup, &uncorrected_scans)?;
     observed.interruptions = find_interruptions(setup.plan, readings)?;
@@ -183,7 +178,9 @@ fn newest_repeat<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
 
 fn read_uncorrected_scan(
     setup: &LaserSetup<'_>,
-    (step, purpose, steps): (&Step, ScanPurpose, usize),
+    step: &Step,
+    purpose: ScanPurpose,
+    steps: usize,
     readings: &[&Reading],
     observed: &mut ObservedScans,
 ) -> UncorrectedScan {

@@ -33,7 +33,8 @@ impl TouchFeeds {
     /// The feeds are too close to each other, no axis reaches one of them, or the touch would be longer than the
     /// overtravel.
     pub fn choose(
-        (machine, probe): (&Machine, &Probe),
+        machine: &Machine,
+        probe: &Probe,
         settings: &LatchDelaySettings,
         length_mm: impl Fn(f64) -> f64,
     ) -> Result<Self, MethodRefusal> {

@@ -37,7 +37,7 @@ impl LatchDelay {
     fn choose_feeds(&self, plan: &Plan) -> Result<TouchFeeds, MethodRefusal> {
         let uncertainty = position_uncertainty_mm(&plan.artefact);
         let length = |margin_mm| plan::touch_length_mm(uncertainty, margin_mm);
-        TouchFeeds::choose((&plan.machine, &plan.probe), &self.settings, length)
+        TouchFeeds::choose(&plan.machine, &plan.probe, &self.settings, length)
     }
 }
 

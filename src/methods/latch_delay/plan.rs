@@ -60,7 +60,7 @@ impl TouchPath {
         }
     }
 
-    fn touch_step(&self, (id, stage): (u32, u32), kind: StepKind, label: String, feed: f64) -> Step {
+    fn touch_step(&self, id: u32, stage: u32, kind: StepKind, label: String, feed: f64) -> Step {
         Step {
             id,
             stage,
@@ -80,7 +80,7 @@ impl TouchPath {
 
     /// The search touch.
     pub fn search_step(&self, feed_mm_min: f64) -> Step {
-        self.touch_step((0, 0), StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
+        self.touch_step(0, 0, StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
     }
 
     /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
@@ -94,7 +94,7 @@ impl TouchPath {
         });
         let numbered = (1..).zip(pairs);
         numbered
-            .map(|(id, (number, kind, feed))| self.touch_step((id, 1), kind, format!("F{feed}/{number:02}"), feed))
+            .map(|(id, (number, kind, feed))| self.touch_step(id, 1, kind, format!("F{feed}/{number:02}"), feed))
             .collect()
     }
 }

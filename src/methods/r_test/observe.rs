@@ -55,7 +55,7 @@ pub fn observe_means(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<Obse
             let own = latest_readings(step, readings)?;
             for point in 0..scan.path.len() {
                 let at_point = readings_at(&own, &scan.path, point);
-                observed.add_point(nest, (step, point), &scan.path[point], &at_point);
+                observed.add_point(nest, step, point, &scan.path[point], &at_point);
             }
         }
     }
@@ -84,13 +84,7 @@ impl ObservedMeans {
         }
     }
 
-    fn add_point(
-        &mut self,
-        nest: &SensorNest<'_>,
-        (step, point): (&Step, usize),
-        at: &Position,
-        readings: &[&Reading],
-    ) {
+    fn add_point(&mut self, nest: &SensorNest<'_>, step: &Step, point: usize, at: &Position, readings: &[&Reading]) {
         let angle = at.get_or_zero(nest.axis);
         let displacement = match step.label.as_str() {
             CALIBRATION_LABEL => Displacement::Known(nest.displacement(at)),

@@ -32,7 +32,8 @@ pub fn body_gap(
     other: &MachineShape,
     direction_hint: Option<Vector3<f64>>,
     lateral: Option<LateralUncertainty>,
-    (sufficient_mm, max_sufficient_mm): (impl Fn(Vector3<f64>) -> f64, f64),
+    sufficient_mm: impl Fn(Vector3<f64>) -> f64,
+    max_sufficient_mm: f64,
 ) -> BodyGap {
     let (a, b) = (&one.machine_from_core, &other.machine_from_core);
     let is_finite = |pose: &Pose| pose.to_homogeneous().iter().all(|value| value.is_finite());

@@ -104,8 +104,8 @@ pub fn min_distance_on_path(
         let change =
             |direction: Vector3<f64>| relative_translation.map_or(stray, |goes| share * goes.dot(&direction).abs());
         let wide = required_mm + demand.position_uncertainty_mm;
-        let enough = (|direction| wide + change(direction), wide + stray);
-        let nearest_gap = body_gap(&one_at, &other_at, direction_hint, demand.lateral, enough);
+        let enough = |direction| wide + change(direction);
+        let nearest_gap = body_gap(&one_at, &other_at, direction_hint, demand.lateral, enough, wide + stray);
         direction_hint = Some(nearest_gap.direction);
         let clearance = nearest_gap.distance_mm - demand.position_uncertainty_mm;
         let change = change(nearest_gap.direction);

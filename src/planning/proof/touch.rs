@@ -66,7 +66,7 @@ pub fn touch_reach(
         .filter_map(|(number, body)| Some((number, body, line.contact_share(&body.shape, Vector3::zeros())?)));
     let (number, body, at) = met.min_by(|a, b| a.2.total_cmp(&b.2)).ok_or(RefusalReason::TouchWithoutContact)?;
     if let Some(ball) = body.shape.as_ball() {
-        line.check_never_misses(body, ball, scene.uncertainty)?;
+        line.check_never_misses(body, ball.0, ball.1, scene.uncertainty)?;
         line.check_aim(body, ball.0, at, Vector3::from(normal))?;
     }
     let farthest = line.latest_contact_share(&body.shape, at, scene.uncertainty);
@@ -117,7 +117,8 @@ impl BallLine {
     fn check_never_misses(
         &self,
         body: &CollisionBody,
-        (centre, radius): (Vector3<f64>, f64),
+        centre: Vector3<f64>,
+        radius: f64,
         uncertainty: f64,
     ) -> Result<(), RefusalReason> {
         let ahead = (centre - self.from).dot(&self.along).clamp(0.0, self.from.metric_distance(&self.to));

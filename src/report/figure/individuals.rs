@@ -67,7 +67,7 @@ impl IndividualsChart {
             let Some(range) = temperature_range else { return Ok(()) };
             let (names, lower) = lower.split_vertically(legend::ROW_HEIGHT as i32);
             legend::draw_legend(&names, Y_LABEL_WIDTH, &strip::legend_entries(&self.temperatures))?;
-            strip::draw_strip(&lower, &self.temperatures, (time, &x_name, scale), range)
+            strip::draw_strip(&lower, &self.temperatures, time, &x_name, scale, range.0, range.1)
         })
     }
 

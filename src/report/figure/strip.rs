@@ -33,8 +33,11 @@ pub(super) fn legend_entries(all: &Temperatures) -> Vec<(LegendSymbol, String)> 
 pub(super) fn draw_strip(
     area: &Area<'_>,
     all: &Temperatures,
-    (x, x_name, scale): (TickedAxis, &str, f64),
-    (low, high): (f64, f64),
+    x: TickedAxis,
+    x_name: &str,
+    scale: f64,
+    low: f64,
+    high: f64,
 ) -> DrawResult {
     let mut chart = super::draw_axes(area, (x, x_name), (TickedAxis::round_coarse(low..high), "°C"))?;
     for (number, (_, values)) in all.iter().enumerate() {

@@ -67,7 +67,7 @@ async fn arm_cycle(
         return Err(Refusal::NoSuchCycle.into());
     }
     let now = Timestamp::now();
-    let arming = arming((&name, cycle), (&who, &truncate_reason(&why)), &until, now).map_err(|why| {
+    let arming = arming(&name, cycle, &who, &truncate_reason(&why), &until, now).map_err(|why| {
         let remedy = "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
         Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
     })?;

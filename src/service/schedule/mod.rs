@@ -42,7 +42,8 @@ const CLOCK_CHECK_PERIOD: Duration = Duration::from_secs(1);
 /// The journal cannot be written, or the thread cannot be started.
 pub fn start_schedule(
     machine: &str,
-    (entries, demand): (&[ScheduleEntry], &[StartInterlock]),
+    entries: &[ScheduleEntry],
+    demand: &[StartInterlock],
     gate: &CommandGate,
     journal: &Arc<Journal>,
     log: &Log,
@@ -52,7 +53,7 @@ pub fn start_schedule(
     let (machine, entries, demand) = (machine.to_owned(), entries.to_vec(), demand.to_vec());
     let (gate, journal, log) = (gate.clone(), Arc::clone(journal), log.clone());
     let (result_sender, result_receiver) = channel();
-    let run = move || match Scheduler::begin(&machine, (&entries, &demand), &gate, &journal, &log) {
+    let run = move || match Scheduler::begin(&machine, &entries, &demand, &gate, &journal, &log) {
         Ok(scheduler) => {
             let _ = result_sender.send(Ok(()));
             run_scheduler(scheduler, &due_receiver);

@@ -54,7 +54,8 @@ impl Scheduler {
     /// The journal cannot be written.
     pub fn begin(
         machine: &str,
-        (entries, demand): (&[ScheduleEntry], &[StartInterlock]),
+        entries: &[ScheduleEntry],
+        demand: &[StartInterlock],
         gate: &CommandGate,
         journal: &Arc<Journal>,
         log: &Log,
@@ -127,7 +128,7 @@ impl Scheduler {
             track.waiting_slot = open.then(|| (at, String::new()));
         }
         if let Some((at, why)) = track.waiting_slot.take() {
-            self.decide(track, (at, why), now);
+            self.decide(track, at, why, now);
         }
         found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot
     }
@@ -155,7 +156,7 @@ impl Scheduler {
         *last_recorded = at.max(*last_recorded);
     }
 
-    fn decide(&mut self, track: &mut Track, (at, last): (Timestamp, String), now: Timestamp) {
+    fn decide(&mut self, track: &mut Track, at: Timestamp, last: String, now: Timestamp) {
         let entry = &track.entry;
         let requirements = StartRequirements {
             required_interlocks: &self.demand,

@@ -65,7 +65,7 @@ fn open_bench(folder: tempfile::TempDir, since: Option<&str>) -> SchedulerBench 
     let source = Arc::clone(&readiness);
     gate.add_readiness_source(move || *source.lock().unwrap());
     let demand = config().required_interlocks;
-    let scheduler = Scheduler::begin(MACHINE_NAME, (&entries(), &demand), &gate, &journal, &log).unwrap();
+    let scheduler = Scheduler::begin(MACHINE_NAME, &entries(), &demand, &gate, &journal, &log).unwrap();
     SchedulerBench { folder, journal, gate, commands, scheduler, readiness, now_s: 0.0 }
 }
 

@@ -115,13 +115,12 @@ impl SimulatedSensor {
         match &self.interface {
             SensorInterface::Can(wire) => self.open_can(wire, sensor, view),
             SensorInterface::Serial(format, wire) => {
-                let at = (*format, *wire);
-                let driver = sensor_wire::open_serial(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver = sensor_wire::open_serial(*format, *wire, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
             SensorInterface::Modbus(wire) => {
-                let at = (SampleTiming::WhenRead, *wire);
-                let driver = sensor_wire::open_modbus(at, sense, self.rate_hz, sensor, clock).await?;
+                let driver =
+                    sensor_wire::open_modbus(SampleTiming::WhenRead, *wire, sense, self.rate_hz, sensor, clock).await?;
                 Ok(Sensor::spawn(name, driver))
             }
         }

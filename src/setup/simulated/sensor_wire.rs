@@ -64,7 +64,8 @@ pub(super) fn parse_data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, Sen
 /// # Errors
 /// The wire or the driver cannot be opened.
 pub async fn open_serial(
-    (format, wire): (OutputFormat, Wire),
+    format: OutputFormat,
+    wire: Wire,
     sense: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,
@@ -94,7 +95,8 @@ pub async fn open_serial(
 /// # Errors
 /// The wire or the driver cannot be opened; the wire is in memory (see [`Wire::require_external`]).
 pub async fn open_modbus(
-    (measures, wire): (SampleTiming, Wire),
+    measures: SampleTiming,
+    wire: Wire,
     sense: SampleSource,
     rate_hz: f64,
     sensor: &sensor::Sensor,

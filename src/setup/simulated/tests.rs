@@ -64,8 +64,8 @@ fn expected(place: u32) -> (i64, &'static str) {
 #[tokio::test]
 async fn a_serial_sensor_in_memory_measures_on_request() {
     for format in [OutputFormat::Text, OutputFormat::Frames] {
-        let at = (format, Wire::Memory);
-        let mut serial = sensor_wire::open_serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial =
+            sensor_wire::open_serial(format, Wire::Memory, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
         assert!(serial.is_on_demand());
         // The first sample was taken by `prepare`.
@@ -79,7 +79,7 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_serial_sensor_on_a_wire_sends_by_itself() {
     for (format, wire) in [(OutputFormat::Text, Wire::Tcp), (OutputFormat::Frames, Wire::Pty)] {
-        let mut serial = sensor_wire::open_serial((format, wire), sense(), 1000.0, &sensor(), clock()).await.unwrap();
+        let mut serial = sensor_wire::open_serial(format, wire, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert!(serial.prepare().await.unwrap().rate_hz > 10.0);
         assert!(!serial.is_on_demand());
         serial.discard_old_samples().await.unwrap();
@@ -107,8 +107,10 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
             }
         };
         let clock = Arc::new(HostClock::start());
-        let at = (SampleTiming::WhenRead, wire);
-        let mut registers = sensor_wire::open_modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
+        let mut registers =
+            sensor_wire::open_modbus(SampleTiming::WhenRead, wire, Box::new(sense), 1000.0, &sensor(), clock)
+                .await
+                .unwrap();
         assert!(registers.is_on_demand());
         // One sample at the start, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
@@ -128,8 +130,10 @@ async fn each_measurement_of_a_modbus_sensor_is_taken_once() {
         SensorOutput::Distance(f64::from(place % 1000) * 0.01)
     };
     let clock = Arc::new(HostClock::start());
-    let at = (SampleTiming::AtFixedRate, Wire::Tcp);
-    let mut registers = sensor_wire::open_modbus(at, Box::new(sense), 50.0, &sensor(), clock).await.unwrap();
+    let mut registers =
+        sensor_wire::open_modbus(SampleTiming::AtFixedRate, Wire::Tcp, Box::new(sense), 50.0, &sensor(), clock)
+            .await
+            .unwrap();
     let prepared = registers.prepare().await.unwrap();
     assert!(!registers.is_on_demand() && prepared.rate_hz > 1.0, "{prepared:?}");
     registers.discard_old_samples().await.unwrap();

@@ -91,8 +91,7 @@ fn checked(desk: &Desk, rig: &mut Rig) -> Result<Summary, Failed> {
         let journal = Journal::open(folder.path())?;
         let mut operator = Operator { rig, stylus_is_deflected: false, fault: None };
         let mut report = |_: &Finding| {};
-        let at = (&file, &site, Pace::Real);
-        let check = Check::new(at, &journal, &mut operator, Stop::default(), &mut report);
+        let check = Check::new(&file, &site, Pace::Real, &journal, &mut operator, Stop::default(), &mut report);
         let summary = check.run_all_parts().await;
         Ok((summary, operator.fault))
     })?;

@@ -47,8 +47,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
         let (mut person, mut tell) = (Operator::default(), |_: &Finding| {});
-        let at = (&file, &site, Pace::Real);
-        let check = Check::new(at, &journal, &mut person, Stop::default(), &mut tell);
+        let check = Check::new(&file, &site, Pace::Real, &journal, &mut person, Stop::default(), &mut tell);
         let summary = check.run_all_parts().await;
         Ok((summary, person))
     })?;

@@ -57,8 +57,7 @@ pub async fn through(file: &MachineFile, site: &ReopenableMachine<'_>, person: &
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let mut tell = |_: &Finding| {};
-    let at = (file, site, Pace::Fast);
-    Check::new(at, &journal, person, Stop::default(), &mut tell).run_all_parts().await
+    Check::new(file, site, Pace::Fast, &journal, person, Stop::default(), &mut tell).run_all_parts().await
 }
 
 pub fn runtime() -> tokio::runtime::Runtime {

@@ -77,8 +77,7 @@ fn recorded(
         let folder = tempfile::tempdir().unwrap();
         let journal = Journal::open(folder.path()).unwrap();
         let mut tell = |_: &Finding| {};
-        let at = (&file, &site, Pace::Fast);
-        Check::new(at, &journal, person.as_mut(), stop, &mut tell).run_all_parts().await
+        Check::new(&file, &site, Pace::Fast, &journal, person.as_mut(), stop, &mut tell).run_all_parts().await
     });
     Recorded { summary, record: control.end(), z_before, world }
 }

@@ -166,8 +166,7 @@ pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
         let (folder, stop) = (tempfile::tempdir().unwrap(), Stop::default());
         let journal = Journal::open(folder.path()).unwrap();
         let (mut person, mut tell) = (Leaving(stop.clone()), |_: &Finding| {});
-        let at = (&file, &site, Pace::Fast);
-        Check::new(at, &journal, &mut person, stop, &mut tell).run_all_parts().await
+        Check::new(&file, &site, Pace::Fast, &journal, &mut person, stop, &mut tell).run_all_parts().await
     });
     assert!(summary.stopped && summary.count(Verdict::Failed) == 0, "{summary}");
     assert!(!summary.to_string().contains("held"), "{summary}");

@@ -42,7 +42,8 @@ fn device_info(
     homed_axes: &[Axis],
 ) -> DeviceInfo {
     let axes = firmware.axes();
-    let reported_axes = axes.iter().map(|axis| (axis.0, reported_axis(firmware, settings, *axis, homed_axes_mask)));
+    let reported_axes =
+        axes.iter().map(|(axis, index)| (*axis, reported_axis(firmware, settings, *axis, *index, homed_axes_mask)));
     DeviceInfo {
         identity: firmware.identity(),
         axes: reported_axes.collect(),
@@ -57,13 +58,14 @@ fn device_info(
 fn reported_axis(
     firmware: &FirmwareInfo,
     settings: &GrblSettings,
-    (axis, index): (Axis, u16),
+    axis: Axis,
+    index: u16,
     homed_axes_mask: u32,
 ) -> ReportedAxis {
     let positive_value = |number: u16| settings.value(number + index).filter(|value| *value > 0.0);
     let ends = match firmware.is_classic {
         true => None,
-        false => travel_limits(settings, (axis, index), homed_axes_mask),
+        false => travel_limits(settings, axis, index, homed_axes_mask),
     };
     let has_homing = match firmware.is_classic {
         true => None,

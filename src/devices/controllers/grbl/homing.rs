@@ -63,7 +63,8 @@ pub(super) fn has_homing(settings: &GrblSettings, index: u16, homed_axes_mask: u
 /// Ends of the travel in machine coordinates after homing: from 0 to one side.
 pub(super) fn travel_limits(
     settings: &GrblSettings,
-    (axis, index): (Axis, u16),
+    axis: Axis,
+    index: u16,
     homed_axes_mask: u32,
 ) -> Option<(f64, f64)> {
     let travel = settings.value(130 + index).filter(|travel| *travel > 0.0)?;
@@ -105,8 +106,8 @@ mod tests {
         let by_hand = settings(&[(22, 35.0), (44, 0.0), (130, 400.0), (133, 360.0)]);
         for (mask, homed) in [(0, true), (7, false), (31, true)] {
             assert_eq!(has_homing(&by_hand, 3, mask), Some(homed), "{mask}");
-            assert_eq!(travel_limits(&by_hand, (Axis::X, 0), mask), Some((-400.0, 0.0)));
-            let turns = travel_limits(&by_hand, (Axis::B, 3), mask);
+            assert_eq!(travel_limits(&by_hand, Axis::X, 0, mask), Some((-400.0, 0.0)));
+            let turns = travel_limits(&by_hand, Axis::B, 3, mask);
             assert_eq!(turns, homed.then_some((-360.0, 0.0)));
         }
     }

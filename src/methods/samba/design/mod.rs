@@ -50,7 +50,7 @@ pub fn design_visits(
         DesignKind::Paper => {
             order_balls_in_xy(&setup.measurement_setup(), &access, paper::paper_visits(setup, &candidates)?)?
         }
-        DesignKind::Optimal => choose_optimal(setup, (&candidates, &access), time_s)?,
+        DesignKind::Optimal => choose_optimal(setup, &candidates, &access, time_s)?,
     };
     rank_check::check_design(setup, &visits)?;
     Ok(visits)
@@ -59,7 +59,8 @@ pub fn design_visits(
 /// The greedy choice, as far as the time limit in minutes allows.
 fn choose_optimal(
     setup: &DesignSetup<'_>,
-    (candidates, access): (&DesignCandidates, &TouchAccess),
+    candidates: &DesignCandidates,
+    access: &TouchAccess,
     time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let (balls, settings) = (setup.balls.balls.len(), setup.settings);
@@ -118,7 +119,7 @@ impl DesignCandidates {
                 let Some(at) = at.get(indexation) else { continue };
                 match free {
                     Ok(()) => {
-                        measurements.push(setup.candidate_measurement((indexation, at), (index, ball))?);
+                        measurements.push(setup.candidate_measurement(indexation, at, index, ball)?);
                         count += 1;
                     }
                     Err(why) => drop(reasons_by_position.entry(why).or_insert(at)),

@@ -73,8 +73,10 @@ impl<'a> DesignSetup<'a> {
 
     pub fn candidate_measurement(
         &self,
-        (indexation, at): (usize, &Position),
-        (index, ball): (usize, &Ball),
+        indexation: usize,
+        at: &Position,
+        index: usize,
+        ball: &Ball,
     ) -> Result<CandidateMeasurement, MethodRefusal> {
         let zero = vec![0.0; self.model.parameters().len()];
         let centre = Vector3::from(ball.centre_mm);

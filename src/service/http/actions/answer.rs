@@ -34,7 +34,7 @@ pub async fn answer_prompt(
     let machine = app.find_machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (AnswerRequest { step, repeat, who }, is_form) = body.into_parts();
     let who = caller.audit_name(&who)?;
-    let accepted = machine.gate.answer((step, repeat), &who);
+    let accepted = machine.gate.answer(step, repeat, &who);
     let what = format!("answer to step {step}, pass {}", repeat + 1);
-    audit_and_respond(&app, machine, (who, what, String::new()), accepted, is_form).await
+    audit_and_respond(&app, machine, who, what, String::new(), accepted, is_form).await
 }

@@ -100,7 +100,7 @@ async fn start_cycle(
     check_confirmations(machine, &request)?;
     let accepted = machine.gate.start(request.cycle, confirmed_interlocks(machine), &who);
     let what = format!("start of cycle {}", request.cycle);
-    audit_and_respond(&app, machine, (who, what, request.why), accepted, is_form).await
+    audit_and_respond(&app, machine, who, what, request.why, accepted, is_form).await
 }
 
 /// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
@@ -154,7 +154,7 @@ async fn finish_hold(
         HoldEffect::OtherProcess => Err(Refusal::Elsewhere),
         HoldEffect::RunHeld | HoldEffect::NoRun => Ok(()),
     };
-    let audit = audit_entry(&machine, (caller.log_name(&who), "hold".to_owned(), why), &held);
+    let audit = audit_entry(&machine, caller.log_name(&who), "hold".to_owned(), why, &held);
     if hold_log::needs_audit_line(&app, &caller, &audit, stopped) {
         app.journal.add_audit_entry(&audit).await?;
     }
@@ -202,7 +202,8 @@ async fn await_result(
                 .map_or(Ok(()), |receiver| receiver.unwrap_or(Err(Refusal::NotReady))),
             Err(why) => Err(why),
         };
-        audit_and_respond(&app, &machine, audit_parts, result, is_form).await
+        let (who, what, why) = audit_parts;
+        audit_and_respond(&app, &machine, who, what, why, result, is_form).await
     })
     .await
 }
@@ -211,18 +212,22 @@ async fn await_result(
 async fn audit_and_respond(
     app: &AppState,
     machine: &ServedMachine,
-    (who, what, why): (String, String, String),
+    who: String,
+    what: String,
+    why: String,
     accepted: Result<(), Refusal>,
     is_form: bool,
 ) -> Result<Response, Problem> {
-    app.journal.add_audit_entry(&audit_entry(machine, (who, what, why), &accepted)).await?;
+    app.journal.add_audit_entry(&audit_entry(machine, who, what, why, &accepted)).await?;
     accepted?;
     Ok(accepted_response(machine, is_form))
 }
 
 fn audit_entry(
     machine: &ServedMachine,
-    (who, what, why): (String, String, String),
+    who: String,
+    what: String,
+    why: String,
     accepted: &Result<(), Refusal>,
 ) -> AuditEntry {
     let outcome = match accepted {
