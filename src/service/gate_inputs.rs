@@ -10,6 +10,7 @@ use tokio::sync::oneshot;
 use super::command_gate::CommandGate;
 use super::heartbeat::Heartbeat;
 use super::machine_state::Interlocks;
+use super::not_started::NotStarted;
 use super::schedule_state::{DueRequest, Readiness};
 
 impl CommandGate {
@@ -59,7 +60,7 @@ impl CommandGate {
     }
 
     /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
-    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), String>>> {
+    pub fn request_due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), NotStarted>>> {
         let (answer, answered) = oneshot::channel();
         let due_requests = self.inner().due_requests.clone()?;
         due_requests.send(DueRequest { cycle, who, answer }).ok()?;

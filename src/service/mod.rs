@@ -22,6 +22,7 @@ mod last_run;
 mod log;
 pub mod machine_state;
 mod metrics;
+mod not_started;
 mod notify;
 mod resume;
 mod retention;

@@ -19,6 +19,7 @@ use super::page::errors_as_pages;
 use super::problem::Problem;
 use super::{AppState, ServedMachine};
 use crate::service::machine_state::Refusal;
+use crate::service::not_started::NotStarted;
 use crate::service::schedule_state::{Agenda, agenda, arming};
 use crate::store::AuditEntry;
 
@@ -69,7 +70,7 @@ async fn arm_cycle(
     let now = Timestamp::now();
     let arming = arming(&name, cycle, &who, &truncate_reason(&why), &until, now).map_err(|why| {
         let remedy = "state the end of the arming, for example 14d or 2027-01-31T18:00:00+01:00";
-        Problem::new(StatusCode::BAD_REQUEST, "until", why, remedy)
+        Problem::new(StatusCode::BAD_REQUEST, "until", why.to_string(), remedy)
     })?;
     app.journal.arm(&arming).await?;
     respond(&app, machine, is_form).await
@@ -126,8 +127,8 @@ async fn report_due(
 async fn request_due_start(app: AppState, machine: ServedMachine, due: DueCycleRequest) -> Result<(), Problem> {
     let DueCycleRequest { cycle, who, why } = due;
     let result = match machine.gate.request_due(cycle, who.clone()) {
-        Some(receiver) => receiver.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
-        None => Err(Refusal::NotReady.to_string()),
+        Some(receiver) => receiver.await.unwrap_or_else(|_| Err(NotStarted::Refused(Refusal::NotReady))),
+        None => Err(NotStarted::Refused(Refusal::NotReady)),
     };
     let outcome = match &result {
         Ok(()) => "accepted".to_owned(),
@@ -138,7 +139,7 @@ async fn request_due_start(app: AppState, machine: ServedMachine, due: DueCycleR
     app.journal.add_audit_entry(&audit).await?;
     result.map_err(|why| {
         let remedy = "the schedule records the cycle as skipped; remove the cause, then repeat the request";
-        Problem::new(StatusCode::CONFLICT, "not-started", why, remedy)
+        Problem::new(StatusCode::CONFLICT, "not-started", why.to_string(), remedy)
     })
 }
 

@@ -14,6 +14,7 @@ use crate::service::Log;
 use crate::service::command_gate::CommandGate;
 use crate::service::config::StartInterlock;
 use crate::service::machine_state::{PlannedSchedule, State};
+use crate::service::not_started::NotStarted;
 use crate::service::schedule_state::{DueRequest, Readiness};
 use crate::store::{Journal, ScheduleSlot, SlotOutcome, StoreError};
 
@@ -172,8 +173,8 @@ impl Scheduler {
                 // The reason of a failure is in the journal already.
                 return drop(self.start(&name, cycle, at));
             }
-            Ok(StartDecision::Skip(why)) => return self.skips(track, at, why),
-            Ok(StartDecision::Wait(why)) => why,
+            Ok(StartDecision::Skip(why)) => return self.skips(track, at, why.to_string()),
+            Ok(StartDecision::Wait(why)) => why.to_string(),
             // Without a readable journal nothing starts.
             Err(error) if now <= requirements.latest_start => {
                 format!("{error}; {}", error.remedy())
@@ -204,10 +205,10 @@ impl Scheduler {
     }
 
     /// Starts a cycle: first in the journal, then at the gate.
-    fn start(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), String> {
+    fn start(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), NotStarted> {
         let slot = self.records.new_slot(schedule, cycle, at, SlotOutcome::Started);
         if !self.records.write(&slot) {
-            return Err("the slot already has an outcome, or the journal cannot be written".to_owned());
+            return Err(NotStarted::SlotNotRecorded);
         }
         let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
         match self.gate.start(cycle, interlocks, &format!("the schedule {schedule}")) {
@@ -217,8 +218,8 @@ impl Scheduler {
             }
             Err(refusal) => {
                 let (outcome, why) = (SlotOutcome::Skipped, refusal.to_string());
-                self.records.write_and_log(&ScheduleSlot { outcome, why: why.clone(), ..slot });
-                Err(why)
+                self.records.write_and_log(&ScheduleSlot { outcome, why, ..slot });
+                Err(refusal.into())
             }
         }
     }
@@ -231,7 +232,7 @@ impl Scheduler {
         let _ = answer.send(self.answer(cycle, now));
     }
 
-    fn answer(&mut self, cycle: u16, now: Timestamp) -> Result<(), String> {
+    fn answer(&mut self, cycle: u16, now: Timestamp) -> Result<(), NotStarted> {
         let name = format!("{DUE_REQUEST_SCHEDULE} {cycle}");
         // The conditions of all schedules of this cycle apply.
         let of_cycle = self.tracks.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
@@ -246,19 +247,19 @@ impl Scheduler {
             overlap: OverlapPolicy::Skip,
             latest_start: now,
         };
-        let decision = self.judged(cycle, &requirements, now).map_err(|error| error.to_string())?;
+        let decision = self.judged(cycle, &requirements, now)?;
         let began = |slot: &&ScheduleSlot| {
             let ran = !matches!(slot.outcome, SlotOutcome::Skipped | SlotOutcome::Missed);
             slot.schedule == name && ran && now.duration_since(slot.at) < REPEATED_REQUEST_WINDOW
         };
-        let recent = self.records.recent_slots().map_err(|error| error.to_string())?;
+        let recent = self.records.recent_slots()?;
         let why = match (recent.iter().find(began), decision) {
-            (Some(slot), _) => format!("the cycle was already started at {}", slot.at),
+            (Some(slot), _) => NotStarted::AlreadyStarted(slot.at),
             (None, StartDecision::Start) => return self.start(&name, cycle, now),
             (None, StartDecision::Wait(why) | StartDecision::Skip(why)) => why,
         };
         let slot = self.records.new_slot(&name, cycle, now, SlotOutcome::Skipped);
-        self.records.write_and_log(&ScheduleSlot { why: why.clone(), ..slot });
+        self.records.write_and_log(&ScheduleSlot { why: why.to_string(), ..slot });
         Err(why)
     }
 

@@ -7,6 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::entry::{OverlapPolicy, ReadinessCondition};
 use crate::service::config::StartInterlock;
 use crate::service::machine_state::Refusal;
+use crate::service::not_started::NotStarted;
 use crate::service::schedule_state::Readiness;
 use crate::store::Arming;
 
@@ -39,11 +40,11 @@ pub struct StartConditions<'a> {
     pub idle_time: Option<Duration>,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug)]
 pub enum StartDecision {
     Start,
-    Wait(String),
-    Skip(String),
+    Wait(NotStarted),
+    Skip(NotStarted),
 }
 
 pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> StartDecision {
@@ -52,7 +53,7 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
     }
     let Some(why) = unmet_condition(requirements, conditions) else { return StartDecision::Start };
     if conditions.now > requirements.latest_start {
-        return StartDecision::Skip(format!("the latest start time has passed: {why}"));
+        return StartDecision::Skip(NotStarted::TooLate(Box::new(why)));
     }
     match conditions.gate_refusal {
         // Waiting does not help: no person will be at the machine later either.
@@ -66,37 +67,33 @@ pub fn decide_start(requirements: &StartRequirements<'_>, conditions: &StartCond
 ///
 /// # Errors
 /// Why the arming is not valid.
-pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), String> {
-    let Some(arming) = arming else {
-        return Err("the cycle is not armed for unattended motion".to_owned());
-    };
-    let who = &arming.who;
-    if let Some((when, why)) = &arming.ended {
-        return Err(format!("the arming by {who} ended at {when}: {why}"));
+pub fn check_arming(arming: Option<&Arming>, now: Timestamp) -> Result<(), NotStarted> {
+    let Arming { who, ended, broken, until, armed, .. } = arming.ok_or(NotStarted::NotArmed)?;
+    let who = who.clone();
+    if let Some((when, why)) = ended {
+        return Err(NotStarted::ArmingEnded { who, when: *when, why: why.clone() });
     }
-    if let Some(run) = arming.broken {
-        return Err(format!("run {run} was not completed after {who} armed this cycle"));
+    if let Some(run) = *broken {
+        return Err(NotStarted::ArmingBroken { who, run });
     }
-    if now >= arming.until {
-        return Err(format!("the arming by {who} expired at {}", arming.until));
+    if now >= *until {
+        return Err(NotStarted::ArmingExpired { who, until: *until });
     }
-    match arming.armed.duration_since(now) > MAX_CLOCK_SETBACK {
-        true => Err(format!("the clock was set back to before the arming by {who}")),
+    match armed.duration_since(now) > MAX_CLOCK_SETBACK {
+        true => Err(NotStarted::ClockSetBack { who }),
         false => Ok(()),
     }
 }
 
-fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<String> {
+fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartConditions<'_>) -> Option<NotStarted> {
     let Some(readiness) = conditions.readiness else {
         return Some(match conditions.gate_refusal {
-            None | Some(Refusal::Stale) => {
-                format!("not ready: no current report of {}", input_names(requirements))
-            }
-            Some(why) => format!("not ready: {why}"),
+            None | Some(Refusal::Stale) => NotStarted::NoReport { inputs: input_names(requirements) },
+            Some(why) => NotStarted::NotReady(why),
         });
     };
     if let Some(why) = conditions.gate_refusal {
-        return Some(format!("not ready: {why}"));
+        return Some(NotStarted::NotReady(why));
     }
     let unmet_input = requirements.required_conditions.iter().find_map(|input| match input {
         ReadinessCondition::Probe => (!readiness.probe).then_some("the probe is ready (`probe`)"),
@@ -105,19 +102,19 @@ fn unmet_condition(requirements: &StartRequirements<'_>, conditions: &StartCondi
             (!readiness.temperature).then_some("the temperature is as agreed (`temperature`)")
         }
     });
-    if let Some(input) = unmet_input {
-        return Some(format!("not ready: the control does not report that {input}"));
+    if let Some(condition) = unmet_input {
+        return Some(NotStarted::UnmetCondition { condition });
     }
     unmet_idle_time(requirements.min_idle, conditions.idle_time)
 }
 
-fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<String> {
+fn unmet_idle_time(min_idle: Duration, idle_time: Option<Duration>) -> Option<NotStarted> {
     let minutes = |span: Duration| span.as_secs() / 60;
     match idle_time {
         _ if min_idle.is_zero() => None,
-        None => Some("not ready: the control does not report `idle`".to_owned()),
+        None => Some(NotStarted::IdleNotReported),
         Some(idle) if idle < min_idle => {
-            Some(format!("not ready: the control has been idle for {} of {} minutes", minutes(idle), minutes(min_idle)))
+            Some(NotStarted::IdleTooShort { idle_min: minutes(idle), min_idle_min: minutes(min_idle) })
         }
         Some(_) => None,
     }
@@ -200,16 +197,16 @@ mod tests {
     fn decision_text(decision: StartDecision) -> (char, String) {
         match decision {
             StartDecision::Start => ('!', String::new()),
-            StartDecision::Wait(why) => ('w', why),
-            StartDecision::Skip(why) => ('s', why),
+            StartDecision::Wait(why) => ('w', why.to_string()),
+            StartDecision::Skip(why) => ('s', why.to_string()),
         }
     }
 
     #[test]
     fn it_starts_when_all_is_told_and_armed() {
-        assert_eq!(decide_with(|_, _, _| {}), StartDecision::Start);
+        assert_eq!(decision_text(decide_with(|_, _, _| {})).0, '!');
         let latest_start = decide_with(|requirements, conditions, _| conditions.now = requirements.latest_start);
-        assert_eq!(latest_start, StartDecision::Start);
+        assert_eq!(decision_text(latest_start).0, '!');
     }
 
     #[test]

@@ -275,7 +275,7 @@ fn a_call_is_judged_alike_and_counts_once() {
         bench.scheduler.check_schedules(at(now), bench.now_s);
         let (answer, mut readiness) = oneshot::channel();
         bench.scheduler.called(DueRequest { cycle: 1, who: "timer".to_owned(), answer }, at(now));
-        readiness.try_recv().unwrap()
+        readiness.try_recv().unwrap().map_err(|why| why.to_string())
     };
     bench.readiness.lock().unwrap().interlocks.auto = false;
     let refused = call(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();

@@ -131,7 +131,12 @@ fn lengths_that_cannot_be_are_refused_where_they_stand() {
     let ends = "from = \"1\"\nto = \"2\"";
     refused(ends, "from = \"7\"\nto = \"2\"", 0, &(lengths("from") + " is `7`; no ball in the list has this id"));
     refused(ends, "from = \"1\"\nto = \"7\"", 1, &(lengths("to") + " is `7`; no ball in the list has this id"));
-    refused(ends, "from = \"1\"\nto = \"1\"", 1, &(lengths("to") + " is `1`, as `from` is"));
+    refused(
+        ends,
+        "from = \"1\"\nto = \"1\"",
+        1,
+        &(lengths("to") + " is `1`, the same ball as `from`; a length needs two different balls"),
+    );
     refused("u_mm = 0.0001", "u_mm = 0.0", 0, &(lengths("u_mm") + " is 0; the standard"));
     refused("u_mm = 0.0001", "u_mm = -0.1", 0, &(lengths("u_mm") + " is -0.1; the standard"));
     let apart = lengths("mm") + " is 306.9, but the stated centres of balls `1` and `2` are 304.800 mm apart";

@@ -292,13 +292,13 @@ fn a_truth_of_another_artefact_is_refused_by_name() {
     assert!(said("roughness_um = 1.0", balls()).contains("roughness_um is valid only for an artefact"));
     assert!(said("[[form]]\nn = 2", balls()).contains("\"cylinder\""));
     assert!(said("ball_form_um = 0.1", Bench::ideal()).contains("\"balls\""));
-    assert!(said("[[ball]]\nid = 'hi'", balls()).contains("names the ball `hi`"));
-    assert!(said("[[ball]]\nid = 'hi'", Bench::ideal()).contains("ball is for an artefact"));
-    assert!(said("[[sag]]\naxis = 'X'", balls()).contains("no tilt axis X"));
+    assert!(said("[[ball]]\nid = 'hi'", balls()).contains("refers to ball `hi`"));
+    assert!(said("[[ball]]\nid = 'hi'", Bench::ideal()).contains("ball is valid only for an artefact"));
+    assert!(said("[[sag]]\naxis = 'X'", balls()).contains("no rotary axis X"));
     assert!(said("ball_diameter_um = -1.0", balls()).contains("must not be negative"));
-    assert!(said("radius_offset_mm = -6.5", balls()).contains("each of positive radius"));
+    assert!(said("radius_offset_mm = -6.5", balls()).contains("each ball of positive radius"));
     let moved = "[[ball_moves]]\nball = 'lo'\nat_s = 1\nby_mm = [0, 0, 1]";
-    assert!(said(moved, balls()).contains("names the ball `lo`"));
+    assert!(said(moved, balls()).contains("refers to ball `lo`"));
 }
 
 #[test]

@@ -1,0 +1,40 @@
+//! Why an unattended cycle does not start.
+
+use jiff::Timestamp;
+
+use super::machine_state::Refusal;
+use crate::store::{RunId, StoreError};
+
+#[derive(Debug, thiserror::Error)]
+pub enum NotStarted {
+    #[error("the cycle is not armed for unattended motion")]
+    NotArmed,
+    #[error("the arming by {who} ended at {when}: {why}")]
+    ArmingEnded { who: String, when: Timestamp, why: String },
+    #[error("run {run} was not completed after {who} armed this cycle")]
+    ArmingBroken { who: String, run: RunId },
+    #[error("the arming by {who} expired at {until}")]
+    ArmingExpired { who: String, until: Timestamp },
+    #[error("the clock was set back to before the arming by {who}")]
+    ClockSetBack { who: String },
+    #[error("not ready: no current report of {inputs}")]
+    NoReport { inputs: String },
+    #[error("not ready: {0}")]
+    NotReady(Refusal),
+    #[error("not ready: the control does not report that {condition}")]
+    UnmetCondition { condition: &'static str },
+    #[error("not ready: the control does not report `idle`")]
+    IdleNotReported,
+    #[error("not ready: the control has been idle for {idle_min} of {min_idle_min} minutes")]
+    IdleTooShort { idle_min: u64, min_idle_min: u64 },
+    #[error("the latest start time has passed: {0}")]
+    TooLate(Box<NotStarted>),
+    #[error("the cycle was already started at {0}")]
+    AlreadyStarted(Timestamp),
+    #[error("the slot already has an outcome, or the journal cannot be written")]
+    SlotNotRecorded,
+    #[error(transparent)]
+    Refused(#[from] Refusal),
+    #[error(transparent)]
+    Journal(#[from] StoreError),
+}
