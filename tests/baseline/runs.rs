@@ -35,7 +35,7 @@ impl Run {
         workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
         Self {
             estimate: serde_json::from_slice(&output.stdout).unwrap(),
-            progress: without_lines(&stderr(&output), &["captured to "]),
+            progress: without_lines(&stderr(&output), &["capture written: "]),
             plan: serde_json::from_str(&workspace.read("export/run-1-plan.json")).unwrap(),
             readings: workspace.read("export/run-1-readings.csv"),
             capture: reduced(&workspace.read("run.capture")),

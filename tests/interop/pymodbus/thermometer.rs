@@ -151,7 +151,7 @@ pub fn none() -> Result<(), Failed> {
         let (readings, told, means) = run(&file, |_| {}).await;
         assert!(readings.iter().all(|reading| bed(reading).is_none()));
         assert_eq!(means.keys().collect::<Vec<_>>(), ["spindle"]);
-        assert_eq!(told.iter().filter(|text| text.contains("says nothing")).count(), 1, "{told:?}");
+        assert_eq!(told.iter().filter(|text| text.contains("does not reply")).count(), 1, "{told:?}");
         let plain = MachineFile::parse("machine.toml", MACHINE.to_owned()).unwrap();
         let (without, ..) = run(&plain, |_| {}).await;
         let places = |all: &[Reading]| -> Vec<(u32, Position)> {
