@@ -1,7 +1,7 @@
 //! Report of a stored run.
 
 use super::run_story::{describe_signatures, run_story};
-use super::volume::error_volume;
+use super::volume::volumetric_error_maps;
 use crate::report::{page, temperature};
 use crate::store::{Journal, RunId, StoreError};
 use machine::record::event::Event;
@@ -49,7 +49,7 @@ pub fn render_report(journal: &Journal, run: RunId) -> Result<String, ReportErro
         state: stored.summary.state.as_str().to_owned(),
         story: run_story(&stored),
         signed: Some(describe_signatures(&stored)),
-        volume: error_volume(&stored.plan.machine, &last.estimate),
+        volume: volumetric_error_maps(&stored.plan.machine, &last.estimate),
         proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     Ok(page::render(&stored.plan, &last.estimate, &facts)?)

@@ -7,7 +7,7 @@ use machine::{Axis, Position};
 use methods::prediction::{ErrorSlice, Predictor, WorkZero};
 
 /// Sentences, and maps before and after a correction; `None` for an estimate without axis errors.
-pub fn error_volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
+pub fn volumetric_error_maps(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = Predictor::new(machine, estimate, WorkZero::TableOrigin).ok()?;
     let poses = predictor.grid_poses().ok()?;
     let errors = predictor.volume_errors(&poses, &predictor.tip_errors(&poses));

@@ -17,7 +17,7 @@ use crate::store::{Journal, MachineLock};
 /// Name of a method for loading the machine file; any method would do.
 const PLACEHOLDER_METHOD: &str = "self-calibration";
 
-pub fn check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
+pub fn commissioning_check_command(args: &CheckArgs, state: Option<&Path>) -> Result<ExitStatus, Failure> {
     let machine = setup::load_machine_file(args.machine.as_deref(), PLACEHOLDER_METHOD)?;
     let folder = state_folder(state)?;
     let lock = MachineLock::acquire(&folder, &machine.machine.name)?;

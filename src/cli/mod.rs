@@ -107,7 +107,7 @@ fn run_command(cli: Cli) -> Result<ExitStatus, Failure> {
     let state = cli.state.as_deref();
     match cli.command {
         Command::Run(args) => run::run_command(&args, state),
-        Command::Check(args) => check::check_command(&args, state),
+        Command::Check(args) => check::commissioning_check_command(&args, state),
         Command::Serve(args) => serve::serve_command(&args, state),
         Command::Resume(args) => resume::resume_command(&args, state),
         Command::Plan(args) => plan::plan_command(&args),

@@ -140,7 +140,7 @@ pub(super) async fn run_jog(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogE
 /// Makes one step out of contact from `stands`, which the driver compares with the control's report.
 ///
 /// # Errors
-/// As [`go`]; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
+/// As `run_jog`; `ProbeStillClosed`: the step is complete, and the probe input is still closed.
 pub(super) async fn run_retract_step(
     check: &Check<'_>,
     stands: &Position,

@@ -171,7 +171,7 @@ fn judge_latch(check: &mut Check<'_>, found: &LatchDelayResult, probe: &Probe, s
                 "the touches have a standard deviation of {seen:.2} µm; declared are \
                 {um} µm"
             );
-            if let Some(bound_mm) = found.scatter_bound_mm {
+            if let Some(bound_mm) = found.max_explained_scatter_mm {
                 let bound = bound_mm * 1e3;
                 what += &format!(
                     " (with so few touches, a contradiction is detectable only above \

@@ -12,7 +12,7 @@ use machine::record::question::{Answer, AxisDirection, Jog, Question};
 use machine::{Axis, Position};
 
 /// Maximum number of answers in one check.
-const MAX_ANSWERS: usize = 20;
+const MAX_RETRACT_ANSWERS: usize = 20;
 
 /// Asks for a direction and makes a step, until the probe input is open or the operator leaves it closed.
 ///
@@ -21,12 +21,12 @@ const MAX_ANSWERS: usize = 20;
 pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), CheckEnd> {
     let since = Instant::now();
     let mut last_result = None;
-    for answers in 0..=MAX_ANSWERS {
+    for answers in 0..=MAX_RETRACT_ANSWERS {
         let look = control::read_status(check, since).await?;
         if !look.is_probe_closed {
             return if answers > 0 { Err(report_released_stylus(check, since)) } else { Ok(()) };
         }
-        if answers == MAX_ANSWERS {
+        if answers == MAX_RETRACT_ANSWERS {
             break;
         }
         let look_for = visible_motions(check, &look.position);
@@ -36,7 +36,7 @@ pub(super) async fn retract_from_contact(check: &mut Check<'_>) -> Result<(), Ch
         };
         last_result = Some(retract_step(check, direction).await?);
     }
-    let what = format!("the probe still reads closed after {MAX_ANSWERS} answers of the operator");
+    let what = format!("the probe still reads closed after {MAX_RETRACT_ANSWERS} answers of the operator");
     let remedy = "check the machine and the stylus; retract with the jog keys of the control";
     check.report_failed(CheckPart::Probe, since, what, remedy);
     Err(CheckEnd::Unsafe)

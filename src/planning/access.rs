@@ -51,7 +51,7 @@ pub struct TouchDirection {
 
 impl TouchDirection {
     /// Sort key: azimuth from X towards Y, rad; the pole comes last.
-    fn order_key(&self) -> f64 {
+    fn sort_key(&self) -> f64 {
         if self.name == POLE_TOUCH_NAME { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
     }
 }
@@ -158,7 +158,7 @@ impl TouchAccess {
         };
         add_farthest_touches(&mut contacts, more, touches);
         // Neighbours are adjacent; the pole comes last.
-        contacts.sort_by(|one, other| one.order_key().total_cmp(&other.order_key()));
+        contacts.sort_by(|one, other| one.sort_key().total_cmp(&other.sort_key()));
         Ok(contacts)
     }
 

@@ -80,12 +80,12 @@ fn nearest_neighbour_tour(pairwise_s: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<
 fn improve_tour(mut tour: Vec<usize>, fixed: usize, pairwise_s: &[Vec<f64>]) -> Vec<usize> {
     let mut best = tour_time_s(&tour, pairwise_s);
     // Minimum gain of a step, s; a smaller gain is rounding.
-    const MIN_GAIN_S: f64 = 1e-9;
+    const MIN_TIME_SAVING_S: f64 = 1e-9;
     loop {
         let candidates = neighbour_tours(&tour, fixed);
         let better = candidates
             .map(|candidate| (tour_time_s(&candidate, pairwise_s), candidate))
-            .find(|(length, _)| *length < best - MIN_GAIN_S);
+            .find(|(length, _)| *length < best - MIN_TIME_SAVING_S);
         let Some((length, candidate)) = better else { return tour };
         (best, tour) = (length, candidate);
     }

@@ -11,7 +11,7 @@ use machine::record::proof::Proof;
 
 const PAGE_TEMPLATE: &str = include_str!("page.html");
 /// Minimum number of results in large type at the top. A method lists its main results first.
-const MIN_KEY_RESULTS: usize = 2;
+const HEADLINE_RESULT_COUNT: usize = 2;
 
 /// Data of the run besides plan and estimate. Empty fields are left out.
 #[derive(Debug, Clone, Default)]
@@ -82,7 +82,7 @@ fn key_results(parameters: &[Parameter]) -> usize {
         |parameter_value: &Parameter| parameter_value.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned());
     let first = parameters.first().and_then(quantity);
     let of_first = |parameter_value: &&Parameter| first.is_some() && quantity(parameter_value) == first;
-    parameters.iter().take_while(of_first).count().max(MIN_KEY_RESULTS)
+    parameters.iter().take_while(of_first).count().max(HEADLINE_RESULT_COUNT)
 }
 
 /// CSS class of the badge and its text.

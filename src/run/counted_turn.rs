@@ -12,7 +12,7 @@ use machine::{Axis, Position};
 /// it changes a radius by less than 0.02 µm.
 const MAX_REST_DEVIATION_DEG: f64 = 0.05;
 /// Maximum time between the acquisition of a sample and its arrival.
-const MAX_DELAY_S: f64 = 0.1;
+const MAX_SAMPLE_ARRIVAL_DELAY_S: f64 = 0.1;
 /// Minimum ratio of a jump to the median step between two samples.
 const MIN_JUMP_RATIO: f64 = 20.0;
 
@@ -120,7 +120,7 @@ impl CountedTurn<'_> {
             counted.push((last, count));
         }
         self.check_steps(&counted)?;
-        self.check_rest(&counted)?;
+        self.check_end_at_standstill(&counted)?;
         let angle = |(sample, count): (Sample, i64)| (sample, start + self.counts_to_rad(count));
         Ok(counted.into_iter().skip(1).map(angle).collect())
     }
@@ -141,7 +141,7 @@ impl CountedTurn<'_> {
         for (from, to) in steps() {
             let (step, passed_s) = (to.1 - from.1, (to.0.t_s - from.0.t_s).max(0.0));
             let jump_deg = self.counts_to_rad(step).to_degrees();
-            if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_DELAY_S)
+            if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_SAMPLE_ARRIVAL_DELAY_S)
                 && of_a_sample(step, &to.0) > MIN_JUMP_RATIO * median
             {
                 let at_deg = axis.to_mm_or_deg(self.rest_positions[0].get_or_zero(axis) + self.counts_to_rad(from.1));
@@ -152,7 +152,7 @@ impl CountedTurn<'_> {
     }
 
     /// Checks that counts and control agree at rest after the turn.
-    fn check_rest(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
+    fn check_end_at_standstill(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rest_positions.map(|rest| rest.get_or_zero(axis));
         let turned_deg = (end - start).to_degrees();

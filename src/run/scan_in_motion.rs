@@ -26,7 +26,7 @@ use planning::proof::ProvenBlock;
 const MAX_SAMPLES: usize = 1_000_000;
 /// Period and number of the checks whether the counts are at rest: samples may still arrive after the control
 /// reports rest.
-const REST_PERIOD: Duration = Duration::from_millis(20);
+const STANDSTILL_POLL_PERIOD: Duration = Duration::from_millis(20);
 const MAX_REST_PERIODS: usize = 100;
 
 /// An executed scan in motion.
@@ -258,7 +258,7 @@ async fn wait_for_encoder_rest(channels: &mut [Channel], kept: &mut [mpsc::Recei
     };
     let mut sizes: Vec<usize> = channels.iter_mut().zip(kept.iter_mut()).map(size).collect();
     for _ in 0..MAX_REST_PERIODS {
-        sleep(REST_PERIOD).await;
+        sleep(STANDSTILL_POLL_PERIOD).await;
         let mut is_at_rest = true;
         for ((channel, kept), size) in channels.iter_mut().zip(kept.iter_mut()).zip(&mut sizes) {
             channel.receive(kept);

@@ -21,7 +21,7 @@ use crate::run::{OpenPrompt, PromptAnswers, RehearsalResult};
 use crate::store::{Journal, NewestRuns, RunId, StoreError};
 use devices::controllers::Halt;
 
-pub(super) struct Inner {
+pub(super) struct GateState {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt: Option<Halt>,
@@ -41,7 +41,7 @@ pub(super) struct Inner {
 
 #[derive(Clone)]
 pub struct CommandGate {
-    inner: Arc<Mutex<Inner>>,
+    inner: Arc<Mutex<GateState>>,
     commands: mpsc::Sender<WorkerCommand>,
     cycles: Arc<[u16]>,
     demand: Arc<[StartInterlock]>,
@@ -57,7 +57,7 @@ impl CommandGate {
     /// The receiver gets the accepted commands.
     pub fn new(config: &ServeConfig, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (commands, todo) = mpsc::channel(8);
-        let inner = Inner {
+        let inner = GateState {
             machine_state: MachineState::default(),
             halt: None,
             stop: false,
@@ -82,7 +82,7 @@ impl CommandGate {
         (gate, todo)
     }
 
-    pub(super) fn inner(&self) -> MutexGuard<'_, Inner> {
+    pub(super) fn inner(&self) -> MutexGuard<'_, GateState> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -137,7 +137,7 @@ impl CommandGate {
         inner.stop = false;
         inner.machine_state.accepted = inner.machine_state.accepted.wrapping_add(1);
         let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
-        inner.machine_state.begins(cycle, machine_s);
+        inner.machine_state.begin_cycle(cycle, machine_s);
         drop(inner);
         self.changed();
         self.log.info(&format!("cycle {cycle} is started by {by}"));
@@ -171,7 +171,7 @@ impl CommandGate {
         inner.stop = false;
         let cycle = inner.machine_state.cycle;
         // The run itself determines how much is done already.
-        inner.machine_state.begins(cycle, None);
+        inner.machine_state.begin_cycle(cycle, None);
         inner.machine_state.run = u32::try_from(run.0).unwrap_or(u32::MAX);
         drop(inner);
         self.changed();
@@ -180,7 +180,7 @@ impl CommandGate {
     }
 
     /// Sends a command to the worker. No other command is accepted until this one is finished.
-    fn send(&self, inner: &mut Inner, command: WorkerCommand) -> Result<(), Refusal> {
+    fn send(&self, inner: &mut GateState, command: WorkerCommand) -> Result<(), Refusal> {
         if inner.acting {
             return Err(Refusal::NotReady);
         }
@@ -189,7 +189,7 @@ impl CommandGate {
         Ok(())
     }
 
-    fn judge(&self, inner: &Inner, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+    fn judge(&self, inner: &GateState, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
         match inner.machine_state.state {
             State::Waiting => {}
             State::Running => return Err(Refusal::Busy),

@@ -5,7 +5,7 @@ use crate::archive::run_story::{describe_end, is_abandoned, position_lost};
 use crate::store::{Journal, RunFilter, RunId, RunSummary, StoreError};
 
 /// An unfinished run that waits for a person.
-pub struct Unfinished {
+pub struct UnfinishedRun {
     pub run: RunId,
     /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub position_lost: bool,
@@ -19,7 +19,7 @@ pub fn last_of(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, S
 }
 
 /// The last run of `machine`, if it is unfinished and no person has acknowledged that it stays unfinished.
-pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>, StoreError> {
+pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<UnfinishedRun>, StoreError> {
     let Some(last) = last_of(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
     };
@@ -29,7 +29,7 @@ pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>
     }
     let (position_lost, what) = (position_lost(&stored), describe_end(&stored));
     let why = Failure { what, remedy: Some("inspect the machine".to_owned()) };
-    Ok(Some(Unfinished { run: last.id, position_lost, why }))
+    Ok(Some(UnfinishedRun { run: last.id, position_lost, why }))
 }
 
 #[cfg(test)]

@@ -260,7 +260,7 @@ impl CycleEnd<'_> {
 
 impl MachineState {
     /// Resets the state for a new cycle. `machine_s`: expected machine time, s, if it is known.
-    pub(super) fn begins(&mut self, cycle: u16, machine_s: Option<f64>) {
+    pub(super) fn begin_cycle(&mut self, cycle: u16, machine_s: Option<f64>) {
         (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);
         self.deviations.clear();

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::machine_file::MachineFile;
-use super::simulated::ServedControl;
+use super::simulated::SimulatedControlServer;
 use super::{Sensors, SetupError, Thermometers};
 use devices::controllers::Controller;
 use link::Clock;
@@ -29,7 +29,7 @@ pub struct Devices {
     /// The simulated world, if the machine is simulated.
     world: Option<Arc<Mutex<SimulatedWorld>>>,
     /// The simulated end of the wire, if this program serves it; dropped after the controller.
-    _served: Option<ServedControl>,
+    _served: Option<SimulatedControlServer>,
 }
 
 impl Devices {
@@ -65,7 +65,7 @@ impl Devices {
     }
 
     /// Adds the simulated end of the wire.
-    pub(super) fn with_served_control(self, served: Option<ServedControl>) -> Self {
+    pub(super) fn with_served_control(self, served: Option<SimulatedControlServer>) -> Self {
         Self { _served: served, ..self }
     }
 }

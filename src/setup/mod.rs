@@ -25,7 +25,7 @@ pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use reopenable_machine::{ReopenableMachine, open_devices};
 pub use sensors::{EncoderScale, MountedSensor, Sensors, open_sensor};
-pub use simulated::ServedControl;
+pub use simulated::SimulatedControlServer;
 pub use simulated_machine::SimulatedMachine;
 pub use thermometers::Thermometers;
 pub use world::build_world;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
-use super::simulated::{ServedControl, SimulatedControl, SimulationSetup};
+use super::simulated::{SimulatedControl, SimulatedControlServer, SimulationSetup};
 use super::{Devices, Pace, RunHistory, SetupError, build_world, render_modes};
 
 use planning::gcode::Dialect;
@@ -51,7 +51,7 @@ impl<'a> SimulatedMachine<'a> {
     ///
     /// # Errors
     /// The wire cannot be opened.
-    pub fn serve(&self, pace: Pace) -> Result<ServedControl, SetupError> {
+    pub fn serve(&self, pace: Pace) -> Result<SimulatedControlServer, SetupError> {
         Ok(self.control.serve(self.simulation_setup(pace)?)?)
     }
 
@@ -64,7 +64,7 @@ impl<'a> SimulatedMachine<'a> {
         pace: Pace,
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
-    ) -> Result<ServedControl, SetupError> {
+    ) -> Result<SimulatedControlServer, SetupError> {
         Ok(self.control.serve_with_faults(self.simulation_setup(pace)?, wire, on_fault)?)
     }
 

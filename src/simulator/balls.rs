@@ -74,7 +74,7 @@ impl TrueBall {
         let moves = truth.ball_moves.iter().filter(|moved| moved.ball == stated.id);
         let along = unit_vector(Vector3::from(stated.stem)).unwrap_or_default();
         let (length, radius) = (stated.stem_length_mm, stated.stem_radius_mm);
-        let drawn = random_draws::draw_ball(truth.seed, index);
+        let drawn = random_draws::sample_ball_form(truth.seed, index);
         let diameter_um = own.diameter_um + truth.ball_diameter_um * drawn.diameter;
         let form_um = own.form_um.unwrap_or(truth.ball_form_um);
         Self {

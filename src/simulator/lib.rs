@@ -298,7 +298,7 @@ impl SimulatedWorld {
     fn stop_on_contact(&mut self, path: &MovePath, fraction: f64) -> ProbeResult {
         let t_s = self.t_s + path.ramp().time_s(fraction);
         let contact = Contact { position: self.displayed_position(&path.command(fraction)), t_s };
-        let (rest, duration_s) = path.ramp().stop_from(fraction);
+        let (rest, duration_s) = path.ramp().brake_from(fraction);
         let has_crashed = self.clearance_on_path(path, rest) < -self.overtravel_mm;
         self.finish_move(path, rest, duration_s);
         ProbeResult { contact: Some(contact), has_crashed, duration_s }
@@ -379,7 +379,7 @@ fn true_backlash_um(machine: &Machine, truth: &MachineTruth) -> BTreeMap<Axis, f
         .axes
         .iter()
         .filter(|(_, spec)| spec.backlash_um > 0.0)
-        .map(|(axis, spec)| (*axis, spec.backlash_um * random_draws::draw_backlash(truth.seed, *axis as u64)));
+        .map(|(axis, spec)| (*axis, spec.backlash_um * random_draws::sample_backlash(truth.seed, *axis as u64)));
     let mut backlash_um: BTreeMap<Axis, f64> = drawn.collect();
     backlash_um.extend(&truth.backlash_um);
     backlash_um

@@ -66,7 +66,7 @@ impl Ramp {
     }
 
     /// Path fraction and time at rest when braking begins at `fraction`.
-    pub fn stop_from(&self, fraction: f64) -> (f64, f64) {
+    pub fn brake_from(&self, fraction: f64) -> (f64, f64) {
         let speed = self.speed(fraction);
         let rest = (fraction + speed * speed / (2.0 * self.acceleration)).min(1.0);
         (rest, self.time_s(fraction) + speed / self.acceleration)

@@ -87,7 +87,7 @@ pub(super) fn draw_linearity_waves(seed: u64, sensor: usize, sigma_um: f64, span
 }
 
 /// Lost motion of a linear axis, in standard uncertainties.
-pub(super) fn draw_backlash(seed: u64, axis: u64) -> f64 {
+pub(super) fn sample_backlash(seed: u64, axis: u64) -> f64 {
     first_normal(seed, RandomSource::Backlash, &[axis]).abs()
 }
 
@@ -134,7 +134,7 @@ pub(super) struct BallDraw {
     pub oval: Matrix3<f64>,
 }
 
-pub(super) fn draw_ball(seed: u64, index: usize) -> BallDraw {
+pub(super) fn sample_ball_form(seed: u64, index: usize) -> BallDraw {
     let draw = |part| first_normal(seed, RandomSource::Ball, &[index as u64, part]);
     // For S with variance 1 on and 1/2 off the diagonal, uᵀSu has variance 1; removing a third of the trace
     // leaves 2/3.

@@ -28,7 +28,7 @@ impl Journal {
             return Ok(0);
         }
         self.add_event(run, &Event::SamplesRemoved { scans }).wait()?;
-        while self.submit_job(move |connection| delete_one_scan(connection, run)).wait()? {}
+        while self.submit_job(move |connection| delete_next_stored_scan(connection, run)).wait()? {}
         Ok(scans)
     }
 }
@@ -45,7 +45,7 @@ fn count_scans(connection: &Connection, run: RunId) -> Result<u32, StoreFault> {
 }
 
 /// Removes one scan; returns whether there was one.
-fn delete_one_scan(connection: &mut Connection, run: RunId) -> Result<bool, StoreFault> {
+fn delete_next_stored_scan(connection: &mut Connection, run: RunId) -> Result<bool, StoreFault> {
     let removed = connection.execute(
         "DELETE FROM readings WHERE seq =
              (SELECT seq FROM readings WHERE run = ?1 AND samples IS NOT NULL LIMIT 1)",

@@ -140,7 +140,7 @@ fn insert_arming(connection: &mut Connection, arming: &Arming) -> Result<(), Sto
     // The person goes by the present clock: a later `seen` comes from a wrong clock.
     transaction.execute(
         "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
-        params![machine, second_text(*armed)],
+        params![machine, slot_time_text(*armed)],
     )?;
     audit_arming(&transaction, arming, format!("cycle {cycle} is armed until {until}"))?;
     Ok(transaction.commit()?)
@@ -253,7 +253,7 @@ fn replace_schedules(
     for ((name, calendar), seen) in known.iter().zip(&seen) {
         transaction.execute(
             "INSERT INTO schedules (machine, schedule, calendar, seen) VALUES (?1, ?2, ?3, ?4)",
-            params![machine, name, calendar, second_text(*seen)],
+            params![machine, name, calendar, slot_time_text(*seen)],
         )?;
     }
     transaction.commit()?;
@@ -262,7 +262,7 @@ fn replace_schedules(
 
 fn upsert_slot(connection: &mut Connection, slot: &ScheduleSlot) -> Result<bool, StoreFault> {
     let ScheduleSlot { machine, schedule, cycle, at, outcome, why, run } = slot;
-    let (at, outcome) = (second_text(*at), outcome.as_str());
+    let (at, outcome) = (slot_time_text(*at), outcome.as_str());
     let transaction = write::begin_transaction(connection)?;
     let kept = transaction.execute(
         "INSERT INTO slots (machine, schedule, at, cycle, decided, outcome, why, run)
@@ -310,7 +310,7 @@ fn slot_from_row(machine: &str, row: &Row<'_>) -> rusqlite::Result<ScheduleSlot>
 }
 
 /// Slots are rounded down to whole seconds, so that the same instant gives the same text.
-fn second_text(at: Timestamp) -> String {
+fn slot_time_text(at: Timestamp) -> String {
     whole_second(at).to_string()
 }
 

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::encoder;
 use super::field::{BitField, Endianness};
-use super::sample_layout::{DecodedSample, InvalidReason, Location, SampleLayout, check_scale};
+use super::sample_layout::{DecodedSample, InvalidReason, NumberLocation, SampleLayout, check_scale};
 use machine::record::reading::ReadingFlag;
 
 /// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
@@ -94,7 +94,7 @@ const MAX_COUNTER_BITS: u16 = 32;
 /// A number that marks a value as invalid; `None`: any number but zero.
 type FieldCondition = (BitField, Option<i128>);
 
-impl Location for BitField {
+impl NumberLocation for BitField {
     type Data<'d> = &'d [u8];
     type Error = FrameTooShort;
     type Condition = FieldCondition;

@@ -7,7 +7,7 @@ use super::encoder;
 use machine::record::reading::ReadingFlag;
 
 /// Location of a number in the data of one transport.
-pub trait Location: Copy {
+pub trait NumberLocation: Copy {
     /// Data of one sample: the bytes of a frame, the columns of a line, the registers of one request.
     type Data<'d>: Copy;
     type Error;
@@ -21,7 +21,7 @@ pub trait Location: Copy {
 
 /// A layout that has passed the checks.
 #[derive(Debug, Clone)]
-pub struct SampleLayout<L: Location> {
+pub struct SampleLayout<L: NumberLocation> {
     /// Value = `offset_mm` + `scale_mm` × the number at `value`.
     pub value: L,
     pub scale_mm: f64,
@@ -66,7 +66,7 @@ impl InvalidReason {
     }
 }
 
-impl<L: Location> SampleLayout<L> {
+impl<L: NumberLocation> SampleLayout<L> {
     /// Number of samples after which the counter restarts, if there is one.
     pub fn counter_modulus(&self) -> Option<u64> {
         self.counter.map(|(_, modulus)| modulus)

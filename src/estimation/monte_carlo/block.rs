@@ -6,7 +6,7 @@ use super::{TrialStatistics, numerical_tolerance};
 use crate::coverage::COVERAGE_PROBABILITY;
 
 /// Moments and coverage intervals of each output in one block of trials.
-pub(super) struct TrialBlock {
+pub(super) struct TrialBatchStatistics {
     trials: usize,
     mean: Vec<f64>,
     /// Scatter matrix Σ(x − mean)(x − mean)ᵀ.
@@ -15,7 +15,7 @@ pub(super) struct TrialBlock {
     shortest: Vec<[f64; 2]>,
 }
 
-impl TrialBlock {
+impl TrialBatchStatistics {
     /// Computes the statistics from the values of the outputs, trials × outputs.
     pub(super) fn new(values: Mat<f64>) -> Self {
         let (trials, outputs) = (values.nrows(), values.ncols());
@@ -72,7 +72,7 @@ pub(super) struct JoinedBlocks {
     trials: usize,
     mean: Vec<f64>,
     scatter: Mat<f64>,
-    blocks: Vec<TrialBlock>,
+    blocks: Vec<TrialBatchStatistics>,
 }
 
 impl JoinedBlocks {
@@ -82,7 +82,7 @@ impl JoinedBlocks {
     }
 
     /// Adds a block. The moments are merged pairwise (Chan, Golub, LeVeque 1979).
-    pub(super) fn push(&mut self, block: TrialBlock) {
+    pub(super) fn push(&mut self, block: TrialBatchStatistics) {
         let (before, added) = (self.trials as f64, block.trials as f64);
         let total = before + added;
         let shift: Vec<f64> = block.mean.iter().zip(&self.mean).map(|(b, m)| b - m).collect();
@@ -101,7 +101,7 @@ impl JoinedBlocks {
         self.blocks.len() >= 2
             && (0..self.mean.len()).all(|j| {
                 let tolerance = numerical_tolerance(self.deviation(j), digits);
-                let steady = |of: &dyn Fn(&TrialBlock) -> f64| {
+                let steady = |of: &dyn Fn(&TrialBatchStatistics) -> f64| {
                     2.0 * deviation_of_average(self.blocks.iter().map(of)) <= tolerance
                 };
                 steady(&|block| block.mean[j])
@@ -114,11 +114,11 @@ impl JoinedBlocks {
     pub(super) fn summary(self, is_stable: bool) -> TrialStatistics {
         let outputs = self.mean.len();
         let freedom = (self.trials.max(2) - 1) as f64;
-        let end = |of: &dyn Fn(&TrialBlock) -> f64| {
+        let end = |of: &dyn Fn(&TrialBatchStatistics) -> f64| {
             let weighted = self.blocks.iter().map(|block| of(block) * block.trials as f64);
             weighted.sum::<f64>() / self.trials as f64
         };
-        let ends = |of: fn(&TrialBlock) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
+        let ends = |of: fn(&TrialBatchStatistics) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
             let side = |j: usize, side: usize| end(&|block| of(block)[j][side]);
             (0..outputs).map(|j| [side(j, 0), side(j, 1)]).collect()
         };

@@ -9,7 +9,7 @@ mod random;
 use faer::Mat;
 use rayon::prelude::*;
 
-use block::{JoinedBlocks, TrialBlock};
+use block::{JoinedBlocks, TrialBatchStatistics};
 
 pub use distribution::DrawDistribution;
 pub use random::DrawStream;
@@ -95,7 +95,7 @@ pub fn propagate_distributions(
     let mut joined = JoinedBlocks::new(outputs);
     for (wave, sizes) in sizes.chunks(BLOCKS_PER_STABILITY_CHECK).enumerate() {
         let numbered = sizes.par_iter().enumerate();
-        let blocks: Vec<TrialBlock> = numbered
+        let blocks: Vec<TrialBatchStatistics> = numbered
             .map(|(i, size)| {
                 compute_block(seed, (wave * BLOCKS_PER_STABILITY_CHECK + i) as u64, *size, outputs, &compute)
             })
@@ -120,7 +120,7 @@ fn compute_block(
     size: usize,
     outputs: usize,
     compute: &(impl Fn(&mut DrawStream, usize) -> Mat<f64> + Sync),
-) -> TrialBlock {
+) -> TrialBatchStatistics {
     let chunk = |chunk: usize| -> Vec<Mat<f64>> {
         let count = CHUNK_TRIALS.min(size - chunk * CHUNK_TRIALS);
         let mut random = DrawStream::from_key(seed, &[number, chunk as u64]);
@@ -134,7 +134,7 @@ fn compute_block(
         values.subrows_mut(first, part.nrows()).copy_from(&part);
         first += part.nrows();
     }
-    TrialBlock::new(values)
+    TrialBatchStatistics::new(values)
 }
 
 /// δ of JCGM 101, 7.9.2: half a unit in the last of the `digits` significant digits of `u`.

@@ -12,7 +12,7 @@ const CURVATURE_PROBE_STEP: f64 = 0.1;
 /// Largest curvature correction, relative to the step.
 const MAX_CURVATURE_RATIO: f64 = 0.75;
 /// A step is accepted if χ² decreases by more than this fraction of the predicted decrease.
-const MIN_GAIN_RATIO: f64 = 1e-4;
+const MIN_DECREASE_RATIO: f64 = 1e-4;
 /// Largest λ. Beyond it the step is smaller than the rounding of the unknowns.
 const MAX_LAMBDA: f64 = 1e30;
 
@@ -51,7 +51,7 @@ impl Damping {
                 let predicted_decrease = square_sum(&coordinates) + self.lambda * self.scaled_norm(&velocity).powi(2);
                 let gain = (point.chi2 - next.chi2) / predicted_decrease;
                 // The comparison rejects NaN.
-                if gain > MIN_GAIN_RATIO {
+                if gain > MIN_DECREASE_RATIO {
                     self.decrease_lambda(gain);
                     return Some(next);
                 }

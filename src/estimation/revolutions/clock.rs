@@ -9,7 +9,7 @@ use super::shared_revolutions::RowRevolutions;
 
 /// A clock deviation is accepted if it reduces the squared difference between revolutions to less than this
 /// fraction.
-const MAX_SLIP_SHARE: f64 = 0.25;
+const MAX_RESIDUAL_AFTER_CLOCK_FIT: f64 = 0.25;
 /// Smallest relative clock deviation that is reported. A smaller one shifts the twentieth harmonic by less than 15°
 /// in one revolution.
 const MIN_CLOCK_ERROR: f64 = 2e-3;
@@ -38,6 +38,6 @@ pub fn clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option
     };
     let candidates = (-500..=500).map(|i| f64::from(i) / 500.0 * MAX_CLOCK_ERROR);
     let best = candidates.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b)))?;
-    let is_clear = misfit(best) < MAX_SLIP_SHARE * misfit(0.0);
+    let is_clear = misfit(best) < MAX_RESIDUAL_AFTER_CLOCK_FIT * misfit(0.0);
     (is_clear && best.abs() >= MIN_CLOCK_ERROR).then_some(best)
 }

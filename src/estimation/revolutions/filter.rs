@@ -7,7 +7,7 @@ use std::fmt;
 /// Half width of the kernel in output steps. It is also the run-in before the first revolution and the run-out
 /// after the last.
 pub const KERNEL_HALF_STEPS: usize = 6;
-/// Shape of the Kaiser window: −100 dB above [`ResampleFilter::stop_order`] (Kaiser's formula β = 0.1102·(A −
+/// Shape of the Kaiser window: −100 dB above [`ResampleFilter::min_suppressed_harmonic`] (Kaiser's formula β = 0.1102·(A −
 /// 8.7)).
 const KAISER_BETA: f64 = 10.06;
 /// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
@@ -28,9 +28,9 @@ impl fmt::Display for ResampleFilter {
             "samples are resampled to {} equal angles: orders up to {} pass, {} is halved, those from {} on are \
              suppressed by 100 dB",
             self.steps,
-            self.pass_order(),
+            self.max_passed_harmonic(),
             self.cutoff_order(),
-            self.stop_order()
+            self.min_suppressed_harmonic()
         )
     }
 }
@@ -52,7 +52,7 @@ impl ResampleFilter {
     }
 
     /// Highest order that passes unchanged to 1e-5.
-    pub fn pass_order(&self) -> usize {
+    pub fn max_passed_harmonic(&self) -> usize {
         ((0.5 - HALF_TRANSITION_RATIO) * self.steps as f64) as usize
     }
 
@@ -62,8 +62,8 @@ impl ResampleFilter {
     }
 
     /// Lowest order that is suppressed by 100 dB. Only orders from `steps` − k on alias into the harmonic k, so no
-    /// order aliases into a harmonic up to [`pass_order`](Self::pass_order).
-    pub fn stop_order(&self) -> usize {
+    /// order aliases into a harmonic up to [`max_passed_harmonic`](Self::pass_order).
+    pub fn min_suppressed_harmonic(&self) -> usize {
         ((0.5 + HALF_TRANSITION_RATIO) * self.steps as f64).ceil() as usize
     }
 

@@ -42,7 +42,7 @@ fn resampled(
 #[test]
 fn regress_sines_come_back_exactly() {
     let filter = ResampleFilter::new(STEPS);
-    assert_eq!((filter.pass_order(), filter.cutoff_order(), filter.stop_order()), (83, 180, 277));
+    assert_eq!((filter.max_passed_harmonic(), filter.cutoff_order(), filter.min_suppressed_harmonic()), (83, 180, 277));
     for is_backward in [false, true] {
         // Uneven samples, 1000 per revolution on average, 714 where the table is fastest.
         let angles = uneven_angles(1000.0, 3.0, is_backward);

@@ -18,9 +18,9 @@ const MAX_DRAIN_BYTES: usize = 16 * 1024;
 
 /// Stream that a context and its owner share; both are on one thread.
 #[derive(Clone)]
-pub(super) struct DrainableStream(Arc<Mutex<DrainableState>>);
+pub(super) struct DrainableStream(Arc<Mutex<SharedModbusStream>>);
 
-struct DrainableState {
+struct SharedModbusStream {
     stream: BoxedStream,
     /// Time of the last byte in either direction.
     last_byte_time: Instant,
@@ -28,10 +28,10 @@ struct DrainableState {
 
 impl DrainableStream {
     pub(super) fn new(stream: BoxedStream) -> Self {
-        Self(Arc::new(Mutex::new(DrainableState { stream, last_byte_time: Instant::now() })))
+        Self(Arc::new(Mutex::new(SharedModbusStream { stream, last_byte_time: Instant::now() })))
     }
 
-    fn inner(&self) -> MutexGuard<'_, DrainableState> {
+    fn inner(&self) -> MutexGuard<'_, SharedModbusStream> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

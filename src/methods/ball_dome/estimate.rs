@@ -15,7 +15,7 @@ use super::variant::DomeVariant;
 use super::{design, outputs, sources};
 use crate::ball_measurement::{MeasurementSetup, ObservedBalls, observe_balls, outlier_measurements};
 use crate::identification::{
-    FitFigures, Measurement, Solution, TrialPlan, UncertaintySource, block_covariances, identify, mean_coordinate_u_mm,
+    FitQuality, Measurement, Solution, TrialPlan, UncertaintySource, block_covariances, identify, mean_coordinate_u_mm,
     rms,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -146,11 +146,11 @@ fn point_weights(points: &MeasuredPoints, sources: &[UncertaintySource]) -> Vec<
 }
 
 /// `is_judged`: whether its residuals are compared with the declared sources.
-fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitFigures, IdentifyError> {
+fn fit_figures(points: &MeasuredPoints, best: &DomeVariant, is_judged: bool) -> Result<FitQuality, IdentifyError> {
     let RankAnalysis { rank, condition, .. } =
         survey_variant(points, best).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
     let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
-    Ok(FitFigures {
+    Ok(FitQuality {
         rank,
         unknowns: UNKNOWN_COUNT,
         condition,

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// Number of nearest neighbours of a ball for which paths are planned.
 const MAX_PLANNED_NEIGHBOURS: usize = 16;
 /// Number of balls that are tried as the first of a visit.
-const MAX_START_BALLS: usize = 4;
+const TRIED_START_BALL_COUNT: usize = 4;
 /// Number of touches of a measurement without a form check.
 const TOUCH_COUNT_WITHOUT_FORM: usize = 5;
 
@@ -106,7 +106,7 @@ impl PathPlanner<'_> {
         let from = |from: &Position| self.path_times_s(from, balls);
         let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
         let from_start_s = machine_position.map(from).transpose()?;
-        Ok(TravelTimes { pairwise_s: between, from_start_s }.visiting_order(MAX_START_BALLS))
+        Ok(TravelTimes { pairwise_s: between, from_start_s }.visiting_order(TRIED_START_BALL_COUNT))
     }
 
     /// Path times of the balls in their order, from the current position of the machine.

@@ -36,7 +36,7 @@ impl AngleBasis {
     }
 
     /// Suffix of each function in the symbol of a parameter: `c2`, `s2`, `c1/2`, `s1/2`.
-    pub fn suffixes(&self) -> Vec<String> {
+    pub fn symbol_suffixes(&self) -> Vec<String> {
         match self {
             Self::Fourier { order, sub_order } => {
                 let harmonics = (1..=*order).map(|k| k.to_string());

@@ -8,7 +8,7 @@ use super::solved::SolvedRun;
 use super::{cycles, outputs, warnings};
 use crate::IdentifyError;
 use crate::identification::{
-    self, FitFigures, Identification, LinearFit, Solution, TrialPlan, function_over_numbers, rms,
+    self, FitQuality, Identification, LinearFit, Solution, TrialPlan, function_over_numbers, rms,
 };
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -45,7 +45,7 @@ pub fn identify_solved(solved: &SolvedRun<'_>, trials: Option<TrialPlan>) -> Res
         model: &model,
         residuals: &weighted,
         has_declared_sizes: solved.has_declared_sizes,
-        figures: FitFigures { unknowns, ..FitFigures::from_linear(solution) },
+        figures: FitQuality { unknowns, ..FitQuality::from_linear(solution) },
         measurements: &solved.measurements(),
     };
     identification::identify(&core, sources, outputs::build_outputs(solved), trials)

@@ -77,10 +77,10 @@ impl UnknownsLayout {
 
     /// Names of all unknowns, for the rotary axis `axis`.
     pub fn names(&self, axis: Axis) -> Vec<String> {
-        let suffixes = self.basis.suffixes();
+        let symbol_suffixes = self.basis.symbol_suffixes();
         let motions = MOTION_COMPONENTS
             .iter()
-            .flat_map(|component| suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
+            .flat_map(|component| symbol_suffixes.iter().map(move |suffix| format!("E{component}{axis}_{suffix}")));
         let mut names: Vec<String> = motions.collect();
         if self.has_reversal {
             names.extend(MOTION_COMPONENTS.map(|component| format!("E{component}{axis}_reversal")));

@@ -58,10 +58,10 @@ pub fn component_unit(component: Axis) -> Unit {
 fn build_parameters(solved: &SolvedRun<'_>) -> Vec<Output> {
     let (layout, axis, x) = (&solved.design.layout, solved.plate.axis, &solved.solution.x);
     // Values at the stops are the points of the curves.
-    let suffixes = if solved.settings.values { Vec::new() } else { layout.basis.suffixes() };
+    let symbol_suffixes = if solved.settings.values { Vec::new() } else { layout.basis.symbol_suffixes() };
     let mut parameters = Vec::new();
     for (k, component) in MOTION_COMPONENTS.into_iter().enumerate() {
-        for (function, suffix) in suffixes.iter().enumerate() {
+        for (function, suffix) in symbol_suffixes.iter().enumerate() {
             let symbol = format!("E{component}{axis}_{suffix}");
             let index = layout.motion_index(k, function);
             parameters.push(Output::from_unknown(&symbol, component_unit(component), index, x));

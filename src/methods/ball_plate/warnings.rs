@@ -10,7 +10,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declaring_settings: "repeatability_um or error_motion_um",
 };
 /// Minimum displacement of a ball in one revolution for it to be named, in standard deviations.
-const MIN_LOOSE_RATIO: f64 = 5.0;
+const MIN_NAMED_SLIP_SIGMAS: f64 = 5.0;
 
 pub fn collect_warnings(solved: &SolvedRun<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.measured.observed.skipped_measurements.clone();
@@ -34,7 +34,7 @@ fn describe_loose_ball(solved: &SolvedRun<'_>) -> Option<String> {
         (0..turns).filter_map(mean)
     });
     let (ball, revolution, off_mm, u_mm) = means.max_by(|a, b| a.2.total_cmp(&b.2))?;
-    (off_mm > MIN_LOOSE_RATIO * u_mm).then(|| {
+    (off_mm > MIN_NAMED_SLIP_SIGMAS * u_mm).then(|| {
         format!(
             "ball {} is displaced by {:.1} µm from its mean position in revolution {} of {turns} (standard \
             uncertainty of the mean: {:.1} µm). The ball may be loose: tighten the ball and measure again, \

@@ -7,7 +7,7 @@ use estimation::thin_svd::ThinSvd;
 use faer::{Mat, MatRef};
 
 use super::harmonics::function_over_orders;
-use super::model::{FitFigures, ObservationModel, Response, Solution, multiply_vector, rms};
+use super::model::{FitQuality, ObservationModel, Response, Solution, multiply_vector, rms};
 use super::outputs::unit_slope;
 use super::source::{Effect, ObservationSpan, ResidualTreatment, UncertaintySource};
 use crate::IdentifyError;
@@ -162,7 +162,7 @@ impl BlockwiseFit {
     pub fn solution(&self) -> Solution<'_> {
         let solutions = || self.blocks.iter().map(|fit| &fit.solution);
         let residuals = self.blocks.iter().flat_map(|fit| fit.residuals_mm.clone());
-        let figures = FitFigures {
+        let figures = FitQuality {
             rank: solutions().map(|solution| solution.rank).sum(),
             unknowns: self.x.len(),
             condition: solutions().map(|solution| solution.condition).fold(1.0, f64::max),

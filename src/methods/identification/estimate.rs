@@ -9,7 +9,7 @@ use machine::record::estimate::{
 };
 
 use super::likely_sources::{LikelySource, likely_sources};
-use super::model::{FitFigures, Solution};
+use super::model::{FitQuality, Solution};
 use super::outliers::OutlierCheck;
 use super::outputs::{Curve, Output, Outputs};
 use super::propagation::{Propagation, Uncertainty};
@@ -23,7 +23,7 @@ pub struct Identification {
     pub propagation: Propagation,
     /// Trials of the parameters in the order of the estimate, internal units.
     pub trials: Option<TrialStatistics>,
-    pub figures: FitFigures,
+    pub figures: FitQuality,
     pub outlier_check: OutlierCheck,
     /// Sources that may be larger than declared and would explain a misfit.
     pub likely_sources: Vec<LikelySource>,

@@ -42,7 +42,7 @@ pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
 pub use measurement::{Measurement, mean_coordinate_u_mm};
 pub use model::{
-    FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution, multiply_vector,
+    FitQuality, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution, multiply_vector,
     rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;

@@ -9,7 +9,7 @@ use super::measurement::Measurement;
 
 /// Figures of a solved problem that the estimate reports.
 #[derive(Debug, Clone, Copy)]
-pub struct FitFigures {
+pub struct FitQuality {
     pub rank: usize,
     /// Number of free unknowns, without those that the gauge fixes.
     pub unknowns: usize,
@@ -20,7 +20,7 @@ pub struct FitFigures {
     pub residual_rms_mm: f64,
 }
 
-impl FitFigures {
+impl FitQuality {
     /// Figures of a linear fit without gauge.
     pub fn from_linear(solution: &LinearSolution) -> Self {
         Self {
@@ -59,7 +59,7 @@ pub struct Solution<'a> {
     pub residuals: &'a [f64],
     /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
     pub has_declared_sizes: bool,
-    pub figures: FitFigures,
+    pub figures: FitQuality,
     /// Measurements that are checked for outliers; observations outside of them are not checked.
     pub measurements: &'a [Measurement],
 }

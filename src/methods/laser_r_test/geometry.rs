@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
+use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
 use super::observe::observe_scans;
 use super::pose_groups::{GroupedScans, group_scans};
 use super::scan_step::ExpectedGeometry;
@@ -45,7 +45,7 @@ pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result
         let axis_positions = with_linear_axes(&group.rotary, group.xyz_at(centres.group_centre(&fitted.x, i)));
         CentreObservation { axis_positions, weight: Matrix3::identity() / PROVISIONAL_CENTRE_U_MM }
     });
-    let problem = MachineProblem {
+    let problem = CentresLeastSquares {
         model: SphereModel { chain: setup.chain.clone(), parameters: Vec::new() },
         centre_observations: centre_observations.collect(),
         zero_point_prior: Some((nominal.zero_point, MAX_ZERO_POINT_ERROR_MM)),

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::latency::LatencyEstimate;
-use super::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
+use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
 use super::observe::{ObservedScans, observe_scans};
 use super::outputs;
 use super::parameters;
@@ -12,8 +12,8 @@ use super::result::IdentificationResult;
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
-use super::two_fits::{CentresThenMachine, centre_covariances, gain_matrix};
-use crate::identification::{self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm};
+use super::two_fits::{CentresThenMachine, centre_covariances, observation_sensitivities};
+use crate::identification::{self, FitQuality, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{LinearError, RankAnalysis};
 use estimation::nonlinear::{NonlinearError, NonlinearSolution};
@@ -44,13 +44,13 @@ pub fn identify_scans<'a>(
     let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
     let centres = LeastSquares { equation: &grouped.centres, minimum: &centre_fit };
-    let gain = gain_matrix(&centres);
+    let gain = observation_sensitivities(&centres);
     let latency_index = names.len() + grouped.centres.beam_unknown_count();
     let sources = uncertainty_sources(setup, &observed, &grouped, &centre_fit.x, latency_index);
     let covariances = centre_covariances(&grouped.centres, &gain, &sources);
     let centre_observations = centre_observations(&grouped, &centre_fit.x, covariances);
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
-    let problem = MachineProblem { model, centre_observations, zero_point_prior: None };
+    let problem = CentresLeastSquares { model, centre_observations, zero_point_prior: None };
     let (survey, minimum) = solve_machine(setup, &problem, &names)?;
     let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::values);
     let x = [&minimum.x, &centre_fit.x[..grouped.centres.beam_unknown_count()], &latency].concat();
@@ -62,7 +62,7 @@ pub fn identify_scans<'a>(
         model: &CentresThenMachine { centres, centre_gain: &gain, machine, groups, latency_unknown_count: latency },
         residuals: &minimum.residuals,
         has_declared_sizes: setup.sensor.noise_um.is_some(),
-        figures: FitFigures::from_points(&survey, &minimum, &residuals),
+        figures: FitQuality::from_points(&survey, &minimum, &residuals),
         measurements: &measurements,
     };
     let outputs = outputs::build_outputs(&problem, &names, observed.latency.as_ref(), &x);
@@ -175,7 +175,7 @@ fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matri
 
 /// One measurement for the sphere at each pose.
 fn pose_outlier_measurements(
-    problem: &MachineProblem,
+    problem: &CentresLeastSquares,
     groups: &[PoseGroup],
     residuals: &[Vector3<f64>],
 ) -> Vec<Measurement> {
@@ -195,7 +195,7 @@ fn pose_outlier_measurements(
 
 fn solve_machine(
     setup: &LaserSetup<'_>,
-    problem: &MachineProblem,
+    problem: &CentresLeastSquares,
     names: &[String],
 ) -> Result<(RankAnalysis, NonlinearSolution), IdentifyError> {
     let mut start = vec![0.0; problem.model.parameters.len()];

@@ -77,14 +77,14 @@ pub struct CentreObservation {
 
 /// The sphere's centres as one least-squares problem.
 #[derive(Debug, Clone)]
-pub struct MachineProblem {
+pub struct CentresLeastSquares {
     pub model: SphereModel,
     pub centre_observations: Vec<CentreObservation>,
     /// Zero point known beforehand, and its standard uncertainty in mm. It is used before all poses are measured.
     pub zero_point_prior: Option<(Vector3<f64>, f64)>,
 }
 
-impl MachineProblem {
+impl CentresLeastSquares {
     fn unchanged_residuals(&self, x: &[f64]) -> Vec<f64> {
         self.residuals(x, &vec![0.0; self.observations()])
     }
@@ -118,7 +118,7 @@ impl MachineProblem {
 }
 
 /// Observations: the sphere's centre at each pose, three coordinates in the table frame.
-impl ObservationEquation for MachineProblem {
+impl ObservationEquation for CentresLeastSquares {
     fn observations(&self) -> usize {
         3 * self.centre_observations.len()
     }

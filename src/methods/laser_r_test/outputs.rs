@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::centres::{BEAM_UNKNOWN_COUNT, GAIN_INDEX, gain_deviation};
 use super::latency::LatencyEstimate;
-use super::model::{MachineProblem, with_linear_axes};
+use super::model::{CentresLeastSquares, with_linear_axes};
 use super::notes;
 use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
@@ -36,7 +36,7 @@ pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
 
 /// Outputs for the unknowns `x`: machine, zero point and sphere (with `names`), then the beam, then the latency.
 pub fn build_outputs(
-    problem: &MachineProblem,
+    problem: &CentresLeastSquares,
     names: &[String],
     latency: Option<&LatencyEstimate>,
     x: &[f64],
@@ -59,7 +59,7 @@ pub fn build_outputs(
 }
 
 /// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
-pub fn position_residuals(problem: &MachineProblem, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
+pub fn position_residuals(problem: &CentresLeastSquares, groups: &[PoseGroup], x: &[f64]) -> Vec<Vector3<f64>> {
     let centre_observations = problem.centre_observations.iter().zip(groups);
     centre_observations
         .map(|(observation, group)| group.machine_from_table * problem.model.misclosure(&observation.axis_positions, x))

@@ -1,6 +1,6 @@
 //! The solved identification with everything that the estimate reports.
 
-use super::model::MachineProblem;
+use super::model::CentresLeastSquares;
 use super::observe::ObservedScans;
 use super::parameters::ParameterSelection;
 use super::pose_groups::GroupedScans;
@@ -15,7 +15,7 @@ pub struct IdentificationResult<'a> {
     /// Fit of the sphere's centres and the beam.
     pub centre_fit: NonlinearSolution,
     pub selection: ParameterSelection,
-    pub problem: MachineProblem,
+    pub problem: CentresLeastSquares,
     /// Fit of the machine errors.
     pub machine_fit: NonlinearSolution,
     /// Names of the unknowns of `machine_fit`.

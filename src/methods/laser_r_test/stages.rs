@@ -1,6 +1,6 @@
 //! Scans of each stage.
 
-use super::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
+use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
 use super::parameters;
 use super::scan_purpose::ScanPurpose;
 use super::scan_step::{ExpectedGeometry, ScanMotion, ScanRequest, plan_scan_step};
@@ -139,7 +139,7 @@ fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRe
     let mut x = vec![0.0; count];
     x.extend(&zero);
     x.extend(&ball);
-    let survey = MachineProblem { model, centre_observations, zero_point_prior: None }.survey(&x);
+    let survey = CentresLeastSquares { model, centre_observations, zero_point_prior: None }.survey(&x);
     let survey = survey.map_err(|why| refuse_rank(why.to_string()))?;
     if survey.nullity == 0 {
         return Ok(());

@@ -5,7 +5,7 @@ use faer::{Mat, MatRef};
 use nalgebra::Matrix3;
 
 use super::centres::CentreEquations;
-use super::model::MachineProblem;
+use super::model::CentresLeastSquares;
 use super::pose_groups::PoseGroup;
 use crate::identification::{
     Effect, LeastSquares, ObservationModel, Response, UncertaintySource, block_covariances, multiply_vector,
@@ -21,7 +21,7 @@ pub struct CentresThenMachine<'a> {
     pub centres: LeastSquares<'a, CentreEquations>,
     /// Gain of the first fit: unknowns of `centres` × dwell points.
     pub centre_gain: &'a Mat<f64>,
-    pub machine: LeastSquares<'a, MachineProblem>,
+    pub machine: LeastSquares<'a, CentresLeastSquares>,
     pub groups: &'a [PoseGroup],
     /// Number of unknowns of the latency.
     pub latency_unknown_count: usize,
@@ -75,7 +75,7 @@ impl ObservationModel for CentresThenMachine<'_> {
 }
 
 /// Derivative of the unknowns by each observation, per mm: unknowns × observations.
-pub fn gain_matrix(fit: &impl ObservationModel) -> Mat<f64> {
+pub fn observation_sensitivities(fit: &impl ObservationModel) -> Mat<f64> {
     let mut gain = Mat::zeros(fit.unknowns(), fit.observations());
     let mut change = vec![0.0; fit.observations()];
     for j in 0..fit.observations() {

@@ -6,7 +6,7 @@ use super::observe::{ObservedTouches, Touch};
 use super::outputs;
 use crate::identification::declared::rounding_u_mm;
 use crate::identification::{
-    Effect, EvaluationType, FitFigures, Identification, LinearFit, ResidualTreatment, Solution, Uncertainty,
+    Effect, EvaluationType, FitQuality, Identification, LinearFit, ResidualTreatment, Solution, Uncertainty,
     UncertaintySource, identify, unit_slope,
 };
 use crate::{IdentifyError, MethodRefusal};
@@ -61,7 +61,7 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
         model: &LinearFit { x, design_matrix: &a, sigma: &sigma, gain },
         residuals: &weighted,
         has_declared_sizes: true,
-        figures: FitFigures::from_linear(&solution),
+        figures: FitQuality::from_linear(&solution),
         measurements: &[],
     };
     let slope = unit_slope(delay, x.len());

@@ -107,7 +107,7 @@ pub struct LatchDelayResult {
     /// Standard deviation of a slow touch, mm.
     pub scatter_mm: f64,
     /// Largest scatter of so few touches that does not contradict the declared one, mm.
-    pub scatter_bound_mm: Option<f64>,
+    pub max_explained_scatter_mm: Option<f64>,
 }
 
 impl LatchDelayResult {
@@ -123,7 +123,8 @@ impl LatchDelayResult {
             delay_text: texts::describe_delay(&observed, &fitted),
             scatter_text: texts::describe_scatter(&observed, &fitted, &scan, declared_mm),
             scatter_mm: fitted.scatter[0].std_dev_mm,
-            scatter_bound_mm: declared_mm.and_then(|mm| texts::scatter_bound_mm(&observed, &fitted, &scan, mm)),
+            max_explained_scatter_mm: declared_mm
+                .and_then(|mm| texts::max_explained_scatter_mm(&observed, &fitted, &scan, mm)),
         })
     }
 }

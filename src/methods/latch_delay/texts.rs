@@ -9,7 +9,7 @@ use estimation::coverage::chi_square_bounds;
 const SCATTER_PROBABILITY: f64 = 0.998;
 
 /// Largest scatter of the slow touches that `declared_mm` and a scan explain, mm.
-pub fn scatter_bound_mm(
+pub fn max_explained_scatter_mm(
     observed: &ObservedTouches,
     fitted: &FittedDelay,
     scan: &ScanTest,
@@ -87,7 +87,7 @@ pub fn describe_scatter(
     declared_mm: Option<f64>,
 ) -> Option<String> {
     let mm = declared_mm?;
-    let bound_mm = scatter_bound_mm(observed, fitted, scan, mm)?;
+    let bound_mm = max_explained_scatter_mm(observed, fitted, scan, mm)?;
     if fitted.scatter[0].std_dev_mm <= bound_mm {
         return None;
     }

@@ -88,7 +88,7 @@ impl<'a> ReportedMotions<'a> {
 
     /// Centre of a section relative to the table's axis at the first index and q = 0. It contains the co-rotating
     /// error motion.
-    fn eccentricity_outputs(&self, section: usize) -> Vec<Output> {
+    fn section_centre_outputs(&self, section: usize) -> Vec<Output> {
         let (layout, sign) = (self.layout, self.layout.turn_sign);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
         let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
@@ -116,7 +116,7 @@ impl<'a> ReportedMotions<'a> {
         let motions: Vec<HarmonicFunction> = self.motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
         let mut parameters: Vec<Output> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
-        parameters.extend(sections.flat_map(|section| self.eccentricity_outputs(section)));
+        parameters.extend(sections.flat_map(|section| self.section_centre_outputs(section)));
         let curves = self.derivatives.iter().filter(|(component, _)| *component != Component::Face);
         let curves = curves.map(|parts| self.harmonic_function(parts));
         let curves = curves.filter(|function| !function.harmonics.is_empty());

@@ -85,7 +85,7 @@ impl Default for MultiprobeSettings {
 }
 
 /// Upper bounds. Larger values would need a day, and more memory than the computer has.
-const MAX_INDEXES: usize = 72;
+const MAX_MOUNTING_ANGLES: usize = 72;
 const MAX_REVOLUTIONS: usize = 100;
 const MAX_POSITIONS: usize = 3600;
 
@@ -100,12 +100,12 @@ impl MultiprobeSettings {
             format!("choose positions = {}, or fewer harmonics", (9 * harmonics.max(1)).div_ceil(2)),
         )?;
         MethodRefusal::require(
-            (1..=MAX_INDEXES).contains(&self.indexes)
+            (1..=MAX_MOUNTING_ANGLES).contains(&self.indexes)
                 && (1..=MAX_REVOLUTIONS).contains(&self.revolutions)
                 && positions <= MAX_POSITIONS,
             "indexes, revolutions or positions are outside their limits",
             format!(
-                "choose 1 to {MAX_INDEXES} indexes, 1 to {MAX_REVOLUTIONS} revolutions, at most \
+                "choose 1 to {MAX_MOUNTING_ANGLES} indexes, 1 to {MAX_REVOLUTIONS} revolutions, at most \
                  {MAX_POSITIONS} positions"
             ),
         )?;
@@ -143,7 +143,7 @@ impl MultiprobeSettings {
     fn highest_order(&self) -> usize {
         match self.sampling {
             TurnSampling::Dwell => self.positions.saturating_sub(1) / 2,
-            TurnSampling::Continuous => ResampleFilter::new(self.positions).pass_order(),
+            TurnSampling::Continuous => ResampleFilter::new(self.positions).max_passed_harmonic(),
         }
     }
 

@@ -7,7 +7,7 @@ use super::observe::ObservedTouches;
 use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
-use crate::identification::{FitFigures, Identification, LinearFit, Measurement, Solution, identify};
+use crate::identification::{FitQuality, Identification, LinearFit, Measurement, Solution, identify};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, RankAnalysis};
 
@@ -40,7 +40,7 @@ pub fn fit_touches(
         model: &LinearFit { x: &solution.x, design_matrix: &a, sigma: &sigma, gain: &solution.gain },
         residuals: &weighted,
         has_declared_sizes: true,
-        figures: FitFigures::from_linear(&solution),
+        figures: FitQuality::from_linear(&solution),
         measurements: &measurements,
     };
     let sources = uncertainty_sources(setup, &layout, observed, scatter);

@@ -8,7 +8,7 @@ use super::settings::RTestSettings;
 use super::sources::uncertainty_sources;
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, FitFigures, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan, rms,
+    self, FitQuality, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::nonlinear::NonlinearSolution;
@@ -50,7 +50,7 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
         model: &model,
         residuals: &minimum.residuals,
         has_declared_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
-        figures: FitFigures {
+        figures: FitQuality {
             rank: survey.rank,
             unknowns,
             condition: survey.condition,

@@ -80,12 +80,12 @@ impl<'a> SensorNest<'a> {
     }
 
     /// Angle of a stop, rad.
-    pub fn stop_angle(&self, stop: usize) -> f64 {
+    pub fn dwell_angle(&self, stop: usize) -> f64 {
         stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
     }
 
     /// Index of the stop at `angle`, rad.
-    pub fn stop_index(&self, angle: f64) -> usize {
+    pub fn dwell_index(&self, angle: f64) -> usize {
         let positions = self.settings.positions as f64;
         let number = (angle / std::f64::consts::TAU * positions).round();
         number.rem_euclid(positions) as usize

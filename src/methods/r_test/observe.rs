@@ -88,7 +88,7 @@ impl ObservedMeans {
         let angle = at.get_or_zero(nest.axis);
         let displacement = match step.label.as_str() {
             CALIBRATION_LABEL => Displacement::Known(nest.displacement(at)),
-            _ => Displacement::UnknownAtStop(nest.stop_index(angle)),
+            _ => Displacement::UnknownAtStop(nest.dwell_index(angle)),
         };
         for (sensor, declared) in nest.sensors.iter().enumerate() {
             let own = readings.iter().filter(|reading| reading.sensor == declared.name);

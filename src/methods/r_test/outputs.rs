@@ -55,7 +55,7 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
 /// Derivatives of E_total at a stop.
 fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> Derivatives {
     let SensorEquations { nest, unknowns, .. } = equation;
-    let turn = nest.machine_from_table(nest.stop_angle(stop));
+    let turn = nest.machine_from_table(nest.dwell_angle(stop));
     let turn = turn.matrix();
     let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
     for (k, slope) in slopes.iter_mut().enumerate() {
@@ -87,7 +87,7 @@ fn error_motion_derivatives(
     total: &Derivatives,
     mean: &Derivatives,
 ) -> Derivatives {
-    let turn = equation.nest.machine_from_table(equation.nest.stop_angle(stop));
+    let turn = equation.nest.machine_from_table(equation.nest.dwell_angle(stop));
     let turn = turn.matrix();
     let mut motion = total.clone();
     for (k, slope) in motion.iter_mut().enumerate() {

@@ -5,7 +5,7 @@ use super::outputs;
 use super::settings::SambaSettings;
 use super::solution::{GeometrySolution, solve_geometry};
 use crate::IdentifyError;
-use crate::identification::{self, FitFigures, LeastSquares, Solution, TrialPlan, UncertaintySource};
+use crate::identification::{self, FitQuality, LeastSquares, Solution, TrialPlan, UncertaintySource};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -31,7 +31,7 @@ pub fn identify(plan: &Plan, settings: &SambaSettings, readings: &[Reading]) -> 
         model: &LeastSquares { equation: &GeometryEquations { problem, measured }, minimum },
         residuals: &minimum.residuals,
         has_declared_sizes: plan.probe.repeatability_um.is_some(),
-        figures: FitFigures::from_points(survey, minimum, &solved.position_residuals()),
+        figures: FitQuality::from_points(survey, minimum, &solved.position_residuals()),
         measurements: &solved.measurements(),
     };
     let trials = trial_plan(settings, problem, sources);

@@ -143,7 +143,7 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String
     }
     lines.extend(describe_interruption_steps(parts));
     lines.extend(parts.identification.trials_warning());
-    lines.extend(describe_paper_comparison(parts));
+    lines.extend(describe_paper_solution_difference(parts));
     lines
 }
 
@@ -173,7 +173,7 @@ fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
 
 /// Result of the paper's own identification for the first pass, if it differs from the estimate by more than four
 /// times u.
-fn describe_paper_comparison(parts: &SolvedCycle<'_>) -> Option<String> {
+fn describe_paper_solution_difference(parts: &SolvedCycle<'_>) -> Option<String> {
     let mut design = parts.fit.layout.design.clone();
     design.probe_indices.truncate(2);
     let paper = PaperSystem::new(&design).axis_position(&parts.fit.observations)?;

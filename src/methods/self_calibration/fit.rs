@@ -4,7 +4,7 @@ use faer::{Mat, MatRef, Scale};
 
 use super::model::{Observation, UnknownsLayout};
 use super::second_order::SecondOrderCorrection;
-use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply_vector, rms};
+use crate::identification::{FitQuality, LinearFit, ObservationModel, Response, multiply_vector, rms};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
@@ -93,9 +93,9 @@ impl Fit {
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
-    pub fn figures(&self, residuals: &[f64]) -> FitFigures {
+    pub fn figures(&self, residuals: &[f64]) -> FitQuality {
         let unknowns = self.layout.unknowns() - self.layout.gauge().nrows();
-        FitFigures { unknowns, residual_rms_mm: rms(residuals), ..FitFigures::from_linear(&self.solution) }
+        FitQuality { unknowns, residual_rms_mm: rms(residuals), ..FitQuality::from_linear(&self.solution) }
     }
 
     /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For

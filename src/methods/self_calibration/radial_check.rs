@@ -33,7 +33,7 @@ pub struct RadialHarmonics {
 /// the grid does not have them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialCheck {
-    pub second: Option<RadialHarmonics>,
+    pub second_harmonic: Option<RadialHarmonics>,
     pub higher: Option<RadialHarmonics>,
 }
 
@@ -44,7 +44,10 @@ impl RadialCheck {
             let slopes: Vec<Vec<f64>> = orders.flat_map(|order| harmonic_slopes(&parts.fit.layout, order)).collect();
             combine_harmonics(parts, &slopes)
         };
-        Self { second: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER), higher: of_orders(PARAMETER_ORDER + 1..=highest) }
+        Self {
+            second_harmonic: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER),
+            higher: of_orders(PARAMETER_ORDER + 1..=highest),
+        }
     }
 
     pub fn warnings(&self, axis: machine::Axis) -> Vec<String> {
@@ -56,7 +59,7 @@ impl RadialCheck {
                      {expected:.0} is expected): {meaning}"
             )
         };
-        if let Some(second) = self.second.as_ref().filter(|second| second.is_excessive) {
+        if let Some(second) = self.second_harmonic.as_ref().filter(|second| second.is_excessive) {
             lines.push(line(
                 "the second harmonic of E_radial_XY is",
                 second,

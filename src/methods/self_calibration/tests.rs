@@ -12,7 +12,7 @@ use super::outputs::{axis_position_coefficients, dot};
 use super::paper_system::PaperSystem;
 use super::settings::SelfCalibrationSettings;
 use crate::identification::{
-    Effect, FitFigures, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
+    Effect, FitQuality, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
 };
 use estimation::linear::{LinearSolution, analyse_rank};
 use estimation::monte_carlo::TrialCount;
@@ -84,7 +84,7 @@ fn standard_deviations(form: &PaperSystem, trials: usize) -> Vec<f64> {
     let sigma = vec![1.0; form.touches.len()];
     let unknowns = (0..x.len()).map(|j| Output::from_unknown("x", Unit::Mm, j, &x));
     let outputs = Outputs { parameters: unknowns.collect(), ..Outputs::default() };
-    let figures = FitFigures { rank, unknowns: rank, condition, dof, residual_rms_mm: 0.0 };
+    let figures = FitQuality { rank, unknowns: rank, condition, dof, residual_rms_mm: 0.0 };
     let solution = Solution {
         model: &LinearFit { x: &x, design_matrix: &form.design_matrix, sigma: &sigma, gain: &gain },
         residuals: &vec![0.0; sigma.len()],

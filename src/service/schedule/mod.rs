@@ -75,7 +75,7 @@ fn run_scheduler(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) 
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        if scheduler.ends() {
+        if scheduler.has_ended() {
             return;
         }
         let (now, now_s) = (Timestamp::now(), clock.now_s());

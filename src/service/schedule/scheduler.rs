@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::entry::{DUE_REQUEST_SCHEDULE, OverlapPolicy, ReadinessCondition, ScheduleEntry};
 use super::records::SlotRecorder;
-use super::slot_window::{SlotWindow, find_slots};
+use super::slot_window::{DueAndMissedSlots, find_slots};
 use super::start_decision::{StartConditions, StartDecision, StartRequirements, decide_start};
 use crate::service::Log;
 use crate::service::command_gate::CommandGate;
@@ -24,11 +24,11 @@ const REPEATED_REQUEST_WINDOW: SignedDuration = SignedDuration::from_mins(5);
 /// Number of next times in the displayed plan.
 const SHOWN_NEXT_TIMES: usize = 3;
 
-struct Track {
+struct ScheduleTrack {
     entry: ScheduleEntry,
     /// Time of the last slot that the journal has recorded.
     last_recorded: Timestamp,
-    /// The due slot that waiting_slot: its time, and the reason why it has not started.
+    /// The due slot that waits: its time, and the reason why it has not started.
     waiting_slot: Option<(Timestamp, String)>,
 }
 
@@ -36,7 +36,7 @@ pub struct Scheduler {
     records: SlotRecorder,
     gate: CommandGate,
     demand: Vec<StartInterlock>,
-    tracks: Vec<Track>,
+    tracks: Vec<ScheduleTrack>,
     last_check: Option<Timestamp>,
     readiness: Option<Readiness>,
     /// Time since which the control is known to execute no program, monotonic clock, s.
@@ -69,7 +69,7 @@ impl Scheduler {
             records.record_end(slot);
         }
         records.journal.armings(&records.machine)?.iter().for_each(|arming| records.end_broken_arming(arming));
-        let track = |(entry, last_recorded): (&ScheduleEntry, _)| Track {
+        let track = |(entry, last_recorded): (&ScheduleEntry, _)| ScheduleTrack {
             entry: entry.clone(),
             last_recorded,
             waiting_slot: None,
@@ -89,7 +89,7 @@ impl Scheduler {
         })
     }
 
-    pub fn ends(&self) -> bool {
+    pub fn has_ended(&self) -> bool {
         self.gate.is_ending()
     }
 
@@ -115,7 +115,7 @@ impl Scheduler {
     }
 
     /// Processes one schedule; returns whether anything has changed.
-    fn check_track(&mut self, track: &mut Track, now: Timestamp) -> bool {
+    fn check_track(&mut self, track: &mut ScheduleTrack, now: Timestamp) -> bool {
         let found = find_slots(&track.entry.calendar, self.last_check, track.last_recorded, now);
         let before = track.waiting_slot.clone();
         self.missed(track, &found);
@@ -123,7 +123,7 @@ impl Scheduler {
         track.waiting_slot = track.waiting_slot.take().filter(|(at, _)| *at <= now);
         if let Some(at) = found.due {
             if let Some((last, why)) = track.waiting_slot.take() {
-                self.skips(track, last, format!("{why}; the next slot is due"));
+                self.skip_slot(track, last, format!("{why}; the next slot is due"));
             }
             let open = at > track.last_recorded || self.records.may_start(&track.entry.name, at);
             track.waiting_slot = open.then(|| (at, String::new()));
@@ -134,8 +134,8 @@ impl Scheduler {
         found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot
     }
 
-    fn missed(&self, track: &mut Track, found: &SlotWindow) {
-        let Track { entry, last_recorded, .. } = track;
+    fn missed(&self, track: &mut ScheduleTrack, found: &DueAndMissedSlots) {
+        let ScheduleTrack { entry, last_recorded, .. } = track;
         if found.has_more_missed {
             self.records.log.info(&format!("schedule {}: earlier slots were missed as well", entry.name));
         }
@@ -150,14 +150,14 @@ impl Scheduler {
         }
     }
 
-    fn skips(&self, track: &mut Track, at: Timestamp, why: String) {
-        let Track { entry, last_recorded, .. } = track;
+    fn skip_slot(&self, track: &mut ScheduleTrack, at: Timestamp, why: String) {
+        let ScheduleTrack { entry, last_recorded, .. } = track;
         let slot = self.records.new_slot(&entry.name, entry.cycle, at, SlotOutcome::Skipped);
         self.records.write_and_log(&ScheduleSlot { why, ..slot });
         *last_recorded = at.max(*last_recorded);
     }
 
-    fn decide(&mut self, track: &mut Track, at: Timestamp, last: String, now: Timestamp) {
+    fn decide(&mut self, track: &mut ScheduleTrack, at: Timestamp, last: String, now: Timestamp) {
         let entry = &track.entry;
         let requirements = StartRequirements {
             required_interlocks: &self.demand,
@@ -173,13 +173,13 @@ impl Scheduler {
                 // The reason of a failure is in the journal already.
                 return drop(self.start(&name, cycle, at));
             }
-            Ok(StartDecision::Skip(why)) => return self.skips(track, at, why.to_string()),
+            Ok(StartDecision::Skip(why)) => return self.skip_slot(track, at, why.to_string()),
             Ok(StartDecision::Wait(why)) => why.to_string(),
             // Without a readable journal nothing starts.
             Err(error) if now <= requirements.latest_start => {
                 format!("{error}; {}", error.remedy())
             }
-            Err(error) => return self.skips(track, at, error.to_string()),
+            Err(error) => return self.skip_slot(track, at, error.to_string()),
         };
         if waiting_slot != last {
             self.records.log.info(&format!("schedule {}: slot {at} waits: {waiting_slot}", entry.name));
@@ -301,10 +301,10 @@ impl Scheduler {
     }
 
     fn publish(&self, now: Timestamp) {
-        let waiting_slot = self.tracks.iter().map(|Track { waiting_slot, .. }| {
+        let waiting_slot = self.tracks.iter().map(|ScheduleTrack { waiting_slot, .. }| {
             waiting_slot.as_ref().map(|(at, why)| format!("the slot {at} waits: {why}"))
         });
-        let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
+        let all = self.tracks.iter().map(|track| plan_of_entry(&track.entry, now)).zip(waiting_slot);
         let all = all.map(|(planned, waiting)| PlannedSchedule { waiting, ..planned });
         self.gate.update(|machine_state| machine_state.planned = all.collect());
     }
@@ -312,10 +312,10 @@ impl Scheduler {
 
 /// Schedules with their next times after `now`.
 pub fn planned(entries: &[ScheduleEntry], now: Timestamp) -> Vec<PlannedSchedule> {
-    entries.iter().map(|entry| of_entry(entry, now)).collect()
+    entries.iter().map(|entry| plan_of_entry(entry, now)).collect()
 }
 
-fn of_entry(entry: &ScheduleEntry, now: Timestamp) -> PlannedSchedule {
+fn plan_of_entry(entry: &ScheduleEntry, now: Timestamp) -> PlannedSchedule {
     PlannedSchedule {
         name: entry.name.clone(),
         cycle: entry.cycle,

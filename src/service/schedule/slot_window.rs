@@ -10,8 +10,8 @@ const MAX_START_DELAY: SignedDuration = SignedDuration::from_mins(1);
 const MAX_REPORTED_MISSED: usize = 50;
 
 #[derive(Debug, Default, PartialEq)]
-pub struct SlotWindow {
-    /// Missed slots, oldest first; only the newest of them if `more` is set.
+pub struct DueAndMissedSlots {
+    /// Missed slots, oldest first; only the newest of them if `has_more_missed` is set.
     pub missed: Vec<Timestamp>,
     pub has_more_missed: bool,
     pub due: Option<Timestamp>,
@@ -27,7 +27,7 @@ pub fn find_slots(
     last_check: Option<Timestamp>,
     last_recorded: Timestamp,
     now: Timestamp,
-) -> SlotWindow {
+) -> DueAndMissedSlots {
     let from = match last_check {
         None => last_recorded,
         // The checks were at most [`MAX_START_DELAY`] apart. The caller detects slots repeated by a clock set back.
@@ -40,7 +40,7 @@ pub fn find_slots(
     if due.is_some() {
         missed.pop();
     }
-    SlotWindow { missed, has_more_missed, due }
+    DueAndMissedSlots { missed, has_more_missed, due }
 }
 
 #[cfg(test)]
@@ -53,7 +53,7 @@ mod tests {
     fn find_from(last_check: Option<&str>, now: &str) -> (Vec<String>, Option<String>) {
         let calendar = Calendar::new("30 5 * * *", "Europe/Berlin").unwrap();
         let at = |text: &str| text.parse::<Timestamp>().unwrap();
-        let SlotWindow { missed, has_more_missed, due } =
+        let DueAndMissedSlots { missed, has_more_missed, due } =
             find_slots(&calendar, last_check.map(at), at(LAST_RECORDED_SLOT), at(now));
         assert!(!has_more_missed);
         let day = |at: &Timestamp| at.to_string()[8..16].to_owned();

@@ -91,26 +91,26 @@ pub struct SimulationSetup<'a> {
 }
 
 /// A simulated control that is served on its wire until dropped.
-pub struct ServedControl {
+pub struct SimulatedControlServer {
     address: link::LinkConfig,
     protocol: Protocol,
     task: JoinHandle<()>,
 }
 
-impl Drop for ServedControl {
+impl Drop for SimulatedControlServer {
     fn drop(&mut self) {
         self.task.abort();
     }
 }
 
 /// Its location, as `[controller]` of a machine file states it.
-impl fmt::Display for ServedControl {
+impl fmt::Display for SimulatedControlServer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.address.fmt(f)
     }
 }
 
-impl ServedControl {
+impl SimulatedControlServer {
     /// `[controller]` for a real control with the same connection.
     pub fn controller_toml(&self) -> String {
         format!("kind = \"{}\"\n{}", self.kind(), self.driver_keys())
@@ -228,7 +228,7 @@ impl SimulatedControl {
         &self,
         setup: SimulationSetup<'_>,
         modes: ProvenModes,
-    ) -> Result<(Controller, Option<ServedControl>), ControllerError> {
+    ) -> Result<(Controller, Option<SimulatedControlServer>), ControllerError> {
         let machine = setup.machine;
         if let (Wire::Memory, FaultList::Grbl(faults)) = (self.wire, &setup.faults.0) {
             let (near, far) = tokio::io::duplex(WIRE_BYTES);
@@ -259,7 +259,7 @@ impl SimulatedControl {
     ///
     /// # Errors
     /// The wire cannot be opened.
-    pub fn serve(&self, setup: SimulationSetup<'_>) -> Result<ServedControl, ControllerError> {
+    pub fn serve(&self, setup: SimulationSetup<'_>) -> Result<SimulatedControlServer, ControllerError> {
         let protocol = self.protocol;
         match &setup.faults.0 {
             FaultList::Grbl(faults) => {
@@ -297,7 +297,7 @@ impl SimulatedControl {
         setup: SimulationSetup<'_>,
         wire: FaultyWire,
         on_fault: fn(Duration, PlannedFault),
-    ) -> Result<ServedControl, ControllerError> {
+    ) -> Result<SimulatedControlServer, ControllerError> {
         let FaultList::Grbl(faults) = &setup.faults.0 else {
             return Err(ControllerError::Unsupported {
                 reason: "a faulty link cannot be simulated for Modbus, because Modbus has no lines".to_owned(),
@@ -317,11 +317,14 @@ impl SimulatedControl {
         })
     }
 
-    fn serve_on_pty(&self, serve: impl FnOnce(link::Pty) -> JoinHandle<()>) -> Result<ServedControl, ControllerError> {
+    fn serve_on_pty(
+        &self,
+        serve: impl FnOnce(link::Pty) -> JoinHandle<()>,
+    ) -> Result<SimulatedControlServer, ControllerError> {
         let pty = self.baud.map_or_else(link::create_pty, link::create_pty_at_baud)?;
         let baud = self.baud.unwrap_or(DEFAULT_BAUD);
         let at = link::LinkConfig::Serial { path: pty.path.clone().into(), baud };
-        Ok(ServedControl { address: at, protocol: self.protocol, task: serve(pty) })
+        Ok(SimulatedControlServer { address: at, protocol: self.protocol, task: serve(pty) })
     }
 
     fn grbl_firmware(&self, setup: &SimulationSetup<'_>, faults: &[controls::grbl::Fault]) -> controls::grbl::Firmware {
@@ -333,7 +336,10 @@ impl SimulatedControl {
     }
 }
 
-fn serve_on_tcp(protocol: Protocol, firmware: controls::modbus::Firmware) -> Result<ServedControl, ControllerError> {
+fn serve_on_tcp(
+    protocol: Protocol,
+    firmware: controls::modbus::Firmware,
+) -> Result<SimulatedControlServer, ControllerError> {
     let listen = || {
         let listener = std::net::TcpListener::bind("127.0.0.1:0")?;
         listener.set_nonblocking(true)?;
@@ -344,7 +350,7 @@ fn serve_on_tcp(protocol: Protocol, firmware: controls::modbus::Firmware) -> Res
     let (listener, port) = listen().map_err(fault)?;
     let at = link::LinkConfig::Tcp(HostPort::local(port));
     let serve = async move { drop(controls::modbus::serve_tcp(firmware, listener).await) };
-    Ok(ServedControl { address: at, protocol, task: tokio::spawn(serve) })
+    Ok(SimulatedControlServer { address: at, protocol, task: tokio::spawn(serve) })
 }
 
 fn modbus_firmware(

@@ -106,7 +106,7 @@ impl ModbusControl {
         for line in lines.text.lines() {
             status = Some(self.window.execute_line(line, rest_time).await?);
         }
-        self.rest_status(status).await
+        self.standstill_status(status).await
     }
 
     /// Executes one motion. `last_status` is the status after the previous motion, if it was read. Returns the
@@ -139,7 +139,7 @@ impl ModbusControl {
                 self.wait_probe_open(step, status).await
             }
             Motion::Guarded { to, .. } => {
-                let last_status = self.rest_status(last_status).await?;
+                let last_status = self.standstill_status(last_status).await?;
                 let (has_contact, status) = self.execute_probing(lines, &last_status).await?;
                 if has_contact {
                     return Err(ControllerError::UnexpectedContact { step });
@@ -147,7 +147,7 @@ impl ModbusControl {
                 self.check_arrival(status, to)
             }
             Motion::Probe { .. } => {
-                let last_status = self.rest_status(last_status).await?;
+                let last_status = self.standstill_status(last_status).await?;
                 let last_status = self.wait_probe_open(step, last_status).await?;
                 self.execute_touch(lines, outcome, &last_status).await
             }
@@ -155,7 +155,7 @@ impl ModbusControl {
     }
 
     /// Status at a standstill; read from the control unless `last_status` was read after the last motion.
-    async fn rest_status(&mut self, last_status: Option<WindowStatus>) -> Result<WindowStatus, ControllerError> {
+    async fn standstill_status(&mut self, last_status: Option<WindowStatus>) -> Result<WindowStatus, ControllerError> {
         match last_status {
             Some(status) => Ok(status),
             None => self.window.wait_idle().await,
@@ -264,7 +264,7 @@ impl ModbusControl {
         for lines in &lines {
             last_status = Some(self.execute_motion(lines, &mut outcome, last_status).await?);
         }
-        let status = self.rest_status(last_status).await?;
+        let status = self.standstill_status(last_status).await?;
         outcome.t_s = self.contact_time_s(outcome.t_s, &status)?;
         Ok(outcome)
     }

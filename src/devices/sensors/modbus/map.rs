@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use crate::sensors::encoder;
-use crate::sensors::sample_layout::{InvalidReason, Location, SampleLayout, check_scale};
+use crate::sensors::sample_layout::{InvalidReason, NumberLocation, SampleLayout, check_scale};
 use link::modbus::value::{ByteOrder, NumberFormat, NumberType, ValueError};
 use link::modbus::{RegisterRange, RegisterSpace};
 use machine::record::reading::ReadingFlag;
@@ -111,7 +111,7 @@ pub(super) struct StatusBits {
     is: Option<u16>,
 }
 
-impl Location for RegisterLocation {
+impl NumberLocation for RegisterLocation {
     /// Registers of the span.
     type Data<'d> = &'d [u16];
     type Error = ValueError;

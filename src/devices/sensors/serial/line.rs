@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use crate::sensors::encoder;
-use crate::sensors::sample_layout::{DecodedSample, InvalidReason, Location, SampleLayout, check_scale};
+use crate::sensors::sample_layout::{DecodedSample, InvalidReason, NumberLocation, SampleLayout, check_scale};
 
 /// Keys of `[sensor.serial.line]`.
 #[derive(Debug, Deserialize)]
@@ -103,7 +103,7 @@ impl LineColumn {
     }
 }
 
-impl Location for LineColumn {
+impl NumberLocation for LineColumn {
     type Data<'d> = &'d [&'d str];
     type Error = ();
     /// Column and its text.

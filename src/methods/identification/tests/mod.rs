@@ -11,7 +11,7 @@ mod trials;
 
 use faer::Mat;
 
-use super::{FitFigures, LinearFit, ObservationModel, Solution};
+use super::{FitQuality, LinearFit, ObservationModel, Solution};
 
 /// The mean of observations of one quantity: x = Σy/n; each observation has standard uncertainty 1.
 pub struct Mean {
@@ -49,7 +49,7 @@ impl Mean {
 pub fn solution<'a>(model: &'a dyn ObservationModel, residuals: &'a [f64], has_declared_sizes: bool) -> Solution<'a> {
     let rank = model.unknowns();
     let dof = residuals.len().saturating_sub(rank);
-    let figures = FitFigures { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
+    let figures = FitQuality { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
     Solution { model, residuals, has_declared_sizes, figures, measurements: &[] }
 }
 

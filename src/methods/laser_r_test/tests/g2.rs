@@ -6,7 +6,7 @@ use super::played::{PAPER_TABLE_5, SimulatedMachine, run, table_5_machine};
 use super::{ideal, settings};
 use crate::laser_r_test::geometry;
 use crate::laser_r_test::identify::{identify, identify_scans};
-use crate::laser_r_test::model::{CentreObservation, MachineProblem, SphereModel, with_linear_axes};
+use crate::laser_r_test::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
 use crate::laser_r_test::paper;
 use crate::laser_r_test::parameters::select_parameters;
 use crate::laser_r_test::setup::LaserSetup;
@@ -28,7 +28,7 @@ fn five_values(estimate: &Estimate) -> [(f64, f64); 5] {
 }
 
 /// 42 poses of a sphere, each observed with the standard uncertainty `u` mm.
-pub fn problem(names: &[&str], harmonics: &[u32], ball: Vector3<f64>, u: f64) -> (MachineProblem, Vec<f64>) {
+pub fn problem(names: &[&str], harmonics: &[u32], ball: Vector3<f64>, u: f64) -> (CentresLeastSquares, Vec<f64>) {
     let plan = ideal(1.0);
     let chain = KinematicChain::new(&plan.machine).unwrap();
     let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
@@ -51,7 +51,7 @@ pub fn problem(names: &[&str], harmonics: &[u32], ball: Vector3<f64>, u: f64) ->
     let mut x = vec![0.0; parameters.len()];
     x.extend(&zero);
     x.extend(&ball);
-    (MachineProblem { model: SphereModel { chain, parameters }, centre_observations, zero_point_prior: None }, x)
+    (CentresLeastSquares { model: SphereModel { chain, parameters }, centre_observations, zero_point_prior: None }, x)
 }
 
 /// The parameter set that the topology implies is that of the paper, with the uncertainties of METHODS at 1 µm.

@@ -7,7 +7,7 @@ use super::{ideal, settings};
 use crate::identification::{LeastSquares, ObservationModel};
 use crate::laser_r_test::identify::identify_scans;
 use crate::laser_r_test::setup::LaserSetup;
-use crate::laser_r_test::two_fits::{CentresThenMachine, gain_matrix};
+use crate::laser_r_test::two_fits::{CentresThenMachine, observation_sensitivities};
 
 /// A change of at most 0.1 µm with alternating size and sign over the dwell points: the first-order response equals
 /// the change of the solution, including its sign.
@@ -19,7 +19,7 @@ fn regress_the_response_has_the_sign_of_the_near_solution() {
     let result = identify_scans(&setup, &readings).unwrap();
     let centres = LeastSquares { equation: &result.grouped.centres, minimum: &result.centre_fit };
     let model = CentresThenMachine {
-        centre_gain: &gain_matrix(&centres),
+        centre_gain: &observation_sensitivities(&centres),
         centres,
         machine: LeastSquares { equation: &result.problem, minimum: &result.machine_fit },
         groups: &result.grouped.groups,

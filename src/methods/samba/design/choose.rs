@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::information::{CandidateMeasurement, Information};
+use super::information::{CandidateMeasurement, InformationMatrix};
 use crate::MethodRefusal;
 use crate::samba::settings::Criterion;
 
@@ -17,7 +17,7 @@ const NEW_INDEXATION_COST: f64 = 0.25;
 
 /// Maximum size of the design.
 #[derive(Debug, Clone, Copy)]
-pub struct DesignBudget {
+pub struct DesignSizeLimits {
     pub max_measurements: usize,
     pub max_indexations: usize,
 }
@@ -32,9 +32,9 @@ pub struct ChosenMeasurements {
 /// State of the greedy choice.
 struct GreedyChoice<'a> {
     candidates: &'a [CandidateMeasurement],
-    budget: DesignBudget,
+    budget: DesignSizeLimits,
     criterion: Criterion,
-    information: Information,
+    information: InformationMatrix,
     chosen: Vec<usize>,
     open_indexations: BTreeSet<usize>,
     /// Number of visits of each ball.
@@ -51,8 +51,8 @@ struct GreedyChoice<'a> {
 pub fn choose_measurements(
     candidates: &[CandidateMeasurement],
     balls: usize,
-    lengths: Information,
-    budget: DesignBudget,
+    lengths: InformationMatrix,
+    budget: DesignSizeLimits,
     criterion: Criterion,
 ) -> Result<ChosenMeasurements, MethodRefusal> {
     let mut choice = GreedyChoice {

@@ -75,7 +75,7 @@ impl InverseInformation {
 
 /// Information about the machine's parameters, after elimination of tool and balls.
 #[derive(Debug, Clone)]
-pub struct Information {
+pub struct InformationMatrix {
     /// Number of machine parameters, which are the first unknowns.
     parameter_count: usize,
     /// Index of the first coordinate of each ball among the unknowns; `None`: the ball is eliminated.
@@ -89,7 +89,7 @@ pub struct Information {
     ball_unit: f64,
 }
 
-impl Information {
+impl InformationMatrix {
     /// `shared`: number of machine parameters and tool coordinates. Balls with a certified length remain
     /// among the unknowns.
     pub fn new(machine: usize, shared: usize, balls: usize, bars: &[LengthBar], ball_unit: f64) -> Self {

@@ -13,7 +13,7 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-use self::choose::{DesignBudget, MIN_VISITS, choose_measurements};
+use self::choose::{DesignSizeLimits, MIN_VISITS, choose_measurements};
 use self::information::CandidateMeasurement;
 pub use self::setup::DesignSetup;
 use super::settings::Design as DesignKind;
@@ -64,7 +64,7 @@ fn choose_optimal(
     time_s: impl Fn(&[BallVisit]) -> Result<f64, MethodRefusal>,
 ) -> Result<Vec<BallVisit>, MethodRefusal> {
     let (balls, settings) = (setup.balls.balls.len(), setup.settings);
-    let budget = DesignBudget { max_measurements: settings.balls, max_indexations: settings.indexations };
+    let budget = DesignSizeLimits { max_measurements: settings.balls, max_indexations: settings.indexations };
     let sights = &candidates.measurements;
     let chosen = choose_measurements(sights, balls, setup.length_information(), budget, settings.criterion)?;
     let first_visits = |count: usize| {

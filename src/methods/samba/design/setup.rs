@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::information::{CandidateMeasurement, Information, LengthBar};
+use super::information::{CandidateMeasurement, InformationMatrix, LengthBar};
 use crate::MethodRefusal;
 use crate::ball_measurement::{MeasurementSetup, describe_position, require_balls, tilts_spindle};
 use crate::samba::confounding::{MeasuringConditions, length_directions};
@@ -95,11 +95,11 @@ impl<'a> DesignSetup<'a> {
     }
 
     /// Information from the certified lengths alone.
-    pub fn length_information(&self) -> Information {
+    pub fn length_information(&self) -> InformationMatrix {
         let machine = self.model.parameters().len();
         let bars: Vec<LengthBar> = self.balls.lengths.iter().filter_map(|l| self.length_bar(l)).collect();
         let unit = OFFSET_UNIT_MM / self.centre_u_mm();
-        Information::new(machine, self.shared_unknown_count(), self.balls.balls.len(), &bars, unit)
+        InformationMatrix::new(machine, self.shared_unknown_count(), self.balls.balls.len(), &bars, unit)
     }
 
     /// Number of unknowns that all measurements share: machine errors and stylus.

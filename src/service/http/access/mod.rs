@@ -37,7 +37,7 @@ use crate::service::config::HttpConfig;
 const SESSION_COOKIE_NAME: &str = "trued";
 /// Maximum number of session cookies that are read. A browser sends several cookies of one name if other servers on
 /// the same host have set theirs (RFC 6265, 5.4).
-const MAX_SESSION_COOKIES: usize = 8;
+const MAX_COOKIES_READ_PER_REQUEST: usize = 8;
 
 /// Access control of all requests.
 pub struct Access {
@@ -255,7 +255,7 @@ fn bearer_token(authorization: &str) -> Option<&str> {
 fn session_numbers(headers: &HeaderMap) -> Vec<String> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let cookies = cookies.flat_map(Cookie::split_parse).filter_map(Result::ok);
-    let named = cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_SESSION_COOKIES);
+    let named = cookies.filter(|cookie| cookie.name() == SESSION_COOKIE_NAME).take(MAX_COOKIES_READ_PER_REQUEST);
     named.map(|cookie| cookie.value().to_owned()).collect()
 }
 

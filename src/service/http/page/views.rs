@@ -25,7 +25,7 @@ pub fn run_views(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem
     }
 }
 
-struct Mark {
+struct StepMark {
     /// CSS class: `done`, `now` or `next`.
     class: &'static str,
     path: Vec<Vector3<f64>>,
@@ -43,7 +43,7 @@ fn progress_views(progress: &RunProgress) -> Option<Value> {
 }
 
 /// Marks of all steps; stages that are not planned yet have none.
-fn step_marks(progress: &RunProgress) -> Option<Vec<Mark>> {
+fn step_marks(progress: &RunProgress) -> Option<Vec<StepMark>> {
     let RunProgress { plan, stages, stored_readings: done } = progress;
     let chain = KinematicChain::new(&plan.machine).ok()?;
     let is_done = |step: u32| done.iter().any(|(read, _)| *read == step);
@@ -56,9 +56,9 @@ fn step_marks(progress: &RunProgress) -> Option<Vec<Mark>> {
         (false, true) => "done",
         (false, false) => "next",
     };
-    let mark = |step: &Step| Mark { class: class(step), path: step_path(plan, &chain, step) };
+    let mark = |step: &Step| StepMark { class: class(step), path: step_path(plan, &chain, step) };
     // The current step is drawn last, on top of the others.
-    let mut marks: Vec<Mark> = moves().map(mark).collect();
+    let mut marks: Vec<StepMark> = moves().map(mark).collect();
     marks.sort_by_key(|mark| mark.class == "now");
     Some(marks)
 }
@@ -76,7 +76,7 @@ fn step_path(plan: &Plan, chain: &KinematicChain, step: &Step) -> Vec<Vector3<f6
 }
 
 /// Lower and upper bounds of the drawing along each axis, mm.
-fn drawing_bounds(marks: &[Mark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
+fn drawing_bounds(marks: &[StepMark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
     let reach = |body: &BodyShape, sign: f64| {
         Vector3::from(Axis::LINEAR.map(|axis| sign * body.max_extent_along(sign * axis.direction())))
     };
@@ -88,7 +88,7 @@ fn drawing_bounds(marks: &[Mark], bodies: &[BodyShape]) -> [Vector3<f64>; 2] {
 }
 
 /// Both views have one scale. The vertical coordinate is negated, because the y axis of SVG points down.
-fn projection_values(name: &str, up: usize, marks: &[Mark], bodies: &[BodyShape]) -> Value {
+fn projection_values(name: &str, up: usize, marks: &[StepMark], bodies: &[BodyShape]) -> Value {
     let [low, high] = drawing_bounds(marks, bodies);
     let span = (high - low).max().max(1.0);
     let middle = (low + high) / 2.0;
@@ -146,7 +146,7 @@ mod tests {
     fn both_views_hold_all_of_it_at_one_scale() {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);
         let bodies = [BodyShape::Cylinder { from, to, radius }];
-        let marks = [Mark { class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];
+        let marks = [StepMark { class: "now", path: vec![Vector3::new(15.0, 0.0, 12.0)] }];
         let [above, side] = PROJECTIONS.map(|(name, up)| projection_values(name, up, &marks, &bodies));
         let told = |view: &Value, what: &str| view.get_attr(what).unwrap().to_string();
         assert_eq!(told(&above, "frame"), "-14.90 -17.40 34.80 34.80");

@@ -9,7 +9,7 @@ use super::layout::ProgramCall;
 use super::rows::{self, ProgramRow, RowAction};
 use crate::controllers::modbus::driver::{MAX_ORIENT_TIME, ModbusControl};
 use crate::controllers::modbus::fault::{ALARM_PROBE_CLOSED, ALARM_PROBE_STILL_CLOSED};
-use crate::controllers::modbus::status::{ResultSlot, WindowStatus};
+use crate::controllers::modbus::status::{HandedOverResult, WindowStatus};
 use crate::controllers::modbus::window::{PendingChunk, RegisterWindow, sequence_after};
 use crate::controllers::{ControllerError, arrival};
 use machine::record::motion::{BlockOutcome, Motion};
@@ -18,7 +18,7 @@ use planning::proof::ProvenBlock;
 
 /// Result of a row that searches for a contact.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct RowResult {
+pub(super) struct ContactRowResult {
     /// Index of the row, from 0.
     pub row: usize,
     pub has_contact: bool,
@@ -45,7 +45,7 @@ impl ModbusControl {
     ) -> Result<(), ControllerError> {
         self.window.last_result_number = Some(status.latch_count);
         match status.result {
-            Some(ResultSlot { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
+            Some(HandedOverResult { is_pending: true, .. }) => self.window.acknowledge(status.latch_count).await,
             _ => Ok(()),
         }
     }
@@ -81,7 +81,7 @@ impl ModbusControl {
         program: &ResidentProgram,
         rows: &[ProgramRow],
         block: &ProvenBlock,
-    ) -> Result<(Vec<RowResult>, WindowStatus), ControllerError> {
+    ) -> Result<(Vec<ContactRowResult>, WindowStatus), ControllerError> {
         let step = block.step();
         let call = ProgramCall { sequence: self.window.next_sequence(), program, step, rows };
         let chunk = program.layout.encode_chunk(&call);
@@ -105,7 +105,7 @@ impl ModbusControl {
         pending: &mut PendingChunk,
         rows: &[ProgramRow],
         step: u32,
-    ) -> Result<(Vec<RowResult>, WindowStatus), ControllerError> {
+    ) -> Result<(Vec<ContactRowResult>, WindowStatus), ControllerError> {
         let (mut results, mut ended_at) = (Vec::new(), None);
         loop {
             let (status, done) = self.window.poll_chunk(pending).await?;
@@ -148,9 +148,9 @@ impl ModbusControl {
     fn find_touch<'a>(
         &self,
         rows: &[ProgramRow],
-        results: &'a [RowResult],
+        results: &'a [ContactRowResult],
         step: u32,
-    ) -> Result<Option<&'a RowResult>, ControllerError> {
+    ) -> Result<Option<&'a ContactRowResult>, ControllerError> {
         let mut touches = (0..).zip(rows).filter(|(_, row)| row.action == RowAction::Touch);
         for result in results {
             let row = rows.get(result.row).map(|row| row.action);
@@ -182,7 +182,7 @@ impl ModbusControl {
         &self,
         before: &[ProgramRow],
         row: &ProgramRow,
-        result: &RowResult,
+        result: &ContactRowResult,
     ) -> Result<(), ControllerError> {
         let from = rows::end_position(before, &self.rest_position);
         let to = from.updated_by(&row.target);
@@ -195,7 +195,7 @@ impl ModbusControl {
 fn result_kind(
     window: &RegisterWindow,
     status: &WindowStatus,
-    slot: &ResultSlot,
+    slot: &HandedOverResult,
     sequence: u16,
 ) -> Result<ResultFreshness, ControllerError> {
     let last_number = window.last_result_number.unwrap_or_default();
@@ -216,8 +216,8 @@ fn result_kind(
     Err(ControllerError::UnexpectedReply { reply })
 }
 
-fn row_result(status: &WindowStatus, slot: &ResultSlot) -> RowResult {
-    RowResult {
+fn row_result(status: &WindowStatus, slot: &HandedOverResult) -> ContactRowResult {
+    ContactRowResult {
         row: usize::from(slot.row).wrapping_sub(1),
         has_contact: slot.has_contact,
         latched_position: status.latched_position.clone(),

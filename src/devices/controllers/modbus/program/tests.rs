@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::super::driver::ModbusControl;
 use super::super::tests::{driver, fault, prove_block_for, turn_at_feed, wait_for_hold};
-use super::call::RowResult;
+use super::call::ContactRowResult;
 use super::rows;
 use crate::controllers::{ControllerError, Driver};
 use machine::record::motion::{Block, Motion};
@@ -100,7 +100,7 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
             DiaryEntry::Contact { t_s, .. } => Some(Some(*t_s)),
             _ => None,
         });
-        let times: Vec<_> = found.iter().map(|found: &RowResult| found.t_s).collect();
+        let times: Vec<_> = found.iter().map(|found: &ContactRowResult| found.t_s).collect();
         assert_eq!(times, made.collect::<Vec<_>>());
         assert_eq!(status.latch_count, 3);
         let wrong = |entry: &&DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(_));
