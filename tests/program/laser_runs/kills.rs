@@ -30,7 +30,8 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
     for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
         assert_eq!(one.symbol, other.symbol);
         // E_n of two measurements: 1 at two standard uncertainties of their difference. When the run is killed depends
-        // on the clock: at 1.5, one of 13 parameters exceeded the limit in one of some fifty runs, as is expected by chance.
+        // on the clock: at 1.5 (three standard uncertainties), one of 13 parameters exceeds the limit by chance in 3 %
+        // of the runs.
         let apart = (one.value - other.value).abs() / one.expanded.hypot(other.expanded);
         println!("{}: {:.3} and {:.3}, E_n {apart:.2}", one.symbol, one.value, other.value);
         assert!(apart < 2.0, "{}: {} {}, {apart}", one.symbol, one.value, other.value);

@@ -121,7 +121,7 @@ fn entered(shop: &MachineShop, arguments: &[&str]) {
     let mut some = [0; 4096];
     while let Ok(count @ 1..) = shown.read(&mut some) {
         seen.push_str(&String::from_utf8_lossy(&some[..count]));
-        if seen.matches("press Enter").count() > answered {
+        if seen.matches("Press Enter").count() > answered {
             answered += 1;
             keys.write_all(b"\n").unwrap();
         }
