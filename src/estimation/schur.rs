@@ -120,8 +120,8 @@ impl BlockFactorisation {
         self.unknowns_at(&self.coordinates(&mut y.to_vec()))
     }
 
-    /// Computes the least-squares solution of damped rows (see [`add_damping_rows`]). `y` holds the values without the damping
-    /// rows.
+    /// Computes the least-squares solution of damped rows (see [`add_damping_rows`]). `y` holds the values without the
+    /// damping rows.
     pub(super) fn solve_damped(&self, y: &[f64]) -> Vec<f64> {
         let (mut extended, mut rest) = (Vec::new(), y);
         for block in &self.blocks {

@@ -15,8 +15,8 @@ const DATA_BITS: u64 = 8;
 /// Byte that the operating system returns for a framing error (termios: neither IGNPAR nor PARMRK).
 const FRAMING_ERROR_BYTE: u8 = 0;
 
-/// Returns the bytes that a receiver at `decode_at_baud` baud decodes from `bytes`, sent without pauses at `sender_baud` baud. The
-/// receiver waits for a falling edge and samples the middle of each of its own bits.
+/// Returns the bytes that a receiver at `decode_at_baud` baud decodes from `bytes`, sent without pauses at
+/// `sender_baud` baud. The receiver waits for a falling edge and samples the middle of each of its own bits.
 pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, decode_at_baud: u32) -> Vec<u8> {
     if sender_baud == decode_at_baud || sender_baud == 0 || decode_at_baud == 0 {
         return bytes.to_vec();

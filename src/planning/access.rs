@@ -211,8 +211,8 @@ impl TouchAccess {
         Ok(())
     }
 
-    /// Position of X, Y, Z and the rotary axes at which the stylus ball is at distance `distance_mm` from the ball's centre
-    /// along the normal.
+    /// Position of X, Y, Z and the rotary axes at which the stylus ball is at distance `distance_mm` from the ball's
+    /// centre along the normal.
     pub(super) fn position_beside_ball(
         &self,
         ball: &Ball,

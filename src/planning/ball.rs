@@ -86,8 +86,8 @@ impl TouchAccess {
         self.build_steps(task, contacts, probe, kind, (first, stage), label)
     }
 
-    /// Like [`TouchAccess::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame without
-    /// the rotation of S. Numbers and stage are 0.
+    /// Like [`TouchAccess::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame
+    /// without the rotation of S. Numbers and stage are 0.
     ///
     /// # Errors
     /// The first direction that is not free; a touch is longer than the probe's overtravel.

@@ -13,8 +13,8 @@ pub(super) const FIRST_FORMAT_WITH_APPLICATION_ID: i64 = 8;
 
 /// Format of the journal that is open in `connection`, 0 for an empty file. Only reads.
 ///
-/// # Errors
-/// [`StoreFault::NotAJournal`], [`StoreFault::NewerFormat`], or [`StoreFault::Damaged`] if a journal lacks a table or a column.
+/// # Errors [`StoreFault::NotAJournal`], [`StoreFault::NewerFormat`], or [`StoreFault::Damaged`] if a journal lacks a
+/// table or a column.
 pub(super) fn identify_format(connection: &Connection) -> Result<i64, StoreFault> {
     // One transaction, as another process may be creating the tables.
     let snapshot = connection.unchecked_transaction()?;

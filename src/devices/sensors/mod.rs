@@ -174,8 +174,8 @@ impl Sensor {
     }
 
     /// Watches the samples until [`Sensor::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
-    /// called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on request is not
-    /// watched. Returns when the watch has started: every later sample is checked.
+    /// called, at once and from the sensor's task. `on_rejection` must not block. A sensor that sends only on request
+    /// is not watched. Returns when the watch has started: every later sample is checked.
     pub async fn watch(
         &self,
         is_good: impl Fn(&Sample) -> bool + Send + 'static,

@@ -94,8 +94,8 @@ impl WithSimd for FillRectangular<'_> {
     }
 }
 
-/// Fills [`PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with the wide
-/// registers enabled.
+/// Fills [`PAIRS_PER_BATCH`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with
+/// the wide registers enabled.
 struct FillPairs<'a> {
     lanes: &'a mut Xoshiro,
     first: &'a mut [f64],

@@ -9,8 +9,8 @@ use crate::linear::{LinearProblem, LinearSolution, solve_least_squares};
 /// Ratio of thickness to length below which the points count as flat.
 const MAX_FLATNESS_RATIO: f64 = 1e-7;
 const MAX_STEP_COUNT: usize = 1000;
-/// Tolerance of the step after [`MAX_STEP_COUNT`]. If the deviations are as large as the radius, the steps shrink slowly
-/// or alternate within their rounding, and this accuracy is sufficient.
+/// Tolerance of the step after [`MAX_STEP_COUNT`]. If the deviations are as large as the radius, the steps shrink
+/// slowly or alternate within their rounding, and this accuracy is sufficient.
 const FINAL_STEP_TOLERANCE: f64 = 1e-9;
 
 /// Fits by an algebraic initial value (Kåsa 1976), then Gauss–Newton with each step halved until the deviations

@@ -7,8 +7,8 @@ use std::fmt;
 /// Half width of the kernel in output steps. It is also the run-in before the first revolution and the run-out
 /// after the last.
 pub const KERNEL_HALF_STEPS: usize = 6;
-/// Shape of the Kaiser window: −100 dB above [`ResampleFilter::min_suppressed_harmonic`] (Kaiser's formula β = 0.1102·(A −
-/// 8.7)).
+/// Shape of the Kaiser window: −100 dB above [`ResampleFilter::min_suppressed_harmonic`] (Kaiser's formula β =
+/// 0.1102·(A − 8.7)).
 const KAISER_BETA: f64 = 10.06;
 /// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
 const HALF_TRANSITION_RATIO: f64 = 0.267;

@@ -28,8 +28,8 @@ struct Creep {
 /// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
 /// machine creeps no faster than declared.
 ///
-/// # Errors
-/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch again.
+/// # Errors The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the
+/// watch again.
 pub fn needs_watch_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, MethodRefusal> {
     let watch_s = setup.touch_settings.watch_s;
     // The watch ends when the measurement begins, also for a resumed run.

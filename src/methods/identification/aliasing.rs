@@ -36,8 +36,8 @@ pub fn describe_aliased_orders(axis: Axis, angles: &[f64], of: &str) -> Option<S
     ))
 }
 
-/// The sentences of [`describe_aliased_orders`] for all rotary axes except the spindle, from the angles at which the steps of
-/// a plan measure.
+/// The sentences of [`describe_aliased_orders`] for all rotary axes except the spindle, from the angles at which the
+/// steps of a plan measure.
 pub fn describe_plan_aliasing(plan: &Plan) -> Vec<String> {
     let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
     let of_axis = |axis: &Axis| {

@@ -2,9 +2,9 @@
 //! the table, with the cylinder indexed relative to the table. Samples of several revolutions give five of the six
 //! error motions. The angular positioning error is not measurable with a round artefact.
 //!
-//! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter. [`identify_motions`]
-//! separates motion and artefact harmonic by harmonic. [`layout`] predicts before the measurement what a layout
-//! separates.
+//! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter.
+//! [`identify_motions`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before the measurement
+//! what a layout separates.
 
 mod calibration;
 mod centring;

@@ -5,10 +5,9 @@
 //! the surface towards the sensor: outwards along n(γ) = (cos γ, sin γ) for a radial sensor at the angle γ, along
 //! +Z for an axial sensor above the face. γ is counter-clockwise seen from +Z.
 //!
-//! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq.
-//! The table turns counter-clockwise by σq ([`ProbeLayout::turn_sign`]), the artefact on the table by the index angle φn
-//! (also counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the
-//! harmonic of w(−σq):
+//! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq. The table turns
+//! counter-clockwise by σq ([`ProbeLayout::turn_sign`]), the artefact on the table by the index angle φn (also
+//! counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the harmonic of w(−σq):
 //! - radial, section at height z: M = (X + (z−z0)B) cos γ + (Y − (z−z0)A) sin γ + R e^(−iσk(γ−φn));
 //! - axial, radius ρ: M = Z + ρ(A sin γ − B cos γ) + F e^(−iσk(γ−φn)).
 //!

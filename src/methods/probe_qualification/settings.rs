@@ -50,8 +50,8 @@ impl Default for ProbeQualificationSettings {
 const MAX_AZIMUTHS: u32 = 360;
 const MAX_REPEATS: u32 = 100;
 const MAX_ORDERS: u32 = 100;
-/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`OFFSET_SIGMAS`] standard deviations
-/// of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
+/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`OFFSET_SIGMAS`] standard
+/// deviations of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
 const MIN_TRAVEL_MM: f64 = 0.1;
 const OFFSET_SIGMAS: f64 = 6.0;
 

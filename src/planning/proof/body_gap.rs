@@ -25,8 +25,8 @@ pub struct BodyGap {
     pub direction: Vector3<f64>,
 }
 
-/// Computes the gap, first across `direction_hint`. The search ends when the gap exceeds `sufficient_mm` for its direction; `max_sufficient_mm`
-/// is the maximum of `sufficient_mm` over all directions.
+/// Computes the gap, first across `direction_hint`. The search ends when the gap exceeds `sufficient_mm` for its
+/// direction; `max_sufficient_mm` is the maximum of `sufficient_mm` over all directions.
 pub fn body_gap(
     one: &MachineShape,
     other: &MachineShape,

@@ -10,9 +10,9 @@
 //!   that ball at every position within its uncertainty, and on the side of the step's `normal`. The full length of
 //!   the touch avoids all other balls and stems.
 //! - Each scan reaches its points one after the other, at its feed, and rests at each point where it takes samples.
-//!   No part of it touches, and all of it keeps [`MIN_UNGUARDED_CLEARANCE_MM`] as a rapid does. If its sensors are on the table, the
-//!   ball in the spindle may be as near to them as their range allows, at a feed from which a hold stops it within
-//!   that range.
+//!   No part of it touches, and all of it keeps [`MIN_UNGUARDED_CLEARANCE_MM`] as a rapid does. If its sensors are on
+//!   the table, the ball in the spindle may be as near to them as their range allows, at a feed from which a hold
+//!   stops it within that range.
 //! - A prompt is one stop (M0) and nothing else; after it, the position of the machine is unknown.
 //! - There is no other feed move. Guarded moves (probing moves other than the touch) stay clear of everything, and
 //!   stop within the overtravel if they meet an obstacle nevertheless.
@@ -20,7 +20,8 @@
 //!   no rapid, and the whole approach to a step is careful ([`careful`]).
 //! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
 //!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
-//! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every step ends with
+//! - Rapids and turns of a rotary axis or the spindle keep [`MIN_UNGUARDED_CLEARANCE_MM`] from everything, and every
+//!   step ends with
 //!   that distance.
 //!
 //! Each body of the artefact is enlarged by its uncertainty. During a touch, only parts that move with the spindle

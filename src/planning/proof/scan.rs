@@ -1,6 +1,6 @@
-//! Proof of a scan: the text reaches the points of its path one after the other, at its feed. It rests at each
-//! point where samples are taken at rest, and nowhere if they are taken during the motion. No part of it touches:
-//! all of it keeps [`MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near as their
+//! Proof of a scan: the text reaches the points of its path one after the other, at its feed. It rests at each point
+//! where samples are taken at rest, and nowhere if they are taken during the motion. No part of it touches: all of it
+//! keeps [`MIN_UNGUARDED_CLEARANCE_MM`], except that the ball in a nest of sensors on the table may be as near as their
 //! range allows.
 
 use super::MIN_UNGUARDED_CLEARANCE_MM;

@@ -44,17 +44,18 @@ pub enum ClearanceRule {
     MinClearance(f64),
     /// Like `MinClearance`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
     InNest(f64),
-    /// A guarded move: no bodies collide, and pairs whose contact the probe does not detect stay [`UNDETECTED_CLEARANCE_MM`]
-    /// apart.
+    /// A guarded move: no bodies collide, and pairs whose contact the probe does not detect stay
+    /// [`UNDETECTED_CLEARANCE_MM`] apart.
     GuardedMove,
     /// Like `GuardedMove`, but a pair that is nearer at the start may keep that distance during the whole move: the
     /// first, guarded move of a machine that was stopped beside the artefact. The pair must not come nearer.
     LeavingStart,
-    /// An unguarded move out of contact: a pair that is nearer than [`MIN_UNGUARDED_CLEARANCE_MM`] at the start must not come
-    /// nearer, all others keep [`MIN_UNGUARDED_CLEARANCE_MM`]. A pair that intersects at the start is not checked: one such pair is
-    /// in contact, and the true position of the machine is unknown.
+    /// An unguarded move out of contact: a pair that is nearer than [`MIN_UNGUARDED_CLEARANCE_MM`] at the start must
+    /// not come nearer, all others keep [`MIN_UNGUARDED_CLEARANCE_MM`]. A pair that intersects at the start is not
+    /// checked: one such pair is in contact, and the true position of the machine is unknown.
     Retract,
-    /// A touch of this body of the artefact: all pairs that do not concern this body stay [`UNDETECTED_CLEARANCE_MM`] apart.
+    /// A touch of this body of the artefact: all pairs that do not concern this body stay [`UNDETECTED_CLEARANCE_MM`]
+    /// apart.
     TouchOtherBodies(usize),
     /// A touch of this body, whose position may be off across the touch: parts that move with the stylus ball stay
     /// clear of this body and its stem.
@@ -94,9 +95,9 @@ impl Scene {
         self.bodies.iter().find(|body| body.role == BodyRole::StylusBall)
     }
 
-    /// Smallest clearance on the path, mm, and its two bodies, if it is below `max_clearance_mm`. The pair of stylus ball and
-    /// artefact counts on unguarded paths only, because otherwise it is meant to come near. Pairs on one side never
-    /// count, because their distance is a matter of the machine's design.
+    /// Smallest clearance on the path, mm, and its two bodies, if it is below `max_clearance_mm`. The pair of stylus
+    /// ball and artefact counts on unguarded paths only, because otherwise it is meant to come near. Pairs on one side
+    /// never count, because their distance is a matter of the machine's design.
     ///
     /// # Errors
     /// The first pair that comes too near, or cannot be proven clear.
@@ -175,8 +176,8 @@ fn are_far_apart(pair: &BodyPair, centres: &[[Vector3<f64>; 2]], demand: &Cleara
     apart - reach - uncertainty_mm > demand.min_clearance_mm.max(demand.nearest - CLEARANCE_TOLERANCE_MM)
 }
 
-/// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the pair
-/// is not checked.
+/// Minimum clearance that `rule` requires of a pair, mm, and the lateral uncertainty of a touched part. `None`: the
+/// pair is not checked.
 fn required_clearance(
     rule: &ClearanceRule,
     pair: &BodyPair,

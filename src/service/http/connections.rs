@@ -1,6 +1,6 @@
 //! Connections of the HTTP server. Their number is limited, and every wait for a request or a response has a time
-//! limit. When the maximum number is reached, a new connection replaces another one, preferably one without a request in
-//! progress: of the client with the most connections, the oldest. A new connection has one second to send its
+//! limit. When the maximum number is reached, a new connection replaces another one, preferably one without a request
+//! in progress: of the client with the most connections, the oldest. A new connection has one second to send its
 //! request before it can be replaced, so that a hold arrives however many clients are connected. No connection is
 //! refused, because it might carry a hold.
 
@@ -155,8 +155,9 @@ impl Connections {
     }
 }
 
-/// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest [`ConnectionState`]; of these,
-/// the oldest of the client with the most connections is closed. Returns whether one was closed.
+/// Closes one of the connections for which `is_candidate` is true. Candidates are those with the lowest
+/// [`ConnectionState`]; of these, the oldest of the client with the most connections is closed. Returns whether one was
+/// closed.
 fn close_one(all: &mut BTreeMap<u64, Connection>, is_candidate: impl Fn(&Connection) -> bool) -> bool {
     let least = all.values().filter(|connection| is_candidate(connection)).map(|connection| connection.state).min();
     let mut shares = BTreeMap::new();

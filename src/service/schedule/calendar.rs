@@ -43,7 +43,8 @@ impl Calendar {
         std::iter::successors(first, next).skip(1)
     }
 
-    /// Times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were more.
+    /// Times after `from` and until `to`, oldest first: only the newest `max_count` of them, and whether there were
+    /// more.
     pub fn times_between(&self, from: Timestamp, to: Timestamp, max_count: usize) -> (Vec<Timestamp>, bool) {
         if to <= from {
             return (Vec::new(), false);

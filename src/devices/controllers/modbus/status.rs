@@ -44,8 +44,8 @@ pub(super) struct WindowStatus {
     pub result: Option<HandedOverResult>,
 }
 
-/// Result that a resident program hands over: the status' `latch_count` is its number, `latched_position` the position of
-/// the axes.
+/// Result that a resident program hands over: the status' `latch_count` is its number, `latched_position` the position
+/// of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HandedOverResult {
     /// Row that the program executes, from 1; 0: none.

@@ -14,7 +14,8 @@ use super::{
 /// Maximum time for the first values before the first touch: longer than a port may take to be released.
 const MAX_FIRST_VALUES_WAIT: Duration = Duration::from_secs(6);
 const FIRST_VALUES_CHECK_INTERVAL: Duration = Duration::from_millis(10);
-/// Number of requests while a value is valid; the interval of the requests is between the two of `POLL_INTERVAL_LIMITS`.
+/// Number of requests while a value is valid; the interval of the requests is between the two of
+/// `POLL_INTERVAL_LIMITS`.
 const POLLS_PER_VALIDITY: u32 = 4;
 const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 

@@ -10,8 +10,8 @@ use super::TrendPoint;
 use estimation::coverage;
 use estimation::random::seeded_stream;
 
-/// Minimum number of values on each side of a step (`MIN_VALUES_PER_SIDE`) and of a line after its beginning (`MIN_DRIFT_VALUES`): a
-/// single value may be an outlier.
+/// Minimum number of values on each side of a step (`MIN_VALUES_PER_SIDE`) and of a line after its beginning
+/// (`MIN_DRIFT_VALUES`): a single value may be an outlier.
 const MIN_VALUES_PER_SIDE: usize = 2;
 const MIN_DRIFT_VALUES: usize = 3;
 /// Minimum number of values for a change to be detected.

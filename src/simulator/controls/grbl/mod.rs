@@ -1,8 +1,8 @@
 //! The simulated control: implements grblHAL's protocol and executes the received text against a [`SimulatedWorld`]. It
 //! is the peer of the driver and shares no code with it.
 //!
-//! One extension, switched by [`SimulatedGrblOptions::has_time_stamps`]: the status report carries `|Time:<seconds>`, the
-//! simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
+//! One extension, switched by [`SimulatedGrblOptions::has_time_stamps`]: the status report carries `|Time:<seconds>`,
+//! the simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
 
 mod fault;
 mod job;

@@ -1,5 +1,5 @@
-//! The simulated control behind a window of Modbus registers: executes the received text, or the rows for its
-//! resident program, against a [`SimulatedWorld`]. It is the peer of the driver and shares no code with it; its register
+//! The simulated control behind a window of Modbus registers: executes the received text, or the rows for its resident
+//! program, against a [`SimulatedWorld`]. It is the peer of the driver and shares no code with it; its register
 //! addresses come from `docs/line-window.md` and `docs/resident-program.md` alone.
 //!
 //! Its state advances on requests: each request first brings it up to the time of its arrival.
