@@ -144,17 +144,26 @@ impl DwellPoints<'_> {
         UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
     }
 
-    /// Angular error motions of the linear axes. They are the same for all dwell points of a pose, as a rotation of
-    /// the sphere about its centre has no effect.
+    /// Angular error motions of the linear axes. A rotation of the sensor about the sphere's centre does not change the
+    /// reading, so the lever arm of each dwell point ends at the centre.
     fn angular_motion_source(&self, x: &[f64]) -> UncertaintySource {
-        let axes = |(i, group): (usize, &PoseGroup)| group.xyz_at(self.grouped.centres.group_centre(x, i));
-        let points: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(axes).collect();
-        let patterns = declared::angular_motion_patterns(self.setup.plan, &points);
-        let column = |(error, angles): &(ErrorParameter, Vec<f64>)| {
-            let shifts = self.shifts_per_unit(x, *error).into_iter().zip(angles);
-            self.along_normals(&shifts.map(|(shift, angle)| shift * *angle).collect::<Vec<_>>())
+        let (centres, setup) = (&self.grouped.centres, self.setup);
+        let positions: Vec<Vector3<f64>> = self.grouped.spots.iter().map(|spot| spot.xyz).collect();
+        let patterns = declared::angular_motion_patterns(setup.plan, &positions);
+        let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
+        let shifts = centres.rows.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
+            let group = &self.grouped.groups[row.group];
+            let missing = centres.group_centre(x, row.group) - row.displacement_mm;
+            let centre = setup.zero_point() + row.machine_from_spindle.inverse() * missing;
+            let at = with_linear_axes(&group.rotary, *xyz);
+            let columns = setup.chain.jacobian(&at, Point::from_vec(centre), &[], &errors);
+            columns.iter().map(|column| n.dot(&(group.machine_from_table * column))).collect::<Vec<f64>>()
+        });
+        let shifts: Vec<Vec<f64>> = shifts.collect();
+        let column = |(k, (_, angles)): (usize, &(ErrorParameter, Vec<f64>))| {
+            shifts.iter().zip(angles).map(|(shift, angle)| shift[k] * angle).collect()
         };
-        let effect = Effect::Joint(patterns.iter().map(column).collect());
+        let effect = Effect::Joint(patterns.iter().enumerate().map(column).collect());
         UncertaintySource::new("angular error motions of X, Y and Z", effect)
     }
 
