@@ -30,30 +30,30 @@ const READ_HOLDING: u8 = 3;
 const READ_INPUT: u8 = 4;
 const WRITE_MULTIPLE: u8 = 16;
 
-pub fn reduced(capture: &str) -> String {
-    let mut links: BTreeMap<u32, Link> = BTreeMap::new();
+pub fn normalise_capture(capture: &str) -> String {
+    let mut links: BTreeMap<u32, CapturedLink> = BTreeMap::new();
     for line in capture.lines().filter(|line| !line.starts_with('#')) {
         let mut parts = line.splitn(4, ' ').skip(1);
         let (number, mark, rest) = (parts.next(), parts.next(), parts.next().unwrap_or_default());
         let link = links.entry(number.unwrap().parse().unwrap()).or_default();
         match mark {
-            Some("=") => link.open(rest),
-            Some(">") => link.sent(&unescaped(rest), rest),
-            Some("<") => link.received(&unescaped(rest), rest),
+            Some("=") => link.open_link(rest),
+            Some(">") => link.record_sent(&unescape(rest), rest),
+            Some("<") => link.record_received(&unescape(rest), rest),
             _ => panic!("{line}"),
         }
     }
-    let text = |(number, mut link): (u32, Link)| {
-        link.greeting_first();
+    let text = |(number, mut link): (u32, CapturedLink)| {
+        link.move_greeting_first();
         let lines = link.lines.into_iter().map(|line| format!("{number} {line}\n"));
         lines.collect::<String>()
     };
     let text: String = links.into_iter().map(text).collect();
-    without_number(&without_number(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
+    remove_number(&remove_number(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
 }
 
 /// `text` with `name` in place of each number after `prefix`.
-fn without_number(text: &str, prefix: &str, name: &str) -> String {
+fn remove_number(text: &str, prefix: &str, name: &str) -> String {
     let mut parts = text.split(prefix);
     let mut result = parts.next().unwrap_or_default().to_owned();
     for part in parts {
@@ -64,7 +64,7 @@ fn without_number(text: &str, prefix: &str, name: &str) -> String {
 }
 
 #[derive(Default)]
-struct Link {
+struct CapturedLink {
     kind: String,
     lines: Vec<String>,
     sent: Vec<u8>,
@@ -74,9 +74,9 @@ struct Link {
     has_status_request: bool,
 }
 
-impl Link {
+impl CapturedLink {
     /// Moves the first request directly before its `ok`.
-    fn greeting_first(&mut self) {
+    fn move_greeting_first(&mut self) {
         let place = |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
         if let (Some(request), Some(ok)) = (place("> "), place("< ok"))
             && self.kind == "lines"
@@ -86,41 +86,41 @@ impl Link {
         }
     }
 
-    fn open(&mut self, opening: &str) {
+    fn open_link(&mut self, opening: &str) {
         let (kind, name) = opening.split_once(' ').unwrap();
         self.kind = kind.to_owned();
         self.lines.push(format!("= {kind} {name}"));
     }
 
-    fn sent(&mut self, bytes: &[u8], escaped: &str) {
+    fn record_sent(&mut self, bytes: &[u8], escaped: &str) {
         match &*self.kind {
             "lines" if bytes == b"?" => {}
             "lines" => {
                 self.sent.extend(bytes);
-                self.lines.extend(whole_lines(&mut self.sent, '>'));
+                self.lines.extend(take_complete_lines(&mut self.sent, '>'));
             }
             "modbus-tcp" | "modbus-rtu" => {
                 self.sent.extend(bytes);
-                while let Some(frame) = Frame::take(&mut self.sent, &self.kind, true) {
-                    self.request(frame);
+                while let Some(frame) = ModbusFrame::parse_next(&mut self.sent, &self.kind, true) {
+                    self.record_request(frame);
                 }
             }
             _ => self.lines.push(format!("> {escaped}")),
         }
     }
 
-    fn received(&mut self, bytes: &[u8], escaped: &str) {
+    fn record_received(&mut self, bytes: &[u8], escaped: &str) {
         match &*self.kind {
             "lines" => {
                 self.received.extend(bytes);
-                let lines = whole_lines(&mut self.received, '<');
+                let lines = take_complete_lines(&mut self.received, '<');
                 self.lines.extend(lines.into_iter().filter(|line| !line.starts_with("< <")));
             }
             "modbus-tcp" | "modbus-rtu" => {
                 self.received.extend(bytes);
-                while let Some(frame) = Frame::take(&mut self.received, &self.kind, false) {
+                while let Some(frame) = ModbusFrame::parse_next(&mut self.received, &self.kind, false) {
                     if frame.function == READ_INPUT {
-                        self.status = Some(status(&frame.body[1..]));
+                        self.status = Some(status_without_time(&frame.body[1..]));
                     }
                 }
             }
@@ -128,7 +128,7 @@ impl Link {
         }
     }
 
-    fn request(&mut self, Frame { unit, function, body }: Frame) {
+    fn record_request(&mut self, ModbusFrame { unit, function, body }: ModbusFrame) {
         let address = u16::from_be_bytes([body[0], body[1]]);
         let count = u16::from_be_bytes([body[2], body[3]]);
         let line = match function {
@@ -152,7 +152,7 @@ impl Link {
     }
 }
 
-fn whole_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
+fn take_complete_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
     let mut lines = Vec::new();
     while let Some(end) = buffer.iter().position(|byte| *byte == b'\n') {
         let line: Vec<u8> = buffer.drain(..=end).collect();
@@ -162,7 +162,7 @@ fn whole_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
 }
 
 /// Registers as decimal numbers, followed by the two times as the numbers in their registers.
-fn status(body: &[u8]) -> String {
+fn status_without_time(body: &[u8]) -> String {
     let registers = body.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]]));
     let mut registers: Vec<u16> = registers.collect();
     let time = |at: usize| {
@@ -180,15 +180,15 @@ fn status(body: &[u8]) -> String {
 }
 
 /// A request or a reply without its envelope.
-struct Frame {
+struct ModbusFrame {
     unit: u8,
     function: u8,
     body: Vec<u8>,
 }
 
-impl Frame {
+impl ModbusFrame {
     /// The next complete frame.
-    fn take(buffer: &mut Vec<u8>, kind: &str, is_request: bool) -> Option<Self> {
+    fn parse_next(buffer: &mut Vec<u8>, kind: &str, is_request: bool) -> Option<Self> {
         let (start, end, length) = match kind {
             "modbus-tcp" => {
                 let rest = usize::from(u16::from_be_bytes([*buffer.get(4)?, *buffer.get(5)?]));
@@ -215,7 +215,7 @@ impl Frame {
 }
 
 /// The inverse of `escape_ascii`.
-fn unescaped(text: &str) -> Vec<u8> {
+fn unescape(text: &str) -> Vec<u8> {
     let (mut bytes, mut rest) = (Vec::new(), text.bytes());
     while let Some(byte) = rest.next() {
         if byte != b'\\' {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use super::normalise::without_hashes;
+use super::normalise::replace_hashes;
 
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 const ABSOLUTE_TOLERANCE: f64 = 1e-12;
@@ -17,25 +17,25 @@ const WRITE_VARIABLE: &str = "TRUED_WRITE_BASELINE";
 
 /// Compares `actual` with the stored file `name`, or writes the file if `TRUED_WRITE_BASELINE=1`.
 pub fn check_text(name: &str, actual: &str) {
-    let Some(stored) = stored(name, actual) else { return };
+    let Some(stored) = load_stored(name, actual) else { return };
     let mut differences = Differences::default();
     compare_text(&mut differences, &stored, actual);
-    differences.report(name);
+    differences.fail_if_any(name);
 }
 
 /// Like [`check_text`], by the structure of the document: white space, order of keys and hashes are ignored.
 pub fn check_json(name: &str, actual: &Value) {
-    let actual = without_hashes(&json_text(actual));
-    let Some(stored) = stored(name, &actual) else { return };
+    let actual = replace_hashes(&json_text(actual));
+    let Some(stored) = load_stored(name, &actual) else { return };
     let [stored, actual] =
         [&stored, &actual].map(|text| serde_json::from_str(text).unwrap_or_else(|error| panic!("{name}: {error}")));
     let mut differences = Differences::default();
     compare_json(&mut differences, "$", &stored, &actual);
-    differences.report(name);
+    differences.fail_if_any(name);
 }
 
 /// The content of the stored file; `None` if `actual` was written instead.
-pub fn stored(name: &str, actual: &str) -> Option<String> {
+pub fn load_stored(name: &str, actual: &str) -> Option<String> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/baseline").join(name);
     if std::env::var_os(WRITE_VARIABLE).is_some() {
         fs::create_dir_all(file.parent()?).unwrap();
@@ -53,7 +53,7 @@ struct Differences {
 }
 
 impl Differences {
-    fn add(&mut self, place: &str, stored: &str, actual: &str) {
+    fn add_difference(&mut self, place: &str, stored: &str, actual: &str) {
         self.count += 1;
         if self.listed.len() < MAX_LISTED_DIFFERENCES {
             let (stored, actual) = (excerpt(stored), excerpt(actual));
@@ -61,7 +61,7 @@ impl Differences {
         }
     }
 
-    fn report(self, name: &str) {
+    fn fail_if_any(self, name: &str) {
         assert!(
             self.count == 0,
             "tests/data/baseline/{name}: {} differences\n{}\n",
@@ -86,17 +86,17 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
                 let path = format!("{path}.{key}");
                 match b.get(key) {
                     Some(actual) => compare_json(differences, &path, stored, actual),
-                    None => differences.add(&path, &stored.to_string(), "missing"),
+                    None => differences.add_difference(&path, &stored.to_string(), "missing"),
                 }
             }
             for (key, actual) in b.iter().filter(|(key, _)| !a.contains_key(*key)) {
-                differences.add(&format!("{path}.{key}"), "missing", &actual.to_string());
+                differences.add_difference(&format!("{path}.{key}"), "missing", &actual.to_string());
             }
         }
         (Value::Array(a), Value::Array(b)) => {
             if a.len() != b.len() {
                 let [a, b] = [a, b].map(|list| format!("{} elements", list.len()));
-                differences.add(path, &a, &b);
+                differences.add_difference(path, &a, &b);
             }
             for (index, (stored, actual)) in a.iter().zip(b).enumerate() {
                 compare_json(differences, &format!("{path}[{index}]"), stored, actual);
@@ -104,7 +104,7 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
         }
         (Value::String(a), Value::String(b)) => {
             if !are_texts_equal(a, b) {
-                differences.add(path, a, b);
+                differences.add_difference(path, a, b);
             }
         }
         (Value::Number(a), Value::Number(b)) => {
@@ -112,11 +112,11 @@ fn compare_json(differences: &mut Differences, path: &str, stored: &Value, actua
             let is_figure = path.starts_with("$.arrows") || path.starts_with("$.functions");
             let floor = if is_figure { FIGURE_TOLERANCE_UM } else { ABSOLUTE_TOLERANCE };
             if !are_numbers_equal(&a, &b, floor) {
-                differences.add(path, &a, &b);
+                differences.add_difference(path, &a, &b);
             }
         }
         (a, b) if a == b => {}
-        (a, b) => differences.add(path, &a.to_string(), &b.to_string()),
+        (a, b) => differences.add_difference(path, &a.to_string(), &b.to_string()),
     }
 }
 
@@ -136,12 +136,12 @@ fn compare_text(differences: &mut Differences, stored: &str, actual: &str) {
     if a.len() != b.len() {
         let last = a.len().min(b.len()) + 1;
         let [a, b] = [a, b].map(|lines| format!("{} lines", lines.len()));
-        differences.add(&format!("line {last}"), &a, &b);
+        differences.add_difference(&format!("line {last}"), &a, &b);
     }
 }
 
 fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual: &str) {
-    let (mut a, mut b) = (tokens(stored), tokens(actual));
+    let (mut a, mut b) = (number_and_text_tokens(stored), number_and_text_tokens(actual));
     loop {
         let (stored, actual) = match (a.next(), b.next()) {
             (None, None) => return,
@@ -150,8 +150,8 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
         let is_equal = stored.text == actual.text
             || stored.is_number && actual.is_number && are_numbers_equal(stored.text, actual.text, ABSOLUTE_TOLERANCE);
         if !is_equal {
-            let place = format!("line {line}, column {}", stored.column.max(actual.column));
-            differences.add(&place, stored.text, actual.text);
+            let place = format!("line {line}, column {}", stored.start_column.max(actual.start_column));
+            differences.add_difference(&place, stored.text, actual.text);
             // The text after a differing token is shifted, unless both tokens are numbers.
             if !(stored.is_number && actual.is_number) {
                 return;
@@ -183,12 +183,12 @@ pub struct Token<'t> {
     pub text: &'t str,
     pub is_number: bool,
     /// Column of its first byte, from 1.
-    pub column: usize,
+    pub start_column: usize,
 }
 
 /// A line as numbers and the text between them. A minus sign belongs to the number that follows it, unless
 /// another number or a letter precedes it (`2026-07-01`, `self-1`).
-pub fn tokens(line: &str) -> impl Iterator<Item = Token<'_>> {
+pub fn number_and_text_tokens(line: &str) -> impl Iterator<Item = Token<'_>> {
     let bytes = line.as_bytes();
     let mut at = 0;
     std::iter::from_fn(move || {
@@ -200,7 +200,7 @@ pub fn tokens(line: &str) -> impl Iterator<Item = Token<'_>> {
         at = end.unwrap_or_else(|| {
             (start + 1..bytes.len()).find(|&at| number_end(bytes, at).is_some()).unwrap_or(bytes.len())
         });
-        Some(Token { text: &line[start..at], is_number: end.is_some(), column: start + 1 })
+        Some(Token { text: &line[start..at], is_number: end.is_some(), start_column: start + 1 })
     })
 }
 

@@ -8,16 +8,16 @@ use serde_json::{Map, Value, json};
 
 use super::compare::{check_json, check_text};
 use super::machines::SELF_CALIBRATION;
-use super::normalise::{without_hashes, without_times};
+use super::normalise::{replace_hashes, replace_timestamps};
 use super::workspace::Workspace;
 use crate::support::daemon_process::DaemonProcess;
 
-const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+const MACHINE_API_PATH: &str = "/api/v1/machines/simulated%20five-axis%20machine";
 /// Timeout; a cycle takes a second.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// The built-in machine with HTTP, Modbus and one cycle.
-const SERVE: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
+const SERVE_SECTIONS: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                      [method.latch-delay]\ntouches = 6\n\
                      [tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n\
                      [serve]\nmin_interval_s = 0.0\n\
@@ -25,25 +25,25 @@ const SERVE: &str = "[method.self-calibration]\nmonte_carlo_trials = 1000\n\
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n\
                      [serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
-fn workspace() -> Workspace {
+fn served_workspace() -> Workspace {
     let (machine, _) = SELF_CALIBRATION.split_once("\n[serve]").unwrap();
-    Workspace::with_machine(&format!("{machine}\n{SERVE}"))
+    Workspace::with_machine(&format!("{machine}\n{SERVE_SECTIONS}"))
 }
 
-fn serve(workspace: &Workspace) -> DaemonProcess {
+fn start_daemon(workspace: &Workspace) -> DaemonProcess {
     let machine = workspace.path("machine.toml");
     DaemonProcess::start(&mut workspace.command(&["serve", "--machine", &machine]))
 }
 
 /// Status, content type and body.
-struct Answer {
+struct HttpAnswer {
     status: u16,
     content_type: String,
     body: String,
 }
 
-impl Answer {
-    fn of(daemon: &DaemonProcess, path: &str, body: Option<&Value>) -> Self {
+impl HttpAnswer {
+    fn request(daemon: &DaemonProcess, path: &str, body: Option<&Value>) -> Self {
         let config = ureq::Agent::config_builder().http_status_as_error(false).max_redirects(0);
         let agent = config.max_redirects_will_error(false).build().new_agent();
         let url = format!("http://127.0.0.1:{}{path}", daemon.http_port());
@@ -61,36 +61,36 @@ impl Answer {
     }
 
     /// The body without times and hashes.
-    fn normalised(&self) -> Value {
-        let body = without_hashes(&without_times(&self.body));
+    fn normalised_json(&self) -> Value {
+        let body = replace_hashes(&replace_timestamps(&self.body));
         let body = serde_json::from_str(&body).unwrap_or(Value::String(body));
         json!({"status": self.status, "content_type": self.content_type, "body": body})
     }
 }
 
-fn json_of(daemon: &DaemonProcess, path: &str) -> Value {
-    serde_json::from_str(&Answer::of(daemon, path, None).body).unwrap()
+fn get_json(daemon: &DaemonProcess, path: &str) -> Value {
+    serde_json::from_str(&HttpAnswer::request(daemon, path, None).body).unwrap()
 }
 
 pub fn http_description() {
-    let workspace = workspace();
-    let daemon = serve(&workspace);
-    check_json("http/openapi.json", &json_of(&daemon, "/api/v1/openapi.json"));
+    let workspace = served_workspace();
+    let daemon = start_daemon(&workspace);
+    check_json("http/openapi.json", &get_json(&daemon, "/api/v1/openapi.json"));
 }
 
 /// Answers of a daemon with two finished runs in its journal, before and after a cycle of its own.
 pub fn http_answers() {
-    let workspace = workspace();
+    let workspace = served_workspace();
     let machine = workspace.path("machine.toml");
     for _ in 0..2 {
         workspace.stdout(&["run", "self-calibration", "--machine", &machine, "--json"]);
     }
-    let daemon = serve(&workspace);
+    let daemon = start_daemon(&workspace);
     let mut answers = Map::new();
-    let mut record = |name: String, answer: Answer| {
-        answers.insert(name, answer.normalised());
+    let mut record = |name: String, answer: HttpAnswer| {
+        answers.insert(name, answer.normalised_json());
     };
-    let of_machine = ["", "/schedule", "/trends"].map(|path| format!("{MACHINE}{path}"));
+    let of_machine = ["", "/schedule", "/trends"].map(|path| format!("{MACHINE_API_PATH}{path}"));
     let others = [
         "/",
         "/api/v1/machines",
@@ -106,10 +106,10 @@ pub fn http_answers() {
         "/api/v1/nothing",
     ];
     for path in of_machine.iter().map(String::as_str).chain(others) {
-        record(format!("GET {path}"), Answer::of(&daemon, path, None));
+        record(format!("GET {path}"), HttpAnswer::request(&daemon, path, None));
     }
-    let metrics = Answer::of(&daemon, "/metrics", None);
-    let path = format!("{MACHINE}/start");
+    let metrics = HttpAnswer::request(&daemon, "/metrics", None);
+    let path = format!("{MACHINE_API_PATH}/start");
     let confirmed = json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true});
     let bodies = [
         json!({"cycle": 1, "who": "Ada"}),
@@ -118,13 +118,13 @@ pub fn http_answers() {
         json!({"cycle": 1, "who": "Ada", "unknown": true}),
     ];
     for body in bodies {
-        record(format!("POST {path} {body}"), Answer::of(&daemon, &path, Some(&body)));
+        record(format!("POST {path} {body}"), HttpAnswer::request(&daemon, &path, Some(&body)));
     }
-    let started = Answer::of(&daemon, &path, Some(&confirmed));
+    let started = HttpAnswer::request(&daemon, &path, Some(&confirmed));
     assert_eq!(started.status, 202, "{}", started.body);
-    wait_for_end(&daemon);
-    for path in [MACHINE, "/api/v1/audit"] {
-        record(format!("GET {path} after a cycle"), Answer::of(&daemon, path, None));
+    wait_for_end_of_run(&daemon);
+    for path in [MACHINE_API_PATH, "/api/v1/audit"] {
+        record(format!("GET {path} after a cycle"), HttpAnswer::request(&daemon, path, None));
     }
     check_json("http/answers.json", &Value::Object(answers));
     check_text("http/metrics.txt", &metric_names(&metrics.body));
@@ -132,10 +132,10 @@ pub fn http_answers() {
 
 /// Waits until the machine is idle again and the result of its run has been read from the journal, which happens
 /// later.
-fn wait_for_end(daemon: &DaemonProcess) {
+fn wait_for_end_of_run(daemon: &DaemonProcess) {
     let begun = Instant::now();
     loop {
-        let machine = json_of(daemon, MACHINE);
+        let machine = get_json(daemon, MACHINE_API_PATH);
         let run = &machine["run"];
         if machine["state"] == "waiting" && *run != 0 && machine["result"]["run"] == *run {
             return;
@@ -160,19 +160,19 @@ fn metric_names(text: &str) -> String {
 /// Reads every address of docs/modbus.md and the neighbouring ones by hand-written requests, from an idle daemon
 /// and after a cycle.
 pub fn modbus_map() {
-    let workspace = workspace();
-    let daemon = serve(&workspace);
-    let mut client = Client::connect(daemon.modbus_port());
-    let waiting = client.dump();
+    let workspace = served_workspace();
+    let daemon = start_daemon(&workspace);
+    let mut client = ModbusTcpClient::connect(daemon.modbus_port());
+    let waiting = client.dump_register_map();
     let confirmed = json!({"cycle": 1, "who": "Ada", "enable": true, "auto": true, "door": true});
-    let started = Answer::of(&daemon, &format!("{MACHINE}/start"), Some(&confirmed));
+    let started = HttpAnswer::request(&daemon, &format!("{MACHINE_API_PATH}/start"), Some(&confirmed));
     assert_eq!(started.status, 202, "{}", started.body);
-    wait_for_end(&daemon);
-    let after = client.dump();
+    wait_for_end_of_run(&daemon);
+    let after = client.dump_register_map();
     check_text("modbus/registers.txt", &format!("waiting\n{waiting}\nafter a cycle\n{after}"));
 }
 
-struct Client {
+struct ModbusTcpClient {
     stream: TcpStream,
 }
 
@@ -180,7 +180,7 @@ const READ_COILS: u8 = 1;
 const READ_HOLDING: u8 = 3;
 const READ_INPUT: u8 = 4;
 
-impl Client {
+impl ModbusTcpClient {
     fn connect(port: u16) -> Self {
         let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
         stream.set_read_timeout(Some(MAX_WAIT)).unwrap();
@@ -189,21 +189,21 @@ impl Client {
 
     /// Function and data of the reply to a request.
     fn request(&mut self, function: u8, data: &[u8]) -> (u8, Vec<u8>) {
-        const TRANSACTION: u8 = 0x2A;
-        const UNIT: u8 = 1;
+        const TRANSACTION_ID: u8 = 0x2A;
+        const UNIT_ID: u8 = 1;
         let length = u8::try_from(data.len() + 2).unwrap();
-        let head = [0, TRANSACTION, 0, 0, 0, length, UNIT, function];
+        let head = [0, TRANSACTION_ID, 0, 0, 0, length, UNIT_ID, function];
         self.stream.write_all(&[&head[..], data].concat()).unwrap();
         let mut head = [0; 8];
         self.stream.read_exact(&mut head).unwrap();
-        assert_eq!((head[1], head[6]), (TRANSACTION, UNIT));
+        assert_eq!((head[1], head[6]), (TRANSACTION_ID, UNIT_ID));
         let mut data = vec![0; usize::from(head[5]) - 2];
         self.stream.read_exact(&mut data).unwrap();
         (head[7], data)
     }
 
     /// Formats the reply as a line; `heartbeat`: the first register is a counter and is written as 0.
-    fn line(&mut self, function: u8, address: u16, count: u16, heartbeat: bool) -> String {
+    fn read_block_as_text(&mut self, function: u8, address: u16, count: u16, heartbeat: bool) -> String {
         let request = [address.to_be_bytes(), count.to_be_bytes()].concat();
         let (reply, mut data) = self.request(function, &request);
         if heartbeat && reply == function {
@@ -213,7 +213,7 @@ impl Client {
         format!("function {function} {address}+{count}: {reply} {}\n", data.join(" "))
     }
 
-    fn dump(&mut self) -> String {
+    fn dump_register_map(&mut self) -> String {
         let reads = [
             (READ_INPUT, 0, 16),
             (READ_INPUT, 100, 120),
@@ -232,7 +232,7 @@ impl Client {
             (7, 0, 0),
         ];
         let lines = reads.map(|(function, address, count)| {
-            self.line(function, address, count, (function, address) == (READ_INPUT, 0))
+            self.read_block_as_text(function, address, count, (function, address) == (READ_INPUT, 0))
         });
         lines.concat()
     }

@@ -10,15 +10,15 @@ use std::path::PathBuf;
 
 use sha2::{Digest as _, Sha256};
 
-use super::compare::{stored, tokens};
+use super::compare::{load_stored, number_and_text_tokens};
 
 const LINES_PER_BLOCK: usize = 64;
-const TOLERANCE: f64 = 1e-11;
+const RELATIVE_SUM_TOLERANCE: f64 = 1e-11;
 
 /// Compares the digest of `actual` with the stored file `name`, or writes the file.
 pub fn check_digest(name: &str, actual: &str) {
-    let digest = Digest::of(actual);
-    let Some(stored) = stored(name, &digest.to_text()) else { return };
+    let digest = Digest::from_text(actual);
+    let Some(stored) = load_stored(name, &digest.to_text()) else { return };
     let stored = Digest::parse(&stored);
     let mut differences: Vec<String> = Vec::new();
     if stored.lines != digest.lines {
@@ -27,13 +27,14 @@ pub fn check_digest(name: &str, actual: &str) {
     for (stored, actual) in stored.blocks.iter().zip(&digest.blocks) {
         let last = actual.first_line + LINES_PER_BLOCK - 1;
         let lines = format!("  lines {} to {last}", actual.first_line);
-        if stored.structure != actual.structure || stored.numbers != actual.numbers {
+        if stored.structure != actual.structure || stored.number_count != actual.number_count {
             differences.push(format!(
                 "{lines}: text differs; stored {} numbers and SHA-256 {}, now {} and {}",
-                stored.numbers, stored.structure, actual.numbers, actual.structure
+                stored.number_count, stored.structure, actual.number_count, actual.structure
             ));
-        } else if (stored.sum - actual.sum).abs() > TOLERANCE * stored.magnitude {
-            let (a, b) = (stored.sum, actual.sum);
+        } else if (stored.sum_of_numbers - actual.sum_of_numbers).abs() > RELATIVE_SUM_TOLERANCE * stored.largest_number
+        {
+            let (a, b) = (stored.sum_of_numbers, actual.sum_of_numbers);
             differences.push(format!("{lines}: numbers differ; stored sum {a:?}, now {b:?}"));
         }
     }
@@ -52,28 +53,34 @@ pub fn check_digest(name: &str, actual: &str) {
 
 struct Digest {
     lines: usize,
-    blocks: Vec<Block>,
+    blocks: Vec<DigestBlock>,
 }
 
-struct Block {
+struct DigestBlock {
     first_line: usize,
     structure: String,
-    numbers: usize,
-    sum: f64,
-    magnitude: f64,
+    number_count: usize,
+    sum_of_numbers: f64,
+    largest_number: f64,
 }
 
 impl Digest {
-    fn of(text: &str) -> Self {
+    fn from_text(text: &str) -> Self {
         let lines: Vec<&str> = text.lines().collect();
         let blocks = lines.chunks(LINES_PER_BLOCK).enumerate();
-        let blocks = blocks.map(|(index, lines)| Block::of(1 + index * LINES_PER_BLOCK, lines));
+        let blocks = blocks.map(|(index, lines)| DigestBlock::from_lines(1 + index * LINES_PER_BLOCK, lines));
         Self { lines: lines.len(), blocks: blocks.collect() }
     }
 
     fn to_text(&self) -> String {
         let rows = self.blocks.iter().map(|block| {
-            let Block { first_line, structure, numbers, sum, magnitude } = block;
+            let DigestBlock {
+                first_line,
+                structure,
+                number_count: numbers,
+                sum_of_numbers: sum,
+                largest_number: magnitude,
+            } = block;
             format!("{first_line} {structure} {numbers} {sum:?} {magnitude:?}\n")
         });
         format!("{} lines\n{}", self.lines, rows.collect::<String>())
@@ -84,24 +91,24 @@ impl Digest {
         let block = |row: &str| {
             let mut parts = row.split(' ');
             let mut next = || parts.next().unwrap();
-            Block {
+            DigestBlock {
                 first_line: next().parse().unwrap(),
                 structure: next().to_owned(),
-                numbers: next().parse().unwrap(),
-                sum: next().parse().unwrap(),
-                magnitude: next().parse().unwrap(),
+                number_count: next().parse().unwrap(),
+                sum_of_numbers: next().parse().unwrap(),
+                largest_number: next().parse().unwrap(),
             }
         };
         Self { lines: head.parse().unwrap(), blocks: rows.lines().map(block).collect() }
     }
 }
 
-impl Block {
-    fn of(first_line: usize, lines: &[&str]) -> Self {
+impl DigestBlock {
+    fn from_lines(first_line: usize, lines: &[&str]) -> Self {
         let mut hash = Sha256::new();
         let (mut numbers, mut sum, mut magnitude) = (0, 0.0, 0.0);
         for line in lines {
-            for token in tokens(line) {
+            for token in number_and_text_tokens(line) {
                 let number = token.text.parse::<f64>().ok().filter(|number| number.is_finite());
                 match number.filter(|_| token.is_number) {
                     Some(number) => {
@@ -119,6 +126,6 @@ impl Block {
             hash.update("\n");
         }
         let structure = hash.finalize()[..8].iter().map(|byte| format!("{byte:02x}")).collect();
-        Self { first_line, structure, numbers, sum, magnitude }
+        Self { first_line, structure, number_count: numbers, sum_of_numbers: sum, largest_number: magnitude }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! | output | field | in its place |
 //! |---|---|---|
-//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z` | `INSTANT` |
+//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z` | `TIMESTAMP_PLACEHOLDER` |
 //! | `trued run`, standard error | the line `captured to FILE` | left out |
 //! | `trued watch --json` | `t_s`: wall time of a sample | left out |
 //! | capture | see `capture.rs` | |
@@ -12,15 +12,15 @@
 //!
 //! Readings, plans and programs contain no such output.
 
-pub const INSTANT: &str = "INSTANT";
+pub const TIMESTAMP_PLACEHOLDER: &str = "INSTANT";
 
 /// `text` with each RFC 3339 instant replaced.
-pub fn without_times(text: &str) -> String {
-    const PATTERN: &[u8] = b"0000-00-00T00:00:00";
+pub fn replace_timestamps(text: &str) -> String {
+    const TIMESTAMP_PATTERN: &[u8] = b"0000-00-00T00:00:00";
     let bytes = text.as_bytes();
     let (mut result, mut from, mut at) = (String::new(), 0, 0);
-    while at + PATTERN.len() <= bytes.len() {
-        let is_instant = PATTERN.iter().zip(&bytes[at..]).all(|(pattern, byte)| match pattern {
+    while at + TIMESTAMP_PATTERN.len() <= bytes.len() {
+        let is_instant = TIMESTAMP_PATTERN.iter().zip(&bytes[at..]).all(|(pattern, byte)| match pattern {
             b'0' => byte.is_ascii_digit(),
             separator => byte == separator,
         });
@@ -29,8 +29,8 @@ pub fn without_times(text: &str) -> String {
             continue;
         }
         result += &text[from..at];
-        result += INSTANT;
-        at += PATTERN.len();
+        result += TIMESTAMP_PLACEHOLDER;
+        at += TIMESTAMP_PATTERN.len();
         at += bytes[at..].iter().take_while(|&&byte| byte == b'.' || byte.is_ascii_digit()).count();
         at += usize::from(bytes.get(at) == Some(&b'Z'));
         from = at;
@@ -39,9 +39,10 @@ pub fn without_times(text: &str) -> String {
 }
 
 /// `text` with each SHA-256 replaced.
-pub fn without_hashes(text: &str) -> String {
-    const DIGITS: usize = 64;
-    let is_hexadecimal = |word: &str| word.len() == DIGITS && word.bytes().all(|byte| byte.is_ascii_hexdigit());
+pub fn replace_hashes(text: &str) -> String {
+    const HASH_DIGIT_COUNT: usize = 64;
+    let is_hexadecimal =
+        |word: &str| word.len() == HASH_DIGIT_COUNT && word.bytes().all(|byte| byte.is_ascii_hexdigit());
     let words = text.split_inclusive(|letter: char| !letter.is_ascii_alphanumeric());
     let replaced = words.map(|word| {
         let hash = word.trim_end_matches(|letter: char| !letter.is_ascii_alphanumeric());
@@ -54,7 +55,7 @@ pub fn without_hashes(text: &str) -> String {
 }
 
 /// `text` without the lines that start with one of `beginnings`.
-pub fn without_lines(text: &str, beginnings: &[&str]) -> String {
+pub fn remove_lines(text: &str, beginnings: &[&str]) -> String {
     let kept = text.lines().filter(|line| !beginnings.iter().any(|begin| line.starts_with(begin)));
     kept.map(|line| format!("{line}\n")).collect()
 }

@@ -4,15 +4,15 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use super::capture::reduced;
+use super::capture::normalise_capture;
 use super::compare::{check_json, check_text};
 use super::digest::check_digest;
 use super::machines::{CASES, Case};
-use super::normalise::{without_hashes, without_lines, without_times};
+use super::normalise::{remove_lines, replace_hashes, replace_timestamps};
 use super::workspace::{Workspace, stderr};
 
 /// Output of one run: of its commands and of its export.
-pub struct Run {
+pub struct StoredRunFiles {
     /// Standard output of `trued run --json`.
     estimate: Value,
     /// Standard error of `trued run --json`.
@@ -25,8 +25,8 @@ pub struct Run {
     summary: String,
 }
 
-impl Run {
-    pub fn of(method: &str, machine: &str) -> Self {
+impl StoredRunFiles {
+    pub fn run_method(method: &str, machine: &str) -> Self {
         let workspace = Workspace::with_machine(machine);
         let (file, capture) = (workspace.path("machine.toml"), workspace.path("run.capture"));
         let arguments = ["run", method, "--machine", &file, "--json", "--capture", &capture];
@@ -35,17 +35,17 @@ impl Run {
         workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
         Self {
             estimate: serde_json::from_slice(&output.stdout).unwrap(),
-            progress: without_lines(&stderr(&output), &["capture written: "]),
+            progress: remove_lines(&stderr(&output), &["capture written: "]),
             plan: serde_json::from_str(&workspace.read("export/run-1-plan.json")).unwrap(),
             readings: workspace.read("export/run-1-readings.csv"),
-            capture: reduced(&workspace.read("run.capture")),
-            report: without_hashes(&without_times(&workspace.read("export/run-1-report.html"))),
-            summary: without_times(&workspace.stdout(&["show", "1"])),
+            capture: normalise_capture(&workspace.read("run.capture")),
+            report: replace_hashes(&replace_timestamps(&workspace.read("export/run-1-report.html"))),
+            summary: replace_timestamps(&workspace.stdout(&["show", "1"])),
         }
     }
 
     /// Compares estimate, readings and reduced capture in full.
-    pub fn check(&self, folder: &str, name: &str) {
+    pub fn compare_with_stored(&self, folder: &str, name: &str) {
         check_json(&format!("{folder}/{name}-estimate.json"), &self.estimate);
         check_text(&format!("{folder}/{name}-readings.csv"), &self.readings);
         check_text(&format!("{folder}/{name}-capture.txt"), &self.capture);
@@ -53,20 +53,20 @@ impl Run {
 }
 
 /// The run on the built-in machine, once for all tests of this process.
-fn run_of(case: &Case) -> &'static Run {
-    static RUNS: [OnceLock<Run>; CASES.len()] = [const { OnceLock::new() }; CASES.len()];
+fn cached_run(case: &Case) -> &'static StoredRunFiles {
+    static CACHED_RUNS: [OnceLock<StoredRunFiles>; CASES.len()] = [const { OnceLock::new() }; CASES.len()];
     let index = CASES.iter().position(|other| other.method == case.method).unwrap();
-    RUNS[index].get_or_init(|| Run::of(case.method, &case.run_machine()))
+    CACHED_RUNS[index].get_or_init(|| StoredRunFiles::run_method(case.method, &case.run_machine()))
 }
 
 /// The plan of the run: it differs from the nominal plan by the positions that the run measured.
 pub fn plan(case: &Case) {
-    let plan = serde_json::to_string_pretty(&run_of(case).plan).unwrap();
+    let plan = serde_json::to_string_pretty(&cached_run(case).plan).unwrap();
     check_digest(&format!("runs/{}-plan.digest", case.method), &plan);
 }
 
 pub fn readings(case: &Case) {
-    let readings = &run_of(case).readings;
+    let readings = &cached_run(case).readings;
     match case.is_large {
         true => check_digest(&format!("runs/{}-readings.digest", case.method), readings),
         false => check_text(&format!("runs/{}-readings.csv", case.method), readings),
@@ -74,18 +74,18 @@ pub fn readings(case: &Case) {
 }
 
 pub fn estimate(case: &Case) {
-    let run = run_of(case);
+    let run = cached_run(case);
     check_json(&format!("runs/{}-estimate.json", case.method), &run.estimate);
     check_text(&format!("runs/{}-summary.txt", case.method), &run.summary);
     check_text(&format!("runs/{}-progress.txt", case.method), &run.progress);
 }
 
 pub fn capture(case: &Case) {
-    check_digest(&format!("runs/{}-capture.digest", case.method), &run_of(case).capture);
+    check_digest(&format!("runs/{}-capture.digest", case.method), &cached_run(case).capture);
 }
 
 pub fn report(case: &Case) {
-    let report = &run_of(case).report;
+    let report = &cached_run(case).report;
     check_text(&format!("runs/{}-report.txt", case.method), &visible_text(report));
     check_digest(&format!("runs/{}-report.digest", case.method), report);
 }
@@ -93,9 +93,9 @@ pub fn report(case: &Case) {
 /// Plan, readings, estimate and capture of a short run; and the estimate from the stored plan and readings.
 pub fn short(case: &Case) {
     let method = case.method;
-    let run = Run::of(method, &case.short_machine());
+    let run = StoredRunFiles::run_method(method, &case.short_machine());
     check_json(&format!("short/{method}-plan.json"), &run.plan);
-    run.check("short", method);
+    run.compare_with_stored("short", method);
     let workspace = Workspace::with_machine(&case.short_machine());
     let data = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/baseline/short/");
     let (plan, readings) = (format!("{data}{method}-plan.json"), format!("{data}{method}-readings.csv"));

@@ -10,21 +10,21 @@ use serde_json::Value;
 
 use super::compare::check_text;
 use super::machines::{LASER, SELF_CALIBRATION, with_method};
-use super::workspace::{Workspace, replace_lines, stderr};
+use super::workspace::{Workspace, stderr, with_replaced_lines};
 
 /// Number of samples after which distances repeat; the fourth sample is not a distance.
-const PERIOD: u32 = 8;
+const DISTANCE_PERIOD_SAMPLES: u32 = 8;
 /// Number of samples that are read from each sensor: the driver may omit the first ones of a sensor that sends
 /// without requests.
-const SAMPLES: usize = 3 * PERIOD as usize;
+const SAMPLE_COUNT: usize = 3 * DISTANCE_PERIOD_SAMPLES as usize;
 
 /// A peer on a free port of this computer, for one connection; it sends its log of requests.
-struct Peer {
+struct SensorPeer {
     port: u16,
     requests: Receiver<Vec<u8>>,
 }
 
-impl Peer {
+impl SensorPeer {
     fn start(serve: impl FnOnce(TcpStream, &mut dyn FnMut(Vec<u8>)) + Send + 'static) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -38,15 +38,15 @@ impl Peer {
     }
 
     /// The first `count` requests, one per line.
-    fn requests(&self, count: usize) -> String {
+    fn received_requests(&self, count: usize) -> String {
         let shown = |request: Vec<u8>| format!("> {}\n", request.escape_ascii());
         self.requests.iter().take(count).map(shown).collect()
     }
 }
 
 /// A sensor that sends without a request until the connection ends.
-fn unsolicited(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
-    Peer::start(move |mut stream, _| {
+fn start_streaming_peer(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> SensorPeer {
+    SensorPeer::start(move |mut stream, _| {
         for index in 0.. {
             if stream.write_all(&sample(index)).is_err() {
                 return;
@@ -57,8 +57,8 @@ fn unsolicited(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
 }
 
 /// A sensor that sends one line for each request, which ends with a carriage return.
-fn on_request(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
-    Peer::start(move |mut stream, log| {
+fn start_polled_peer(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> SensorPeer {
+    SensorPeer::start(move |mut stream, log| {
         let (mut request, mut byte, mut index) = (Vec::new(), [0], 0);
         while stream.read_exact(&mut byte).is_ok() {
             request.push(byte[0]);
@@ -75,8 +75,8 @@ fn on_request(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
 
 /// A Modbus TCP server that answers each register request with the next content. In the log the transaction number
 /// is zero, because it is a counter.
-fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
-    Peer::start(move |mut stream, log| {
+fn start_modbus_peer(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> SensorPeer {
+    SensorPeer::start(move |mut stream, log| {
         for index in 0.. {
             let mut request = [0; 12];
             if stream.read_exact(&mut request).is_err() {
@@ -100,10 +100,10 @@ fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
 
 /// Samples as `trued watch` prints them, without their wall time: one period, from the sample without a distance
 /// on.
-fn watched(sensor: &str) -> String {
+fn watch_sensor(sensor: &str) -> String {
     let from = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
-    let workspace = Workspace::with_machine(&replace_lines(LASER, &[(from, sensor)]));
-    let (machine, samples) = (workspace.path("machine.toml"), SAMPLES.to_string());
+    let workspace = Workspace::with_machine(&with_replaced_lines(LASER, &[(from, sensor)]));
+    let (machine, samples) = (workspace.path("machine.toml"), SAMPLE_COUNT.to_string());
     let arguments = ["watch", "laser", "--machine", &machine, "--samples", &samples, "--json"];
     let output = workspace.output(&arguments);
     assert!(output.status.success(), "{}", stderr(&output));
@@ -114,44 +114,47 @@ fn watched(sensor: &str) -> String {
     };
     let samples: Vec<Value> = String::from_utf8(output.stdout).unwrap().lines().map(sample).collect();
     let period = samples.iter().skip_while(|sample| !sample["value_mm"].is_null());
-    period.take(PERIOD as usize).map(|sample| format!("{sample}\n")).collect()
+    period.take(DISTANCE_PERIOD_SAMPLES as usize).map(|sample| format!("{sample}\n")).collect()
 }
 
 /// Distance in units of 10 nm.
-fn distance(index: u32) -> Option<i32> {
-    let index = index % PERIOD;
+fn distance_counts(index: u32) -> Option<i32> {
+    let index = index % DISTANCE_PERIOD_SAMPLES;
     (index != 3).then_some(-12_345 + 1_111 * i32::try_from(index).unwrap())
 }
 
-fn line_of_text(index: u32) -> Vec<u8> {
+fn text_line(index: u32) -> Vec<u8> {
     let counter = index % 10_000;
-    match distance(index) {
+    match distance_counts(index) {
         Some(value) => format!("M0,{:+.5},{counter:04}\r\n", f64::from(value) * 1e-5).into_bytes(),
         None => format!("M0,-FFFFFFF,{counter:04}\r\n").into_bytes(),
     }
 }
 
-const LINE: &str = "[sensor.serial.line]\nseparator = \",\"\nprefix = \"M0\"\n\
+const TEXT_LINE_KEYS: &str = "[sensor.serial.line]\nseparator = \",\"\nprefix = \"M0\"\n\
                     value = { column = 2, scale_mm = 1.0, codes = [{ is = \"-FFFFFFF\", means = \"no-echo\" }] }\n\
                     counter = { column = 3, round = 10000 }\n";
 
 pub fn lines_of_text() {
-    let peer = unsolicited(line_of_text);
-    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{LINE}", peer.port);
-    check_text("sensors/serial-lines.txt", &watched(&sensor));
+    let peer = start_streaming_peer(text_line);
+    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{TEXT_LINE_KEYS}", peer.port);
+    check_text("sensors/serial-lines.txt", &watch_sensor(&sensor));
 }
 
 pub fn lines_of_text_on_request() {
-    let peer = on_request(line_of_text);
+    let peer = start_polled_peer(text_line);
     let keys = "rate_hz = 500.0\nrequest = \"M0\\r\"\n";
-    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}{LINE}", peer.port);
-    let samples = watched(&sensor);
-    check_text("sensors/serial-lines-on-request.txt", &(samples + &peer.requests(PERIOD as usize)));
+    let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}{TEXT_LINE_KEYS}", peer.port);
+    let samples = watch_sensor(&sensor);
+    check_text(
+        "sensors/serial-lines-on-request.txt",
+        &(samples + &peer.received_requests(DISTANCE_PERIOD_SAMPLES as usize)),
+    );
 }
 
 /// Sync, distance (32 bits), counter, CRC-16/MODBUS of distance and counter, low byte first.
-fn frame(index: u32) -> Vec<u8> {
-    let value = distance(index).unwrap_or(i32::MAX).to_be_bytes();
+fn byte_frame(index: u32) -> Vec<u8> {
+    let value = distance_counts(index).unwrap_or(i32::MAX).to_be_bytes();
     let body = [&value[..], &[index as u8]].concat();
     let crc = body.iter().fold(0xFFFF_u16, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
@@ -160,42 +163,42 @@ fn frame(index: u32) -> Vec<u8> {
 }
 
 pub fn frames_of_bytes() {
-    let peer = unsolicited(frame);
+    let peer = start_streaming_peer(byte_frame);
     let keys = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
                 value = { byte = 0, width = 32, signed = true, scale_mm = 1e-5, \
                 codes = [{ is = 0x7FFFFFFF, means = \"no-echo\" }] }\n\
                 counter = { byte = 4, width = 8 }\nchecksum = { kind = \"crc16-modbus\", order = \"little\" }\n";
     let sensor = format!("[sensor.serial]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
-    check_text("sensors/serial-frames.txt", &watched(&sensor));
+    check_text("sensors/serial-frames.txt", &watch_sensor(&sensor));
 }
 
 pub fn registers() {
-    let peer = modbus(|index| {
-        let value = distance(index).unwrap_or_default() as u32;
-        let status = u16::from(distance(index).is_none());
+    let peer = start_modbus_peer(|index| {
+        let value = distance_counts(index).unwrap_or_default() as u32;
+        let status = u16::from(distance_counts(index).is_none());
         vec![(value >> 16) as u16, value as u16, index as u16, status]
     });
     let keys = "rate_hz = 100.0\nvalue = { register = 0, type = \"i32\", order = \"abcd\", scale_mm = 1e-5 }\n\
                 counter = { register = 2, type = \"u16\" }\n\
                 status = [{ register = 3, bit = 0, means = \"no-echo\" }]\n";
     let sensor = format!("[sensor.modbus]\ntcp = \"127.0.0.1:{}\"\n{keys}", peer.port);
-    let samples = watched(&sensor);
-    check_text("sensors/modbus.txt", &(samples + &peer.requests(PERIOD as usize)));
+    let samples = watch_sensor(&sensor);
+    check_text("sensors/modbus.txt", &(samples + &peer.received_requests(DISTANCE_PERIOD_SAMPLES as usize)));
 }
 
 /// The thermometer is polled in wall time, so only its first request is kept. Its value is in every reading.
 pub fn thermometer_registers() {
-    let peer = modbus(|_| vec![215]);
+    let peer = start_modbus_peer(|_| vec![215]);
     let from = "[thermometer.simulated]\n";
     let to = format!(
         "[thermometer.modbus]\ntcp = \"127.0.0.1:{}\"\nvalue = {{ register = 0, type = \"i16\", scale_c = 0.1 }}\n",
         peer.port
     );
-    let machine = replace_lines(SELF_CALIBRATION, &[(from, &to)]);
+    let machine = with_replaced_lines(SELF_CALIBRATION, &[(from, &to)]);
     let workspace = Workspace::with_machine(&with_method(&machine, "latch-delay", ""));
     let machine = workspace.path("machine.toml");
     workspace.stdout(&["run", "latch-delay", "--machine", &machine, "--json"]);
     workspace.stdout(&["export", "1", "--to", &workspace.path("export")]);
     let readings = workspace.read("export/run-1-readings.csv");
-    check_text("sensors/thermometer-modbus.txt", &(readings + &peer.requests(1)));
+    check_text("sensors/thermometer-modbus.txt", &(readings + &peer.received_requests(1)));
 }

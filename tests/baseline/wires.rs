@@ -2,13 +2,14 @@
 
 use super::compare::check_json;
 use super::machines::{CASES, LASER, SELF_CALIBRATION, with_method};
-use super::runs::Run;
-use super::workspace::{Workspace, replace_lines};
+use super::runs::StoredRunFiles;
+use super::workspace::{Workspace, with_replaced_lines};
 
 /// A short measurement over the wire.
 fn check_control(name: &str, keys: &str) {
-    let machine = replace_lines(SELF_CALIBRATION, &[("wire = \"memory\"\n", keys)]);
-    Run::of("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n")).check("wires", name);
+    let machine = with_replaced_lines(SELF_CALIBRATION, &[("wire = \"memory\"\n", keys)]);
+    StoredRunFiles::run_method("latch-delay", &with_method(&machine, "latch-delay", "touches = 6\n"))
+        .compare_with_stored("wires", name);
 }
 
 pub fn grbl_in_memory() {
@@ -39,9 +40,10 @@ pub fn resident_program_on_pty() {
 /// identical. They are left out.
 fn check_sensor(name: &str, keys: &str) {
     let from = "speaks = \"can\"\nwire = \"memory\"\n";
-    let machine = replace_lines(LASER, &[(from, keys)]);
+    let machine = with_replaced_lines(LASER, &[(from, keys)]);
     let case = &CASES[1];
-    Run::of(case.method, &with_method(&machine, case.method, case.short_settings)).check("wires", name);
+    StoredRunFiles::run_method(case.method, &with_method(&machine, case.method, case.short_settings))
+        .compare_with_stored("wires", name);
 }
 
 pub fn serial_sensor_in_memory() {

@@ -58,7 +58,7 @@ pub fn stderr(output: &Output) -> String {
 }
 
 /// Each `from` is the beginning of a line that occurs once or more; the first one is replaced.
-pub fn replace_lines(file: &str, changes: &[(&str, &str)]) -> String {
+pub fn with_replaced_lines(file: &str, changes: &[(&str, &str)]) -> String {
     let mut text = file.to_owned();
     for (from, to) in changes {
         let from = format!("\n{from}");

@@ -14,7 +14,7 @@ mod socketcan;
 #[allow(dead_code, reason = "each test binary uses a part of it")]
 mod support;
 
-use support::harness::{Trials, run};
+use support::harness::{Trials, run_trials};
 
 fn main() {
     let suites = [
@@ -26,5 +26,5 @@ fn main() {
         serve_modbus::trials(),
         socketcan::trials(),
     ];
-    run(suites.into_iter().fold(Trials::default(), Trials::and))
+    run_trials(suites.into_iter().fold(Trials::default(), Trials::with))
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use crate::machine_text::changed;
+use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 use testing::population::is_full;
@@ -16,22 +16,22 @@ use testing::population::is_full;
 type Changes = Vec<(&'static str, Value)>;
 
 /// A built-in machine with other values; path: keys joined by dots.
-fn machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
+fn changed_machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.samba.monte_carlo_trials", Value::Integer(100)),
         ("method.ball-dome.monte_carlo_trials", Value::Integer(200)),
         ("method.ball-dome.watch_min", Value::Float(0.0)),
     ];
-    changed(text, fixed.iter().chain(changes))
+    changed_machine_file(text, fixed.iter().chain(changes))
 }
 
-fn estimate(method: &str, file: &MachineFile, priors: Vec<Estimate>) -> Estimate {
-    in_world(method, [file, file], priors)
+fn measure_and_identify(method: &str, file: &MachineFile, priors: Vec<Estimate>) -> Estimate {
+    measure_in_world(method, [file, file], priors)
 }
 
 /// `files`: the machine file of the program, and that of the world.
-fn in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
+fn measure_in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
     let (method, mut header) = setup::plan_header(files[0], method, None).unwrap();
     header.priors = priors;
     let mut world = setup::build_world(files[1]).unwrap();
@@ -44,26 +44,26 @@ const SAMBA: &str = include_str!("../../config/samba.toml");
 pub const DOME: &str = include_str!("../../config/ball-dome.toml");
 
 /// SAMBA, then the dome with its estimate, on machine files changed by `of`.
-fn both(seed: u64, of: fn(&str) -> String, changes: &[(&'static str, Value)]) -> Estimate {
-    let [samba, dome] = [SAMBA, DOME].map(|text| machine(&of(text), seed, changes));
-    estimate("ball-dome", &dome, vec![estimate("samba", &samba, Vec::new())])
+fn samba_and_dome_estimate(seed: u64, of: fn(&str) -> String, changes: &[(&'static str, Value)]) -> Estimate {
+    let [samba, dome] = [SAMBA, DOME].map(|text| changed_machine(&of(text), seed, changes));
+    measure_and_identify("ball-dome", &dome, vec![measure_and_identify("samba", &samba, Vec::new())])
 }
 
-fn value(estimate: &Estimate, symbol: &str) -> f64 {
+fn parameter_value(estimate: &Estimate, symbol: &str) -> f64 {
     estimate.parameters.iter().find(|parameter| parameter.symbol == symbol).unwrap().value
 }
 
 /// Asserts that the largest and the mean deviation decrease by at least four fifths from N1 to S3.
-fn falls(estimate: &Estimate) {
+fn check_no_alarm(estimate: &Estimate) {
     for of in ["max", "mean"] {
-        let [n1, s3] = ["N1", "S3"].map(|name| value(estimate, &format!("{name}_{of}")));
+        let [n1, s3] = ["N1", "S3"].map(|name| parameter_value(estimate, &format!("{name}_{of}")));
         println!("{of}: N1 {n1:.1} µm, S3 {s3:.1} µm; χ² {:.3}", estimate.chi2_per_dof);
         assert!(s3 < 0.2 * n1, "{of}: {n1} {s3}");
     }
 }
 
 /// Changes for a world with only the thirteen errors and the stylus: its result is the true value.
-fn exact() -> Changes {
+fn changes_without_errors() -> Changes {
     let nothing = [
         "axes.X.error_motion_um",
         "axes.Y.error_motion_um",
@@ -96,11 +96,11 @@ fn a_dome_is_longer_where_it_is_warm() {
             ("simulated.tool_offset_um", Value::Array(vec![Value::Float(0.0); 3])),
             ("probe.stylus_offset_um", Value::Float(0.0)),
         ];
-        machine(DOME, 1, &[&exact()[..], &changes].concat())
+        changed_machine(DOME, 1, &[&changes_without_errors()[..], &changes].concat())
     };
     let world = at(22.0, 0.0);
     let n1 = |file: &MachineFile| {
-        let estimate = in_world("ball-dome", [file, &world], Vec::new());
+        let estimate = measure_in_world("ball-dome", [file, &world], Vec::new());
         let n1 = estimate.parameters.into_iter().find(|own| own.symbol == "N1_mean").unwrap();
         (n1.value, n1.u)
     };
@@ -118,7 +118,10 @@ fn u_is_true() {
     let of_seed = |seed: u64| {
         // Without drift, because the drift up to then is part of every stylus.
         let still = [("machine.drift_um_per_h", Value::Float(0.0))];
-        let (measured, truth) = (both(seed, str::to_owned, &still), both(seed, str::to_owned, &exact()));
+        let (measured, truth) = (
+            samba_and_dome_estimate(seed, str::to_owned, &still),
+            samba_and_dome_estimate(seed, str::to_owned, &changes_without_errors()),
+        );
         let parameters = measured.parameters.iter().zip(&truth.parameters);
         let ratio = |(own, truth): (&Parameter, &Parameter)| {
             assert_eq!(own.symbol, truth.symbol);
@@ -152,8 +155,9 @@ fn is_contradicted(estimate: &Estimate) -> bool {
 #[test]
 fn the_calibrated_machine_is_as_good_as_declared() {
     let seeds = if is_full() { 40 } else { 2 };
-    let estimates: Vec<Estimate> = (1..=seeds).into_par_iter().map(|seed| both(seed, str::to_owned, &[])).collect();
-    estimates.iter().for_each(falls);
+    let estimates: Vec<Estimate> =
+        (1..=seeds).into_par_iter().map(|seed| samba_and_dome_estimate(seed, str::to_owned, &[])).collect();
+    estimates.iter().for_each(check_no_alarm);
     let mean = estimates.iter().map(|e| e.chi2_per_dof).sum::<f64>() / seeds as f64;
     let contradicted = estimates.iter().filter(|estimate| is_contradicted(estimate)).count();
     println!("mean χ² {mean:.3} of what is expected, {contradicted} of {seeds} contradicted");
@@ -167,15 +171,15 @@ fn a_dome_that_gives_way_is_noticed() {
     let sag: Table = "axis = \"B\"\nlaw = \"sin\"\num = [5.5, 0.0, 7.4]".parse().unwrap();
     let changes: Changes =
         vec![("simulated.sag", Value::Array(vec![sag.into()])), ("simulated.ball_offset_mm", Value::Float(0.0027))];
-    let samba = machine(SAMBA, 1, &[]);
-    let dome = machine(DOME, 1, &changes);
-    let estimate = estimate("ball-dome", &dome, vec![estimate("samba", &samba, Vec::new())]);
-    falls(&estimate);
+    let samba = changed_machine(SAMBA, 1, &[]);
+    let dome = changed_machine(DOME, 1, &changes);
+    let estimate = measure_and_identify("ball-dome", &dome, vec![measure_and_identify("samba", &samba, Vec::new())]);
+    check_no_alarm(&estimate);
     assert!(is_contradicted(&estimate), "{:#?}", estimate.warnings);
 }
 
 /// Machine time of the plan, minutes.
-fn planned_min(file: &MachineFile) -> f64 {
+fn planned_time_min(file: &MachineFile) -> f64 {
     let (method, header) = setup::plan_header(file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     planning::plan_blocks_by_stage(&plan, &stages).unwrap().1 / 60.0
@@ -190,18 +194,18 @@ fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
     }
     let found = ["once", "every"].map(|find| {
         let changes: Changes = vec![("method.ball-dome.find", Value::String(find.to_owned()))];
-        let dome = machine(DOME, 1, &changes);
-        let samba = estimate("samba", &machine(SAMBA, 1, &[]), Vec::new());
-        let estimate = estimate("ball-dome", &dome, vec![samba]);
+        let dome = changed_machine(DOME, 1, &changes);
+        let samba = measure_and_identify("samba", &changed_machine(SAMBA, 1, &[]), Vec::new());
+        let estimate = measure_and_identify("ball-dome", &dome, vec![samba]);
         let u = estimate.parameters.iter().find(|p| p.symbol == "S3_mean").unwrap().u;
-        (planned_min(&dome), u)
+        (planned_time_min(&dome), u)
     });
     println!("minutes and u of S3_mean: {found:?}");
     let [(once_min, u_once), (every_min, u_every)] = found;
     assert!(once_min < 0.75 * every_min && (u_once / u_every - 1.0).abs() < 0.1);
 }
 
-fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRefusal> {
+fn readings_with_temperature_watch(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRefusal> {
     let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
     let changes: Changes = vec![
         ("method.ball-dome.watch_min", Value::Float(watch_min)),
@@ -209,9 +213,9 @@ fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRe
         ("method.ball-dome.turn_deg", few(&[0.0])),
         ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
     ];
-    let mut world = setup::build_world(&machine(DOME, 1, &changes)).unwrap();
+    let mut world = setup::build_world(&changed_machine(DOME, 1, &changes)).unwrap();
     let declared: Changes = changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
-    let (method, header) = setup::plan_header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
+    let (method, header) = setup::plan_header(&changed_machine(DOME, 1, &declared), "ball-dome", None).unwrap();
     plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone).map(|(_, readings)| readings)
 }
 
@@ -220,20 +224,20 @@ fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, MethodRe
 /// that the machine is at rest.
 #[test]
 fn a_machine_that_is_not_at_rest_is_watched() {
-    let readings = watched(2.0, 4.0).unwrap();
+    let readings = readings_with_temperature_watch(2.0, 4.0).unwrap();
     let last_s = readings.last().unwrap().t_s;
     println!("{} readings in {last_s:.0} s", readings.len());
     assert!((240.0..900.0).contains(&last_s));
-    let short = watched(2.0, 0.1).unwrap_err();
+    let short = readings_with_temperature_watch(2.0, 0.1).unwrap_err();
     println!("{short}");
     assert!(short.remedy.contains("then resume the run") && short.remedy.contains("raise watch_min"), "{short}");
-    let why = watched(40.0, 4.0).unwrap_err().reason;
+    let why = readings_with_temperature_watch(40.0, 4.0).unwrap_err().reason;
     println!("{why}");
     assert!(why.starts_with("the machine is not confirmed at rest: after 24 min"), "{why}");
 }
 
 /// The table on A and Y, X on the spindle's side, and other errors.
-pub fn on_a_and_y(text: &str) -> String {
+pub fn with_a_on_y_topology(text: &str) -> String {
     let errors = "[simulated.errors]\nEY0C_um = 80.0\nEA0C_urad = 12.0\nEB0C_urad = -15.0\nEB0A_urad = 9.0\n\
                   EC0A_urad = -14.0\nEB0Z_urad = 10.0\nEA0Z_urad = 17.0\nEX0S_um = 40.0\nEY0S_um = -70.0\n\
                   EXX1_um_per_m = 14.0\nEYY1_um_per_m = -12.0\nEZZ1_um_per_m = -20.0\n";
@@ -249,8 +253,8 @@ pub fn on_a_and_y(text: &str) -> String {
 #[test]
 #[ignore = "a minute and a half of CPU for a dome on another machine"]
 fn another_topology_is_as_good() {
-    let estimate = both(1, on_a_and_y, &[]);
-    falls(&estimate);
+    let estimate = samba_and_dome_estimate(1, with_a_on_y_topology, &[]);
+    check_no_alarm(&estimate);
     assert_eq!((estimate.rank, estimate.unknowns), (9, 9));
     assert!(!is_contradicted(&estimate), "{:#?}", estimate.warnings);
 }

@@ -14,7 +14,7 @@ use planning::{
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
-fn rumba() -> Plan {
+fn rumba_plan() -> Plan {
     let file = include_str!("../../config/simulated.toml");
     let head = file.split("[artefact]").next().unwrap();
     let mut text = head
@@ -63,7 +63,7 @@ fn balls(plan: &Plan) -> &Balls {
 
 /// One measurement of each accessible ball, at most four at each indexation: 109 in the first positions of a plain
 /// list.
-fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
+fn indexations_of_balls(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
     let tilts = [0.0, 10.0, -10.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0];
     let turns = [0.0, 90.0, 180.0, 270.0];
     let all = tilts.into_iter().enumerate();
@@ -76,7 +76,7 @@ fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
             .into_iter()
             .map(|(axis, degrees)| (axis, axis.to_mm_or_rad(degrees)))
             .collect();
-        let free = |ball: &usize| access.accessible_touches(&task(plan, *ball, &rotary, SEARCH)).is_ok();
+        let free = |ball: &usize| access.accessible_touches(&ball_task(plan, *ball, &rotary, SEARCH_APPROACH)).is_ok();
         // A different ball is left out each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
@@ -90,22 +90,27 @@ fn design(plan: &Plan, access: &TouchAccess) -> Vec<(Position, Vec<usize>)> {
     visits
 }
 
-const SEARCH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
-const SLOW: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
+const SEARCH_APPROACH: BallApproach = BallApproach::Search { uncertainty_mm: 1.0, standoff_mm: 0.5 };
+const MEASURE_APPROACH: BallApproach = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
 
-fn task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: BallApproach) -> BallTask<'a> {
+fn ball_task<'a>(plan: &'a Plan, ball: usize, rotary: &'a Position, approach: BallApproach) -> BallTask<'a> {
     BallTask { ball: &balls(plan).balls[ball], rotary, approach, touches: 5 }
 }
 
 /// Steps of the visits in this order.
-fn steps(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)], passes: &[BallApproach]) -> Vec<Step> {
+fn ball_steps(
+    plan: &Plan,
+    access: &TouchAccess,
+    visits: &[(Position, Vec<usize>)],
+    passes: &[BallApproach],
+) -> Vec<Step> {
     let mut steps: Vec<Step> = Vec::new();
     for (number, (rotary, balls)) in visits.iter().enumerate() {
         for ball in balls {
             for approach in passes {
                 let numbers = (steps.len() as u32, 0);
                 let label = |touch: &str| format!("slow/{:03}/{}/{touch}", number + 1, ball + 1);
-                let task = task(plan, *ball, rotary, *approach);
+                let task = ball_task(plan, *ball, rotary, *approach);
                 let new = access.steps(&task, &plan.probe, StepKind::Touch, numbers, label);
                 steps.extend(new.unwrap());
             }
@@ -115,7 +120,11 @@ fn steps(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)], p
 }
 
 /// Order by tilt, C forward at one tilt and back at the next; the balls of each indexation in a short order.
-fn in_order(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)]) -> Vec<(Position, Vec<usize>)> {
+fn visits_in_naive_order(
+    plan: &Plan,
+    access: &TouchAccess,
+    visits: &[(Position, Vec<usize>)],
+) -> Vec<(Position, Vec<usize>)> {
     let mut visits = visits.to_vec();
     let at = |visit: &(Position, Vec<usize>), axis| visit.0.get_or_zero(axis);
     visits.sort_by(|a, b| {
@@ -137,7 +146,7 @@ fn in_order(plan: &Plan, access: &TouchAccess, visits: &[(Position, Vec<usize>)]
 
 /// One touch after the other, with a retract to the upper end of Z between any two. Speed and caution are the same
 /// as in our plan: guarded only near a body.
-fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>) -> f64 {
+fn naive_time_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>) -> f64 {
     let mut stands = Position::new();
     let mut seconds = 0.0;
     for (step, clearance) in steps {
@@ -150,21 +159,21 @@ fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a SafeH
     seconds
 }
 
-fn share(name: &str, touches: usize, ours_s: f64, naive_s: f64) -> f64 {
+fn time_share(name: &str, touches: usize, ours_s: f64, naive_s: f64) -> f64 {
     let (ours, naive) = (ours_s / 60.0, naive_s / 60.0);
     println!("{name}: {touches} touches: {ours:.1} min, naive {naive:.1} min: {:.3}", ours / naive);
     ours / naive
 }
 
 /// A stage, and the artefact about which its paths are planned.
-struct Planned {
+struct PlannedStage {
     stage: Stage,
     found: Option<Artefact>,
     clearance: SafeHeights,
 }
 
 /// The built-in machine with these settings of the method: all stages from nominal positions.
-fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
+fn plan_built_in(settings: &str) -> (Plan, Vec<PlannedStage>) {
     let text = format!("{}\n[method.samba]\n{settings}\n", include_str!("../../config/samba.toml"));
     let file = trued::setup::MachineFile::parse("samba.toml", text).unwrap();
     let (method, mut plan) = trued::setup::plan_header(&file, "samba", None).unwrap();
@@ -174,19 +183,19 @@ fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
         plan.steps.extend(new_steps);
         found = stage.found.clone().or(found);
         let clearance = SafeHeights::above_artefact(&plan, found.as_ref().unwrap_or(&plan.artefact)).unwrap();
-        stages.push(Planned { stage: stage.clone(), found: found.clone(), clearance });
+        stages.push(PlannedStage { stage: stage.clone(), found: found.clone(), clearance });
         done.push(stage);
     }
     (plan, stages)
 }
 
 /// If the machine position is known, touches have confirmed it before.
-fn confirmed(stands: Option<&Position>) -> ConfirmedDirections {
+fn confirmed_directions(stands: Option<&Position>) -> ConfirmedDirections {
     stands.map_or(ConfirmedDirections::default(), |_| ConfirmedDirections::all())
 }
 
 /// Blocks as in a run, each touch from the end of the last one; and the machine time.
-fn run<'a>(
+fn run_steps<'a>(
     plan: &Plan,
     steps: impl IntoIterator<Item = (&'a Step, &'a SafeHeights)>,
     stands: &mut Option<Position>,
@@ -205,8 +214,8 @@ fn run<'a>(
     (blocks, seconds)
 }
 
-impl Planned {
-    fn steps<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (&'a Step, &'a SafeHeights)> {
+impl PlannedStage {
+    fn ball_steps<'a>(&'a self, plan: &'a Plan) -> impl Iterator<Item = (&'a Step, &'a SafeHeights)> {
         self.stage.steps.iter().map(|id| (&plan.steps[*id as usize], &self.clearance))
     }
 }
@@ -216,9 +225,9 @@ impl Planned {
 /// and a measurement at each; without our references.
 #[test]
 fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naive_order() {
-    let (plan, stages) = built_in("");
-    let all = || stages.iter().flat_map(|planned| planned.steps(&plan));
-    let (_, ours_s) = run(&plan, all(), &mut None, ConfirmedDirections::all());
+    let (plan, stages) = plan_built_in("");
+    let all = || stages.iter().flat_map(|planned| planned.ball_steps(&plan));
+    let (_, ours_s) = run_steps(&plan, all(), &mut None, ConfirmedDirections::all());
     let place = |step: &Step| {
         let [pass, _, ball, touch] = step.label.split('/').collect::<Vec<_>>().try_into().unwrap();
         let touches = ["+45", "-135", "-45", "+135", "pole"];
@@ -229,23 +238,23 @@ fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naiv
     let mut list: Vec<_> = all().filter(|(step, _)| step.kind == StepKind::Touch).collect();
     list.sort_by_key(|(step, _)| place(step));
     assert_eq!(list.len(), 2 * 5 * 109);
-    let naive_s = naive_s(&plan, list);
-    assert!(share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.45);
+    let naive_s = naive_time_s(&plan, list);
+    assert!(time_share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.45);
 }
 
 /// Every touch that the design considers accessible is proven, stage by stage, as in a run before it moves.
 #[test]
 fn every_named_design_of_the_built_in_machine_is_proven() {
     for settings in ["", "criterion = \"A\"", "design = \"paper\"", "design = \"paper\"\nfind = \"once\""] {
-        let (plan, stages) = built_in(settings);
+        let (plan, stages) = plan_built_in(settings);
         let mut stands = None;
         for planned in &stages {
             let begins = stands.clone();
-            let known = confirmed(stands.as_ref());
-            let (blocks, _) = run(&plan, planned.steps(&plan), &mut stands, known);
-            let Planned { stage, found, .. } = planned;
+            let known = confirmed_directions(stands.as_ref());
+            let (blocks, _) = run_steps(&plan, planned.ball_steps(&plan), &mut stands, known);
+            let PlannedStage { stage, found, .. } = planned;
             let staged = StageSteps { steps: &stage.steps, found_artefact: found.as_ref() };
-            proven(&plan, &[staged], begins.as_ref(), &blocks)
+            prove(&plan, &[staged], begins.as_ref(), &blocks)
                 .unwrap_or_else(|why| panic!("{settings}, {}: {why}", stage.name));
         }
     }
@@ -253,7 +262,7 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
 
 /// Prints the time of touches and back-offs, which is independent of the order; from ball to ball; and from touch
 /// to touch of one ball.
-fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
+fn print_time_per_motion(plan: &Plan, blocks: &[Block]) {
     let mut stands = Position::new();
     let (mut touching, mut balls, mut round) = (0.0, 0.0, 0.0);
     for (block, step) in blocks.iter().zip(&plan.steps) {
@@ -272,43 +281,43 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
 /// the 39.3 minutes of the naive order 15.0 are touches, which are independent of the order.
 #[test]
 fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
-    let mut plan = rumba();
+    let mut plan = rumba_plan();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
-    let visits = design(&plan, &access);
-    let ordered = in_order(&plan, &access, &visits);
+    let visits = indexations_of_balls(&plan, &access);
+    let ordered = visits_in_naive_order(&plan, &access, &visits);
     // The slow touches start from found ball positions, as in a run.
     let found = Artefact::Balls(Balls { uncertainty_mm: 0.25, ..balls(&plan).clone() });
     let [searched, known] =
         [&plan.artefact, &found].map(|artefact| SafeHeights::above_artefact(&plan, artefact).unwrap());
     let about = |step: &Step| if step.feed_mm_min < 100.0 { &known } else { &searched };
-    for (name, passes) in [("find and slow", &[SEARCH, SLOW][..]), ("slow", &[SLOW])] {
-        let list = steps(&plan, &access, &visits, passes);
-        let naive_s = naive_s(&plan, list.iter().map(|step| (step, about(step))));
-        plan.steps = steps(&plan, &access, &ordered, passes);
+    for (name, passes) in [("find and slow", &[SEARCH_APPROACH, MEASURE_APPROACH][..]), ("slow", &[MEASURE_APPROACH])] {
+        let list = ball_steps(&plan, &access, &visits, passes);
+        let naive_s = naive_time_s(&plan, list.iter().map(|step| (step, about(step))));
+        plan.steps = ball_steps(&plan, &access, &ordered, passes);
         let with = plan.steps.iter().map(|step| (step, about(step)));
-        let (blocks, seconds) = run(&plan, with, &mut None, ConfirmedDirections::all());
-        say_where_the_time_goes(&plan, &blocks);
-        assert!(share(name, list.len(), seconds, naive_s) <= 0.6);
+        let (blocks, seconds) = run_steps(&plan, with, &mut None, ConfirmedDirections::all());
+        print_time_per_motion(&plan, &blocks);
+        assert!(time_share(name, list.len(), seconds, naive_s) <= 0.6);
     }
 }
 
 #[test]
 fn regress_the_motions_are_proven() {
-    let mut plan = rumba();
+    let mut plan = rumba_plan();
     let access = TouchAccess::new(&plan, &plan.artefact).unwrap();
-    let ordered = in_order(&plan, &access, &design(&plan, &access));
-    plan.steps = steps(&plan, &access, &ordered, &[SEARCH]);
+    let ordered = visits_in_naive_order(&plan, &access, &indexations_of_balls(&plan, &access));
+    plan.steps = ball_steps(&plan, &access, &ordered, &[SEARCH_APPROACH]);
     let (blocks, _) = plan_blocks(&plan, &SafeHeights::above_plan_artefact(&plan).unwrap()).unwrap();
     let ids: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
-    proven(&plan, &[StageSteps { steps: &ids, found_artefact: None }], None, &blocks).unwrap();
+    prove(&plan, &[StageSteps { steps: &ids, found_artefact: None }], None, &blocks).unwrap();
 }
 
 /// `Err`: the refusal, and the lines around it.
-fn proven(plan: &Plan, stages: &[StageSteps<'_>], stands: Option<&Position>, blocks: &[Block]) -> Result<(), String> {
+fn prove(plan: &Plan, stages: &[StageSteps<'_>], stands: Option<&Position>, blocks: &[Block]) -> Result<(), String> {
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
     let dialect = Dialect::from_name("linuxcnc").unwrap();
     let text = dialect.render_program(&ProgramHeader { title: "t", axes: &axes, log: None }, blocks).unwrap();
-    let (confirmed, dialect) = (confirmed(stands), &dialect);
+    let (confirmed, dialect) = (confirmed_directions(stands), &dialect);
     let programs = std::slice::from_ref(&text);
     let proof = prove_programs(&ProofRequest { plan, stages, position: stands, confirmed, dialect, programs });
     let refused = |refusal: planning::proof::ProofRefusal| {

@@ -15,22 +15,22 @@ use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use crate::machine_text::changed;
+use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 use estimation::random::seeded_stream;
 use testing::population::{coverage_population, is_full};
 
 /// Time at which a ball comes loose: the middle of the played plan, which takes 3430 s.
-const LOOSE_FROM_S: f64 = 1700.0;
+const LOOSE_BALL_FROM_S: f64 = 1700.0;
 /// Key of the random stream that selects the missing visits.
-const MISSING: u64 = 0x6d69_7373;
-const MOTIONS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
+const MISSING_READINGS_SEED: u64 = 0x6d69_7373;
+const ERROR_MOTIONS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
 
 type Changes = Vec<(&'static str, Value)>;
 
 /// The built-in machine with other values; path: keys joined by dots.
-pub fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
+pub fn machine_of_seed(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         // The plan is played without a search.
@@ -38,11 +38,11 @@ pub fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
         ("method.ball-plate.monte_carlo_trials", Value::Integer(100)),
         ("method.ball-plate.references", Value::Boolean(false)),
     ];
-    changed(include_str!("../../config/ball-plate.toml"), fixed.iter().chain(changes))
+    changed_machine_file(include_str!("../../config/ball-plate.toml"), fixed.iter().chain(changes))
 }
 
 /// Balls at steps of 360°/`positions`, and a world without error motions above `harmonics`.
-fn layout(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
+fn layout_changes(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
     let table: Table = include_str!("../../config/ball-plate.toml").parse().unwrap();
     let like = table["artefact"]["balls"][0].as_table().unwrap();
     let ball = |(number, step): (usize, &usize)| {
@@ -64,11 +64,11 @@ fn layout(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
 }
 
 /// An eighth of the touches: in a short test many seeds are better evidence than many stops.
-pub fn small() -> Changes {
-    layout(&[0, 4, 6, 9], 12, 5)
+pub fn small_layout() -> Changes {
+    layout_changes(&[0, 4, 6, 9], 12, 5)
 }
 
-fn two_revolutions() -> Changes {
+fn two_revolution_layout() -> Changes {
     vec![
         ("axes.C.max", Value::Float(720.0)),
         ("method.ball-plate.revolutions", Value::Integer(2)),
@@ -77,7 +77,7 @@ fn two_revolutions() -> Changes {
 }
 
 /// A harmonic of an error motion in the machine file, in the unit of the estimate.
-struct Term {
+struct HarmonicTerm {
     symbol: String,
     harmonic: f64,
     cos: f64,
@@ -85,24 +85,24 @@ struct Term {
 }
 
 /// A machine and its plan, which are the same in every world.
-struct Rig {
+struct BallPlateRun {
     changes: Changes,
     method: Box<dyn Method>,
     plan: Plan,
     machine_s: f64,
-    motions: Vec<Term>,
+    motions: Vec<HarmonicTerm>,
 }
 
-impl Rig {
+impl BallPlateRun {
     fn new(changes: Changes) -> Self {
-        let file = machine(1, &changes);
+        let file = machine_of_seed(1, &changes);
         let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
         let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
         let (_, machine_s) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
         let table: Table = file.text().parse().unwrap();
         let term = |term: &Value| {
             let value = |keys: [&str; 2]| -> f64 { keys.iter().filter_map(|key| term.get(*key)?.as_float()).sum() };
-            Term {
+            HarmonicTerm {
                 symbol: term["symbol"].as_str().unwrap().to_owned(),
                 harmonic: term["harmonic"].as_integer().unwrap() as f64,
                 cos: value(["cos_um", "cos_urad"]),
@@ -114,13 +114,13 @@ impl Rig {
     }
 
     fn world(&self, seed: u64) -> SimulatedWorld {
-        setup::build_world(&machine(seed, &self.changes)).unwrap()
+        setup::build_world(&machine_of_seed(seed, &self.changes)).unwrap()
     }
 
     /// True error motion at an angle, in the unit of the estimate.
     fn truth(&self, symbol: &str, degrees: f64) -> f64 {
         let of_symbol = self.motions.iter().filter(|term| term.symbol == symbol);
-        let value = |term: &Term| {
+        let value = |term: &HarmonicTerm| {
             let (sin, cos) = (term.harmonic * degrees.to_radians()).sin_cos();
             term.cos * cos + term.sin * sin
         };
@@ -135,7 +135,7 @@ impl Rig {
     /// `play`: makes a touch, with or without the paths between touches.
     fn estimate_by(&self, seed: u64, missing: f64, play: fn(&mut SimulatedWorld, &Step, u32) -> Reading) -> Estimate {
         let mut world = self.world(seed);
-        let mut random = seeded_stream(seed, &[MISSING]);
+        let mut random = seeded_stream(seed, &[MISSING_READINGS_SEED]);
         let (mut visit, mut is_missing) = (String::new(), false);
         let mut readings: Vec<Reading> = Vec::new();
         for step in self.plan.steps.iter().filter(|step| step.label.starts_with("slow/")) {
@@ -150,9 +150,9 @@ impl Rig {
     }
 
     /// For each error motion: share of the points of its curve whose U contains the true value.
-    fn covered(&self, estimate: &Estimate) -> [f64; 6] {
-        MOTIONS.map(|symbol| {
-            let curve = function(estimate, symbol);
+    fn covered_shares(&self, estimate: &Estimate) -> [f64; 6] {
+        ERROR_MOTIONS.map(|symbol| {
+            let curve = estimated_function(estimate, symbol);
             let points = curve.x.iter().zip(&curve.y).zip(&curve.u);
             let is_held = |((x, y), u): &((&f64, &f64), &f64)| (*y - self.truth(symbol, **x)).abs() <= 2.0 * **u;
             let count = points.len();
@@ -162,7 +162,7 @@ impl Rig {
     }
 }
 
-fn function<'e>(estimate: &'e Estimate, symbol: &str) -> &'e EstimatedFunction {
+fn estimated_function<'e>(estimate: &'e Estimate, symbol: &str) -> &'e EstimatedFunction {
     estimate.functions.iter().find(|function| function.symbol == symbol).unwrap()
 }
 
@@ -172,51 +172,51 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
 }
 
 /// Checks the coverage over the points of the curve of each error motion, over all seeds.
-fn covers(name: &str, changes: Changes, missing: f64) {
+fn check_coverage(name: &str, changes: Changes, missing: f64) {
     let (seeds, shares) = coverage_population();
-    let rig = Rig::new(if is_full() { changes } else { [small(), changes].concat() });
+    let rig = BallPlateRun::new(if is_full() { changes } else { [small_layout(), changes].concat() });
     let one = |seed: u64| {
         let estimate = rig.estimate(seed, missing);
-        (rig.covered(&estimate), estimate.chi2_per_dof)
+        (rig.covered_shares(&estimate), estimate.chi2_per_dof)
     };
     let all: Vec<([f64; 6], f64)> = (0..seeds).into_par_iter().map(one).collect();
     let of_motion = |k: usize| mean(all.iter().map(|(covered, _)| covered[k]));
     let covered: [f64; 6] = std::array::from_fn(of_motion);
     let chi2 = mean(all.iter().map(|(_, chi2)| *chi2));
-    println!("{name}: {covered:.4?} of the points of {MOTIONS:?} within U, χ² {chi2:.3} of what is expected");
+    println!("{name}: {covered:.4?} of the points of {ERROR_MOTIONS:?} within U, χ² {chi2:.3} of what is expected");
     assert!(covered.iter().all(|share| shares.contains(share)), "{name}: {covered:?}");
 }
 
 #[test]
 fn u_is_true_on_the_built_in_machine() {
-    covers("as shipped", Vec::new(), 0.0);
+    check_coverage("as shipped", Vec::new(), 0.0);
 }
 
 #[test]
 fn u_is_true_on_a_poor_machine_with_a_twentieth_of_the_visits_missing() {
     let changes = vec![("probe.repeatability_um", Value::Float(1.0)), ("machine.drift_um_per_h", Value::Float(20.0))];
-    covers("poor, 5 % missing", changes, 0.05);
+    check_coverage("poor, 5 % missing", changes, 0.05);
 }
 
 /// One value for each stop instead of harmonics.
 #[test]
-fn values_at_the_stops_hold_the_truth() {
+fn coverage_of_values_at_the_stops() {
     let values = ("method.ball-plate.values", Value::Boolean(true));
-    let rig = Rig::new([small(), vec![values]].concat());
-    let share = mean(rig.covered(&rig.estimate(1, 0.0)).into_iter());
+    let rig = BallPlateRun::new([small_layout(), vec![values]].concat());
+    let share = mean(rig.covered_shares(&rig.estimate(1, 0.0)).into_iter());
     println!("{share:.3} of the values within U");
     assert!(share > 0.9, "{share}");
 }
 
 #[test]
-fn sub_harmonics_are_drawn_over_all_revolutions() {
+fn figures_of_subharmonics_span_all_revolutions() {
     let sub_harmonics = ("method.ball-plate.sub_harmonics", Value::Integer(2));
-    let rig = Rig::new([small(), two_revolutions(), vec![sub_harmonics]].concat());
+    let rig = BallPlateRun::new([small_layout(), two_revolution_layout(), vec![sub_harmonics]].concat());
     let estimate = rig.estimate(1, 0.0);
-    assert_eq!(function(&estimate, "EXC").x.last(), Some(&720.0));
+    assert_eq!(estimated_function(&estimate, "EXC").x.last(), Some(&720.0));
     let half = estimate.parameters.iter().find(|parameter| parameter.symbol == "EXC_c1/2").unwrap();
     assert!(half.value.abs() < 1.5 * half.expanded, "{half:?}");
-    assert!(mean(rig.covered(&estimate).into_iter()) > 0.9);
+    assert!(mean(rig.covered_shares(&estimate).into_iter()) > 0.9);
 }
 
 /// Compares the largest forecast U of each curve with that of a run. In the second world most of it is drift.
@@ -224,16 +224,16 @@ fn sub_harmonics_are_drawn_over_all_revolutions() {
 fn u_is_foretold_before_motion() {
     let drift =
         vec![("machine.drift_um_per_h", Value::Float(40.0)), ("method.ball-plate.drift_order", Value::Integer(0))];
-    for (name, changes) in [("as shipped", Vec::new()), ("drift", [small(), drift].concat())] {
-        let rig = Rig::new(changes);
+    for (name, changes) in [("as shipped", Vec::new()), ("drift", [small_layout(), drift].concat())] {
+        let rig = BallPlateRun::new(changes);
         let lines = rig.method.forecast(&rig.plan, rig.machine_s).unwrap();
         println!("{name}: {}", lines.join("\n"));
-        let estimate = rig.estimate_by(1, 0.0, plan_player::play);
-        for symbol in MOTIONS {
+        let estimate = rig.estimate_by(1, 0.0, plan_player::play_step);
+        for symbol in ERROR_MOTIONS {
             let words: Vec<&str> = lines[0].split([' ', ':']).collect();
             let at = words.iter().position(|word| *word == symbol).unwrap();
             let foretold: f64 = words[at + 1].parse().unwrap();
-            let stated = 2.0 * function(&estimate, symbol).u.iter().copied().fold(0.0, f64::max);
+            let stated = 2.0 * estimated_function(&estimate, symbol).u.iter().copied().fold(0.0, f64::max);
             assert!((foretold / stated - 1.0).abs() < 0.2, "{symbol}: {foretold} {stated}");
         }
         assert!(lines.iter().any(|line| line.starts_with("not identifiable: location of C")));
@@ -243,34 +243,34 @@ fn u_is_foretold_before_motion() {
 /// The four steps of paper 5 need balls at equal angles and complete visits.
 #[test]
 fn least_squares_is_compared_with_the_four_steps() {
-    let line = |rig: &Rig, missing: f64| {
+    let line = |rig: &BallPlateRun, missing: f64| {
         let estimate = rig.estimate(1, missing);
         assert!(!estimate.warnings.iter().any(|line| line.contains("four steps")));
         estimate.gauge.into_iter().find(|line| line.contains("four steps")).unwrap()
     };
-    let even = Rig::new(layout(&[0, 2, 4, 6, 8, 10], 12, 5));
+    let even = BallPlateRun::new(layout_changes(&[0, 2, 4, 6, 8, 10], 12, 5));
     let compared = line(&even, 0.0);
     println!("{compared}");
     let (_, figures) = compared.split_once("largest difference ").unwrap();
     let by: f64 = figures.split(' ').next().unwrap().parse().unwrap();
     assert!(by < 0.05, "{compared}");
     assert!(line(&even, 0.05).ends_with("each ball must be measured once at each stop"));
-    assert!(line(&Rig::new(small()), 0.0).contains("balls at equal angles are required"));
+    assert!(line(&BallPlateRun::new(small_layout()), 0.0).contains("balls at equal angles are required"));
 }
 
 /// A motion with a period of two revolutions changes its sign between them. Drift terms would absorb most of it.
 #[test]
-fn single_revolutions_show_what_does_not_repeat() {
+fn single_revolutions_show_the_asynchronous_motion() {
     let motion: Table = "axis = 'C'\nlinear_um = 5.0\nsub_harmonics = 2".parse().unwrap();
     let changes = vec![
         ("simulated.rotary_motion", Value::Array(vec![motion.into()])),
         ("machine.drift_um_per_h", Value::Float(0.0)),
         ("method.ball-plate.drift_order", Value::Integer(0)),
     ];
-    let rig = Rig::new([small(), two_revolutions(), changes].concat());
+    let rig = BallPlateRun::new([small_layout(), two_revolution_layout(), changes].concat());
     let (estimate, world) = (rig.estimate(1, 0.0), rig.world(1));
     for (symbol, along) in [("EXC_stops", Axis::X), ("EYC_stops", Axis::Y), ("EZC_stops", Axis::Z)] {
-        let stops = function(&estimate, symbol);
+        let stops = estimated_function(&estimate, symbol);
         assert_eq!((stops.x.len(), stops.x[23].round()), (24, 690.0));
         let at = |degrees: f64| 1e3 * world.true_rotary_motion(Axis::C, along, degrees.to_radians());
         let errors = (0..12).map(|i| {
@@ -282,7 +282,7 @@ fn single_revolutions_show_what_does_not_repeat() {
         println!("{symbol}: {size:.2} um from revolution to revolution, found to {rms:.2} um");
         assert!(size > 5.0 && rms < 0.8, "{symbol}: {size} {rms}");
     }
-    let places = function(&estimate, "DX_revolutions");
+    let places = estimated_function(&estimate, "DX_revolutions");
     assert_eq!((places.x.len(), places.x[11].round(), places.x[12]), (24, 330.0, 0.0));
 }
 
@@ -291,10 +291,10 @@ fn single_revolutions_show_what_does_not_repeat() {
 fn a_ball_that_comes_loose_is_named() {
     let mut moved: Table = Table::new();
     moved.insert("ball".to_owned(), "4".into());
-    moved.insert("at_s".to_owned(), Value::Float(LOOSE_FROM_S));
+    moved.insert("at_s".to_owned(), Value::Float(LOOSE_BALL_FROM_S));
     moved.insert("by_mm".to_owned(), vec![0.0, 0.02, 0.0].into());
     let changes = vec![("simulated.ball_moves", Value::Array(vec![moved.into()]))];
-    let estimate = Rig::new(changes).estimate_by(1, 0.0, plan_player::play);
+    let estimate = BallPlateRun::new(changes).estimate_by(1, 0.0, plan_player::play_step);
     let named = |ball: &str| {
         let begins = format!("ball {ball} is displaced ");
         estimate.warnings.iter().filter(|line| line.starts_with(&begins)).count()
@@ -303,8 +303,8 @@ fn a_ball_that_comes_loose_is_named() {
     assert!(estimate.warnings.iter().any(|line| line.contains("does not explain")));
 }
 
-fn refused(changes: &[(&'static str, Value)]) -> String {
-    let file = machine(1, changes);
+fn refusal_text(changes: &[(&'static str, Value)]) -> String {
+    let file = machine_of_seed(1, changes);
     let (method, header) = setup::plan_header(&file, "ball-plate", None).unwrap();
     let refused = methods::plan_nominal_stages(method.as_ref(), header).unwrap_err();
     format!("{}; {}", refused.reason, refused.remedy)
@@ -312,7 +312,7 @@ fn refused(changes: &[(&'static str, Value)]) -> String {
 
 #[test]
 fn balls_at_equal_angles_are_refused_with_a_better_layout() {
-    let refused = refused(&layout(&[0, 6, 12, 18, 24, 30], 36, 8));
+    let refused = refusal_text(&layout_changes(&[0, 6, 12, 18, 24, 30], 36, 8));
     assert!(refused.contains("the harmonics 6 of the error motions are not determined"), "{refused}");
     assert!(refused.contains("degrees from the first ball"), "{refused}");
 }
@@ -330,18 +330,18 @@ fn what_cannot_be_measured_is_refused_before_motion() {
         (vec![integer("method.ball-plate.positions", 24)], "multiples of 360°/24"),
     ];
     for (changes, expected) in cases {
-        let refused = refused(&changes);
+        let refused = refusal_text(&changes);
         assert!(refused.contains(expected), "{refused}");
     }
 }
 
 #[test]
-fn a_plan_of_more_than_four_hours_asks_for_long() {
+fn plan_above_four_hours_needs_the_long_option() {
     let changes = [
         ("axes.C.max", Value::Float(720.0)),
         ("method.ball-plate.revolutions", Value::Integer(2)),
         ("method.ball-plate.touches", Value::Integer(15)),
     ];
-    let refused = refused(&changes);
+    let refused = refusal_text(&changes);
     assert!(refused.contains("h of machine time") && refused.contains("long = true"), "{refused}");
 }

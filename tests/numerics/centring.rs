@@ -18,12 +18,12 @@ const TILT_URAD: [f64; 2] = [400.0, 300.0];
 /// Heights of the sections of `config/multiprobe.toml` above the foot.
 const SECTIONS_MM: [f64; 2] = [60.0, 120.0];
 /// Number of samples of each sensor.
-const SAMPLES: usize = 20;
+const SAMPLES_PER_SECTION: usize = 20;
 
 /// The first round of centring and the prompt after it, without a second round.
-struct FirstRound(Box<dyn Method>);
+struct FirstRoundMethod(Box<dyn Method>);
 
-impl Method for FirstRound {
+impl Method for FirstRoundMethod {
     fn settings(&self) -> serde_json::Value {
         self.0.settings()
     }
@@ -46,7 +46,7 @@ impl Method for FirstRound {
     }
 }
 
-fn machine(offset_mm: [f64; 2], tilt_urad: [f64; 2]) -> MachineFile {
+fn machine_with_artefact(offset_mm: [f64; 2], tilt_urad: [f64; 2]) -> MachineFile {
     let mut table: Table = include_str!("../../config/multiprobe.toml").parse().unwrap();
     let simulated = table["simulated"].as_table_mut().unwrap();
     simulated.insert("centre_offset_mm".to_owned(), Value::from(offset_mm.to_vec()));
@@ -56,7 +56,7 @@ fn machine(offset_mm: [f64; 2], tilt_urad: [f64; 2]) -> MachineFile {
 }
 
 /// Displacements in the prompt, for each section along X and Y, mm.
-fn told_mm(text: &str) -> [[f64; 2]; 2] {
+fn prompted_adjustment_mm(text: &str) -> [[f64; 2]; 2] {
     let number = |text: &str| text.split(" µm").next().unwrap().parse::<f64>().unwrap() * 1e-3;
     [1, 2].map(|section| {
         let rest = text.split(&format!("section {section} by X ")).nth(1).unwrap();
@@ -64,22 +64,22 @@ fn told_mm(text: &str) -> [[f64; 2]; 2] {
     })
 }
 
-fn mean_mm(world: &mut SimulatedWorld, sensor: &str) -> f64 {
+fn mean_distance_mm(world: &mut SimulatedWorld, sensor: &str) -> f64 {
     let mut sample = || match world.sample_after(sensor, 1e-3) {
         Some(SensorOutput::Distance(mm)) => mm,
         other => panic!("{sensor}: {other:?}"),
     };
-    (0..SAMPLES).map(|_| sample()).sum::<f64>() / SAMPLES as f64
+    (0..SAMPLES_PER_SECTION).map(|_| sample()).sum::<f64>() / SAMPLES_PER_SECTION as f64
 }
 
 #[test]
 fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
-    let file = machine(OFFSET_MM, TILT_URAD);
+    let file = machine_with_artefact(OFFSET_MM, TILT_URAD);
     let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
-    let (plan, _) = plan_player::measure(&mut world, &FirstRound(method), header);
+    let (plan, _) = plan_player::measure_all_stages(&mut world, &FirstRoundMethod(method), header);
     let [.., turn, prompt] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
-    let told = told_mm(prompt.text.as_deref().unwrap());
+    let told = prompted_adjustment_mm(prompt.text.as_deref().unwrap());
     // The table is at a whole revolution: its frame equals that of the machine, except for the form of the axis.
     for (section, z_mm) in SECTIONS_MM.into_iter().enumerate() {
         for k in [0, 1] {
@@ -92,16 +92,16 @@ fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     let slope = [0, 1].map(|k| (told[1][k] - told[0][k]) / (high_mm - low_mm));
     let offset_mm = [0, 1].map(|k| OFFSET_MM[k] + told[0][k] - slope[k] * low_mm);
     let tilt_urad = [0, 1].map(|k| TILT_URAD[k] + slope[k] * 1e6);
-    let mut centred = setup::build_world(&machine(offset_mm, tilt_urad)).unwrap();
+    let mut centred = setup::build_world(&machine_with_artefact(offset_mm, tilt_urad)).unwrap();
     centred.travel(&turn.to, Speed::Rapid);
     assert_eq!(prompt.watch.len(), 7);
     for watched in &prompt.watch {
-        let (name, before) = (watched.sensor.as_str(), mean_mm(&mut world, &watched.sensor));
+        let (name, before) = (watched.sensor.as_str(), mean_distance_mm(&mut world, &watched.sensor));
         let Some(target_mm) = watched.target_mm else {
             assert_eq!(name, "z1", "the face has no target");
             continue;
         };
-        let off_um = (mean_mm(&mut centred, name) - target_mm) * 1e3;
+        let off_um = (mean_distance_mm(&mut centred, name) - target_mm) * 1e3;
         println!("{name}: {:+.2} um from its target, {:+.1} before", off_um, (before - target_mm) * 1e3);
         assert!(off_um.abs() < 0.5, "{name}: {off_um} um from its target");
     }

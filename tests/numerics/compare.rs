@@ -33,7 +33,7 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
         let (method, header) = setup::plan_header(&file, "self-calibration", None).expect("settings");
         let mut world = setup::build_world(&file).expect("a world");
         let [first, second] = [(); 2].map(|()| {
-            let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header.clone());
+            let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header.clone());
             method.identify(&plan, &readings).expect("an estimate")
         });
         let common = common_sources(&first, &second);

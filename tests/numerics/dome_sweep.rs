@@ -11,51 +11,51 @@ use testing::population::is_full;
 use toml::{Table, Value};
 use trued::setup;
 
-use crate::ball_dome::{DOME, on_a_and_y};
-use crate::machine_text::parsed;
-use crate::proof_sweep::{Matrix, Point, Solid, length, minus, moved, times, turned, unmapped};
+use crate::ball_dome::{DOME, with_a_on_y_topology};
+use crate::machine_text::parse_machine_file;
+use crate::proof_sweep::{Matrix, Point, Solid, length, map_point_back, multiply, rotation, subtract, translation};
 
 /// Distance between two checks, mm and degrees.
-const STEP: f64 = 1.0;
+const SWEEP_STEP: f64 = 1.0;
 /// Gap between the surfaces of stylus ball and touched ball that counts as contact, mm.
-const TOUCHES_AT: f64 = 1e-3;
+const CONTACT_DISTANCE_MM: f64 = 1e-3;
 
 /// X, Y, Z in mm; A or B, and C in degrees.
 type Axes = [f64; 5];
 
 #[derive(Clone, Copy)]
-enum Kind {
+enum Topology {
     /// Topology `w-C-B-X-F-Z-Y-S-t`.
     BuiltIn,
     /// Topology `w-C-A-Y-F-X-Z-S-t`.
     OnAAndY,
 }
 
-impl Kind {
+impl Topology {
     /// Frames of the tilting part and of the table. An axis that carries the workpiece moves by minus the command
     /// (ISO 841).
     fn carriers(self, [x, y, _, tilt, c]: Axes) -> [Matrix; 2] {
         let tilted = match self {
-            Kind::BuiltIn => times(&moved([-x, 0.0, 0.0]), &turned(1, [0.0; 3], -tilt)),
-            Kind::OnAAndY => times(&moved([0.0, -y, 0.0]), &turned(0, [0.0; 3], -tilt)),
+            Topology::BuiltIn => multiply(&translation([-x, 0.0, 0.0]), &rotation(1, [0.0; 3], -tilt)),
+            Topology::OnAAndY => multiply(&translation([0.0, -y, 0.0]), &rotation(0, [0.0; 3], -tilt)),
         };
-        [tilted, times(&tilted, &turned(2, [0.0; 3], -c))]
+        [tilted, multiply(&tilted, &rotation(2, [0.0; 3], -c))]
     }
 
     fn spindle(self, [x, y, z, ..]: Axes) -> Point {
         match self {
-            Kind::BuiltIn => [0.0, y, z],
-            Kind::OnAAndY => [x, 0.0, z],
+            Topology::BuiltIn => [0.0, y, z],
+            Topology::OnAAndY => [x, 0.0, z],
         }
     }
 }
 
-fn number(value: &Value) -> f64 {
+fn json_number(value: &Value) -> f64 {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64)).unwrap()
 }
 
-fn point(table: &Table, key: &str) -> Point {
-    std::array::from_fn(|i| number(&table[key][i]))
+fn json_point(table: &Table, key: &str) -> Point {
+    std::array::from_fn(|i| json_number(&table[key][i]))
 }
 
 struct Bodies {
@@ -69,8 +69,8 @@ struct Bodies {
 impl Bodies {
     fn of(file: &Table) -> Self {
         let probe = file["probe"].as_table().unwrap();
-        let of_probe = |key: &str| number(&probe[key]);
-        let tip = point(file["machine"].as_table().unwrap(), "tool_mm");
+        let of_probe = |key: &str| json_number(&probe[key]);
+        let tip = json_point(file["machine"].as_table().unwrap(), "tool_mm");
         let mut tool = vec![(tip, of_probe("ball_radius_mm"))];
         let mut along = |low: f64, high: f64, radius: f64, spacing: f64| {
             let count = ((high - low - 2.0 * radius) / spacing).floor() as usize;
@@ -84,16 +84,16 @@ impl Bodies {
         let (mut balls, mut solids) = (Vec::new(), [Vec::new(), Vec::new()]);
         for ball in file["artefact"]["balls"].as_array().unwrap() {
             let ball = ball.as_table().unwrap();
-            let (from, radius) = (point(ball, "centre_mm"), number(&ball["radius_mm"]));
-            let (way, long) = (point(ball, "stem"), number(&ball["stem_length_mm"]));
+            let (from, radius) = (json_point(ball, "centre_mm"), json_number(&ball["radius_mm"]));
+            let (way, long) = (json_point(ball, "stem"), json_number(&ball["stem_length_mm"]));
             let to = std::array::from_fn(|i| from[i] + long * way[i] / length(way));
             balls.push((from, radius));
-            solids[1].push(Solid { from, to, radius: Some(number(&ball["stem_radius_mm"])) });
+            solids[1].push(Solid { from, to, radius: Some(json_number(&ball["stem_radius_mm"])) });
         }
         for solid in file["solid"].as_array().unwrap() {
             let solid = solid.as_table().unwrap();
-            let (from, to) = (point(solid, "from_mm"), point(solid, "to_mm"));
-            let radius = solid.get("radius_mm").map(number);
+            let (from, to) = (json_point(solid, "from_mm"), json_point(solid, "to_mm"));
+            let radius = solid.get("radius_mm").map(json_number);
             match solid["on"].as_str().unwrap() {
                 "spindle" => along(from[2], to[2], radius.unwrap(), 20.0),
                 "table" => solids[1].push(Solid { from, to, radius }),
@@ -105,21 +105,21 @@ impl Bodies {
 
     /// The first body that the tool overlaps, except the stylus ball with a ball; and the distance to the nearest
     /// one.
-    fn look(&self, kind: Kind, at: Axes) -> (Option<String>, f64) {
+    fn nearest_bodies(&self, kind: Topology, at: Axes) -> (Option<String>, f64) {
         let [tilted, table] = kind.carriers(at);
         let datum = kind.spindle(at);
-        let seen = |from: &Matrix, p: Point| unmapped(from, std::array::from_fn(|i| datum[i] + p[i]));
+        let seen = |from: &Matrix, p: Point| map_point_back(from, std::array::from_fn(|i| datum[i] + p[i]));
         let hit = |frame: &Matrix, solids: &[Solid]| {
             solids.iter().position(|solid| {
-                let (middle, bound) = (solid.middle(), solid.bound());
+                let (middle, bound) = (solid.middle(), solid.bounding_radius());
                 self.tool.iter().any(|(p, radius)| {
                     let p = seen(frame, *p);
-                    length(minus(p, middle)) < bound + radius && solid.distance(p) < *radius
+                    length(subtract(p, middle)) < bound + radius && solid.distance(p) < *radius
                 })
             })
         };
         let gap = |(p, radius): &(Point, f64), (centre, ball): &(Point, f64)| {
-            length(minus(seen(&table, *p), *centre)) - radius - ball
+            length(subtract(seen(&table, *p), *centre)) - radius - ball
         };
         let [tip, rest @ ..] = &self.tool[..] else { panic!("a tool") };
         let met = hit(&tilted, &self.solids[0])
@@ -133,29 +133,29 @@ impl Bodies {
     }
 }
 
-struct Way<'t> {
+struct SweptMove<'t> {
     line: &'t str,
     from: Axes,
     to: Axes,
     is_touch: bool,
 }
 
-impl Way<'_> {
-    fn at(&self, share: f64) -> Axes {
+impl SweptMove<'_> {
+    fn axes_at(&self, share: f64) -> Axes {
         std::array::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
     }
 
     /// Checks a path up to the contact of a touch. Returns the body that was hit, and whether a ball was touched.
-    fn swept(&self, bodies: &Bodies, kind: Kind) -> (Option<String>, bool) {
+    fn collision_along(&self, bodies: &Bodies, kind: Topology) -> (Option<String>, bool) {
         let apart = |i: usize| (self.to[i] - self.from[i]).abs();
-        let count = (0..5).map(apart).fold(0.0, f64::max) / STEP;
+        let count = (0..5).map(apart).fold(0.0, f64::max) / SWEEP_STEP;
         let count = count.ceil().max(1.0) * if self.is_touch { 50.0 } else { 1.0 };
         for k in 0..=count as usize {
-            let (met, gap) = bodies.look(kind, self.at(k as f64 / count));
+            let (met, gap) = bodies.nearest_bodies(kind, self.axes_at(k as f64 / count));
             if met.is_some() {
                 return (met, false);
             }
-            if gap < TOUCHES_AT {
+            if gap < CONTACT_DISTANCE_MM {
                 return (None, true);
             }
         }
@@ -166,7 +166,7 @@ impl Way<'_> {
 /// Parses word by word: N, G, axes, F. The start position is unknown: the paths begin with the first one whose ends
 /// are both known. A touch is a move that a back-off at feed follows; it ends at the contact, which is on its
 /// back-off.
-fn ways(text: &str) -> Vec<Way<'_>> {
+fn parse_moves(text: &str) -> Vec<SweptMove<'_>> {
     let mut stands = BTreeMap::<&str, f64>::new();
     let goes = |line: &&str| line.contains(" G38.3 ") || line.contains(" G53 G");
     let moves: Vec<&str> = text.lines().filter(goes).collect();
@@ -185,7 +185,7 @@ fn ways(text: &str) -> Vec<Way<'_>> {
         }
         let is_touch = line.contains(" G38.3 ") && moves.get(k + 1).is_some_and(|next| is_back(&next));
         let ends = axes(&before).zip(axes(&stands));
-        ways.extend(ends.map(|(from, to)| Way { line, from, to, is_touch }));
+        ways.extend(ends.map(|(from, to)| SweptMove { line, from, to, is_touch }));
         if is_touch {
             stands = before;
         }
@@ -193,8 +193,8 @@ fn ways(text: &str) -> Vec<Way<'_>> {
     ways
 }
 
-fn program(file: &Table) -> String {
-    let (method, header) = setup::plan_header(&parsed(file), "ball-dome", None).unwrap();
+fn plan_program(file: &Table) -> String {
+    let (method, header) = setup::plan_header(&parse_machine_file(file), "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     let (blocks, _) = planning::plan_blocks_by_stage(&plan, &stages).unwrap();
     let axes: Vec<_> = plan.machine.axes.keys().copied().collect();
@@ -203,11 +203,11 @@ fn program(file: &Table) -> String {
     dialect.render_program(&program, &blocks).unwrap()
 }
 
-fn is_clear(text: &str, kind: Kind) {
+fn is_clear(text: &str, kind: Topology) {
     let file: Table = text.parse().unwrap();
-    let (bodies, text) = (Bodies::of(&file), program(&file));
-    let ways = ways(&text);
-    let ends: Vec<_> = ways.par_iter().map(|way| way.swept(&bodies, kind)).collect();
+    let (bodies, text) = (Bodies::of(&file), plan_program(&file));
+    let ways = parse_moves(&text);
+    let ends: Vec<_> = ways.par_iter().map(|way| way.collision_along(&bodies, kind)).collect();
     for (way, (met, touched)) in ways.iter().zip(&ends) {
         assert_eq!(*met, None, "{} from {:?}", way.line, way.from);
         assert_eq!(*touched, way.is_touch, "{} from {:?}", way.line, way.from);
@@ -219,18 +219,18 @@ fn is_clear(text: &str, kind: Kind) {
     let mut rod = Bodies { tool: bodies.tool, balls: Vec::new(), solids: [Vec::new(), Vec::new()] };
     let (from, to) = ([0.0, 0.0, 220.0], [0.0, 0.0, 420.0]);
     rod.solids[1].push(Solid { from, to, radius: Some(5.0) });
-    assert!(ways.par_iter().any(|way| way.swept(&rod, kind).0.is_some()));
+    assert!(ways.par_iter().any(|way| way.collision_along(&rod, kind).0.is_some()));
 }
 
 #[test]
 fn nothing_is_met_on_the_built_in_machine() {
     // The gate tests the other machine.
     if is_full() {
-        is_clear(DOME, Kind::BuiltIn);
+        is_clear(DOME, Topology::BuiltIn);
     }
 }
 
 #[test]
 fn nothing_is_met_on_another_topology() {
-    is_clear(&on_a_and_y(DOME), Kind::OnAAndY);
+    is_clear(&with_a_on_y_topology(DOME), Topology::OnAAndY);
 }

@@ -14,13 +14,13 @@ use testing::population::is_full;
 
 /// Seconds from the end of each touch of a stage to each other touch, in the planned order; the first row starts at
 /// the position before the stage.
-type Ways = Vec<Vec<f64>>;
+type TravelTimes = Vec<Vec<f64>>;
 
 /// Indices of touches, ball after ball.
-type Tour = Vec<Vec<usize>>;
+type VisitOrder = Vec<Vec<usize>>;
 
 /// Duration of the path to a touch, and the machine position after the touch.
-fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) -> (f64, Position) {
+fn travel_time(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) -> (f64, Position) {
     let start = BlockStart { position: Some(from), confirmed: ConfirmedDirections::all() };
     let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
     let ends = end_position(blocks.iter().flat_map(|block| &block.motions), from);
@@ -32,14 +32,15 @@ fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &SafeHeights) ->
 
 /// Durations of a stage in the planned order, with its tour. `stands`: machine position before the stage, then
 /// after it.
-fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tour) {
+fn travel_times(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (TravelTimes, VisitOrder) {
     let clearance = SafeHeights::above_known_artefact(plan, stage.found.as_ref()).unwrap();
     let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
     let steps: Vec<&Step> = steps.collect();
-    let end = |step: &&&Step| way_to(plan, &step.from, step, &clearance).1;
+    let end = |step: &&&Step| travel_time(plan, &step.from, step, &clearance).1;
     let ends: Vec<Position> = steps.par_iter().map(|step| end(&step)).collect();
-    let row =
-        |from: &Position| -> Vec<f64> { steps.iter().map(|step| way_to(plan, from, step, &clearance).0).collect() };
+    let row = |from: &Position| -> Vec<f64> {
+        steps.iter().map(|step| travel_time(plan, from, step, &clearance).0).collect()
+    };
     let first = stands.as_ref().map_or(vec![0.0; steps.len()], row);
     *stands = ends.last().cloned();
     let ways = std::iter::once(first).chain(ends.par_iter().map(row).collect::<Vec<_>>());
@@ -50,14 +51,14 @@ fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tou
 }
 
 /// Time of the tour, from the first row on.
-fn time_s(tour: &Tour, ways: &Ways) -> f64 {
+fn order_time_s(tour: &VisitOrder, ways: &TravelTimes) -> f64 {
     let touches: Vec<usize> = tour.iter().flatten().copied().collect();
     let pairs = touches.windows(2).map(|pair| ways[pair[0] + 1][pair[1]]);
     ways[0][touches[0]] + pairs.sum::<f64>()
 }
 
 /// Reverses one segment or moves it elsewhere.
-fn change<T>(order: &mut Vec<T>, random: &mut impl Rng) {
+fn change_order<T>(order: &mut Vec<T>, random: &mut impl Rng) {
     let mut ends = [0; 2].map(|_| random.random_range(0..order.len()));
     ends.sort_unstable();
     if random.random::<bool>() {
@@ -70,19 +71,19 @@ fn change<T>(order: &mut Vec<T>, random: &mut impl Rng) {
 }
 
 /// Shortest time found by changing the order of the balls, and of the touches of a ball, from the planned order on.
-fn annealed_s((ways, planned): &(Ways, Tour), random: &mut impl Rng, tries: u64) -> f64 {
+fn annealed_time_s((ways, planned): &(TravelTimes, VisitOrder), random: &mut impl Rng, tries: u64) -> f64 {
     let mut tour = planned.clone();
-    let (mut time, mut best) = (time_s(&tour, ways), time_s(&tour, ways));
+    let (mut time, mut best) = (order_time_s(&tour, ways), order_time_s(&tour, ways));
     for number in 0..tries {
         let heat_s = 0.3 * (1.0 - number as f64 / tries as f64).powi(3);
         let mut other = tour.clone();
         if random.random::<bool>() {
-            change(&mut other, random);
+            change_order(&mut other, random);
         } else {
             let ball = random.random_range(0..other.len());
-            change(&mut other[ball], random);
+            change_order(&mut other[ball], random);
         }
-        let change = time_s(&other, ways) - time;
+        let change = order_time_s(&other, ways) - time;
         if change < 0.0 || random.random::<f64>() < (-change / heat_s).exp() {
             (tour, time) = (other, time + change);
             best = best.min(time);
@@ -92,7 +93,7 @@ fn annealed_s((ways, planned): &(Ways, Tour), random: &mut impl Rng, tries: u64)
 }
 
 #[test]
-fn no_long_search_finds_a_way_shorter_by_a_twentieth() {
+fn annealing_finds_no_order_shorter_by_5_percent() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
     let (method, header) = setup::plan_header(&file, "ball-dome", None).unwrap();
     let (plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
@@ -100,10 +101,10 @@ fn no_long_search_finds_a_way_shorter_by_a_twentieth() {
     assert_eq!(slow.clone().count(), 24);
     let (count, tries) = if is_full() { (24, 1_000_000) } else { (4, 50_000) };
     let mut stands = None;
-    let all: Vec<_> = slow.take(count).map(|stage| ways(&plan, stage, &mut stands)).collect();
-    let of_stage = |(number, stage): (usize, &(Ways, Tour))| {
+    let all: Vec<_> = slow.take(count).map(|stage| travel_times(&plan, stage, &mut stands)).collect();
+    let of_stage = |(number, stage): (usize, &(TravelTimes, VisitOrder))| {
         let random = &mut seeded_stream(1, &[0x746f_7572, number as u64]);
-        [time_s(&stage.1, &stage.0), annealed_s(stage, random, tries)]
+        [order_time_s(&stage.1, &stage.0), annealed_time_s(stage, random, tries)]
     };
     let times: Vec<[f64; 2]> = all.par_iter().enumerate().map(of_stage).collect();
     let [planned, best] = [0, 1].map(|k| times.iter().map(|times| times[k]).sum::<f64>());

@@ -12,16 +12,16 @@ use trued::setup::{self, MachineFile, Pace, RunHistory};
 use crate::support::proven_block::proven_block;
 
 /// B, C, S in degrees, and the ball (counted from 0) that is touched on its top.
-const TOUCHES: [([f64; 3], usize); 5] = [
+const TOUCH_POSES: [([f64; 3], usize); 5] = [
     ([0.0, 0.0, 0.0], 0),
     ([-30.0, 90.0, 90.0], 2),
     ([60.0, -180.0, 270.0], 3),
     ([90.0, 0.0, 180.0], 2),
     ([-90.0, 270.0, 90.0], 3),
 ];
-const FEED: f64 = 3000.0;
+const FEED_MM_MIN: f64 = 3000.0;
 
-fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Block {
+fn touch_block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Block {
     let Artefact::Balls(balls) = &file.artefact else { panic!("no balls") };
     let turned = Position::new().with(Axis::B, b.to_radians()).with(Axis::C, c.to_radians());
     let oriented = turned.clone().with(Axis::S, s.to_radians());
@@ -38,7 +38,7 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
         Motion::Rapid { to: turned },
         Motion::Orient { s: s.to_radians() },
         Motion::Rapid { to: over(12.0).filter_axes(|axis| axis != Axis::Z) },
-        Motion::Guarded { to: height(12.0), feed_mm_min: FEED },
+        Motion::Guarded { to: height(12.0), feed_mm_min: FEED_MM_MIN },
         Motion::Probe { to: height(7.0), feed_mm_min: 60.0 },
         Motion::BackOff { to: height(12.0), feed_mm_min: 300.0 },
     ];
@@ -46,7 +46,7 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
 }
 
 /// Executes the moves of a block without a control.
-fn direct(world: &mut SimulatedWorld, block: &Block) -> Position {
+fn execute_in_world(world: &mut SimulatedWorld, block: &Block) -> Position {
     let mut found = None;
     for motion in &block.motions {
         match motion {
@@ -75,9 +75,9 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
     runtime.block_on(async {
         let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller.prepare().await.unwrap();
-        for (step, (pose, ball)) in TOUCHES.into_iter().enumerate() {
-            let block = block(&file, step as u32, pose, ball);
-            let expected = direct(&mut world, &block);
+        for (step, (pose, ball)) in TOUCH_POSES.into_iter().enumerate() {
+            let block = touch_block(&file, step as u32, pose, ball);
+            let expected = execute_in_world(&mut world, &block);
             let outcome = devices.controller.execute(proven_block(&file, &devices, &block)).await.unwrap();
             let found = outcome.touch.unwrap();
             for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
@@ -104,7 +104,7 @@ fn the_spindle_turns_the_stylus() {
         let mut heights = Vec::new();
         for (step, s) in [0.0, 180.0].into_iter().enumerate() {
             // At 3 mm from the pole the slope of the ball is 3/9.35 of the stylus offset.
-            let mut block = block(&file, step as u32, [0.0, 0.0, s], 0);
+            let mut block = touch_block(&file, step as u32, [0.0, 0.0, s], 0);
             for motion in &mut block.motions {
                 if let Motion::Rapid { to } = motion
                     && let Some(x) = to.get(Axis::X)

@@ -34,19 +34,19 @@ fn machine(topology: &str, reversed: &[Axis]) -> Machine {
     }
 }
 
-fn parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
+fn parse_parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
     names.iter().map(|name| name.as_ref().parse().unwrap()).collect()
 }
 
 /// All six location errors of every axis, and the gains of the linear axes along all directions except two times
 /// their own: 42 on a machine of five axes and spindle.
-fn full_42() -> Vec<ErrorParameter> {
+fn all_42_parameters() -> Vec<ErrorParameter> {
     let mut names = Vec::new();
     for axis in ["X", "Y", "Z", "B", "C", "S"] {
         names.extend(["X", "Y", "Z", "A", "B", "C"].map(|k| format!("E{k}0{axis}")));
     }
     names.extend(["XX", "YY", "ZZ", "YX", "ZY", "XZ"].map(|pair| format!("E{pair}1")));
-    parameters(&names)
+    parse_parameters(&names)
 }
 
 /// Six error motions of each rotary axis of `axes`: harmonics 1 and 2, and table entries.
@@ -58,11 +58,11 @@ fn error_motions(axes: &[&str]) -> Vec<ErrorParameter> {
         }
         names.extend((0..4).map(|entry| format!("EA{axis}_{entry}/4")));
     }
-    parameters(&names)
+    parse_parameters(&names)
 }
 
 /// Every parameter at a random value: up to 0.1 mm, 1 mrad, 1e-4.
-fn errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<ErrorTerm> {
+fn random_errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<ErrorTerm> {
     let value = |name: &str, random: &mut _| -> f64 {
         let angular = name.starts_with("EA") || name.starts_with("EB") || name.starts_with("EC");
         let scale = if name.ends_with('1') && !name.contains('_') {
@@ -72,26 +72,26 @@ fn errors(parameters: &[ErrorParameter], random: &mut impl Rng) -> Vec<ErrorTerm
         } else {
             0.1
         };
-        scale * uniform(random)
+        scale * uniform_draw(random)
     };
     parameters.iter().map(|p| ErrorTerm { parameter: *p, value: value(&p.to_string(), random) }).collect()
 }
 
 /// Uniform in [-1, 1].
-fn uniform(random: &mut impl Rng) -> f64 {
+fn uniform_draw(random: &mut impl Rng) -> f64 {
     random.random_range(-1.0..=1.0)
 }
 
-fn pose(random: &mut impl Rng) -> Position {
+fn random_pose(random: &mut impl Rng) -> Position {
     let scale = |axis: Axis| if axis.is_linear() { 200.0 } else { PI };
-    Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform(random))).collect()
+    Axis::ALL.into_iter().map(|axis| (axis, scale(axis) * uniform_draw(random))).collect()
 }
 
-fn tip(random: &mut impl Rng) -> Point<SpindleFrame> {
-    Point::new(5.0 * uniform(random), 5.0 * uniform(random), -150.0 + 50.0 * uniform(random))
+fn random_tip(random: &mut impl Rng) -> Point<SpindleFrame> {
+    Point::new(5.0 * uniform_draw(random), 5.0 * uniform_draw(random), -150.0 + 50.0 * uniform_draw(random))
 }
 
-fn with(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<ErrorTerm> {
+fn with_changed_error(errors: &[ErrorTerm], index: usize, change: f64) -> Vec<ErrorTerm> {
     let mut changed = errors.to_vec();
     changed[index].value += change;
     changed
@@ -104,15 +104,15 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
     let mut random = random::seeded_stream(7, &[topology.len() as u64, set.len() as u64]);
     let mut worst: f64 = 0.0;
     for _ in 0..20 {
-        let (pose, tip) = (pose(&mut random), tip(&mut random));
-        let errors = errors(set, &mut random);
+        let (pose, tip) = (random_pose(&mut random), random_tip(&mut random));
+        let errors = random_errors(set, &mut random);
         let columns = chain.jacobian(&pose, tip, &errors, set);
         assert_eq!(columns.len(), set.len());
         for (index, (column, parameter)) in columns.iter().zip(set).enumerate() {
             chain.check_parameter(*parameter).unwrap();
             // The pose is linear in translations, so the step is long; it is curved in angles.
             let h = if parameter.component().is_linear() { 0.5 } else { 2e-3 };
-            let at = |k: f64| chain.tip_in_table(&pose, tip, &with(&errors, index, k * h)).mm;
+            let at = |k: f64| chain.tip_in_table(&pose, tip, &with_changed_error(&errors, index, k * h)).mm;
             let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
             // Table entries are exactly zero at all other angles.
             if parameter.factor(pose.get_or_zero(parameter.axis())) == 0.0 {
@@ -134,20 +134,20 @@ fn check_jacobian(topology: &str, reversed: &[Axis], set: &[ErrorParameter]) {
 
 #[test]
 fn regress_jacobian_of_13_parameters() {
-    check_jacobian("wCBXFZYSt", &[], &parameters(&LOCATIONS_AND_GAINS_13));
+    check_jacobian("wCBXFZYSt", &[], &parse_parameters(&LOCATIONS_AND_GAINS_13));
 }
 
 #[test]
 fn regress_jacobian_of_42_parameters() {
-    assert_eq!(full_42().len(), 42);
-    check_jacobian("wCBXFZYSt", &[], &full_42());
-    check_jacobian("wCBXFZYSt", &[Axis::B, Axis::C, Axis::X, Axis::S], &full_42());
+    assert_eq!(all_42_parameters().len(), 42);
+    check_jacobian("wCBXFZYSt", &[], &all_42_parameters());
+    check_jacobian("wCBXFZYSt", &[Axis::B, Axis::C, Axis::X, Axis::S], &all_42_parameters());
 }
 
 #[test]
 fn regress_jacobian_with_error_motions() {
     let mut set = error_motions(&["B", "C"]);
-    set.extend(parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
+    set.extend(parse_parameters(&["EX0C", "EA0C", "EB0C", "EA0B", "EC0B", "EXX1", "EYY1", "EC0Y"]));
     check_jacobian("wCBFXYZt", &[], &set);
     check_jacobian("wCBFXYZt", &[Axis::B, Axis::C], &set);
 }
@@ -159,7 +159,7 @@ fn regress_jacobian_of_other_machines() {
         for axis in axes {
             names.extend(["X", "Y", "Z", "A", "B", "C"].map(|k| format!("E{k}0{axis}")));
         }
-        parameters(&names)
+        parse_parameters(&names)
     };
     check_jacobian("wCAYFXZt", &[], &locations(&["C", "A", "Y", "X", "Z"]));
     check_jacobian("wCAYFXZt", &[Axis::A, Axis::Y], &locations(&["C", "A", "Y", "X", "Z"]));
@@ -169,28 +169,28 @@ fn regress_jacobian_of_other_machines() {
 }
 
 /// Homogeneous matrix written out element by element, as in a textbook (row by row).
-fn htm(rows: [[f64; 4]; 3]) -> Matrix4<f64> {
+fn homogeneous_matrix(rows: [[f64; 4]; 3]) -> Matrix4<f64> {
     let [x, y, z] = rows.map(Vector4::from);
     Matrix4::from_columns(&[x, y, z, Vector4::w()]).transpose()
 }
 
-fn d_xyz(x: f64, y: f64, z: f64) -> Matrix4<f64> {
-    htm([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]])
+fn translation_matrix(x: f64, y: f64, z: f64) -> Matrix4<f64> {
+    homogeneous_matrix([[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z]])
 }
 
-fn d_a(a: f64) -> Matrix4<f64> {
+fn rotation_about_x(a: f64) -> Matrix4<f64> {
     let (s, c) = a.sin_cos();
-    htm([[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0]])
+    homogeneous_matrix([[1.0, 0.0, 0.0, 0.0], [0.0, c, -s, 0.0], [0.0, s, c, 0.0]])
 }
 
-fn d_b(b: f64) -> Matrix4<f64> {
+fn rotation_about_y(b: f64) -> Matrix4<f64> {
     let (s, c) = b.sin_cos();
-    htm([[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0]])
+    homogeneous_matrix([[c, 0.0, s, 0.0], [0.0, 1.0, 0.0, 0.0], [-s, 0.0, c, 0.0]])
 }
 
-fn d_c(c: f64) -> Matrix4<f64> {
+fn rotation_about_z(c: f64) -> Matrix4<f64> {
     let (s, c) = c.sin_cos();
-    htm([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+    homogeneous_matrix([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 }
 
 /// Paper 2, Eq. (1): ʳT_w = D_x D_y D_z D_a D_b D_c(BY) D_b(−B) D_x(δx_CB) D_a(α_CB) D_c(−C), with the location
@@ -202,20 +202,27 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
     let mut worst: f64 = 0.0;
     for round in 0..200 {
         let scale = if round % 2 == 0 { 1.0 } else { 1000.0 };
-        let [dx, dy, dz, dx_cb] = [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform(&mut random));
-        let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform(&mut random));
+        let [dx, dy, dz, dx_cb] = [1e-3, 1e-3, 1e-3, 1e-3].map(|v| v * scale * uniform_draw(&mut random));
+        let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform_draw(&mut random));
         let names = ["EX0B", "EY0B", "EZ0B", "EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
         let values = [dx, dy, dz, a, b, c, dx_cb, a_cb];
         // The order of the terms must not matter: the chain itself uses X, Y, Z, A, B, C.
-        let errors: Vec<ErrorTerm> = parameters(&names)
+        let errors: Vec<ErrorTerm> = parse_parameters(&names)
             .into_iter()
             .zip(values)
             .rev()
             .map(|(parameter, value)| ErrorTerm { parameter, value })
             .collect();
-        let pose = pose(&mut random);
-        let product = d_xyz(dx, dy, dz) * d_a(a) * d_b(b) * d_c(c) * d_b(-pose.get_or_zero(Axis::B));
-        let product = product * d_xyz(dx_cb, 0.0, 0.0) * d_a(a_cb) * d_c(-pose.get_or_zero(Axis::C));
+        let pose = random_pose(&mut random);
+        let product = translation_matrix(dx, dy, dz)
+            * rotation_about_x(a)
+            * rotation_about_y(b)
+            * rotation_about_z(c)
+            * rotation_about_y(-pose.get_or_zero(Axis::B));
+        let product = product
+            * translation_matrix(dx_cb, 0.0, 0.0)
+            * rotation_about_x(a_cb)
+            * rotation_about_z(-pose.get_or_zero(Axis::C));
         let point = Vector3::new(80.0, -60.0, 60.0);
         let expected = product.transform_point(&point.into()).coords;
         let actual = chain.machine_from_table(&pose, &errors).transform_point(&point.into()).coords;
@@ -231,7 +238,7 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
 fn paper_4_machine_as_plain_matrix_products() {
     let chain = KinematicChain::new(&machine("wCBXFZYSt", &[])).unwrap();
     let values = [-11e-6, -8e-6, -0.105, -11e-6, -8e-6, -13e-6, -18e-6, 21e-6, 0.020, -0.106, -16e-6, 11e-6, 21e-6];
-    let errors: Vec<ErrorTerm> = parameters(&LOCATIONS_AND_GAINS_13)
+    let errors: Vec<ErrorTerm> = parse_parameters(&LOCATIONS_AND_GAINS_13)
         .into_iter()
         .zip(values)
         .map(|(parameter, value)| ErrorTerm { parameter, value })
@@ -239,14 +246,19 @@ fn paper_4_machine_as_plain_matrix_products() {
     let [ea0b, ec0b, ex0c, ea0c, eb0c, eb0z, ea0y, ec0y, ey0s, ex0s, exx1, eyy1, ezz1] = values;
     let mut random = random::seeded_stream(4, &[]);
     for _ in 0..100 {
-        let (pose, tip) = (pose(&mut random), tip(&mut random));
+        let (pose, tip) = (random_pose(&mut random), random_tip(&mut random));
         let q = |axis: Axis| pose.get_or_zero(axis);
-        let workpiece = d_xyz(-q(Axis::X) * (1.0 + exx1), 0.0, 0.0)
-            * (d_a(ea0b) * d_c(ec0b) * d_b(-q(Axis::B)))
-            * (d_xyz(ex0c, 0.0, 0.0) * d_a(ea0c) * d_b(eb0c) * d_c(-q(Axis::C)));
-        let tool = (d_b(eb0z) * d_xyz(0.0, 0.0, q(Axis::Z) * (1.0 + ezz1)))
-            * (d_a(ea0y) * d_c(ec0y) * d_xyz(0.0, q(Axis::Y) * (1.0 + eyy1), 0.0))
-            * (d_xyz(ex0s, ey0s, 0.0) * d_c(q(Axis::S)));
+        let workpiece = translation_matrix(-q(Axis::X) * (1.0 + exx1), 0.0, 0.0)
+            * (rotation_about_x(ea0b) * rotation_about_z(ec0b) * rotation_about_y(-q(Axis::B)))
+            * (translation_matrix(ex0c, 0.0, 0.0)
+                * rotation_about_x(ea0c)
+                * rotation_about_y(eb0c)
+                * rotation_about_z(-q(Axis::C)));
+        let tool = (rotation_about_y(eb0z) * translation_matrix(0.0, 0.0, q(Axis::Z) * (1.0 + ezz1)))
+            * (rotation_about_x(ea0y)
+                * rotation_about_z(ec0y)
+                * translation_matrix(0.0, q(Axis::Y) * (1.0 + eyy1), 0.0))
+            * (translation_matrix(ex0s, ey0s, 0.0) * rotation_about_z(q(Axis::S)));
         let expected = workpiece.try_inverse().unwrap().transform_point(&tool.transform_point(&tip.mm.into())).coords;
         let actual = chain.tip_in_table(&pose, tip, &errors).mm;
         // The general matrix inverse of the independent construction has larger rounding errors than the chain
@@ -258,19 +270,19 @@ fn paper_4_machine_as_plain_matrix_products() {
 #[test]
 fn regress_inverse_of_forward_is_identity() {
     let machines: [(&str, &[Axis], Vec<ErrorParameter>); 5] = [
-        ("wCBXFZYSt", &[], full_42()),
+        ("wCBXFZYSt", &[], all_42_parameters()),
         ("wCBFXYZt", &[Axis::B, Axis::C], error_motions(&["B", "C"])),
-        ("wCAYFXZt", &[Axis::A], parameters(&["EA0Y", "EC0Y", "EX0A", "EB0C"])),
-        ("wCBbYXZ(C)t", &[], parameters(&["EA0Y", "EC0Y", "EX0S", "EB0C", "EB0Z"])),
-        ("wAFXYZBt", &[Axis::X], parameters(&["EA0Y", "EC0Y", "EX0A", "EB0Z", "EX0B"])),
+        ("wCAYFXZt", &[Axis::A], parse_parameters(&["EA0Y", "EC0Y", "EX0A", "EB0C"])),
+        ("wCBbYXZ(C)t", &[], parse_parameters(&["EA0Y", "EC0Y", "EX0S", "EB0C", "EB0Z"])),
+        ("wAFXYZBt", &[Axis::X], parse_parameters(&["EA0Y", "EC0Y", "EX0A", "EB0Z", "EX0B"])),
     ];
     let mut random = random::seeded_stream(11, &[]);
     let mut worst: f64 = 0.0;
     for (topology, reversed, set) in machines {
         let chain = KinematicChain::new(&machine(topology, reversed)).unwrap();
         for _ in 0..50 {
-            let (pose, tip) = (pose(&mut random), tip(&mut random));
-            let errors = errors(&set, &mut random);
+            let (pose, tip) = (random_pose(&mut random), random_tip(&mut random));
+            let errors = random_errors(&set, &mut random);
             let target = chain.tip_in_table(&pose, tip, &errors);
             let found = chain.solve_linear_axes(target, tip, &pose, &errors).unwrap();
             for (axis, value) in found.iter() {

@@ -12,7 +12,7 @@ use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use crate::machine_text::changed;
+use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use testing::population::{population, ratio_bounds};
@@ -20,9 +20,9 @@ use testing::population::{population, ratio_bounds};
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const MAX_ORDER: usize = 20;
 /// Number of angles at which the motions of the world are evaluated.
-const SAMPLES: usize = 360;
+const SAMPLES_PER_TURN: usize = 360;
 /// Key of the random stream for the errors of an estimate.
-const PRIOR_ERRORS: u64 = 0x7072_696f;
+const PRIOR_ERROR_SEED: u64 = 0x7072_696f;
 
 /// The built-in machine with other values; `path`: keys joined by dots.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
@@ -30,7 +30,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.self-calibration.monte_carlo_trials", Value::Integer(100)),
     ];
-    changed(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
+    changed_machine_file(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
 }
 
 /// Motions of C in all components to order 20, and no other disturbance.
@@ -45,20 +45,20 @@ fn quiet_machine(changes: &[(&str, Value)]) -> MachineFile {
         ("probe.stylus_offset_um", 0.0.into()),
     ];
     for path in ["axes.X", "axes.Y", "axes.Z"] {
-        all.push((leak(format!("{path}.error_motion_um")), 0.0.into()));
-        all.push((leak(format!("{path}.resolution_um")), 0.0.into()));
+        all.push((leak_text(format!("{path}.error_motion_um")), 0.0.into()));
+        all.push((leak_text(format!("{path}.resolution_um")), 0.0.into()));
     }
     all.extend_from_slice(changes);
     machine(11, &all)
 }
 
-fn leak(text: String) -> &'static str {
+fn leak_text(text: String) -> &'static str {
     text.leak()
 }
 
 /// Options of an estimate of the motions of `world`.
 #[derive(Clone, Copy)]
-struct Prior {
+struct KnownMotions {
     components: &'static [Axis],
     /// Factor of the motions: 1 for the true motions.
     sign: f64,
@@ -68,9 +68,10 @@ struct Prior {
     seed: u64,
 }
 
-const EXACT: Prior = Prior { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
+const EXACT_MOTIONS: KnownMotions =
+    KnownMotions { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
 
-impl Prior {
+impl KnownMotions {
     fn estimate(self, world: &SimulatedWorld) -> Estimate {
         let mut parameters: Vec<Json> = Vec::new();
         let mut functions: Vec<Json> = Vec::new();
@@ -114,13 +115,13 @@ impl Prior {
 
     /// Cosine and sine parts of the orders from 1 on, in the unit of the estimate.
     fn coefficients(self, world: &SimulatedWorld, component: Axis, scale: f64) -> Vec<[f64; 2]> {
-        let angles: Vec<f64> = (0..SAMPLES).map(|i| TAU * i as f64 / SAMPLES as f64).collect();
+        let angles: Vec<f64> = (0..SAMPLES_PER_TURN).map(|i| TAU * i as f64 / SAMPLES_PER_TURN as f64).collect();
         let values: Vec<f64> = angles.iter().map(|q| world.true_rotary_motion(Axis::C, component, *q)).collect();
-        let key = [PRIOR_ERRORS, component as u64];
+        let key = [PRIOR_ERROR_SEED, component as u64];
         let errors = DrawStream::from_key(self.seed, &key).unit_draws(2 * MAX_ORDER, &[DrawDistribution::Normal]);
         let part = |order: usize, of: fn(f64) -> f64, error: f64| {
             let sum: f64 = angles.iter().zip(&values).map(|(q, v)| v * of(order as f64 * q)).sum();
-            self.sign * scale * sum * 2.0 / SAMPLES as f64 + self.u_um * error
+            self.sign * scale * sum * 2.0 / SAMPLES_PER_TURN as f64 + self.u_um * error
         };
         let orders = (1..=MAX_ORDER).zip(errors.chunks(2));
         orders.map(|(n, e)| [part(n, f64::cos, e[0]), part(n, f64::sin, e[1])]).collect()
@@ -128,10 +129,10 @@ impl Prior {
 }
 
 /// Estimates in one world: without priors and with each of the priors; and the true axis, um.
-fn estimates(file: &MachineFile, priors: &[Prior]) -> (Vec<Estimate>, [f64; 2]) {
+fn estimates_with_priors(file: &MachineFile, priors: &[KnownMotions]) -> (Vec<Estimate>, [f64; 2]) {
     let (method, header) = setup::plan_header(file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(file).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let with = priors.iter().map(|prior| vec![prior.estimate(&world)]);
     let identify = |priors| method.identify(&Plan { priors, ..plan.clone() }, &readings).unwrap();
     let estimates = std::iter::once(Vec::new()).chain(with).map(identify).collect();
@@ -144,7 +145,7 @@ fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
 }
 
 /// Distance of the axis position from the truth, um.
-fn off(estimate: &Estimate, truth: [f64; 2]) -> f64 {
+fn deviation_of_axis(estimate: &Estimate, truth: [f64; 2]) -> f64 {
     let off = |i: usize| estimate.parameters[i].value - truth[i];
     off(0).hypot(off(1))
 }
@@ -157,49 +158,49 @@ fn largest_motion(estimate: &Estimate) -> f64 {
 }
 
 /// Tilt of the axis, urad.
-fn tilt(estimate: &Estimate) -> f64 {
+fn axis_tilt(estimate: &Estimate) -> f64 {
     parameter(estimate, "EA0C").value.hypot(parameter(estimate, "EB0C").value)
 }
 
 /// Two heights, so that tilts and levers count. The remaining error is that of a machine without error motions;
 /// with the wrong sign it is twice that of the machine.
-fn assert_taken_out(changes: &[(&str, Value)]) {
+fn assert_known_motions_subtracted(changes: &[(&str, Value)]) {
     let mut all = vec![("method.self-calibration.heights_mm", Value::from(vec![30.0, 70.0]))];
     all.extend_from_slice(changes);
-    let wrong = Prior { sign: -1.0, ..EXACT };
-    let points = Prior { has_coefficients: false, ..EXACT };
-    let (found, truth) = estimates(&quiet_machine(&all), &[EXACT, points, wrong]);
+    let wrong = KnownMotions { sign: -1.0, ..EXACT_MOTIONS };
+    let points = KnownMotions { has_coefficients: false, ..EXACT_MOTIONS };
+    let (found, truth) = estimates_with_priors(&quiet_machine(&all), &[EXACT_MOTIONS, points, wrong]);
     let [without, exact, points, wrong] = found.as_slice() else { panic!("four estimates") };
-    let offs = found.iter().map(|one| off(one, truth)).collect::<Vec<_>>();
+    let offs = found.iter().map(|one| deviation_of_axis(one, truth)).collect::<Vec<_>>();
     let motions = found.iter().map(largest_motion).collect::<Vec<_>>();
     println!("axis {offs:.3?} um, motions {motions:.3?} um");
     assert!(offs[0] > 0.5 && motions[0] > 5.0, "the machine must need it");
     for (i, with) in [(1, exact), (2, points)] {
         assert!(offs[i] < 0.02 && motions[i] < 0.05, "{offs:?} {motions:?}");
-        assert!(tilt(with) < 0.1, "{} urad", tilt(with));
+        assert!(axis_tilt(with) < 0.1, "{} urad", axis_tilt(with));
     }
-    assert!(tilt(without) > 1.0 && (tilt(wrong) - 2.0 * tilt(without)).abs() < 0.1);
+    assert!(axis_tilt(without) > 1.0 && (axis_tilt(wrong) - 2.0 * axis_tilt(without)).abs() < 0.1);
     assert!((offs[3] - 2.0 * offs[0]).abs() < 0.02 && motions[3] > 1.9 * motions[0]);
 }
 
 #[test]
 fn regress_known_motions_are_taken_out() {
-    assert_taken_out(&[]);
+    assert_known_motions_subtracted(&[]);
 }
 
 /// Coefficients refer to the commanded angle, whatever the sense of rotation.
 #[test]
 fn regress_known_motions_of_a_reversed_axis_are_taken_out() {
-    assert_taken_out(&[("axes.C.positive", "reversed".into())]);
+    assert_known_motions_subtracted(&[("axes.C.positive", "reversed".into())]);
 }
 
 /// With five positions order 5 is not separable from the location of the axis. Without known motions, the declared
 /// magnitude is in the budget; known motions replace it.
 #[test]
 fn regress_known_motions_make_u_smaller_and_keep_it_true() {
-    const FULL: u64 = 1000;
-    let worlds = population(FULL);
-    let right = Prior { components: &[Axis::X, Axis::Y], u_um: 0.3, ..EXACT };
+    const FULL_POPULATION: u64 = 1000;
+    let worlds = population(FULL_POPULATION);
+    let right = KnownMotions { components: &[Axis::X, Axis::Y], u_um: 0.3, ..EXACT_MOTIONS };
     let of_world = |world: u64| {
         let seed = 3000 + world;
         let file = machine(
@@ -210,8 +211,8 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
                 ("method.self-calibration.positions", Value::Integer(5)),
             ],
         );
-        let right = Prior { seed, ..right };
-        let (found, truth) = estimates(&file, &[right, Prior { sign: -1.0, ..right }]);
+        let right = KnownMotions { seed, ..right };
+        let (found, truth) = estimates_with_priors(&file, &[right, KnownMotions { sign: -1.0, ..right }]);
         let squares = |estimate: &Estimate| {
             let square = |i: usize| {
                 let own = &estimate.parameters[i];
@@ -231,7 +232,7 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
     let all: Vec<Vec<[f64; 2]>> = (0..worlds).into_par_iter().map(of_world).collect();
     let sum = |i: usize, k: usize| all.iter().map(|world| world[i][k]).sum::<f64>();
     let ratio = |i: usize| (sum(i, 0) / sum(i, 1)).sqrt();
-    let (low, high) = ratio_bounds(2 * worlds, 2 * FULL, (0.93, 1.07));
+    let (low, high) = ratio_bounds(2 * worlds, 2 * FULL_POPULATION, (0.93, 1.07));
     println!(
         "seen of stated: without {:.3}, with {:.3}, with the wrong sign {:.3}; bounds [{low:.3}, {high:.3}]",
         ratio(0),
@@ -249,8 +250,8 @@ fn regress_u_of_known_motions_keeps_their_correlation() {
     let file = quiet_machine(&[]);
     let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    let prior = EXACT.estimate(&world);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
+    let prior = EXACT_MOTIONS.estimate(&world);
     let u_of_prior = |location: &str, correlated: [(&str, f64); 2]| {
         let mut prior = prior.clone();
         let covariance = &mut prior.covariance;

@@ -9,10 +9,11 @@ use testing::population::{population, ratio_bounds};
 
 const METHOD: &str = "laser-r-test";
 /// Paper 2, Table 5, as in [simulated.errors] of the built-in machine: symbol, value.
-const TRUTH: [(&str, f64); 5] = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+const TRUE_PARAMETERS: [(&str, f64); 5] =
+    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
 /// The built-in machine with another seed, its text changed by `change`, and these settings.
-fn machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> MachineFile {
+fn changed_machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> MachineFile {
     let text = include_str!("../../config/laser.toml");
     let seeded = text.replace("\nseed = 1\n", &format!("\nseed = {seed}\n"));
     assert!(seed == 1 || seeded != text);
@@ -20,21 +21,21 @@ fn machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> Mach
     MachineFile::parse("laser.toml", change(seeded) + &quick).expect("a sound machine file")
 }
 
-fn estimate(file: &MachineFile) -> Estimate {
+fn measure_and_identify(file: &MachineFile) -> Estimate {
     let (method, header) = setup::plan_header(file, METHOD, None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     method.identify(&plan, &readings).expect("an estimate")
 }
 
-/// Error of each parameter of [`TRUTH`], um and urad, and its standard uncertainty.
-fn errors(estimate: &Estimate) -> Vec<(f64, f64)> {
+/// Error of each parameter of [`TRUE_PARAMETERS`], um and urad, and its standard uncertainty.
+fn errors_and_u(estimate: &Estimate) -> Vec<(f64, f64)> {
     let of = |(symbol, truth): &(&str, f64)| {
         let found = estimate.parameters.iter().find(|parameter| parameter.symbol == *symbol);
         let found = found.unwrap_or_else(|| panic!("no {symbol}"));
         (found.value - truth, found.u)
     };
-    TRUTH.iter().map(of).collect()
+    TRUE_PARAMETERS.iter().map(of).collect()
 }
 
 /// χ² of the five errors with the stated covariance.
@@ -43,15 +44,15 @@ fn chi2(estimate: &Estimate) -> f64 {
         let symbols = &estimate.covariance.symbols;
         symbols.iter().position(|name| name == symbol).unwrap_or_else(|| panic!("{symbol}"))
     };
-    let at: Vec<usize> = TRUTH.iter().map(|(symbol, _)| place(symbol)).collect();
-    let off = faer::Col::from_fn(at.len(), |i| errors(estimate)[i].0);
+    let at: Vec<usize> = TRUE_PARAMETERS.iter().map(|(symbol, _)| place(symbol)).collect();
+    let off = faer::Col::from_fn(at.len(), |i| errors_and_u(estimate)[i].0);
     let matrix = faer::Mat::from_fn(at.len(), at.len(), |i, j| estimate.covariance.rows[at[i]][at[j]]);
     let solved = faer::linalg::solvers::Solve::solve(&matrix.partial_piv_lu(), &off);
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// One estimate of each world, in order.
-fn in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimate> {
+fn estimates_in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimate> {
     const THREADS: u64 = 2;
     let one = &one;
     let part = |k: u64| (worlds * k / THREADS..worlds * (k + 1) / THREADS).map(one);
@@ -64,17 +65,17 @@ fn in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimat
 
 #[test]
 fn uncertainty_covers_the_truth_of_many_machines() {
-    const FULL: u64 = 100;
-    let worlds = population(FULL);
+    const FULL_POPULATION: u64 = 100;
+    let worlds = population(FULL_POPULATION);
     // With 100 values the standard deviation is known to 7 %.
-    let (low_ratio, high_ratio) = ratio_bounds(worlds, FULL, (1.0 / 1.15, 1.0 / 0.85));
-    let all = in_parallel(worlds, |seed| estimate(&machine(100 + seed, |text| text, "")));
+    let (low_ratio, high_ratio) = ratio_bounds(worlds, FULL_POPULATION, (1.0 / 1.15, 1.0 / 0.85));
+    let all = estimates_in_parallel(worlds, |seed| measure_and_identify(&changed_machine(100 + seed, |text| text, "")));
     let mean = all.iter().map(|estimate| chi2(estimate) / 5.0).sum::<f64>() / worlds as f64;
     let dof = 5.0 * worlds as f64;
     let (low, high) = chi_square_bounds(dof, 0.99).expect("bounds");
     println!("mean of χ²/5: {mean:.3}, within [{:.3}, {:.3}]", low / dof, high / dof);
-    for (number, (symbol, _)) in TRUTH.iter().enumerate() {
-        let each: Vec<(f64, f64)> = all.iter().map(|estimate| errors(estimate)[number]).collect();
+    for (number, (symbol, _)) in TRUE_PARAMETERS.iter().enumerate() {
+        let each: Vec<(f64, f64)> = all.iter().map(|estimate| errors_and_u(estimate)[number]).collect();
         let observed = (each.iter().map(|(off, _)| off * off).sum::<f64>() / worlds as f64).sqrt();
         let predicted = (each.iter().map(|(_, u)| u * u).sum::<f64>() / worlds as f64).sqrt();
         println!("{symbol}: predicted {predicted:.3}, observed {observed:.3}");
@@ -85,7 +86,7 @@ fn uncertainty_covers_the_truth_of_many_machines() {
 }
 
 /// Adds undeclared errors: lost motion of X and Y, and a latency of the sensor.
-fn late(text: String) -> String {
+fn with_late_time_stamps(text: String) -> String {
     let sensor = "zero_offset_um = [210.0";
     assert!(text.contains(sensor));
     let late = text.replace(sensor, &format!("clock_late_ms = 4.3\n{sensor}"));
@@ -96,7 +97,9 @@ fn late(text: String) -> String {
 fn u_is_true_of_continuous_scans_and_of_their_latency() {
     let worlds = population(40);
     let settings = "sampling = \"continuous\"\nrate_hz = 250.0\n";
-    let all = in_parallel(worlds, |seed| estimate(&machine(100 + seed, late, settings)));
+    let all = estimates_in_parallel(worlds, |seed| {
+        measure_and_identify(&changed_machine(100 + seed, with_late_time_stamps, settings))
+    });
     let chi2 = all.iter().map(chi2).sum::<f64>();
     let (low, high) = chi_square_bounds(5.0 * worlds as f64, 0.99).expect("bounds");
     println!("χ² {chi2:.0}, within [{low:.0}, {high:.0}]");
@@ -118,45 +121,46 @@ fn u_is_true_of_continuous_scans_and_of_their_latency() {
 
 /// Errors outside of the model's unknowns: a text of the machine file, its replacement, and the line of the budget.
 /// The form of the sphere is set separately for the world and for the method.
-const OUTSIDE: [(&str, &str, &str); 3] = [
+const UNMODELLED_EFFECTS: [(&str, &str, &str); 3] = [
     ("squareness_urad = 0.0\n", "squareness_urad = 4.0\n", "squareness of X, Y and Z"),
     ("linearity_um = 0.5\n", "linearity_um = 0.5\nincidence_um = 0.4\n", "lean of the surface"),
     ("radius_mm = 10.0\n", "", "form of the sphere"),
 ];
 const FORM_UM: f64 = 0.4;
 
-fn with_form(text: String) -> String {
+fn with_form_error(text: String) -> String {
     // In addition to a small undeclared form.
     let told = text.replace("ball_form_um = 0.05\n", &format!("ball_form_um = {}\n", FORM_UM + 0.05));
     assert_ne!(told, text);
     told
 }
 
-/// Machine file with one of [`OUTSIDE`] in the world and in the budget.
-fn outside((from, to, _): (&str, &str, &str), seed: u64) -> MachineFile {
+/// Machine file with one of [`UNMODELLED_EFFECTS`] in the world and in the budget.
+fn machine_with_effect((from, to, _): (&str, &str, &str), seed: u64) -> MachineFile {
     let change = |text: String| match to {
-        "" => with_form(text),
+        "" => with_form_error(text),
         to => {
             assert!(text.contains(from));
             text.replacen(from, to, 1)
         }
     };
     match to {
-        "" => machine(seed, change, &format!("form_u_um = {FORM_UM}\n")),
-        _ => machine(seed, change, ""),
+        "" => changed_machine(seed, change, &format!("form_u_um = {FORM_UM}\n")),
+        _ => changed_machine(seed, change, ""),
     }
 }
 
 /// METHODS, section 6: switching a source off changes its line of the budget and the scatter by the same amount.
 /// Each world is measured with and without it, everything else being equal.
 #[test]
-fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
-    const FULL: u64 = 40;
-    let worlds = population(FULL);
-    let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
-    let without = in_parallel(worlds, |seed| estimate(&machine(300 + seed, |text| text, "")));
-    for source in OUTSIDE {
-        let with = in_parallel(worlds, |seed| estimate(&outside(source, 300 + seed)));
+fn unmodelled_effects_scatter_as_their_budget_lines() {
+    const FULL_POPULATION: u64 = 40;
+    let worlds = population(FULL_POPULATION);
+    let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
+    let without =
+        estimates_in_parallel(worlds, |seed| measure_and_identify(&changed_machine(300 + seed, |text| text, "")));
+    for source in UNMODELLED_EFFECTS {
+        let with = estimates_in_parallel(worlds, |seed| measure_and_identify(&machine_with_effect(source, 300 + seed)));
         let (mut sum, mut seen) = (0.0, 0.0);
         for (number, parameter) in with[0].parameters.iter().enumerate() {
             let line = parameter.budget.iter().find(|line| line.source == source.2);
@@ -181,20 +185,20 @@ fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
 /// The same sensor with two to six waves over the range, and without: the difference agrees with its line of the
 /// budget.
 #[test]
-fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
-    const FULL: u64 = 40;
-    let worlds = population(FULL);
-    let (low, high) = ratio_bounds(worlds, FULL, (0.75, 1.25));
+fn linearity_error_scatters_as_its_budget_line() {
+    const FULL_POPULATION: u64 = 40;
+    let worlds = population(FULL_POPULATION);
+    let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.75, 1.25));
     let file = |is_straight: bool, seed: u64| {
         let change = |text: String| {
             let text = text.replacen("linearity_um = 0.5", "linearity_um = 1.5", 1);
             let keys = if is_straight { "linearity = []\n" } else { "" };
             text.replacen("zero_offset_um = [210.0", &format!("{keys}zero_offset_um = [210.0"), 1)
         };
-        machine(seed, change, "")
+        changed_machine(seed, change, "")
     };
-    let straight = in_parallel(worlds, |seed| estimate(&file(true, 300 + seed)));
-    let curved = in_parallel(worlds, |seed| estimate(&file(false, 300 + seed)));
+    let straight = estimates_in_parallel(worlds, |seed| measure_and_identify(&file(true, 300 + seed)));
+    let curved = estimates_in_parallel(worlds, |seed| measure_and_identify(&file(false, 300 + seed)));
     let (mut sum, mut seen) = (0.0, 0.0);
     for (number, parameter) in curved[0].parameters.iter().enumerate() {
         let line = parameter.budget.iter().find(|line| line.source == "linearity of the sensor");

@@ -4,7 +4,7 @@ use toml::{Table, Value};
 use trued::setup::MachineFile;
 
 /// Sets the value at `path`, keys joined by dots; missing tables are created.
-pub fn set(table: &mut Table, path: &str, value: Value) {
+pub fn set_key(table: &mut Table, path: &str, value: Value) {
     let (tables, key) = path.rsplit_once('.').unwrap();
     let inner = tables
         .split('.')
@@ -13,12 +13,12 @@ pub fn set(table: &mut Table, path: &str, value: Value) {
 }
 
 /// The machine file `text` with other values.
-pub fn changed<'c>(text: &str, changes: impl IntoIterator<Item = &'c (&'c str, Value)>) -> MachineFile {
+pub fn changed_machine_file<'c>(text: &str, changes: impl IntoIterator<Item = &'c (&'c str, Value)>) -> MachineFile {
     let mut table: Table = text.parse().unwrap();
-    changes.into_iter().for_each(|(path, value)| set(&mut table, path, value.clone()));
-    parsed(&table)
+    changes.into_iter().for_each(|(path, value)| set_key(&mut table, path, value.clone()));
+    parse_machine_file(&table)
 }
 
-pub fn parsed(table: &Table) -> MachineFile {
+pub fn parse_machine_file(table: &Table) -> MachineFile {
     MachineFile::parse("world.toml", toml::to_string(table).unwrap()).unwrap()
 }

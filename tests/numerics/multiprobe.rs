@@ -15,15 +15,15 @@ use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use crate::machine_text::set;
+use crate::machine_text::set_key;
 use crate::support::plan_player;
 use estimation::monte_carlo::{DrawDistribution, DrawStream};
 use estimation::random::seeded_stream;
 use testing::population::{coverage_population, is_full, population, ratio_bounds};
 
 /// Key of the random stream that selects the missing samples.
-const MISSING: u64 = 0x6d70;
-const SENSORS: usize = 7;
+const MISSING_SAMPLES_SEED: u64 = 0x6d70;
+const SENSOR_COUNT: usize = 7;
 
 /// The built-in machine with drawn motions, forms and errors; `path`: keys joined by dots.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
@@ -43,7 +43,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
         ("method.multiprobe.monte_carlo_trials", Value::Integer(100)),
     ];
     for (path, value) in fixed.iter().chain(changes) {
-        set(&mut table, path, value.clone());
+        set_key(&mut table, path, value.clone());
     }
     MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
 }
@@ -52,7 +52,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
 fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
     let mut table: Table = file.text().parse().unwrap();
     let mut random = DrawStream::from_key(seed, &[0x7365_6e73]);
-    let drawn = random.unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
+    let drawn = random.unit_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
     let sensors = table["sensor"].as_array_mut().unwrap();
     let mut truths = Vec::new();
     for (sensor, drawn_of) in sensors.iter_mut().zip(drawn[2..].chunks(2)) {
@@ -76,34 +76,34 @@ fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
         truths
             .push(Value::Table(truth.map(|(key, value): (&str, Value)| (key.to_owned(), value)).into_iter().collect()));
     }
-    set(&mut table, "simulated.sensor", truths.into());
+    set_key(&mut table, "simulated.sensor", truths.into());
     MachineFile::parse("truth.toml", toml::to_string(&table).unwrap()).unwrap()
 }
 
-struct Played {
+struct PlayedRun {
     file: MachineFile,
     plan: Plan,
     method: Box<dyn methods::Method>,
     readings: Vec<Reading>,
 }
 
-fn played(file: MachineFile, seed: u64) -> Played {
+fn play_run(file: MachineFile, seed: u64) -> PlayedRun {
     let (method, header) = setup::plan_header(&file, "multiprobe", None).unwrap();
     let mut world = setup::build_world(&true_machine(&file, seed)).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    Played { file, plan, method, readings }
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
+    PlayedRun { file, plan, method, readings }
 }
 
-impl Played {
+impl PlayedRun {
     fn estimate(&self) -> Result<Estimate, IdentifyError> {
         self.method.identify(&self.plan, &self.readings)
     }
 
-    /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, without the co-rotating first
+    /// The motion at [`POINTS_PER_TURN`] angles of a revolution in the unit of the estimate, without the co-rotating first
     /// order of (X, Y) and (A, B), and without the harmonics `lost`.
-    fn truth(&self, world: &SimulatedWorld, symbol: &str, lost: &[f64]) -> Vec<f64> {
+    fn true_curve(&self, world: &SimulatedWorld, symbol: &str, lost: &[f64]) -> Vec<f64> {
         let component: Axis = symbol[1..2].parse().unwrap();
-        let motion = |of: Axis| angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>();
+        let motion = |of: Axis| turn_angles().map(|q| world.true_rotary_motion(Axis::C, of, q)).collect::<Vec<f64>>();
         let mut values = motion(component);
         let pair = match component {
             Axis::X | Axis::Y => Some((Axis::X, Axis::Y)),
@@ -111,17 +111,17 @@ impl Played {
             _ => None,
         };
         if let Some((first, second)) = pair {
-            let turning = co_rotating(&motion(first), &motion(second));
+            let turning = in_rotating_frame(&motion(first), &motion(second));
             let turning = turning.into_iter().map(|(x, y)| if component == first { x } else { y });
             values.iter_mut().zip(turning).for_each(|(value, part)| *value -= part);
         }
         for order in lost {
             let part = |of: fn(f64) -> f64| {
-                let products = angles().zip(&values).map(|(q, value)| of(order * q) * value);
-                2.0 / POINTS as f64 * products.sum::<f64>()
+                let products = turn_angles().zip(&values).map(|(q, value)| of(order * q) * value);
+                2.0 / POINTS_PER_TURN as f64 * products.sum::<f64>()
             };
             let (c, s) = (part(f64::cos), part(f64::sin));
-            for (q, value) in angles().zip(&mut values) {
+            for (q, value) in turn_angles().zip(&mut values) {
                 *value -= c * (order * q).cos() + s * (order * q).sin();
             }
         }
@@ -131,33 +131,33 @@ impl Played {
 }
 
 /// Number of angles of a true curve in one revolution.
-const POINTS: usize = 720;
+const POINTS_PER_TURN: usize = 720;
 
-fn angles() -> impl Iterator<Item = f64> {
-    (0..POINTS).map(|i| std::f64::consts::TAU * i as f64 / POINTS as f64)
+fn turn_angles() -> impl Iterator<Item = f64> {
+    (0..POINTS_PER_TURN).map(|i| std::f64::consts::TAU * i as f64 / POINTS_PER_TURN as f64)
 }
 
 /// The part of the first order of (x, y) that turns with the table: clockwise seen from above for a rising command
 /// of C (ISO 841).
-fn co_rotating(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
+fn in_rotating_frame(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     let (mut along, mut across) = (0.0, 0.0);
-    for ((q, x), y) in angles().zip(x).zip(y) {
+    for ((q, x), y) in turn_angles().zip(x).zip(y) {
         // Rotated back by the table angle.
-        along += (x * q.cos() - y * q.sin()) / POINTS as f64;
-        across += (x * q.sin() + y * q.cos()) / POINTS as f64;
+        along += (x * q.cos() - y * q.sin()) / POINTS_PER_TURN as f64;
+        across += (x * q.sin() + y * q.cos()) / POINTS_PER_TURN as f64;
     }
     let turned = |q: f64| (along * q.cos() + across * q.sin(), across * q.cos() - along * q.sin());
-    angles().map(turned).collect()
+    turn_angles().map(turned).collect()
 }
 
-const MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
+const ERROR_MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
 
 /// For each of the five curves: share of the points whose U contains the true value, and mean of (error/u)². With
 /// one axial sensor the multiples of the indexes in EZC are lost: they are named, and not contained in its curve.
-fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
+fn covered_and_error_ratio(played: &PlayedRun, estimate: &Estimate) -> Vec<(f64, f64)> {
     let world = setup::build_world(&played.file).unwrap();
     let mut all = Vec::new();
-    for curve in estimate.functions.iter().filter(|f| MOTIONS.contains(&f.symbol.as_str())) {
+    for curve in estimate.functions.iter().filter(|f| ERROR_MOTIONS.contains(&f.symbol.as_str())) {
         let is_angular = curve.symbol.starts_with("EA") || curve.symbol.starts_with("EB");
         assert_eq!(curve.unit, if is_angular { Unit::Urad } else { Unit::Um });
         let lost = |text: &String| {
@@ -166,36 +166,36 @@ fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
         };
         let lost: Vec<f64> = estimate.not_identifiable.iter().filter_map(lost).collect();
         let expected = match curve.symbol.as_str() {
-            "EZC" => multiples(&played.plan),
+            "EZC" => lost_harmonics(&played.plan),
             _ => Vec::new(),
         };
         assert_eq!(lost, expected, "{}", curve.symbol);
-        let truth = played.truth(&world, &curve.symbol, &lost);
+        let truth = played.true_curve(&world, &curve.symbol, &lost);
         let (mut held, mut squares, count) = (0.0, 0.0, curve.x.len() as f64);
         for ((x, y), u) in curve.x.iter().zip(&curve.y).zip(&curve.u) {
-            let off = y - truth[(x * POINTS as f64 / 360.0).round() as usize % POINTS];
+            let off = y - truth[(x * POINTS_PER_TURN as f64 / 360.0).round() as usize % POINTS_PER_TURN];
             held += f64::from(u8::from(off.abs() <= 2.0 * u));
             squares += (off / u).powi(2);
         }
         all.push((held / count, squares / count));
     }
-    assert_eq!(all.len(), MOTIONS.len());
+    assert_eq!(all.len(), ERROR_MOTIONS.len());
     all
 }
 
 /// Harmonics that are lost with one axial sensor: multiples of the number of indexes.
-fn multiples(plan: &Plan) -> Vec<f64> {
+fn lost_harmonics(plan: &Plan) -> Vec<f64> {
     let of = |key: &str| plan.settings[key].as_f64().unwrap() as u32;
     (1..=of("harmonics")).filter(|k| k % of("indexes") == 0).map(f64::from).collect()
 }
 
 /// Checks each curve by the coverage standard of METHODS section 6, or by other `seeds` and bounds.
-fn covers(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): (u64, RangeInclusive<f64>)) {
+fn check_coverage(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): (u64, RangeInclusive<f64>)) {
     // A small layout in the gate: many seeds are better evidence than many mountings.
-    let changes = if is_full() { changes.to_vec() } else { [&small()[..], changes].concat() };
+    let changes = if is_full() { changes.to_vec() } else { [&small_settings()[..], changes].concat() };
     let one = |seed: u64| {
-        let mut played = played(machine(seed, &changes), seed);
-        let mut random = seeded_stream(seed, &[MISSING]);
+        let mut played = play_run(machine(seed, &changes), seed);
+        let mut random = seeded_stream(seed, &[MISSING_SAMPLES_SEED]);
         for reading in &mut played.readings {
             if random.random::<f64>() < missing {
                 (reading.value_mm, reading.flag) = (None, ReadingFlag::Range);
@@ -204,7 +204,7 @@ fn covers(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): 
         let estimate = played.estimate().map_err(|error| format!("seed {seed}: {error}"))?;
         let is_named = estimate.warnings.iter().any(|line| line.contains("have no distance"));
         match is_named == (missing > 0.0) {
-            true => Ok(covered(&played, &estimate)),
+            true => Ok(covered_and_error_ratio(&played, &estimate)),
             false => Err(format!("seed {seed}: {:#?}", estimate.warnings)),
         }
     };
@@ -214,13 +214,15 @@ fn covers(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): 
     let mean = |curve: usize, of: fn(&(f64, f64)) -> f64| {
         all.iter().map(|curves| of(&curves[curve])).sum::<f64>() / seeds as f64
     };
-    let curves = 0..MOTIONS.len();
-    let each: Vec<String> =
-        curves.clone().map(|i| format!("{} {:.3} ({:.2})", MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1))).collect();
+    let curves = 0..ERROR_MOTIONS.len();
+    let each: Vec<String> = curves
+        .clone()
+        .map(|i| format!("{} {:.3} ({:.2})", ERROR_MOTIONS[i], mean(i, |c| c.0), mean(i, |c| c.1)))
+        .collect();
     println!("{name}, {seeds} seeds: share of the points within U (mean of (error/u)²): {}", each.join(", "));
     for curve in curves {
         let share = mean(curve, |of| of.0);
-        assert!(shares.contains(&share), "{name}: {} {share}", MOTIONS[curve]);
+        assert!(shares.contains(&share), "{name}: {} {share}", ERROR_MOTIONS[curve]);
     }
 }
 
@@ -230,9 +232,10 @@ fn covers(name: &str, changes: &[(&str, Value)], missing: f64, (seeds, shares): 
 fn gains_and_angles_are_found_from_the_turns() {
     let (mut squares, mut differences, mut count) = (0.0, 0.0, 0.0);
     for seed in 0..8 {
-        let played = played(machine(seed, &small()), seed);
+        let played = play_run(machine(seed, &small_settings()), seed);
         let estimate = played.estimate().unwrap();
-        let drawn = DrawStream::from_key(seed, &[0x7365_6e73]).unit_draws(2 + 2 * SENSORS, &[DrawDistribution::Normal]);
+        let drawn =
+            DrawStream::from_key(seed, &[0x7365_6e73]).unit_draws(2 + 2 * SENSOR_COUNT, &[DrawDistribution::Normal]);
         for (quantity, place, declared) in [("gain", 1, 1e3), ("angle", 0, 0.1_f64.to_radians() * 1e6)] {
             for section in [["x1", "y1", "r1"], ["x2", "y2", "r2"]] {
                 let error = |name: &str| {
@@ -259,19 +262,19 @@ fn gains_and_angles_are_found_from_the_turns() {
 
 #[test]
 fn u_is_true_on_the_built_in_machine() {
-    covers("dwell points", &[], 0.0, coverage_population());
+    check_coverage("dwell points", &[], 0.0, coverage_population());
 }
 
 #[test]
 fn u_is_true_where_samples_are_missing() {
     let changes = [("method.multiprobe.revolutions", Value::Integer(2))];
     let population = if is_full() { coverage_population() } else { (60, 0.87..=1.0) };
-    covers("5 % missing", &changes, 0.05, population);
+    check_coverage("5 % missing", &changes, 0.05, population);
 }
 
 /// Changes for continuous turns: 6°/s, samples every 0.06°.
-fn continuous() -> Vec<(&'static str, Value)> {
-    let motion = table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
+fn continuous_turn_settings() -> Vec<(&'static str, Value)> {
+    let motion = parse_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
         ("method.multiprobe.sampling", "continuous".into()),
@@ -289,17 +292,17 @@ fn continuous() -> Vec<(&'static str, Value)> {
 fn u_is_true_of_continuous_turns() {
     // A turn has thousands of samples: 200 seeds take ten minutes.
     let population = if is_full() { (200, 0.93..=0.98) } else { (8, 0.85..=1.0) };
-    covers("continuous turns", &continuous(), 0.0, population);
+    check_coverage("continuous turns", &continuous_turn_settings(), 0.0, population);
 }
 
 /// Estimate of a world with a planted fault; `Err`: why there is no estimate.
-fn faulty(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
-    played(machine(1, &[&small()[..], changes].concat()), 1).estimate()
+fn identify_faulty(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
+    play_run(machine(1, &[&small_settings()[..], changes].concat()), 1).estimate()
 }
 
 /// Fewer mountings, stops and harmonics.
-fn small() -> Vec<(&'static str, Value)> {
-    let motion = table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 6");
+fn small_settings() -> Vec<(&'static str, Value)> {
+    let motion = parse_table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 6");
     vec![
         ("simulated.rotary_motion", Value::Array(vec![motion])),
         ("method.multiprobe.indexes", Value::Integer(5)),
@@ -309,42 +312,42 @@ fn small() -> Vec<(&'static str, Value)> {
 }
 
 /// The reason why there is no estimate.
-fn why(played: &Played) -> String {
+fn refusal_text(played: &PlayedRun) -> String {
     match played.estimate() {
         Ok(estimate) => panic!("{:#?}", estimate.warnings),
         Err(error) => error.to_string(),
     }
 }
 
-fn table(toml: &str) -> Value {
+fn parse_table(toml: &str) -> Value {
     Value::Table(toml.parse().unwrap())
 }
 
 #[test]
 fn a_wrong_index_is_named_and_left_out() {
-    let fault = table("mounting = 3\noff_deg = 12.0");
-    let found = faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
+    let fault = parse_table("mounting = 3\noff_deg = 12.0");
+    let found = identify_faulty(&[("simulated.stage.faults", Value::Array(vec![fault]))]).unwrap();
     let named =
         |line: &String| line.contains("not used: the artefact was mounted 1") && line.contains("at mounting 4;");
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
-    let right = faulty(&[]).unwrap();
+    let right = identify_faulty(&[]).unwrap();
     assert!(!right.warnings.iter().any(|line| line.contains("not used: the artefact")), "{:#?}", right.warnings);
 }
 
 /// Clockwise seen from the tip, by 72° each time: from the planned angle by −144°, −288° and so on.
 #[test]
-fn mountings_the_other_way_round_are_named() {
-    let fault = |n: u32| table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
+fn reversed_mountings_are_named() {
+    let fault = |n: u32| parse_table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
     let faults = Value::Array((1..5).map(fault).collect());
     let changes = [("simulated.stage.faults", faults)];
-    let why = why(&played(machine(1, &[&small()[..], &changes].concat()), 1));
+    let why = refusal_text(&play_run(machine(1, &[&small_settings()[..], &changes].concat()), 1));
     assert!(why.contains("turned in the opposite direction"), "{why}");
 }
 
 #[test]
 fn two_wrong_mountings_are_not_confirmed() {
-    let faults = [table("mounting = 2\noff_deg = 9.0"), table("mounting = 4\noff_deg = -17.0")];
-    let found = faulty(&[("simulated.stage.faults", Value::Array(faults.to_vec()))]).unwrap();
+    let faults = [parse_table("mounting = 2\noff_deg = 9.0"), parse_table("mounting = 4\noff_deg = -17.0")];
+    let found = identify_faulty(&[("simulated.stage.faults", Value::Array(faults.to_vec()))]).unwrap();
     let named = |line: &String| line.contains("contradict each other");
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
 }
@@ -354,7 +357,7 @@ fn two_wrong_mountings_are_not_confirmed() {
 fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
     let estimate = |revolutions: i64| {
         let more = [("method.multiprobe.revolutions", Value::Integer(revolutions))];
-        let mut played = played(machine(1, &[&small()[..], &more].concat()), 1);
+        let mut played = play_run(machine(1, &[&small_settings()[..], &more].concat()), 1);
         let turns = played.plan.steps.iter().filter(|step| step.label.starts_with("index/"));
         let turns: Vec<u32> = turns.map(|step| step.id).collect();
         for reading in &mut played.readings {
@@ -372,7 +375,7 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
     let (_, without_x1) = estimate(1);
     assert!(without_x1.parameters.iter().any(|parameter| parameter.symbol == "EXC_c2"));
     let (played, estimate) = estimate(2);
-    for (share, squares) in covered(&played, &estimate) {
+    for (share, squares) in covered_and_error_ratio(&played, &estimate) {
         assert!(share > 0.7 && squares < 4.0, "{share} {squares}");
     }
 }
@@ -380,21 +383,21 @@ fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
 #[test]
 fn a_round_artefact_does_not_confirm_the_mountings() {
     let round = [("simulated.datum_cylinder.form_um", Value::Float(0.0))];
-    let found = faulty(&round).unwrap();
+    let found = identify_faulty(&round).unwrap();
     assert!(found.warnings.iter().any(|l| l.contains("not verifiable")), "{:#?}", found.warnings);
 }
 
 #[test]
 fn a_saturated_channel_is_named_where_it_is() {
     // Clips near the largest distance of a cylinder with an eccentricity of 9 µm.
-    let clipped = table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
-    let mut played = played(machine(1, &continuous()), 1);
+    let clipped = parse_table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
+    let mut played = play_run(machine(1, &continuous_turn_settings()), 1);
     let mut truth: Table = true_machine(&played.file, 1).text().parse().unwrap();
-    set(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
+    set_key(&mut truth, "simulated.sensor", Value::Array(vec![clipped]));
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
     let (_, header) = setup::plan_header(&played.file, "multiprobe", None).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, played.method.as_ref(), header);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, played.method.as_ref(), header);
     (played.plan, played.readings) = (plan, readings);
     let flat = |reading: &&Reading| reading.sensor == "x1" && reading.value_mm == Some(-0.0085);
     assert!(played.readings.iter().filter(flat).count() > 100);
@@ -404,7 +407,7 @@ fn a_saturated_channel_is_named_where_it_is() {
 
 #[test]
 fn swapped_channels_are_named() {
-    let mut played = played(machine(1, &small()), 1);
+    let mut played = play_run(machine(1, &small_settings()), 1);
     for reading in &mut played.readings {
         reading.sensor = match reading.sensor.as_str() {
             "y1" => "r1".to_owned(),
@@ -412,14 +415,14 @@ fn swapped_channels_are_named() {
             other => other.to_owned(),
         };
     }
-    let refused = why(&played);
+    let refused = refusal_text(&played);
     assert!(refused.contains("y1") && refused.contains("r1 are swapped"), "{refused}");
 }
 
 /// A second of its clock is 1 % shorter than a true second.
 #[test]
 fn a_fast_clock_is_named() {
-    let mut played = played(machine(1, &continuous()), 1);
+    let mut played = play_run(machine(1, &continuous_turn_settings()), 1);
     // The run assigns a sample to a position by its time stamp.
     let step_of = |reading: &Reading| (reading.step, reading.sensor.clone());
     let starts: std::collections::BTreeMap<(u32, String), f64> =
@@ -432,7 +435,7 @@ fn a_fast_clock_is_named() {
         let nearest = of_step.min_by(|a, b| (a.t_s - at).abs().total_cmp(&(b.t_s - at).abs()));
         reading.position = nearest.unwrap().position.clone();
     }
-    let refused = why(&played);
+    let refused = refusal_text(&played);
     assert!(refused.contains("y2") && refused.contains("clock"), "{refused}");
 }
 
@@ -470,7 +473,7 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
 
 /// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
 fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
-    let mut table: Table = machine(seed, &small()).text().parse().unwrap();
+    let mut table: Table = machine(seed, &small_settings()).text().parse().unwrap();
     for sensor in table["sensor"].as_array_mut().unwrap() {
         sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
     }
@@ -484,12 +487,13 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
         }
     }
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
-    let (plan, readings) = plan_player::measure(&mut setup::build_world(&truth).unwrap(), method.as_ref(), header);
+    let (plan, readings) =
+        plan_player::measure_all_stages(&mut setup::build_world(&truth).unwrap(), method.as_ref(), header);
     method.identify(&plan, &readings).unwrap()
 }
 
 #[test]
-fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
+fn linearity_error_scatters_as_its_budget_line() {
     let seeds = population(40);
     let (low, high) = ratio_bounds(seeds, 40, (0.6, 1.2));
     let squares = |seed: u64| {
@@ -519,7 +523,7 @@ fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
 fn stability_is_in_the_order_of_time() {
     let changes =
         [("method.multiprobe.revolutions", Value::Integer(2)), ("machine.drift_um_per_h", Value::Float(30.0))];
-    let estimate = played(machine(1, &[&small()[..], &changes].concat()), 1).estimate().unwrap();
+    let estimate = play_run(machine(1, &[&small_settings()[..], &changes].concat()), 1).estimate().unwrap();
     let stability = estimate.functions.iter().find(|f| f.symbol == "stability_x1").unwrap();
     assert_eq!(stability.y.len(), 5 * 4);
     for mounting in stability.y.chunks(4) {

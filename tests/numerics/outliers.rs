@@ -16,62 +16,68 @@ use simulator::SimulatedWorld;
 use testing::population::{count_bound, is_full, population};
 
 use crate::ball_plate;
-use crate::machine_text::changed;
+use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 
 /// A method on its built-in machine.
-struct Case {
+struct OutlierCase {
     method: &'static str,
     file: fn(u64) -> MachineFile,
 }
 
-const CASES: [Case; 4] = [
-    Case { method: "samba", file: |seed| built_in("samba", include_str!("../../config/samba.toml"), seed) },
-    Case { method: "ball-plate", file: |seed| ball_plate::machine(seed, &ball_plate::small()) },
-    Case {
-        method: "laser-r-test",
-        file: |seed| built_in("laser-r-test", include_str!("../../config/laser.toml"), seed),
+const CASES: [OutlierCase; 4] = [
+    OutlierCase {
+        method: "samba",
+        file: |seed| built_in_machine("samba", include_str!("../../config/samba.toml"), seed),
     },
-    Case { method: "r-test", file: |seed| built_in("r-test", include_str!("../../config/r-test.toml"), seed) },
+    OutlierCase { method: "ball-plate", file: |seed| ball_plate::machine_of_seed(seed, &ball_plate::small_layout()) },
+    OutlierCase {
+        method: "laser-r-test",
+        file: |seed| built_in_machine("laser-r-test", include_str!("../../config/laser.toml"), seed),
+    },
+    OutlierCase {
+        method: "r-test",
+        file: |seed| built_in_machine("r-test", include_str!("../../config/r-test.toml"), seed),
+    },
 ];
 
-fn built_in(method: &str, text: &str, seed: u64) -> MachineFile {
+fn built_in_machine(method: &str, text: &str, seed: u64) -> MachineFile {
     let trials = format!("method.{method}.monte_carlo_trials");
     let fixed = [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
-    changed(text, &fixed)
+    changed_machine_file(text, &fixed)
 }
 
-pub struct Measured {
+pub struct MeasuredRun {
     method: Box<dyn Method>,
     plan: Plan,
     pub readings: Vec<Reading>,
 }
 
 /// Measurement with a method on its built-in machine, in the world of this seed.
-pub fn measured(method: &str, seed: u64) -> Measured {
+pub fn measured(method: &str, seed: u64) -> MeasuredRun {
     CASES.iter().find(|case| case.method == method).unwrap().measured(seed)
 }
 
-impl Case {
-    fn measured(&self, seed: u64) -> Measured {
+impl OutlierCase {
+    fn measured(&self, seed: u64) -> MeasuredRun {
         let file = (self.file)(seed);
         let (method, header) = setup::plan_header(&file, self.method, None).unwrap();
         let mut world = setup::build_world(&file).unwrap();
         let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
         let (plan, readings) = played.unwrap();
-        Measured { method, plan, readings }
+        MeasuredRun { method, plan, readings }
     }
 }
 
-impl Measured {
+impl MeasuredRun {
     pub fn estimate(&self) -> Estimate {
         self.method.identify(&self.plan, &self.readings).unwrap()
     }
 
     /// Displaces the measurement with this label: a position by the vector; in the r-test the mean of a sensor at a
     /// point of a path, by the vector's length.
-    fn displace(&mut self, label: &str, by: Vector3<f64>) {
+    fn displace_touch(&mut self, label: &str, by: Vector3<f64>) {
         let steps = &self.plan.steps;
         let step_of = |reading: &Reading| steps.iter().find(|step| step.id == reading.step).unwrap();
         let of_place = |step: &str| step == label || step.starts_with(&format!("{label}/"));
@@ -102,7 +108,7 @@ impl Measured {
 fn regress_an_early_interruption_does_not_refuse_the_repeated_touches() {
     let text = include_str!("../../config/simulated.toml");
     let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
-    let file = built_in("self-calibration", &format!("{text}{settings}"), 1);
+    let file = built_in_machine("self-calibration", &format!("{text}{settings}"), 1);
     let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
     let (mut plan, stages) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
     for gap_s in [5.0, 20.0, 25.0] {
@@ -119,10 +125,10 @@ fn a_touch_that_no_other_checks_is_made_once_more() {
     let file = |seed: u64| {
         let text = include_str!("../../config/simulated.toml");
         let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
-        built_in("self-calibration", &format!("{text}{settings}"), seed)
+        built_in_machine("self-calibration", &format!("{text}{settings}"), seed)
     };
     for seed in 3000..3003 {
-        let mut measured = Case { method: "self-calibration", file }.measured(seed);
+        let mut measured = OutlierCase { method: "self-calibration", file }.measured(seed);
         let again: Vec<&str> = measured
             .readings
             .iter()
@@ -135,7 +141,7 @@ fn a_touch_that_no_other_checks_is_made_once_more() {
         assert!(!again.is_empty());
         let label = again[seed as usize % again.len()].to_owned();
         assert!(measured.estimate().outliers.is_empty());
-        measured.displace(&label, Vector3::new(0.02, 0.02, 0.0));
+        measured.displace_touch(&label, Vector3::new(0.02, 0.02, 0.0));
         let off = measured.estimate();
         let named = off.outliers.iter().flat_map(|outlier| &outlier.candidates);
         assert!(named.into_iter().any(|one| one.label == label), "{label}: {:?}", off.outliers);
@@ -157,7 +163,7 @@ fn a_measurement_that_is_off_is_named() {
             let mut component = || random.random_range(-1.0..1.0);
             let towards = Vector3::new(component(), component(), component());
             let by = Unit::new_normalize(towards).into_inner() * one.deviation_um.unwrap() * 1e-3;
-            measured.displace(&one.label, by);
+            measured.displace_touch(&one.label, by);
             let off = measured.estimate();
             let mut candidates = off.outliers.iter().flat_map(|outlier| &outlier.candidates);
             candidates.any(|candidate| candidate.label == one.label) && off.verdict == Verdict::UndecidedModel
@@ -191,11 +197,11 @@ fn a_sound_machine_is_not_flagged() {
 
 /// A chip that is gone when the touch is repeated: 20 um, at one touch, or at all touches of one measurement of a
 /// ball.
-fn chip_once(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
-    if repeat == 0 { chip(world, step, repeat) } else { touch_alone(world, step, repeat) }
+fn touch_with_chip_in_first_pass(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+    if repeat == 0 { touch_with_lasting_chip(world, step, repeat) } else { touch_alone(world, step, repeat) }
 }
 
-fn chip(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+fn touch_with_lasting_chip(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     let mut reading = touch_alone(world, step, repeat);
     let is_off = ["1c/C090", "slow/007/", "slow/sphere/S90/+45^0/2"];
     if is_off.iter().any(|label| step.label.starts_with(label)) {
@@ -218,7 +224,7 @@ fn played(
     (method.identify(&plan, &readings).unwrap(), readings, world)
 }
 
-const SUSPECTED: [(&str, &str); 3] = [
+const SUSPECTED_TOUCHES: [(&str, &str); 3] = [
     ("self-calibration", include_str!("../../config/simulated.toml")),
     ("samba", include_str!("../../config/samba.toml")),
     ("probe-qualification", include_str!("../../config/probe-qualification.toml")),
@@ -226,14 +232,14 @@ const SUSPECTED: [(&str, &str); 3] = [
 
 #[test]
 fn what_is_off_is_measured_again_and_listed() {
-    for (method, text) in SUSPECTED {
+    for (method, text) in SUSPECTED_TOUCHES {
         let file = match method {
-            "probe-qualification" => changed(text, &[("simulated.seed", Value::Integer(3))]),
-            _ => built_in(method, text, 3),
+            "probe-qualification" => changed_machine_file(text, &[("simulated.seed", Value::Integer(3))]),
+            _ => built_in_machine(method, text, 3),
         };
         let (sound, all, _) = played(method, &file, touch_alone);
         assert!(sound.outliers.is_empty());
-        let (estimate, readings, _) = played(method, &file, chip_once);
+        let (estimate, readings, _) = played(method, &file, touch_with_chip_in_first_pass);
         assert_eq!(estimate.verdict, Verdict::None, "{method}: {:?}", estimate.outliers);
         let resolved = |outlier: &Outlier| outlier.resolution.as_ref().unwrap().contains("counts");
         assert!(!estimate.outliers.is_empty() && estimate.outliers.iter().all(resolved));
@@ -241,7 +247,7 @@ fn what_is_off_is_measured_again_and_listed() {
         let told = estimate.warnings.iter().any(|line| line.contains("an outlier was found"));
         assert!(told, "{method}: {:?}", estimate.warnings);
         // At most two repetitions.
-        let (estimate, readings, _) = played(method, &file, chip);
+        let (estimate, readings, _) = played(method, &file, touch_with_lasting_chip);
         assert_eq!(estimate.verdict, Verdict::UndecidedModel, "{method}");
         let still = |outlier: &Outlier| outlier.resolution.as_deref() == Some("measured again: still an outlier");
         assert!(estimate.outliers.iter().any(still), "{method}: {:?}", estimate.outliers);
@@ -250,11 +256,11 @@ fn what_is_off_is_measured_again_and_listed() {
 }
 
 #[test]
-fn after_measuring_again_u_covers() {
+fn coverage_after_measuring_again() {
     let worlds = population(200);
     let misses = |seed: u64| {
-        let file = built_in("self-calibration", include_str!("../../config/simulated.toml"), seed);
-        let (estimate, _, world) = played("self-calibration", &file, chip_once);
+        let file = built_in_machine("self-calibration", include_str!("../../config/simulated.toml"), seed);
+        let (estimate, _, world) = played("self-calibration", &file, touch_with_chip_in_first_pass);
         let truth = world.true_axis_mm(Axis::C, 50.0, 0.0);
         let missed = ["EX0C", "EY0C"].iter().zip(truth).filter(|(symbol, mm)| {
             let found = estimate.parameters.iter().find(|own| own.symbol == **symbol).unwrap();

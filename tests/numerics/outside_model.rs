@@ -14,48 +14,48 @@ use machine::record::reading::Reading;
 use rand::RngExt;
 use testing::population::{count_bound, is_full, population};
 
-use crate::machine_text::changed;
+use crate::machine_text::changed_machine_file;
 use crate::support::plan_player;
 
-type Changes<'a> = &'a [(&'a str, Value)];
+type KeyChanges<'a> = &'a [(&'a str, Value)];
 
 /// A true machine and its declaration in the file.
-struct Case<'a> {
-    common: Changes<'a>,
-    declared: Changes<'a>,
-    world: Changes<'a>,
+struct UndeclaredCase<'a> {
+    common: KeyChanges<'a>,
+    declared: KeyChanges<'a>,
+    world: KeyChanges<'a>,
     /// Deviation of the ball from its commanded position, along the outward normal, mm; minus pre-travel.
     deviation: fn(&Step, &Reading, &mut dyn FnMut() -> f64) -> f64,
 }
 
-fn none(_: &Step, _: &Reading, _: &mut dyn FnMut() -> f64) -> f64 {
+fn no_deviation(_: &Step, _: &Reading, _: &mut dyn FnMut() -> f64) -> f64 {
     0.0
 }
 
-const LOCATION: [&str; 2] = ["EX0C", "EY0C"];
-const WITH_SQUARENESS: [&str; 4] = ["EX0C", "EY0C", "EYY1-EXX1", "EC0Y"];
+const LOCATION_SYMBOLS: [&str; 2] = ["EX0C", "EY0C"];
+const LOCATION_AND_SQUARENESS_SYMBOLS: [&str; 4] = ["EX0C", "EY0C", "EYY1-EXX1", "EC0Y"];
 /// Mean height of the touches.
-const HEIGHT_MM: f64 = 50.0;
+const SECOND_HEIGHT_MM: f64 = 50.0;
 
 /// The built-in machine at rest, its other error motions as declared.
-fn machine(seed: u64, changes: &[Changes<'_>]) -> MachineFile {
+fn machine(seed: u64, changes: &[KeyChanges<'_>]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.self-calibration.monte_carlo_trials", Value::Integer(100)),
         ("machine.drift_um_per_h", 0.0.into()),
     ];
     let changes = changes.iter().copied().flatten();
-    changed(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
+    changed_machine_file(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
 }
 
-impl Case<'_> {
+impl UndeclaredCase<'_> {
     /// Measurement in the world of this seed.
     fn measured(&self, seed: u64) -> (MachineFile, Plan, Vec<Reading>, [f64; 2]) {
         let world = machine(seed, &[self.common, self.world]);
         let file = machine(seed, &[self.common, self.declared]);
         let (method, header) = setup::plan_header(&file, "self-calibration", None).unwrap();
         let mut world = setup::build_world(&world).unwrap();
-        let (plan, mut readings) = plan_player::measure(&mut world, method.as_ref(), header);
+        let (plan, mut readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
         for reading in &mut readings {
             let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
             // The same random numbers for each touch of a world.
@@ -66,7 +66,7 @@ impl Case<'_> {
                 reading.position.set(axis, *value);
             }
         }
-        let location_um = world.true_axis_mm(Axis::C, HEIGHT_MM, 0.0).map(|mm| mm * 1e3);
+        let location_um = world.true_axis_mm(Axis::C, SECOND_HEIGHT_MM, 0.0).map(|mm| mm * 1e3);
         (file, plan, readings, location_um)
     }
 
@@ -103,7 +103,7 @@ impl Case<'_> {
         }
     }
 
-    fn expanded(&self, symbol: &str) -> f64 {
+    fn expanded_uncertainty(&self, symbol: &str) -> f64 {
         parameter(&self.estimate(1).0, symbol).expanded
     }
 }
@@ -113,33 +113,33 @@ fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
 }
 
 /// Asserts that U with declared totals is at most twice U with declared orders.
-fn assert_u_at_most_twice(totals: &Case<'_>, orders: &Case<'_>, symbols: &[&str]) {
+fn assert_u_at_most_twice(totals: &UndeclaredCase<'_>, orders: &UndeclaredCase<'_>, symbols: &[&str]) {
     for symbol in symbols {
-        let [total, order] = [totals, orders].map(|case| case.expanded(symbol));
+        let [total, order] = [totals, orders].map(|case| case.expanded_uncertainty(symbol));
         println!("{symbol}: U {total:.2} by the total, {order:.2} by its orders");
         assert!(total <= 2.0 * order, "{symbol}: {total} {order}");
     }
 }
 
-fn two_heights() -> (&'static str, Value) {
+fn two_height_setting() -> (&'static str, Value) {
     ("method.self-calibration.heights_mm", vec![30.0, 70.0].into())
 }
 
 /// Z is bowed by 2 um over 100 mm, with its vertex anywhere within 50 mm of the part's middle.
 #[test]
 fn a_bowed_z_axis_is_in_the_budget_of_the_tilt() {
-    const BOW_MM: f64 = 2e-3;
+    const BOW_OF_Z_MM: f64 = 2e-3;
     let bow = |step: &Step, reading: &Reading, random: &mut dyn FnMut() -> f64| {
         let (direction, top) = (std::f64::consts::TAU * random(), 100.0 * (random() - 0.5));
         // Height of the stylus ball, which is 120 mm below the spindle datum.
-        let height = reading.position.get_or_zero(Axis::Z) - 120.0 - HEIGHT_MM;
-        let bow = |height: f64| BOW_MM * ((height - top) / 100.0).powi(2);
+        let height = reading.position.get_or_zero(Axis::Z) - 120.0 - SECOND_HEIGHT_MM;
+        let bow = |height: f64| BOW_OF_Z_MM * ((height - top) / 100.0).powi(2);
         // The location refers to the mean height.
         let sideways = bow(height) - bow(0.0);
         sideways * (direction.cos() * step.normal[0] + direction.sin() * step.normal[1])
     };
-    let case = Case {
-        common: &[two_heights()],
+    let case = UndeclaredCase {
+        common: &[two_height_setting()],
         declared: &[("axes.Z.error_motion_um", 2.0.into()), ("axes.Z.error_wavelength_mm", 100.0.into())],
         world: &[("axes.Z.error_motion_um", 0.0.into())],
         deviation: bow,
@@ -158,17 +158,17 @@ fn an_error_motion_at_the_order_of_the_grid_is_in_the_budget() {
     let world = [("simulated.error_motion", motion_at_order_eight())];
     let total = [("axes.C.error_motion_um", 1.0.into())];
     let orders = [total[0].clone(), ("axes.C.error_motion_orders", vec![Value::Integer(8)].into())];
-    let case = |declared| Case { common: &[], declared, world: &world, deviation: none };
-    case(&total).is_covered(300, &LOCATION);
+    let case = |declared| UndeclaredCase { common: &[], declared, world: &world, deviation: no_deviation };
+    case(&total).is_covered(300, &LOCATION_SYMBOLS);
     assert_u_at_most_twice(&case(&total), &case(&orders), &["EX0C", "EY0C"]);
     // Orders that the grid separates do not contribute.
     let separated = [total[0].clone(), ("axes.C.error_motion_orders", vec![Value::Integer(2)].into())];
-    let [by_total, without] = [&total, &separated[..]].map(|declared| case(declared).expanded("EX0C"));
+    let [by_total, without] = [&total, &separated[..]].map(|declared| case(declared).expanded_uncertainty("EX0C"));
     assert!(without < 0.7 * by_total, "{without} {by_total}");
 }
 
 /// A probe with `lobes` lobes of `size_mm` at a random angle: it triggers late where the value is positive.
-fn lobed(lobes: f64, size_mm: f64, step: &Step, random: &mut dyn FnMut() -> f64) -> f64 {
+fn lobing_deviation(lobes: f64, size_mm: f64, step: &Step, random: &mut dyn FnMut() -> f64) -> f64 {
     let azimuth = step.normal[1].atan2(step.normal[0]);
     size_mm * (lobes * azimuth + std::f64::consts::TAU * random()).cos()
 }
@@ -178,13 +178,13 @@ fn a_probe_with_three_lobes_is_in_the_budget() {
     let total = [("probe.lobing_um", 2.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
     let orders = [total[0].clone(), ("probe.lobing_orders", vec![Value::Integer(3)].into())];
     let world = [("probe.lobing_um", 0.0.into())];
-    let case = |declared| Case {
+    let case = |declared| UndeclaredCase {
         common: &[],
         declared,
         world: &world,
-        deviation: |step, _, random| lobed(3.0, 2e-3, step, random),
+        deviation: |step, _, random| lobing_deviation(3.0, 2e-3, step, random),
     };
-    case(&total).is_covered(500, &LOCATION);
+    case(&total).is_covered(500, &LOCATION_SYMBOLS);
     assert_u_at_most_twice(&case(&total), &case(&orders), &["EX0C", "EY0C"]);
 }
 
@@ -193,13 +193,13 @@ fn a_probe_with_two_lobes_is_in_the_budget() {
     let total = [("probe.lobing_um", 1.0.into()), ("probe.lobing_orders", Value::Array(Vec::new()))];
     let orders = [total[0].clone(), ("probe.lobing_orders", vec![Value::Integer(2)].into())];
     let world = [("probe.lobing_um", 0.0.into())];
-    let case = |declared| Case {
+    let case = |declared| UndeclaredCase {
         common: &[],
         declared,
         world: &world,
-        deviation: |step, _, random| lobed(2.0, 1e-3, step, random),
+        deviation: |step, _, random| lobing_deviation(2.0, 1e-3, step, random),
     };
-    case(&total).is_covered(700, &WITH_SQUARENESS);
+    case(&total).is_covered(700, &LOCATION_AND_SQUARENESS_SYMBOLS);
     assert_u_at_most_twice(&case(&total), &case(&orders), &["EYY1-EXX1", "EC0Y"]);
 }
 
@@ -209,13 +209,13 @@ fn backlash_of_x() -> (&'static str, Value) {
 
 #[test]
 fn backlash_is_in_the_budget() {
-    let case = Case {
+    let case = UndeclaredCase {
         common: &[],
         declared: &[("axes.X.backlash_um", 3.0.into()), ("axes.Y.backlash_um", 3.0.into())],
         world: &[backlash_of_x()],
-        deviation: none,
+        deviation: no_deviation,
     };
-    case.is_covered(900, &WITH_SQUARENESS);
+    case.is_covered(900, &LOCATION_AND_SQUARENESS_SYMBOLS);
 }
 
 /// Whether there is an alarm: a sentence that the sources do not explain the readings.
@@ -226,7 +226,7 @@ fn is_flagged(estimate: &Estimate) -> bool {
 
 /// A machine so accurate that the deviation is five standard uncertainties of the second harmonic of E_radial. On
 /// the built-in machine it is two or three.
-const GOOD_MACHINE: [(&str, f64); 5] = [
+const GOOD_MACHINE_KEYS: [(&str, f64); 5] = [
     ("probe.repeatability_um", 0.1),
     ("axes.X.error_motion_um", 0.1),
     ("axes.Y.error_motion_um", 0.1),
@@ -234,10 +234,10 @@ const GOOD_MACHINE: [(&str, f64); 5] = [
     ("axes.Y.resolution_um", 0.1),
 ];
 
-fn assert_flagged(case: &Case<'_>, lobing_um: f64, first: u64) {
-    let good = GOOD_MACHINE.map(|(path, value)| (path, Value::from(value)));
+fn assert_flagged(case: &UndeclaredCase<'_>, lobing_um: f64, first: u64) {
+    let good = GOOD_MACHINE_KEYS.map(|(path, value)| (path, Value::from(value)));
     let declared = [("probe.lobing_um", lobing_um.into())];
-    let case = Case { common: &good, declared: &declared, ..*case };
+    let case = UndeclaredCase { common: &good, declared: &declared, ..*case };
     let worlds = population(100);
     let estimates = case.estimates(first, worlds);
     let flagged = estimates.iter().filter(|(estimate, _)| is_flagged(estimate)).count() as u64;
@@ -249,21 +249,22 @@ fn assert_flagged(case: &Case<'_>, lobing_um: f64, first: u64) {
 #[test]
 fn two_lobes_beyond_what_is_declared_are_flagged() {
     let world = [("probe.lobing_um", 0.0.into())];
-    let deviation = |step: &Step, _: &Reading, random: &mut dyn FnMut() -> f64| lobed(2.0, 1e-3, step, random);
-    let case = Case { common: &[], declared: &[], world: &world, deviation };
+    let deviation =
+        |step: &Step, _: &Reading, random: &mut dyn FnMut() -> f64| lobing_deviation(2.0, 1e-3, step, random);
+    let case = UndeclaredCase { common: &[], declared: &[], world: &world, deviation };
     assert_flagged(&case, 0.3, 1100);
 }
 
 #[test]
 fn backlash_that_is_not_declared_is_flagged() {
     let world = [backlash_of_x()];
-    let case = Case { common: &[], declared: &[], world: &world, deviation: none };
+    let case = UndeclaredCase { common: &[], declared: &[], world: &world, deviation: no_deviation };
     assert_flagged(&case, 0.1, 1300);
 }
 
 /// Largest of the deviations of single touches that are detected with a probability of 95 %, as stated in the
 /// estimate.
-fn largest_found_mm(estimate: &Estimate) -> f64 {
+fn largest_detectable_outlier_mm(estimate: &Estimate) -> f64 {
     let sizes = estimate.smallest_found.iter().map(|one| one.deviation_um.unwrap());
     sizes.fold(0.0, f64::max) * 1e-3
 }
@@ -273,8 +274,8 @@ fn largest_found_mm(estimate: &Estimate) -> f64 {
 #[test]
 fn a_touch_that_is_off_is_named() {
     let worlds = population(100);
-    let case = Case { common: &[], declared: &[], world: &[], deviation: none };
-    let stated_mm = largest_found_mm(&case.estimate(1).0);
+    let case = UndeclaredCase { common: &[], declared: &[], world: &[], deviation: no_deviation };
+    let stated_mm = largest_detectable_outlier_mm(&case.estimate(1).0);
     for size_mm in [stated_mm, 0.02] {
         let is_named = |seed: u64| {
             let (file, plan, mut readings, _) = case.measured(seed);
@@ -308,7 +309,7 @@ fn a_touch_that_is_off_is_named() {
 #[test]
 fn a_sound_machine_is_not_flagged() {
     let worlds = if is_full() { 1000 } else { 100 };
-    let case = Case { common: &[], declared: &[], world: &[], deviation: none };
+    let case = UndeclaredCase { common: &[], declared: &[], world: &[], deviation: no_deviation };
     let estimates = case.estimates(2000, worlds);
     let flagged = estimates.iter().filter(|(estimate, _)| is_flagged(estimate)).count() as u64;
     println!("flagged: {flagged} of {worlds}");

@@ -15,40 +15,45 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use testing::population::{is_full, population};
 
-use crate::machine_text::{parsed, set};
+use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 
-const QUALIFICATION: &str = include_str!("../../config/probe-qualification.toml");
-const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
+const QUALIFICATION_MACHINE: &str = include_str!("../../config/probe-qualification.toml");
+const SELF_CALIBRATION_MACHINE: &str = include_str!("../../config/simulated.toml");
 
-const ROUNDING: [(&str, Value); 3] = [
+const NO_ROUNDING: [(&str, Value); 3] = [
     ("axes.X.resolution_um", Value::Float(0.0)),
     ("axes.Y.resolution_um", Value::Float(0.0)),
     ("axes.Z.resolution_um", Value::Float(0.0)),
 ];
 
 /// Error of a touch along its outward normal; the normal is given in the frame of the spindle, and of the machine.
-type Deviation<'a> = &'a (dyn Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync);
+type ContactDeviation<'a> = &'a (dyn Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync);
 
 fn machine(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
     let mut table: Table = text.parse().unwrap();
     if !turns {
         table["axes"].as_table_mut().unwrap().remove("S");
     }
-    changes.iter().for_each(|(path, value)| set(&mut table, path, value.clone()));
-    parsed(&table)
+    changes.iter().for_each(|(path, value)| set_key(&mut table, path, value.clone()));
+    parse_machine_file(&table)
 }
 
 /// A world without lobes and without rounding: [`measured`] adds them.
-fn world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
+fn machine_of_world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
     let none = ["probe.lobing_um", "axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
     let none = none.map(|key| (key, Value::Float(0.0)));
     machine(text, turns, &[changes, &none].concat())
 }
 
 /// Played in the world of `world`, with the deviation added to the displayed position.
-fn measured(method: &str, file: &MachineFile, world: &MachineFile, deviation: Deviation<'_>) -> (Plan, Vec<Reading>) {
+fn measured(
+    method: &str,
+    file: &MachineFile,
+    world: &MachineFile,
+    deviation: ContactDeviation<'_>,
+) -> (Plan, Vec<Reading>) {
     let (method, header) = setup::plan_header(file, method, None).unwrap();
     let mut world = setup::build_world(world).unwrap();
     let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
@@ -78,14 +83,14 @@ fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
 }
 
 /// Σ (c cos kα + s sin kα), falling to zero towards the pole.
-fn lobes(terms: &[(f64, [f64; 2])], n: Vector3<f64>) -> f64 {
+fn lobing_along(terms: &[(f64, [f64; 2])], n: Vector3<f64>) -> f64 {
     let azimuth = n.y.atan2(n.x);
     let term = |(k, [c, s]): &(f64, [f64; 2])| c * (k * azimuth).cos() + s * (k * azimuth).sin();
     n.xy().norm() * terms.iter().map(term).sum::<f64>()
 }
 
 /// Standard normal deviates of a world (Box and Muller).
-fn normals(seed: u64) -> impl FnMut() -> f64 {
+fn normal_draws(seed: u64) -> impl FnMut() -> f64 {
     let mut random = seeded_stream(seed, &[0x7175_616c]);
     move || {
         let (radius, angle): (f64, f64) = (random.random(), random.random());
@@ -95,22 +100,22 @@ fn normals(seed: u64) -> impl FnMut() -> f64 {
 
 /// Lobes of 1 um in each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. Everything else as
 /// declared.
-fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
+fn qualification_and_truth(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
     let changes = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("simulated.ball_form_um", 0.0.into()),
         ("probe.stylus_offset_um", 0.0.into()),
     ];
-    let world = world(QUALIFICATION, turns, &changes);
-    let file = machine(QUALIFICATION, turns, &[]);
-    let mut normal = normals(seed);
+    let world = machine_of_world(QUALIFICATION_MACHINE, turns, &changes);
+    let file = machine(QUALIFICATION_MACHINE, turns, &[]);
+    let mut normal = normal_draws(seed);
     let mut terms = |size: f64| -> Vec<(f64, [f64; 2])> {
         (2..=6).map(|k| (f64::from(k), [(); 2].map(|()| size * normal()))).collect()
     };
     let (map, form) = (terms(1e-3), terms(0.1e-3 / 8f64.sqrt()));
     let offset = Vector3::new(normal(), normal(), 0.0) * 5e-3;
     let deviation = |in_spindle: Vector3<f64>, in_machine: Vector3<f64>| {
-        in_spindle * (lobes(&map, in_spindle) + lobes(&form, in_machine)) - offset
+        in_spindle * (lobing_along(&map, in_spindle) + lobing_along(&form, in_machine)) - offset
     };
     let (plan, readings) = measured("probe-qualification", &file, &world, &deviation);
     let truth =
@@ -128,10 +133,10 @@ fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
 /// Coverage standard of METHODS, section 6.
 #[test]
 fn the_map_is_within_its_uncertainty() {
-    const FULL: u64 = 1000;
+    const FULL_POPULATION: u64 = 1000;
     for turns in [true, false] {
-        let worlds = population(FULL).max(50);
-        let all: Vec<_> = (0..worlds).into_par_iter().map(|seed| qualified(8000 + seed, turns)).collect();
+        let worlds = population(FULL_POPULATION).max(50);
+        let all: Vec<_> = (0..worlds).into_par_iter().map(|seed| qualification_and_truth(8000 + seed, turns)).collect();
         let is_flagged = |e: &Estimate| e.verdict != Verdict::None || !e.warnings.is_empty();
         let flagged = all.iter().filter(|(e, _)| is_flagged(e)).count();
         println!("turned {turns}: {flagged} of {worlds} flagged");
@@ -156,7 +161,7 @@ fn the_map_is_within_its_uncertainty() {
     }
 }
 
-fn three_lobes(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync {
+fn three_lobe_deviation(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync {
     move |in_spindle, _| {
         let azimuth = in_spindle.y.atan2(in_spindle.x);
         in_spindle * (2e-3 * in_spindle.xy().norm() * (3.0 * azimuth + phase).cos())
@@ -165,7 +170,7 @@ fn three_lobes(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64
 
 /// A probe with three lobes of 2 um in a spindle that cannot be turned, on a ball certified to 0.1 um.
 #[test]
-fn the_map_takes_off_the_bias_by_three_lobes() {
+fn map_removes_the_bias_by_three_lobes() {
     let worlds = population(100).max(10);
     let pair = |seed: u64| {
         let fixed = [
@@ -174,15 +179,15 @@ fn the_map_takes_off_the_bias_by_three_lobes() {
             ("probe.lobing_um", 2.0.into()),
             ("probe.lobing_orders", Value::Array(Vec::new())),
         ];
-        let lobes = three_lobes(normals(seed)() * TAU);
-        let ball = machine(QUALIFICATION, false, &fixed[..1]);
-        let room = world(QUALIFICATION, false, &fixed[..1]);
+        let lobes = three_lobe_deviation(normal_draws(seed)() * TAU);
+        let ball = machine(QUALIFICATION_MACHINE, false, &fixed[..1]);
+        let room = machine_of_world(QUALIFICATION_MACHINE, false, &fixed[..1]);
         let (plan, readings) = measured("probe-qualification", &ball, &room, &lobes);
         let map = identified(&ball, &plan, &readings);
         // The rounding would differ between the worlds with and without lobes.
-        let fixed = [&fixed[..], &ROUNDING].concat();
-        let part = machine(SELF_CALIBRATION, false, &fixed);
-        let room = world(SELF_CALIBRATION, false, &fixed);
+        let fixed = [&fixed[..], &NO_ROUNDING].concat();
+        let part = machine(SELF_CALIBRATION_MACHINE, false, &fixed);
+        let room = machine_of_world(SELF_CALIBRATION_MACHINE, false, &fixed);
         let (plan, round) = measured("self-calibration", &part, &room, &|_, _| Vector3::zeros());
         let reference = identified(&part, &plan, &round);
         let (mut plan, readings) = measured("self-calibration", &part, &room, &lobes);
@@ -206,25 +211,25 @@ fn the_map_takes_off_the_bias_by_three_lobes() {
     assert!(pairs.iter().all(|(_, [without, with])| with < &(0.5 * without)));
 }
 
-fn none(_: Vector3<f64>, _: Vector3<f64>) -> Vector3<f64> {
+fn no_deviation(_: Vector3<f64>, _: Vector3<f64>) -> Vector3<f64> {
     Vector3::zeros()
 }
 
 /// A built-in machine without lobes whose spindle does not turn; plan and readings.
-fn sound(changes: &[(&str, Value)], deviation: Deviation<'_>) -> (MachineFile, Plan, Vec<Reading>) {
-    let file = machine(QUALIFICATION, false, changes);
-    let room = world(QUALIFICATION, false, changes);
+fn assert_sound(changes: &[(&str, Value)], deviation: ContactDeviation<'_>) -> (MachineFile, Plan, Vec<Reading>) {
+    let file = machine(QUALIFICATION_MACHINE, false, changes);
+    let room = machine_of_world(QUALIFICATION_MACHINE, false, changes);
     let (plan, readings) = measured("probe-qualification", &file, &room, deviation);
     (file, plan, readings)
 }
 
 #[test]
-fn lobes_that_the_map_does_not_have_contradict_it() {
-    let nine = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(9.0, [1e-3, 0.0])], n);
-    let (file, plan, readings) = sound(&[], &nine);
+fn undeclared_lobes_contradict_the_map() {
+    let nine = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(9.0, [1e-3, 0.0])], n);
+    let (file, plan, readings) = assert_sound(&[], &nine);
     assert_eq!(identified(&file, &plan, &readings).verdict, Verdict::UndecidedModel);
     let declared = [("probe.lobing_orders", Value::Array(vec![Value::Integer(9)]))];
-    let (file, plan, readings) = sound(&declared, &nine);
+    let (file, plan, readings) = assert_sound(&declared, &nine);
     let estimate = identified(&file, &plan, &readings);
     let found = parameter(&estimate, "E_probe_c9");
     assert_eq!(estimate.verdict, Verdict::None);
@@ -240,11 +245,11 @@ fn lobes_that_the_map_does_not_have_contradict_it() {
 
 #[test]
 fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
-    let mut table: Table = QUALIFICATION.parse().unwrap();
+    let mut table: Table = QUALIFICATION_MACHINE.parse().unwrap();
     table["axes"].as_table_mut().unwrap().remove("S");
     table["method"]["probe-qualification"].as_table_mut().unwrap().remove("form_um");
-    let file = parsed(&table);
-    let (plan, readings) = measured("probe-qualification", &file, &file, &none);
+    let file = parse_machine_file(&table);
+    let (plan, readings) = measured("probe-qualification", &file, &file, &no_deviation);
     let estimate = identified(&file, &plan, &readings);
     assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
     let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
@@ -256,9 +261,9 @@ fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
 
 /// A ball that has moved meanwhile has another centre, but the map of the probe is the same.
 #[test]
-fn the_map_stays_where_the_ball_moves_in_an_interruption() {
-    let three = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(3.0, [2e-3, 0.0])], n);
-    let (file, mut plan, mut readings) = sound(&[], &three);
+fn map_is_not_changed_by_a_ball_moved_in_an_interruption() {
+    let three = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(3.0, [2e-3, 0.0])], n);
+    let (file, mut plan, mut readings) = assert_sound(&[], &three);
     let before = identified(&file, &plan, &readings);
     let middle = readings[readings.len() / 2].t_s;
     plan.gaps_s = vec![middle];
@@ -278,7 +283,7 @@ fn the_map_stays_where_the_ball_moves_in_an_interruption() {
 
 #[test]
 fn a_touch_that_is_off_is_named() {
-    let (file, plan, mut readings) = sound(&[], &none);
+    let (file, plan, mut readings) = assert_sound(&[], &no_deviation);
     let number = 60;
     let step = plan.steps.iter().find(|step| step.id == readings[number].step).unwrap();
     let off = readings[number].position.xyz() + Vector3::from(step.normal) * 5e-3;
@@ -293,26 +298,26 @@ fn a_touch_that_is_off_is_named() {
 
 /// With a turned spindle: SAMBA gives the same machine and stylus as without lobes and offset.
 #[test]
-fn a_map_of_a_turned_spindle_leaves_nothing_in_samba() {
-    const SAMBA: &str = include_str!("../../config/samba.toml");
+fn map_of_a_turned_spindle_removes_all_bias_in_samba() {
+    const SAMBA_MACHINE: &str = include_str!("../../config/samba.toml");
     let seed = [
         ("simulated.seed", Value::Integer(11)),
         ("probe.lobing_um", 3.0.into()),
         ("probe.lobing_orders", Value::Array(Vec::new())),
     ];
     let offset = Vector3::new(4e-3, -3e-3, 0.0);
-    let off = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(3.0, [2e-3, 2e-3])], n) - offset;
-    let ball = machine(QUALIFICATION, true, &seed);
+    let off = |n: Vector3<f64>, _: Vector3<f64>| n * lobing_along(&[(3.0, [2e-3, 2e-3])], n) - offset;
+    let ball = machine(QUALIFICATION_MACHINE, true, &seed);
     let still = [&seed[..], &[("probe.stylus_offset_um", 0.0.into())]].concat();
-    let room = world(QUALIFICATION, true, &still);
+    let room = machine_of_world(QUALIFICATION_MACHINE, true, &still);
     let (plan, readings) = measured("probe-qualification", &ball, &room, &off);
     let map = identified(&ball, &plan, &readings);
 
     let trials = [&seed[..], &[("method.samba.monte_carlo_trials", Value::Integer(100))]].concat();
-    let trials = [&trials[..], &ROUNDING].concat();
-    let file = machine(SAMBA, true, &trials);
-    let room = world(SAMBA, true, &trials);
-    let (plan, sound) = measured("samba", &file, &room, &none);
+    let trials = [&trials[..], &NO_ROUNDING].concat();
+    let file = machine(SAMBA_MACHINE, true, &trials);
+    let room = machine_of_world(SAMBA_MACHINE, true, &trials);
+    let (plan, sound) = measured("samba", &file, &room, &no_deviation);
     let reference = identified(&file, &plan, &sound);
     let (mut plan, readings) = measured("samba", &file, &room, &off);
     let biased = identified(&file, &plan, &readings);

@@ -13,46 +13,46 @@ use simulator::SimulatedWorld;
 use toml::{Table, Value};
 use trued::setup;
 
-use crate::machine_text::{parsed, set};
+use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
 use testing::population::{is_full, population};
 
-const R_TEST: &str = include_str!("../../config/r-test.toml");
-const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
+const R_TEST_MACHINE: &str = include_str!("../../config/r-test.toml");
+const SELF_CALIBRATION_MACHINE: &str = include_str!("../../config/simulated.toml");
 /// Height of the sphere above the table, mm.
 const HEIGHT_MM: f64 = 60.0;
 
 fn machine(seed: u64) -> Table {
-    let mut table: Table = R_TEST.parse().unwrap();
-    set(&mut table, "simulated.seed", Value::Integer(seed as i64));
-    set(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
+    let mut table: Table = R_TEST_MACHINE.parse().unwrap();
+    set_key(&mut table, "simulated.seed", Value::Integer(seed as i64));
+    set_key(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
     // The simulated machine is exactly at its commanded position, a multiple of the display step.
     for axis in ["X", "Y", "Z"] {
-        set(&mut table, &format!("axes.{axis}.resolution_um"), Value::Float(0.0));
+        set_key(&mut table, &format!("axes.{axis}.resolution_um"), Value::Float(0.0));
     }
     // The simulated sphere has no form error.
-    set(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
+    set_key(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
     table
 }
 
-struct Played {
+struct PlayedRun {
     method: Box<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
     world: SimulatedWorld,
 }
 
-fn played(table: &Table, method: &str) -> Played {
-    let file = parsed(table);
+fn play_run(table: &Table, method: &str) -> PlayedRun {
+    let file = parse_machine_file(table);
     let (method, header) = setup::plan_header(&file, method, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    Played { method, plan, readings, world }
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
+    PlayedRun { method, plan, readings, world }
 }
 
 /// The estimate, and the true position of the axis in the middle of the run relative to the stated one, mm.
-fn measured(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
-    let Played { method, plan, readings, world } = played(table, method);
+fn measure_axis(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
+    let PlayedRun { method, plan, readings, world } = play_run(table, method);
     let estimate = method.identify(&plan, &readings).unwrap();
     let times = readings.iter().map(|reading| reading.t_s);
     let middle = times.clone().sum::<f64>() / times.count() as f64;
@@ -64,7 +64,7 @@ fn measured(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
 }
 
 /// Error motion of the machine file, um.
-fn declared(table: &Table, symbol: &str, angle: f64) -> f64 {
+fn declared_motion(table: &Table, symbol: &str, angle: f64) -> f64 {
     let terms = table["simulated"]["error_motion"].as_array().unwrap();
     let of_symbol = terms.iter().filter(|term| term["symbol"].as_str() == Some(symbol));
     let value = |term: &Value| {
@@ -76,8 +76,8 @@ fn declared(table: &Table, symbol: &str, angle: f64) -> f64 {
 }
 
 /// E_total = (I − R)c + e − R·e(0) of METHODS section 1, um; C turns the table against its command (ISO 841).
-fn total(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
-    let motion = |angle| ["EXC", "EYC"].map(|symbol| declared(table, symbol, angle));
+fn total_motion(table: &Table, axis_um: Vector2<f64>, degrees: f64) -> Vector2<f64> {
+    let motion = |angle| ["EXC", "EYC"].map(|symbol| declared_motion(table, symbol, angle));
     let angle = degrees.to_radians();
     let (sin, cos) = (-angle).sin_cos();
     let turn = Matrix2::new(cos, -sin, sin, cos);
@@ -91,7 +91,7 @@ fn u_is_true_on_the_built_in_machine() {
     let (mut held, mut count) = ([0.0; 3], [0.0; 3]);
     for seed in 0..worlds {
         let table = machine(seed);
-        let (estimate, axis) = measured(&table, "r-test");
+        let (estimate, axis) = measure_axis(&table, "r-test");
         let axis = axis * 1e3;
         for (parameter, truth) in estimate.parameters.iter().filter(|p| p.symbol.ends_with("0C")).zip(axis.iter()) {
             held[0] += f64::from(u8::from((parameter.value - truth).abs() <= parameter.expanded));
@@ -102,9 +102,9 @@ fn u_is_true_on_the_built_in_machine() {
             let kind = if curve.symbol.ends_with("_total") { 1 } else { 2 };
             for ((x, y), u) in curve.x.iter().zip(&curve.y).zip(&curve.u).skip(1) {
                 let truth = match curve.symbol.as_str() {
-                    "EZC" => declared(&table, "EZC", x.to_radians()),
-                    _ if kind == 1 => total(&table, axis, *x)[k],
-                    _ => total(&table, Vector2::zeros(), *x)[k],
+                    "EZC" => declared_motion(&table, "EZC", x.to_radians()),
+                    _ if kind == 1 => total_motion(&table, axis, *x)[k],
+                    _ => total_motion(&table, Vector2::zeros(), *x)[k],
                 };
                 held[kind] += f64::from(u8::from((y - truth).abs() <= 2.0 * u));
                 count[kind] += 1.0;
@@ -118,16 +118,16 @@ fn u_is_true_on_the_built_in_machine() {
 
 /// Measures the same table by both methods, each with its own probe and sensors.
 #[test]
-fn self_calibration_agrees() {
+fn r_test_agrees_with_self_calibration() {
     let r_test = machine(3);
-    let (first, _) = measured(&r_test, "r-test");
-    let mut other: Table = SELF_CALIBRATION.parse().unwrap();
-    set(&mut other, "simulated.seed", Value::Integer(4));
-    set(&mut other, "method.self-calibration.heights_mm", vec![HEIGHT_MM].into());
+    let (first, _) = measure_axis(&r_test, "r-test");
+    let mut other: Table = SELF_CALIBRATION_MACHINE.parse().unwrap();
+    set_key(&mut other, "simulated.seed", Value::Integer(4));
+    set_key(&mut other, "method.self-calibration.heights_mm", vec![HEIGHT_MM].into());
     for key in ["errors", "error_motion"] {
-        set(&mut other, &format!("simulated.{key}"), r_test["simulated"][key].clone());
+        set_key(&mut other, &format!("simulated.{key}"), r_test["simulated"][key].clone());
     }
-    let (second, _) = measured(&other, "self-calibration");
+    let (second, _) = measure_axis(&other, "self-calibration");
     let parameters = parameter_differences(&first, &second, &[]);
     let functions = function_differences(&first, &second, 2.0);
     let symbols: Vec<&str> = functions.iter().map(|function| function.symbol.as_str()).collect();
@@ -143,7 +143,7 @@ fn self_calibration_agrees() {
 #[test]
 fn swapped_sensors_are_refused_before_the_table_turns() {
     let mut table = machine(1);
-    let truth = parsed(&table);
+    let truth = parse_machine_file(&table);
     let sensors = table["sensor"].as_array_mut().unwrap();
     let [a, b] = [0, 1].map(|i| sensors[i]["direction"].clone());
     let [zero_a, zero_b] = [0, 1].map(|i| sensors[i]["zero_mm"].clone());
@@ -154,15 +154,15 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     };
     declare(&mut sensors[0], zero_b, b);
     declare(&mut sensors[1], zero_a, a);
-    let (method, header) = setup::plan_header(&parsed(&table), "r-test", None).unwrap();
+    let (method, header) = setup::plan_header(&parse_machine_file(&table), "r-test", None).unwrap();
     let mut world = setup::build_world(&truth).unwrap();
-    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play).unwrap_err();
+    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play_step).unwrap_err();
     assert!(refused.reason.contains("along the direction of b"), "{refused:?}");
 }
 
 #[test]
 fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
-    let Played { method, mut plan, readings, .. } = played(&machine(1), "r-test");
+    let PlayedRun { method, mut plan, readings, .. } = play_run(&machine(1), "r-test");
     let plain = method.identify(&plan, &readings).unwrap();
     let turns = plan.steps.iter().find(|step| step.label == "turn/forward").unwrap().id;
     let begins_s = readings.iter().find(|reading| reading.step == turns).unwrap().t_s;
@@ -178,7 +178,7 @@ fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
 
 #[test]
 fn without_turns_there_is_no_estimate() {
-    let Played { method, mut plan, mut readings, .. } = played(&machine(1), "r-test");
+    let PlayedRun { method, mut plan, mut readings, .. } = play_run(&machine(1), "r-test");
     plan.steps.retain(|step| !step.label.starts_with("turn/"));
     readings.retain(|reading| plan.steps.iter().any(|step| step.id == reading.step));
     let refused = method.identify(&plan, &readings).unwrap_err();

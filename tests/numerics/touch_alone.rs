@@ -4,11 +4,11 @@ use machine::record::plan::Step;
 use machine::record::reading::Reading;
 use simulator::{SimulatedWorld, Speed};
 
-use crate::support::plan_player::touch;
+use crate::support::plan_player::play_touch;
 
 pub fn touch_alone(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     world.set_probe_removed(true);
     world.travel(&step.from, Speed::Rapid);
     world.set_probe_removed(false);
-    touch(world, step, repeat)
+    play_touch(world, step, repeat)
 }

@@ -11,13 +11,13 @@ use machine::record::estimate::Verdict;
 use machine::record::reading::Reading;
 use testing::population::{count_bound, population};
 
-use crate::outliers::{Measured, measured};
+use crate::outliers::{MeasuredRun, measured};
 
 /// True minus reported position of the table against the spindle, mm; `seed` of the world.
-type Deviation = fn(&Measured, &Reading, u64) -> Vector3<f64>;
+type ContactDeviation = fn(&MeasuredRun, &Reading, u64) -> Vector3<f64>;
 
 /// X is bowed in Z by 2 um over 400 mm, and B has a position error of 10 urad.
-fn bow_and_position_of_b(_: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
+fn bow_and_error_motion_of_b(_: &MeasuredRun, reading: &Reading, _: u64) -> Vector3<f64> {
     let at = &reading.position;
     let bow = 2e-3 * (1.0 - (at.get_or_zero(Axis::X) / 200.0).powi(2));
     let turned = 10e-6 * (2.0 * at.get_or_zero(Axis::B)).sin();
@@ -27,14 +27,14 @@ fn bow_and_position_of_b(_: &Measured, reading: &Reading, _: u64) -> Vector3<f64
 }
 
 /// Each axis stops up to 3 um from its reported position, with a new error at each step.
-fn stick_slip(_: &Measured, reading: &Reading, seed: u64) -> Vector3<f64> {
+fn stick_slip_of_x(_: &MeasuredRun, reading: &Reading, seed: u64) -> Vector3<f64> {
     let random = &mut seeded_stream(seed, &[0x736c_6970, u64::from(reading.step)]);
     let mut stop = || random.random_range(-3e-3..3e-3);
     Vector3::new(stop(), stop(), stop())
 }
 
 /// The table drifts by 5 um along each axis, most of it in the first quarter of the run.
-fn warming_up(measured: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
+fn warm_up_drift(measured: &MeasuredRun, reading: &Reading, _: u64) -> Vector3<f64> {
     let times = measured.readings.iter().map(|reading| reading.t_s);
     let [first, last] = [times.clone().fold(f64::MAX, f64::min), times.fold(f64::MIN, f64::max)];
     let part = (reading.t_s - first) / (last - first);
@@ -43,7 +43,7 @@ fn warming_up(measured: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
 
 /// Checks that at least 95 of 100 worlds are `undecided (model)`, and that as many name one of the `likely` sources
 /// first.
-fn is_flagged(method: &str, deviation: Deviation, likely: &[&str]) {
+fn is_flagged(method: &str, deviation: ContactDeviation, likely: &[&str]) {
     let worlds = population(100);
     let of_world = |seed: u64| {
         let mut measured = measured(method, seed);
@@ -77,15 +77,15 @@ fn is_flagged(method: &str, deviation: Deviation, likely: &[&str]) {
 
 #[test]
 fn a_bowed_axis_and_a_wrong_rotary_position_are_flagged_by_samba() {
-    is_flagged("samba", bow_and_position_of_b, &["error motions of"]);
+    is_flagged("samba", bow_and_error_motion_of_b, &["error motions of"]);
 }
 
 #[test]
 fn stick_slip_is_flagged_by_the_laser_r_test() {
-    is_flagged("laser-r-test", stick_slip, &[]);
+    is_flagged("laser-r-test", stick_slip_of_x, &[]);
 }
 
 #[test]
 fn warming_up_is_flagged_by_the_laser_r_test() {
-    is_flagged("laser-r-test", warming_up, &["thermal drift"]);
+    is_flagged("laser-r-test", warm_up_drift, &["thermal drift"]);
 }

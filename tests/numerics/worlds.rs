@@ -35,7 +35,7 @@ fn machine(changes: &[(&str, &str)]) -> MachineFile {
 fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
     let (method, header) = setup::plan_header(file, "self-calibration", None).expect("settings");
     let mut world = setup::build_world(file).expect("a world");
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     let estimate = method.identify(&plan, &readings).expect("an estimate");
     let cycle: Vec<f64> = readings.iter().skip(5).map(|reading| reading.t_s).collect();
     let middle = (cycle[0] + cycle[cycle.len() - 1]) / 2.0;
@@ -94,7 +94,7 @@ fn regress_u_is_true_on_a_machine_with_poor_axes() {
 
 /// The sources that can be declared, by their name in the budget and their key; a declared repeatability cannot be
 /// zero.
-const SOURCES: [(&str, &str, &str, &str); 6] = [
+const SOURCE_KEYS: [(&str, &str, &str, &str); 6] = [
     ("repeatability of a touch", "repeatability_um", "1.0", "0.001"),
     ("resolution", "resolution_um", "3.0", "0.0"),
     ("stylus offset", "stylus_offset_um", "1.0", "0.0"),
@@ -106,10 +106,10 @@ const SOURCES: [(&str, &str, &str, &str); 6] = [
 /// One source alone (METHODS section 6): its budget line equals the observed scatter.
 #[test]
 fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
-    const FULL: u64 = 100;
-    let worlds = population(FULL);
-    let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
-    for (name, key, on, _) in SOURCES {
+    const FULL_POPULATION: u64 = 100;
+    let worlds = population(FULL_POPULATION);
+    let (low, high) = ratio_bounds(worlds, FULL_POPULATION, (0.8, 1.2));
+    for (name, key, on, _) in SOURCE_KEYS {
         let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
         for world in 0..worlds as u32 {
             let seed = (5000 + world).to_string();
@@ -119,7 +119,7 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
             let mut changes = vec![("seed", seed.as_str()), ("centre_offset_mm", place.as_str())];
             // A short wavelength lets the error motions act within the part.
             changes.push(("error_wavelength_mm", "40.0"));
-            for (_, other, _, off) in SOURCES {
+            for (_, other, _, off) in SOURCE_KEYS {
                 changes.push((other, if other == key { on } else { off }));
             }
             // Drift that is not fitted must be in the budget.
@@ -144,7 +144,7 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
 /// With the spindle following the probe angle neither stylus offset nor lobing affects the axis position; with a
 /// fixed spindle they do.
 #[test]
-fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
+fn regress_spindle_orientation_along_the_normal_removes_stylus_offset_and_lobing() {
     let found = |spindle: &str| {
         let changes = [("seed", "77"), ("stylus_offset_um", "20.0"), ("lobing_um", "8.0")];
         let text = machine(&changes)
@@ -163,15 +163,15 @@ fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
 /// Estimate and truth of a run that is interrupted for ten minutes after `kept` touches of the cycle. Meanwhile a
 /// shift of 3 µm in X occurs: `share` of it moves the part on the table, the rest moves the table axis. The references
 /// are measured again, then the rest.
-fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
-    const STEP_UM: f64 = 3.0;
-    const GAP_S: f64 = 600.0;
+fn estimate_of_interrupted_run(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
+    const INTERRUPTION_STEP_UM: f64 = 3.0;
+    const INTERRUPTION_S: f64 = 600.0;
     let seed = seed.to_string();
     let changes = [("seed", seed.as_str()), ("drift_um_per_h", "20.0")];
     let (before, after) = (machine(&changes), {
         let mut moved = changes.to_vec();
-        let table = format!("{}", 50.0 + STEP_UM * (1.0 - share));
-        let part = format!("[{}, -0.5]", 0.8 + 1e-3 * STEP_UM * share);
+        let table = format!("{}", 50.0 + INTERRUPTION_STEP_UM * (1.0 - share));
+        let part = format!("[{}, -0.5]", 0.8 + 1e-3 * INTERRUPTION_STEP_UM * share);
         moved.extend([("EX0C_um", table.as_str()), ("centre_offset_mm", part.as_str())]);
         machine(&moved)
     });
@@ -183,23 +183,23 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
         let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings)).expect("well-posed");
         let NextStage::Stage { stage, new_steps } = next else { panic!("pass {pass}") };
         let played = new_steps.iter().take(count);
-        readings.extend(played.map(|step| plan_player::play(&mut world, step, 0)));
+        readings.extend(played.map(|step| plan_player::play_step(&mut world, step, 0)));
         plan.steps.extend(new_steps);
         done.push(stage);
     }
     let last = world.time_s();
     plan.gaps_s = vec![readings[readings.len() - 1].t_s];
     let mut later = setup::build_world(&after).expect("a world");
-    later.advance(last + GAP_S, readings.iter().map(|reading| reading.step));
+    later.advance(last + INTERRUPTION_S, readings.iter().map(|reading| reading.step));
     let cycle = plan.steps[5..].to_vec();
     let newest = |place: &str| -> &Step {
         let here = |step: &&Step| step.kind == StepKind::Reference && step.label.ends_with(place);
         cycle[..kept].iter().rev().find(here).expect("a reference")
     };
     for place in ["P000", "P090", "P180"] {
-        readings.push(plan_player::play(&mut later, newest(place), FIRST_REPEAT_AFTER_STOP));
+        readings.push(plan_player::play_step(&mut later, newest(place), FIRST_REPEAT_AFTER_STOP));
     }
-    readings.extend(cycle[kept..].iter().map(|step| plan_player::play(&mut later, step, 0)));
+    readings.extend(cycle[kept..].iter().map(|step| plan_player::play_step(&mut later, step, 0)));
     let estimate = method.identify(&plan, &readings).expect("an estimate");
 
     // The middle of the measuring time, without the interruption.
@@ -222,7 +222,7 @@ fn regress_u_is_true_across_an_interruption() {
     for world in 0..worlds {
         let kept = 8 + (world as usize * 7) % 52;
         let share = ((world + 1) as f64 * 0.618034).fract();
-        let (estimate, truth) = interrupted(9000 + world, kept, share);
+        let (estimate, truth) = estimate_of_interrupted_run(9000 + world, kept, share);
         sum += chi2(&estimate, truth) / 4.0;
     }
     assert_mean(sum / worlds as f64, worlds);

@@ -5,7 +5,7 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
-fn trued(state: &TempDir, arguments: &[&str]) -> Output {
+fn run_trued(state: &TempDir, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trued"))
         .args(arguments)
         .arg("--state")
@@ -14,50 +14,51 @@ fn trued(state: &TempDir, arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-const MACHINE: &str = include_str!("../../config/simulated.toml");
+const MACHINE_FILE: &str = include_str!("../../config/simulated.toml");
 
 /// Runs a changed machine file; returns the exit code and the message.
-fn refused(machine: &str) -> (Option<i32>, String) {
+fn exit_code_and_error(machine: &str) -> (Option<i32>, String) {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
     std::fs::write(&file, machine).unwrap();
-    let output = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"]);
+    let output = run_trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string(), "--json"]);
     assert!(output.stdout.is_empty(), "an estimate in spite of everything");
     (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
-fn line_of(text: &str, key: &str) -> usize {
+fn line_number(text: &str, key: &str) -> usize {
     text.lines().position(|line| line.starts_with(key)).expect("the key") + 1
 }
 
 fn regress_an_unknown_key_names_file_line_key_and_the_nearest() {
-    let machine = MACHINE.replace("ball_radius_mm", "ball_radus_mm");
-    let (code, said) = refused(&machine);
+    let machine = MACHINE_FILE.replace("ball_radius_mm", "ball_radus_mm");
+    let (code, said) = exit_code_and_error(&machine);
     assert_eq!(code, Some(1), "{said}");
-    let line = line_of(&machine, "ball_radus_mm");
+    let line = line_number(&machine, "ball_radus_mm");
     assert!(said.contains(&format!("shop.toml:{line}")), "{said}");
     assert!(said.contains("ball_radus_mm") && said.contains("`ball_radius_mm`"), "{said}");
 }
 
 fn regress_a_wrong_unit_names_the_right_one() {
-    let (code, said) = refused(&MACHINE.replace("\nradius_mm", "\nradius_um"));
+    let (code, said) = exit_code_and_error(&MACHINE_FILE.replace("\nradius_mm", "\nradius_um"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("radius_um") && said.contains("`radius_mm`"), "{said}");
 }
 
 fn regress_a_rank_deficient_design_names_a_better_one() {
-    let machine = format!("{MACHINE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
-    let (code, said) = refused(&machine);
+    let machine = format!("{MACHINE_FILE}\n[method.self-calibration]\npositions = 16\nprobe_angles_deg = [0, 45]\n");
+    let (code, said) = exit_code_and_error(&machine);
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("[0, 22.5]"), "{said}");
 }
 
-fn with_controller(lines: &str) -> String {
-    MACHINE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
+fn machine_with_controller(lines: &str) -> String {
+    MACHINE_FILE.replace("kind = \"simulated\"\n", &format!("{lines}\n")).replace("wire = \"memory\"\n", "")
 }
 
-fn regress_a_missing_port_says_so() {
-    let (code, said) = refused(&with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
+fn regress_a_missing_port_is_reported() {
+    let (code, said) =
+        exit_code_and_error(&machine_with_controller("kind = \"grbl\"\nserial = \"/dev/ttyNOSUCH7\"\nbaud = 115200"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("/dev/ttyNOSUCH7 does not exist"), "{said}");
 }
@@ -77,24 +78,25 @@ fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
                 }
             }
         });
-        let (code, said) = refused(&with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
+        let (code, said) =
+            exit_code_and_error(&machine_with_controller(&format!("kind = \"grbl\"\ntcp = \"127.0.0.1:{port}\"")));
         assert_eq!(code, Some(1), "{said}");
         assert!(said.contains(named), "{said}");
         server.join().unwrap();
     }
 }
 
-fn regress_usage_errors_end_with_2() {
+fn regress_usage_errors_exit_with_2() {
     let state = TempDir::new().unwrap();
-    assert_eq!(trued(&state, &["run"]).status.code(), Some(2));
-    assert_eq!(trued(&state, &["nonsense"]).status.code(), Some(2));
-    let unknown = trued(&state, &["run", "self-calibrate"]);
+    assert_eq!(run_trued(&state, &["run"]).status.code(), Some(2));
+    assert_eq!(run_trued(&state, &["nonsense"]).status.code(), Some(2));
+    let unknown = run_trued(&state, &["run", "self-calibrate"]);
     assert_eq!(unknown.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("self-calibration"));
 }
 
 fn regress_a_part_that_lies_down_is_refused() {
-    let (code, said) = refused(&MACHINE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
+    let (code, said) = exit_code_and_error(&MACHINE_FILE.replace("axis = [0.0, 0.0, 1.0]", "axis = [1.0, 0.0, 0.0]"));
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("upright") && said.contains("nothing has moved"), "{said}");
 }
@@ -103,9 +105,9 @@ fn regress_a_limit_that_nothing_answers_to_is_named() {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
     let machine =
-        format!("{MACHINE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n");
+        format!("{MACHINE_FILE}\n[tolerance]\nEX0Q_um = 3.0\n[method.self-calibration]\nmonte_carlo_trials = 100\n");
     std::fs::write(&file, machine).unwrap();
-    let run = trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
+    let run = run_trued(&state, &["run", "self-calibration", "--machine", &file.display().to_string()]);
     assert_eq!(run.status.code(), Some(4));
     let said = String::from_utf8_lossy(&run.stdout);
     assert!(said.contains("limit for EX0Q in µm matches no parameter"), "{said}");
@@ -128,7 +130,7 @@ fn regress_settings_that_cannot_work_are_refused_before_motion() {
         ("positions = 4", "choose positions = 8"),
         ("probe_angles_deg = [0, 50]", "not a multiple"),
     ] {
-        let (code, said) = refused(&format!("{MACHINE}\n[method.self-calibration]\n{setting}\n"));
+        let (code, said) = exit_code_and_error(&format!("{MACHINE_FILE}\n[method.self-calibration]\n{setting}\n"));
         assert_eq!(code, Some(1), "{setting}: {said}");
         assert!(said.contains(named) && said.contains("nothing has moved"), "{setting}: {said}");
     }
@@ -139,9 +141,9 @@ pub fn trials() -> Trials {
         regress_an_unknown_key_names_file_line_key_and_the_nearest,
         regress_a_wrong_unit_names_the_right_one,
         regress_a_rank_deficient_design_names_a_better_one,
-        regress_a_missing_port_says_so,
+        regress_a_missing_port_is_reported,
         regress_a_port_that_answers_nothing_or_nonsense_is_told_apart,
-        regress_usage_errors_end_with_2,
+        regress_usage_errors_exit_with_2,
         regress_a_part_that_lies_down_is_refused,
         regress_a_limit_that_nothing_answers_to_is_named,
         regress_settings_that_cannot_work_are_refused_before_motion,

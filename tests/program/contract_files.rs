@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 use trued::report::readings_csv;
 
 /// A hand-written plan with only the keys of the contract.
-fn plan() -> Value {
+fn plan_json() -> Value {
     json!({
         "trued_plan": 1,
         "method": "self-calibration",
@@ -43,7 +43,7 @@ fn plan() -> Value {
     })
 }
 
-fn estimate() -> Value {
+fn estimate_json() -> Value {
     json!({
         "trued_estimate": 1,
         "method": "self-calibration",
@@ -63,32 +63,32 @@ fn estimate() -> Value {
 }
 
 /// Asserts that every key of `given` is in `made` with the same value; `made` may have more keys.
-fn assert_holds(made: &Value, given: &Value, at: &str) {
+fn assert_contains(made: &Value, given: &Value, at: &str) {
     match (made, given) {
         (Value::Object(made), Value::Object(given)) => {
             for (key, value) in given {
                 let found = made.get(key).unwrap_or_else(|| panic!("{at}.{key} is missing"));
-                assert_holds(found, value, &format!("{at}.{key}"));
+                assert_contains(found, value, &format!("{at}.{key}"));
             }
         }
         (Value::Array(made), Value::Array(given)) => {
             assert_eq!(made.len(), given.len(), "{at}");
             for (n, (made, given)) in made.iter().zip(given).enumerate() {
-                assert_holds(made, given, &format!("{at}[{n}]"));
+                assert_contains(made, given, &format!("{at}[{n}]"));
             }
         }
         _ => assert_eq!(made, given, "{at}"),
     }
 }
 
-fn keys(value: &Value) -> Vec<&str> {
+fn json_keys(value: &Value) -> Vec<&str> {
     let mut keys: Vec<_> = value.as_object().unwrap().keys().map(String::as_str).collect();
     keys.sort_unstable();
     keys
 }
 
 fn a_plan_by_hand_is_understood() {
-    let plan: Plan = serde_json::from_value(plan()).unwrap();
+    let plan: Plan = serde_json::from_value(plan_json()).unwrap();
     assert_eq!((plan.trued_plan, plan.method.as_str()), (1, "self-calibration"));
     assert_eq!(plan.settings["n"], 8);
     assert_eq!(plan.machine.topology, "w-C-B-X-F-Z-Y-S-t");
@@ -115,11 +115,11 @@ fn a_plan_by_hand_is_understood() {
 }
 
 fn a_plan_is_written_with_the_keys_of_the_contract() {
-    let typed: Plan = serde_json::from_value(plan()).unwrap();
+    let typed: Plan = serde_json::from_value(plan_json()).unwrap();
     let made = serde_json::to_value(&typed).unwrap();
-    assert_holds(&made, &plan(), "plan");
-    assert_eq!(keys(&made), keys(&plan()));
-    assert_eq!(keys(&made["steps"][0]), keys(&plan()["steps"][0]));
+    assert_contains(&made, &plan_json(), "plan");
+    assert_eq!(json_keys(&made), json_keys(&plan_json()));
+    assert_eq!(json_keys(&made["steps"][0]), json_keys(&plan_json()["steps"][0]));
     for (kind, text) in [
         (StepKind::Index, "index"),
         (StepKind::Touch, "touch"),
@@ -132,7 +132,7 @@ fn a_plan_is_written_with_the_keys_of_the_contract() {
 }
 
 fn an_estimate_by_hand_is_understood() {
-    let estimate: Estimate = serde_json::from_value(estimate()).unwrap();
+    let estimate: Estimate = serde_json::from_value(estimate_json()).unwrap();
     let parameter = &estimate.parameters[0];
     assert_eq!((parameter.symbol.as_str(), parameter.unit), ("EX0C", Unit::Um));
     assert_eq!((parameter.value, parameter.u, parameter.expanded), (49.9, 0.5, 1.28));
@@ -147,19 +147,19 @@ fn an_estimate_by_hand_is_understood() {
     assert_eq!((estimate.degrees_of_freedom, estimate.verdict), (5, Verdict::Undecided));
     assert_eq!(estimate.priors, ["ba7816bf"]);
 
-    let mut endless = self::estimate();
+    let mut endless = self::estimate_json();
     endless["parameters"][0]["dof"] = Value::Null;
     let endless: Estimate = serde_json::from_value(endless).unwrap();
     assert_eq!(endless.parameters[0].dof, None);
 }
 
 fn an_estimate_is_written_with_the_keys_of_the_contract() {
-    let typed: Estimate = serde_json::from_value(estimate()).unwrap();
+    let typed: Estimate = serde_json::from_value(estimate_json()).unwrap();
     let made = serde_json::to_value(&typed).unwrap();
-    assert_holds(&made, &estimate(), "estimate");
-    assert_eq!(keys(&made), keys(&estimate()));
-    assert_eq!(keys(&made["parameters"][0]), keys(&estimate()["parameters"][0]));
-    assert_eq!(keys(&made["covariance"]), ["rows", "symbols"]);
+    assert_contains(&made, &estimate_json(), "estimate");
+    assert_eq!(json_keys(&made), json_keys(&estimate_json()));
+    assert_eq!(json_keys(&made["parameters"][0]), json_keys(&estimate_json()["parameters"][0]));
+    assert_eq!(json_keys(&made["covariance"]), ["rows", "symbols"]);
     let text = |value: Value| value.as_str().unwrap().to_owned();
     let units = [Unit::Um, Unit::Urad, Unit::UmPerM, Unit::Mm];
     let units = units.map(|unit| text(serde_json::to_value(unit).unwrap()));
@@ -170,18 +170,18 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
 }
 
 /// A file read from JSON and written again has identical numbers.
-fn numbers_survive_the_files() {
+fn numbers_are_kept_bit_for_bit() {
     let mut random = estimation::random::seeded_stream(3, &[]);
     for _ in 0..1000 {
         let value: f64 = rand::RngExt::random_range(&mut random, -1e3..1e3);
-        let mut given = estimate();
+        let mut given = estimate_json();
         given["parameters"][0]["value"] = value.into();
         let read: Estimate = serde_json::from_str(&given.to_string()).unwrap();
         assert_eq!(read.parameters[0].value.to_bits(), value.to_bits());
     }
 }
 
-fn readings_by_hand_are_understood() {
+fn hand_written_readings_are_read() {
     let file = "# trued-readings 1\n# mill, by hand\n\
         step,repeat,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg,value_mm,sensor,t_s,flag,temp_table_c\n\
         0,0,48.001,0.5,62,,0,45,-90,,probe,12.5,,20.25\n\
@@ -210,7 +210,7 @@ pub fn trials() -> Trials {
         a_plan_is_written_with_the_keys_of_the_contract,
         an_estimate_by_hand_is_understood,
         an_estimate_is_written_with_the_keys_of_the_contract,
-        numbers_survive_the_files,
-        readings_by_hand_are_understood,
+        numbers_are_kept_bit_for_bit,
+        hand_written_readings_are_read,
     ]
 }

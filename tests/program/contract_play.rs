@@ -9,41 +9,41 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 /// True position of the C axis, mm.
-const AXIS: [f64; 2] = [0.040, -0.025];
-const QUICK: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n";
+const TRUE_AXIS_MM: [f64; 2] = [0.040, -0.025];
+const QUICK_SETTINGS: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n";
 /// Centre of the part at C = 0, mm.
-const PART: [f64; 2] = [0.25, 0.15];
+const PART_CENTRE_MM: [f64; 2] = [0.25, 0.15];
 
-fn trued(arguments: &[&str]) -> Output {
+fn run_trued(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_trued")).args(arguments).output().expect("the program starts")
 }
 
-fn number(value: &Value, path: &[&str]) -> f64 {
+fn json_number(value: &Value, path: &[&str]) -> f64 {
     let found = path.iter().fold(value, |v, key| &v[*key]);
     found.as_f64().unwrap_or_else(|| panic!("no number at {path:?}"))
 }
 
 /// Contact of one touch, mm: the ball centre is at `reach` from the part's axis, or on its top face.
-fn contact(plan: &Value, step: &Value) -> [f64; 3] {
-    let height = number(step, &["from", "Z"]);
-    if number(&step["normal"][2], &[]) > 0.5 {
-        let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]].map(|path| number(plan, &path));
+fn contact_position(plan: &Value, step: &Value) -> [f64; 3] {
+    let height = json_number(step, &["from", "Z"]);
+    if json_number(&step["normal"][2], &[]) > 0.5 {
+        let [top, ball] = [["artefact", "height_mm"], ["probe", "ball_radius_mm"]].map(|path| json_number(plan, &path));
         let z = top + ball - plan["machine"]["tool_mm"][2].as_f64().unwrap();
-        assert!(number(step, &["to", "Z"]) < z && z < height, "step {} misses", step["id"]);
-        return [number(step, &["from", "X"]), number(step, &["from", "Y"]), z];
+        assert!(json_number(step, &["to", "Z"]) < z && z < height, "step {} misses", step["id"]);
+        return [json_number(step, &["from", "X"]), json_number(step, &["from", "Y"]), z];
     }
     let tool: Vec<f64> = (0..3).map(|i| plan["machine"]["tool_mm"][i].as_f64().unwrap()).collect();
     let sense = match plan["machine"]["axes"]["C"]["positive"].as_str().unwrap() {
         "iso" => 1.0,
         _ => -1.0,
     };
-    let c = sense * number(step, &["from", "C"]).to_radians();
+    let c = sense * json_number(step, &["from", "C"]).to_radians();
     // C positive turns the part clockwise seen from +Z (ISO 841, workpiece side).
-    let (dx, dy) = (PART[0] - AXIS[0], PART[1] - AXIS[1]);
-    let centre = [AXIS[0] + c.cos() * dx + c.sin() * dy, AXIS[1] - c.sin() * dx + c.cos() * dy];
-    let reach = number(plan, &["artefact", "radius_mm"]) + number(plan, &["probe", "ball_radius_mm"]);
-    let start: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["from", a]) + t).collect();
-    let end: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| number(step, &["to", a]) + t).collect();
+    let (dx, dy) = (PART_CENTRE_MM[0] - TRUE_AXIS_MM[0], PART_CENTRE_MM[1] - TRUE_AXIS_MM[1]);
+    let centre = [TRUE_AXIS_MM[0] + c.cos() * dx + c.sin() * dy, TRUE_AXIS_MM[1] - c.sin() * dx + c.cos() * dy];
+    let reach = json_number(plan, &["artefact", "radius_mm"]) + json_number(plan, &["probe", "ball_radius_mm"]);
+    let start: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| json_number(step, &["from", a]) + t).collect();
+    let end: Vec<f64> = ["X", "Y"].iter().zip(&tool).map(|(a, t)| json_number(step, &["to", a]) + t).collect();
     let way = [end[0] - start[0], end[1] - start[1]];
     let off = [start[0] - centre[0], start[1] - centre[1]];
     let a = way[0] * way[0] + way[1] * way[1];
@@ -54,83 +54,84 @@ fn contact(plan: &Value, step: &Value) -> [f64; 3] {
 }
 
 /// Readings with columns in a different order, including rotary axes and times.
-fn readings(plan: &Value) -> String {
+fn played_readings(plan: &Value) -> String {
     let mut csv = "# trued-readings 1\n# played by another program\n".to_owned();
     csv.push_str("t_s,c_deg,step,repeat,y_mm,x_mm,z_mm,b_deg,temp_room_c\n");
     let steps = plan["steps"].as_array().unwrap().iter();
     // A prompt moves nothing.
     let moves = steps.filter(|step| step["kind"] != "prompt");
     for (i, step) in moves.enumerate() {
-        let [x, y, z] = contact(plan, step);
-        let (b, c) = (number(step, &["from", "B"]), number(step, &["from", "C"]));
+        let [x, y, z] = contact_position(plan, step);
+        let (b, c) = (json_number(step, &["from", "B"]), json_number(step, &["from", "C"]));
         let id = step["id"].as_u64().unwrap();
         writeln!(csv, "{},{c},{id},0,{y},{x},{z},{b},20.5", 5 * i).unwrap();
     }
     csv
 }
 
-fn written(folder: &Path, name: &str, text: &str) -> String {
+fn write_file(folder: &Path, name: &str, text: &str) -> String {
     let file = folder.join(name);
     std::fs::write(&file, text).unwrap();
     file.display().to_string()
 }
 
-fn regress_another_program_plays_the_plan_and_feeds_identify() {
+fn regress_readings_of_another_program_are_identified() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = trued(&["plan", "self-calibration", "--json"]);
+    let printed = run_trued(&["plan", "self-calibration", "--json"]);
     assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
     assert_eq!(plan["trued_plan"], 1);
 
-    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
-    let csv_file = written(folder.path(), "readings.csv", &readings(&plan));
-    let identified = trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file, "--json"]);
+    let plan_file = write_file(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let csv_file = write_file(folder.path(), "readings.csv", &played_readings(&plan));
+    let identified =
+        run_trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file, "--json"]);
     assert!(identified.status.success(), "{}", String::from_utf8_lossy(&identified.stderr));
     let estimate: Value = serde_json::from_slice(&identified.stdout).unwrap();
-    for (symbol, truth) in [("EX0C", AXIS[0]), ("EY0C", AXIS[1])] {
+    for (symbol, truth) in [("EX0C", TRUE_AXIS_MM[0]), ("EY0C", TRUE_AXIS_MM[1])] {
         let parameters = estimate["parameters"].as_array().unwrap();
         let found = parameters.iter().find(|p| p["symbol"] == symbol).unwrap();
         assert_eq!(found["unit"], "um");
-        let off = number(found, &["value"]) - truth * 1e3;
+        let off = json_number(found, &["value"]) - truth * 1e3;
         // Exact geometry; the remaining error is of third order in the offsets.
         assert!(off.abs() < 0.2, "{symbol} is off by {off} um");
     }
 }
 
 /// A plan of the built-in machine with few Monte Carlo trials.
-fn quick_plan(folder: &Path) -> Output {
-    let text = include_str!("../../config/simulated.toml").to_owned() + QUICK;
-    let machine = written(folder, "quick.toml", &text);
-    trued(&["plan", "self-calibration", "--machine", &machine, "--json"])
+fn plan_quickly(folder: &Path) -> Output {
+    let text = include_str!("../../config/simulated.toml").to_owned() + QUICK_SETTINGS;
+    let machine = write_file(folder, "quick.toml", &text);
+    run_trued(&["plan", "self-calibration", "--machine", &machine, "--json"])
 }
 
-fn identified(folder: &Path, plan_file: &str, csv: &str) -> (Output, Value) {
-    let csv_file = written(folder, "other.csv", csv);
-    let output = trued(&["identify", "self-calibration", "--plan", plan_file, "--readings", &csv_file, "--json"]);
+fn identify(folder: &Path, plan_file: &str, csv: &str) -> (Output, Value) {
+    let csv_file = write_file(folder, "other.csv", csv);
+    let output = run_trued(&["identify", "self-calibration", "--plan", plan_file, "--readings", &csv_file, "--json"]);
     let estimate = serde_json::from_slice(&output.stdout).unwrap_or_default();
     (output, estimate)
 }
 
-fn u_of(estimate: &Value) -> f64 {
-    number(&estimate["parameters"][0], &["u"])
+fn u_of_axis(estimate: &Value) -> f64 {
+    json_number(&estimate["parameters"][0], &["u"])
 }
 
 /// Readings without times must not give a smaller U. A full turn added to C changes nothing. Readings that are all
 /// excluded, that lack one time, and a plan without normals are refused.
-fn regress_odd_but_honest_readings() {
+fn regress_unusual_readings_are_accepted() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = quick_plan(folder.path());
+    let printed = plan_quickly(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
-    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
-    let good = readings(&plan);
-    let (_, timed) = identified(folder.path(), &plan_file, &good);
+    let plan_file = write_file(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let good = played_readings(&plan);
+    let (_, timed) = identify(folder.path(), &plan_file, &good);
 
     let rows = good.lines().enumerate().map(|(i, line)| match line.split_once(',') {
         Some((_, rest)) if i >= 2 => format!("{rest}\n"),
         _ => format!("{line}\n"),
     });
-    let (_, untimed) = identified(folder.path(), &plan_file, &rows.collect::<String>());
-    assert!(u_of(&untimed) >= 0.99 * u_of(&timed), "{} {}", u_of(&untimed), u_of(&timed));
+    let (_, untimed) = identify(folder.path(), &plan_file, &rows.collect::<String>());
+    assert!(u_of_axis(&untimed) >= 0.99 * u_of_axis(&timed), "{} {}", u_of_axis(&untimed), u_of_axis(&timed));
     assert!(untimed["warnings"].to_string().contains("no times"));
 
     let turned: String = good
@@ -141,15 +142,15 @@ fn regress_odd_but_honest_readings() {
         })
         .collect();
     assert_ne!(turned, good);
-    let (_, turned) = identified(folder.path(), &plan_file, &turned);
-    assert!((u_of(&turned) - u_of(&timed)).abs() < 1e-9);
+    let (_, turned) = identify(folder.path(), &plan_file, &turned);
+    assert!((u_of_axis(&turned) - u_of_axis(&timed)).abs() < 1e-9);
 
     let flagged = good.replace("temp_room_c", "flag").replace(",20.5", ",excluded");
-    let (output, _) = identified(folder.path(), &plan_file, &flagged);
+    let (output, _) = identify(folder.path(), &plan_file, &flagged);
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("all readings are flagged"));
 
-    let (output, _) = identified(folder.path(), &plan_file, &good.replacen("\n25,", "\n,", 1));
+    let (output, _) = identify(folder.path(), &plan_file, &good.replacen("\n25,", "\n,", 1));
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("t_s"));
 
@@ -158,18 +159,18 @@ fn regress_odd_but_honest_readings() {
         "\"normal\": [\n        0.0",
         9,
     );
-    let crooked_file = written(folder.path(), "crooked.json", &crooked);
-    let (output, _) = identified(folder.path(), &crooked_file, &good);
+    let crooked_file = write_file(folder.path(), "crooked.json", &crooked);
+    let (output, _) = identify(folder.path(), &crooked_file, &good);
     assert_eq!(output.status.code(), Some(1), "a plan without normals");
 }
 
 /// Each bad file, with a part of the message that names the error. No error is silently accepted.
 fn regress_bad_readings_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = quick_plan(folder.path());
+    let printed = plan_quickly(folder.path());
     let plan: Value = serde_json::from_slice(&printed.stdout).unwrap();
-    let plan_file = written(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
-    let good = readings(&plan);
+    let plan_file = write_file(folder.path(), "plan.json", &String::from_utf8_lossy(&printed.stdout));
+    let good = played_readings(&plan);
     let line = |n: usize| good.lines().nth(n).unwrap().to_owned();
     let cases = [
         ("a missing step", good.replace(&format!("{}\n", line(20)), ""), "step 17 ("),
@@ -179,8 +180,8 @@ fn regress_bad_readings_are_refused_by_name() {
         ("an unknown column", good.replacen("x_mm", "x_mmm", 1), "x_mm"),
     ];
     for (what, csv, named) in cases {
-        let csv_file = written(folder.path(), "bad.csv", &csv);
-        let refused = trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file]);
+        let csv_file = write_file(folder.path(), "bad.csv", &csv);
+        let refused = run_trued(&["identify", "self-calibration", "--plan", &plan_file, "--readings", &csv_file]);
         let said = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(1), "{what}: {said}");
         assert!(said.contains(named), "{what}: {said}");
@@ -200,15 +201,15 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
         ("samba", "samba", 1),
         ("laser", "laser-r-test", 2),
     ] {
-        let quick = if method == "self-calibration" { QUICK } else { "" };
+        let quick = if method == "self-calibration" { QUICK_SETTINGS } else { "" };
         let text = std::fs::read_to_string(configs.join(format!("{config}.toml"))).unwrap() + quick;
         for beside in std::fs::read_dir(&configs).unwrap().map(|file| file.unwrap().path()) {
             std::fs::copy(&beside, folder.path().join(beside.file_name().unwrap())).unwrap();
         }
-        let plain = written(folder.path(), &format!("{config}.toml"), &text);
-        let asking = written(folder.path(), &format!("{config}-asking.toml"), &(text + prompts));
+        let plain = write_file(folder.path(), &format!("{config}.toml"), &text);
+        let asking = write_file(folder.path(), &format!("{config}-asking.toml"), &(text + prompts));
         let plan = |machine: &str| {
-            let printed = trued(&["plan", method, "--machine", machine, "--json"]);
+            let printed = run_trued(&["plan", method, "--machine", machine, "--json"]);
             assert!(printed.status.success(), "{}", String::from_utf8_lossy(&printed.stderr));
             serde_json::from_slice::<Value>(&printed.stdout).unwrap()
         };
@@ -224,7 +225,7 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
         }
         assert!(without["steps"].as_array().unwrap()[..] == steps[count..], "{method}");
 
-        let program = trued(&["plan", method, "--machine", &asking, "--gcode", "linuxcnc"]);
+        let program = run_trued(&["plan", method, "--machine", &asking, "--gcode", "linuxcnc"]);
         let told = String::from_utf8_lossy(&program.stderr);
         assert!(program.status.success() && told.contains("collision check passed:"), "{told}");
         let program = String::from_utf8(program.stdout).unwrap();
@@ -234,11 +235,11 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
             continue;
         }
         let identified = |machine: &str, plan: &Value, more: &[&str]| {
-            let csv = written(folder.path(), "readings.csv", &readings(plan));
-            let file = written(folder.path(), "plan.json", &plan.to_string());
+            let csv = write_file(folder.path(), "readings.csv", &played_readings(plan));
+            let file = write_file(folder.path(), "plan.json", &plan.to_string());
             let files = ["--plan", &file, "--readings", &csv, "--json", "--machine", machine];
             let files = if more.is_empty() { &files[..] } else { &files[2..] };
-            let found = trued(&[&["identify", method], files].concat());
+            let found = run_trued(&[&["identify", method], files].concat());
             assert!(found.status.success(), "{}", String::from_utf8_lossy(&found.stderr));
             let mut found: Value = serde_json::from_slice(&found.stdout).unwrap();
             // The plans differ, and so does the provenance.
@@ -253,8 +254,8 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 25;
-        regress_another_program_plays_the_plan_and_feeds_identify,
-        regress_odd_but_honest_readings,
+        regress_readings_of_another_program_are_identified,
+        regress_unusual_readings_are_accepted,
         regress_bad_readings_are_refused_by_name,
         regress_what_asks_a_person_is_played_and_identified_over,
     ]

@@ -18,10 +18,10 @@ use planning::proof::for_tests;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use trued::setup;
 
-const HALTS: usize = 50;
+const HALT_COUNT: usize = 50;
 
 /// Events at the port.
-enum Seen {
+enum PeerEvent {
     Path(String),
     /// The first status request after the motion was sent: the polling has begun.
     Polled,
@@ -29,11 +29,11 @@ enum Seen {
 }
 
 /// A control that never ends a motion, on a pty and a separate thread.
-fn peer(tell: Sender<Seen>) {
+fn run_peer(tell: Sender<PeerEvent>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let mut pty = link::create_pty().unwrap();
-        tell.send(Seen::Path(pty.path.clone())).unwrap();
+        tell.send(PeerEvent::Path(pty.path.clone())).unwrap();
         let (mut line, mut state) = (String::new(), "Idle");
         loop {
             // Serve until the client is silent.
@@ -42,14 +42,14 @@ fn peer(tell: Sender<Seen>) {
             let Ok(Ok(byte)) = byte else { return };
             let answer = match byte {
                 b'!' => {
-                    tell.send(Seen::Halted(Instant::now())).unwrap();
+                    tell.send(PeerEvent::Halted(Instant::now())).unwrap();
                     state = "Hold:0";
                     continue;
                 }
                 // `?`, and the request of a report with all fields.
                 b'?' | 0x87 => {
                     if state == "Run" {
-                        let _ = tell.send(Seen::Polled);
+                        let _ = tell.send(PeerEvent::Polled);
                     }
                     format!("<{state}|MPos:0.000,0.000,0.000,0.000,0.000|Ov:100,100,100|FW:grblHAL>\r\n")
                 }
@@ -74,7 +74,7 @@ fn peer(tell: Sender<Seen>) {
     });
 }
 
-fn block(motions: usize) -> Block {
+fn motion_block(motions: usize) -> Block {
     let to = |i: usize| Position::new().with(Axis::X, i as f64).with(Axis::C, 0.1);
     let motions = (0..motions).map(|i| Motion::Rapid { to: to(i) }).collect();
     Block { step: 1, repeat: 0, motions }
@@ -82,19 +82,19 @@ fn block(motions: usize) -> Block {
 
 /// Renders a long stage as text, as a run does before it moves: some 50 ms.
 fn render(dialect: &Dialect) {
-    let blocks = [(); 10].map(|()| block(500));
+    let blocks = [(); 10].map(|()| motion_block(500));
     let program = ProgramHeader { title: "busy", axes: &[Axis::X, Axis::C], log: None };
     let text = dialect.render_program(&program, &blocks).unwrap();
     dialect.check_program(&text, &blocks).unwrap();
 }
 
-fn patience() -> GrblTimeouts {
+fn long_timeouts() -> GrblTimeouts {
     let ms = Duration::from_millis;
     GrblTimeouts { reply: ms(10_000), poll_interval: ms(5), after_alarm: ms(50), stall: ms(60_000) }
 }
 
 /// The runtime of the run: the driver works on it, and in between it renders continuously.
-fn drive(path: String, give: Sender<Halt>) {
+fn run_driver(path: String, give: Sender<Halt>) {
     let file = setup::load_machine_file(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -102,13 +102,13 @@ fn drive(path: String, give: Sender<Halt>) {
         let dialect = Dialect::from_name("grbl").unwrap();
         let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
         let (driver, halt) = Grbl::new(link, &file.machine, modes);
-        let controller = Controller::spawn(driver.with_timeouts(patience()), halt.clone());
+        let controller = Controller::spawn(driver.with_timeouts(long_timeouts()), halt.clone());
         controller.prepare().await.unwrap();
         let ended = Arc::new(AtomicBool::new(false));
         let end = ended.clone();
         let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
         let axes = [Axis::X, Axis::C];
-        let proven = for_tests::proven_block(&block(1), &axes, &dialect, &transmission).unwrap();
+        let proven = for_tests::proven_block(&motion_block(1), &axes, &dialect, &transmission).unwrap();
         let moving = tokio::spawn(async move {
             let outcome = controller.execute(proven).await;
             end.store(true, Ordering::SeqCst);
@@ -126,19 +126,19 @@ fn drive(path: String, give: Sender<Halt>) {
 }
 
 /// Time from the request to the arrival of the hold.
-fn halt_once(wait: Duration) -> Duration {
-    let (tell, seen): (_, Receiver<Seen>) = channel();
-    std::thread::spawn(move || peer(tell));
-    let Ok(Seen::Path(path)) = seen.recv() else { panic!("no port") };
+fn measure_halt_latency(wait: Duration) -> Duration {
+    let (tell, seen): (_, Receiver<PeerEvent>) = channel();
+    std::thread::spawn(move || run_peer(tell));
+    let Ok(PeerEvent::Path(path)) = seen.recv() else { panic!("no port") };
     let (give, halt) = channel();
-    let run = std::thread::spawn(move || drive(path, give));
+    let run = std::thread::spawn(move || run_driver(path, give));
     let halt = halt.recv().unwrap();
-    assert!(matches!(seen.recv(), Ok(Seen::Polled)), "the driver asks for the status");
+    assert!(matches!(seen.recv(), Ok(PeerEvent::Polled)), "the driver asks for the status");
     std::thread::sleep(wait);
     let asked = Instant::now();
     halt.trigger();
     let arrived = seen.iter().find_map(|seen| match seen {
-        Seen::Halted(at) => Some(at),
+        PeerEvent::Halted(at) => Some(at),
         _ => None,
     });
     run.join().unwrap();
@@ -158,12 +158,12 @@ fn a_halt_is_at_the_port_within_20_ms_whatever_computes() {
         begun.elapsed() / count
     });
     let mut took: Vec<Duration> =
-        (0..HALTS).map(|i| halt_once(Duration::from_micros(3_700 * (i as u64 % 8)))).collect();
+        (0..HALT_COUNT).map(|i| measure_halt_latency(Duration::from_micros(3_700 * (i as u64 % 8)))).collect();
     busy.store(false, Ordering::SeqCst);
     let one = renderer.join().unwrap();
     took.sort();
     println!("one rendering: {one:?}");
-    let (median, worst) = (took[HALTS / 2], took[HALTS - 1]);
+    let (median, worst) = (took[HALT_COUNT / 2], took[HALT_COUNT - 1]);
     println!("halt to port: median {median:?}, 48th {:?}, worst {worst:?}", took[47]);
     assert!(median <= (one / 5).max(Duration::from_millis(5)), "median {median:?}");
     assert!(took[47] <= (one / 3).max(Duration::from_millis(20)), "48th of 50: {:?}", took[47]);

@@ -9,22 +9,22 @@ use std::process::{Child, Command, Output, Stdio};
 use machine::Axis;
 use trued::setup::MachineFile;
 
-const TRUED: &str = env!("CARGO_BIN_EXE_trued");
-const MACHINE: &str = include_str!("../../config/simulated.toml");
+const TRUED_PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
+const MACHINE_FILE: &str = include_str!("../../config/simulated.toml");
 
 /// `trued simulate`, ended with the test.
-struct Simulator {
+struct SimulatorProcess {
     process: Child,
-    at: String,
+    address: String,
 }
 
-impl Simulator {
+impl SimulatorProcess {
     /// Starts with other lines in place of `wire`.
     fn start(folder: &Path, wire: &str) -> Self {
         let file = folder.join("truth.toml");
-        assert!(MACHINE.contains("wire = \"memory\"\n"));
-        std::fs::write(&file, MACHINE.replace("wire = \"memory\"\n", wire)).unwrap();
-        let mut process = Command::new(TRUED)
+        assert!(MACHINE_FILE.contains("wire = \"memory\"\n"));
+        std::fs::write(&file, MACHINE_FILE.replace("wire = \"memory\"\n", wire)).unwrap();
+        let mut process = Command::new(TRUED_PROGRAM)
             .args(["simulate", "--machine"])
             .arg(&file)
             .stdout(Stdio::piped())
@@ -33,43 +33,43 @@ impl Simulator {
             .unwrap();
         let mut at = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut at).unwrap();
-        Self { process, at: at.trim().to_owned() }
+        Self { process, address: at.trim().to_owned() }
     }
 }
 
-impl Drop for Simulator {
+impl Drop for SimulatorProcess {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-fn trued(arguments: &[&str]) -> Output {
-    Command::new(TRUED).args(arguments).output().unwrap()
+fn run_trued(arguments: &[&str]) -> Output {
+    Command::new(TRUED_PROGRAM).args(arguments).output().unwrap()
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-fn a_grbl_writes_most_of_its_machine_file() {
+fn init_reads_most_of_the_machine_file_from_grbl() {
     let folder = tempfile::tempdir().unwrap();
-    let simulator = Simulator::start(folder.path(), "wire = \"pty\"\nbaud = 57600\n");
+    let simulator = SimulatorProcess::start(folder.path(), "wire = \"pty\"\nbaud = 57600\n");
     let file = folder.path().join("mine.toml");
     let to = file.to_str().unwrap();
-    let at = ["init", "--kind", "grbl", "--serial", simulator.at.as_str(), "--to", to];
+    let at = ["init", "--kind", "grbl", "--serial", simulator.address.as_str(), "--to", to];
 
-    let wrong = trued(&at);
-    assert_eq!(wrong.status.code(), Some(1), "{}", said(&wrong));
-    assert!(said(&wrong).contains("wrong baud rate (115200)"), "{}", said(&wrong));
+    let wrong = run_trued(&at);
+    assert_eq!(wrong.status.code(), Some(1), "{}", output_text(&wrong));
+    assert!(output_text(&wrong).contains("wrong baud rate (115200)"), "{}", output_text(&wrong));
     assert!(!file.exists());
-    let search = trued(&[&at[..], &["--search"]].concat());
-    assert!(said(&search).contains("communicates at 57600 baud"), "{}", said(&search));
+    let search = run_trued(&[&at[..], &["--search"]].concat());
+    assert!(output_text(&search).contains("communicates at 57600 baud"), "{}", output_text(&search));
 
-    let init = trued(&[&at[..], &["--baud", "57600"]].concat());
-    assert_eq!(init.status.code(), Some(0), "{}", said(&init));
+    let init = run_trued(&[&at[..], &["--baud", "57600"]].concat());
+    assert_eq!(init.status.code(), Some(0), "{}", output_text(&init));
     let drafted = MachineFile::read(&file).unwrap();
-    let truth = MachineFile::parse("truth.toml", MACHINE.to_owned()).unwrap().machine;
+    let truth = MachineFile::parse("truth.toml", MACHINE_FILE.to_owned()).unwrap().machine;
     for axis in [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C] {
         let (drafted, truth) = (&drafted.machine.axes[&axis], &truth.axes[&axis]);
         assert_eq!(drafted.rapid_per_min, truth.rapid_per_min, "{axis}");
@@ -77,48 +77,48 @@ fn a_grbl_writes_most_of_its_machine_file() {
         assert_eq!(drafted.max - drafted.min, truth.max - truth.min, "{axis}");
     }
     assert_eq!(drafted.machine.topology, truth.topology);
-    let plan = trued(&["plan", "self-calibration", "--machine", to]);
-    assert_eq!(plan.status.code(), Some(0), "{}", said(&plan));
+    let plan = run_trued(&["plan", "self-calibration", "--machine", to]);
+    assert_eq!(plan.status.code(), Some(0), "{}", output_text(&plan));
 
     let text = std::fs::read_to_string(&file).unwrap();
-    let again = trued(&[&at[..], &["--baud", "57600"]].concat());
+    let again = run_trued(&[&at[..], &["--baud", "57600"]].concat());
     assert_eq!(again.status.code(), Some(1));
-    assert!(said(&again).contains("exists already"), "{}", said(&again));
+    assert!(output_text(&again).contains("exists already"), "{}", output_text(&again));
     assert_eq!(std::fs::read_to_string(&file).unwrap(), text);
 }
 
 fn a_window_of_registers_tells_less_and_that_is_said() {
     let folder = tempfile::tempdir().unwrap();
-    let simulator = Simulator::start(folder.path(), "speaks = \"modbus\"\n");
-    let init = trued(&["init", "--kind", "modbus", "--tcp", &simulator.at, "--name", "a \"mill\""]);
-    assert_eq!(init.status.code(), Some(0), "{}", said(&init));
+    let simulator = SimulatorProcess::start(folder.path(), "speaks = \"modbus\"\n");
+    let init = run_trued(&["init", "--kind", "modbus", "--tcp", &simulator.address, "--name", "a \"mill\""]);
+    assert_eq!(init.status.code(), Some(0), "{}", output_text(&init));
     let text = String::from_utf8(init.stdout).unwrap();
     let drafted = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     assert_eq!(drafted.machine.name, "a \"mill\"");
     assert_eq!(drafted.machine.axes[&Axis::X].resolution_um, 1.0);
     assert!(text.contains("YOURS: travel in machine coordinates; the control does not report it"));
-    assert!(text.contains(&format!("tcp = \"{}\"", simulator.at)));
+    assert!(text.contains(&format!("tcp = \"{}\"", simulator.address)));
 }
 
 fn regress_a_missing_folder_of_programs_is_told_by_its_option() {
-    let init = trued(&["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1"]);
-    assert_eq!(init.status.code(), Some(2), "{}", said(&init));
-    assert!(said(&init).contains("--program-dir <DIR>"), "{}", said(&init));
+    let init = run_trued(&["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1"]);
+    assert_eq!(init.status.code(), Some(2), "{}", output_text(&init));
+    assert!(output_text(&init).contains("--program-dir <DIR>"), "{}", output_text(&init));
 }
 
 fn regress_a_missing_ini_file_is_named_by_its_option() {
     let folder = tempfile::tempdir().unwrap();
     let programs = folder.path().display().to_string();
     let at = ["init", "--kind", "linuxcnc", "--tcp", "127.0.0.1:1", "--program-dir", &programs];
-    let init = trued(&[&at[..], &["--ini", "none.ini"]].concat());
-    assert_eq!(init.status.code(), Some(1), "{}", said(&init));
-    assert!(said(&init).contains("--ini: the file none.ini does not exist"), "{}", said(&init));
-    assert!(!said(&init).contains("--search"), "{}", said(&init));
+    let init = run_trued(&[&at[..], &["--ini", "none.ini"]].concat());
+    assert_eq!(init.status.code(), Some(1), "{}", output_text(&init));
+    assert!(output_text(&init).contains("--ini: the file none.ini does not exist"), "{}", output_text(&init));
+    assert!(!output_text(&init).contains("--search"), "{}", output_text(&init));
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
-        a_grbl_writes_most_of_its_machine_file,
+        init_reads_most_of_the_machine_file_from_grbl,
         a_window_of_registers_tells_less_and_that_is_said,
         regress_a_missing_folder_of_programs_is_told_by_its_option,
         regress_a_missing_ini_file_is_named_by_its_option,

@@ -5,24 +5,24 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-const MACHINE: &str = include_str!("../../config/simulated.toml");
+const MACHINE_FILE: &str = include_str!("../../config/simulated.toml");
 
-fn trued(state: &std::path::Path, arguments: &[&str]) -> Output {
+fn run_trued(state: &std::path::Path, arguments: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.arg("--state").arg(state).args(arguments).output().unwrap()
 }
 
 /// Estimate of a run of the built-in machine with `wire` in place of its own and with the additional `truth`.
-fn run(wire: &str, truth: &str) -> Value {
+fn run_latch_delay(wire: &str, truth: &str) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let machine =
-        MACHINE.replace("wire = \"memory\"", wire).replace("[simulated]\n", &format!("[simulated]\n{truth}\n"));
+        MACHINE_FILE.replace("wire = \"memory\"", wire).replace("[simulated]\n", &format!("[simulated]\n{truth}\n"));
     let file = folder.path().join("machine.toml");
     std::fs::write(&file, machine).unwrap();
     let report = folder.path().join("report.html");
     let report = report.to_str().unwrap();
     let arguments = ["run", "latch-delay", "--machine", file.to_str().unwrap(), "--json", "--report", report];
-    let ran = trued(folder.path(), &arguments);
+    let ran = run_trued(folder.path(), &arguments);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let page = std::fs::read_to_string(report).unwrap();
     assert!(page.contains(">latch</sub>") && page.contains("ms</td>"));
@@ -37,7 +37,7 @@ fn parameter(estimate: &Value, symbol: &str) -> (f64, f64, bool) {
 }
 
 fn over_grbl_the_delay_of_the_control_is_found() {
-    let estimate = run("wire = \"pty\"", "latch = { delay_ms = 4.0 }");
+    let estimate = run_latch_delay("wire = \"pty\"", "latch = { delay_ms = 4.0 }");
     let (delay, expanded, _) = parameter(&estimate, "t_latch");
     assert!((delay - 4.0).abs() <= expanded && expanded < 0.3, "{delay} {expanded}");
     assert!(!parameter(&estimate, "T_scan").2);
@@ -47,13 +47,13 @@ fn over_grbl_the_delay_of_the_control_is_found() {
 fn over_modbus_a_latch_in_the_plc_is_found() {
     let wire = "speaks = \"modbus\"\nwire = \"tcp\"";
     let fault = "[[simulated.fault]]\nkind = \"slow-latch\"\n";
-    let machine = MACHINE.replace("wire = \"memory\"", wire);
-    assert_ne!(machine, MACHINE);
+    let machine = MACHINE_FILE.replace("wire = \"memory\"", wire);
+    assert_ne!(machine, MACHINE_FILE);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("machine.toml");
     std::fs::write(&file, format!("{machine}\n{fault}")).unwrap();
     let arguments = ["run", "latch-delay", "--machine", file.to_str().unwrap(), "--json"];
-    let ran = trued(folder.path(), &arguments);
+    let ran = run_trued(folder.path(), &arguments);
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let estimate: Value = serde_json::from_slice(&ran.stdout).unwrap();
     let (scan, expanded, seen) = parameter(&estimate, "T_scan");

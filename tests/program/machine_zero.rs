@@ -8,12 +8,12 @@ use std::process::{Command, Output};
 use serde_json::Value;
 use toml::Table;
 
-const GRBLHAL: &str = include_str!("../../config/grblhal-serial.toml");
-const SIMULATED: &str = include_str!("../../config/simulated.toml");
-const LASER: &str = include_str!("../../config/laser.toml");
-const SAMBA: &str = include_str!("../../config/samba.toml");
+const GRBLHAL_MACHINE: &str = include_str!("../../config/grblhal-serial.toml");
+const SIMULATED_MACHINE: &str = include_str!("../../config/simulated.toml");
+const LASER_MACHINE: &str = include_str!("../../config/laser.toml");
+const SAMBA_MACHINE: &str = include_str!("../../config/samba.toml");
 
-pub fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
+pub fn run_trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
     let path = folder.join("machine.toml");
     std::fs::write(&path, toml::to_string(machine).unwrap()).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
@@ -22,14 +22,14 @@ pub fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
 
 /// JSON output of the program; exit code 3 is a verdict.
 #[track_caller]
-pub fn json(machine: &Table, arguments: &[&str]) -> Value {
+pub fn run_json(machine: &Table, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let state = folder.path().join("state");
     let mut arguments = arguments.to_vec();
     if arguments[0] == "run" {
         arguments.extend(["--speed", "fast", "--state", state.to_str().unwrap()]);
     }
-    let output = trued(folder.path(), machine, &arguments);
+    let output = run_trued(folder.path(), machine, &arguments);
     let messages = String::from_utf8_lossy(&output.stderr);
     assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {messages}");
     serde_json::from_slice(&output.stdout).unwrap()
@@ -53,7 +53,7 @@ pub fn assert_within_u(estimate: &Value, symbol: &str, truth: f64) {
 
 /// The machine without drift and without errors of X, Y and Z: in machine coordinates the rotary axis is at the
 /// position in the file.
-pub fn straight(machine: &str) -> Table {
+pub fn straight_machine(machine: &str) -> Table {
     let mut machine: Table = machine.parse().unwrap();
     machine["machine"]["drift_um_per_h"] = 0.0.into();
     for axis in ["X", "Y", "Z"] {
@@ -65,7 +65,7 @@ pub fn straight(machine: &str) -> Table {
 /// config/grblhal-serial.toml with the simulated grblHAL, its C axis stated at `stated` and truly at X -149.95, Y
 /// -100.03 mm.
 fn corner_machine(stated: [f64; 2]) -> Table {
-    let mut machine = straight(GRBLHAL);
+    let mut machine = straight_machine(GRBLHAL_MACHINE);
     machine["controller"] = Table::from_iter([("kind".into(), "simulated".into())]).into();
     let point = [stated[0], stated[1], -265.0].map(toml::Value::from).to_vec();
     machine["axes"]["C"]["point_mm"] = point.into();
@@ -76,14 +76,14 @@ fn corner_machine(stated: [f64; 2]) -> Table {
 }
 
 fn the_axis_is_measured_against_its_stated_place() {
-    let estimate = json(&corner_machine([-150.0, -100.0]), &["run", "self-calibration", "--json"]);
+    let estimate = run_json(&corner_machine([-150.0, -100.0]), &["run", "self-calibration", "--json"]);
     assert_within_u(&estimate, "EX0C", 50.0);
     assert_within_u(&estimate, "EY0C", -30.0);
     assert_within_u(&estimate, "X_C", -149.95);
     assert_within_u(&estimate, "Y_C", -100.03);
 
     let found = ["X_C", "Y_C"].map(|symbol| parameter(&estimate, symbol)[0]);
-    let corrected = json(&corner_machine(found), &["run", "self-calibration", "--json"]);
+    let corrected = run_json(&corner_machine(found), &["run", "self-calibration", "--json"]);
     assert_within_u(&corrected, "EX0C", 0.0);
     assert_within_u(&corrected, "EY0C", 0.0);
     assert_within_u(&corrected, "X_C", -149.95);
@@ -95,7 +95,7 @@ fn the_axis_is_measured_against_its_stated_place() {
 }
 
 /// The machine with its zero moved by `zero` (X, Y, Z): positions on the table count from the new zero.
-fn zero_moved(machine: &str, zero: [f64; 3]) -> Table {
+fn machine_with_moved_zero(machine: &str, zero: [f64; 3]) -> Table {
     let mut machine: Table = machine.parse().unwrap();
     let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|integer| integer as f64)).unwrap();
     let shifted = |point: Option<&toml::Value>| -> toml::Value {
@@ -130,16 +130,17 @@ fn zero_moved(machine: &str, zero: [f64; 3]) -> Table {
 }
 
 /// A plan has the same positions on table and part for every zero of the linear axes.
-fn a_plan_moves_with_the_zero() {
+fn plan_moves_with_the_machine_zero() {
     let cases = [
-        ("self-calibration", SIMULATED, [250.0, 250.0, 450.0]),
-        ("latch-delay", SIMULATED, [250.0, 250.0, 450.0]),
-        ("laser-r-test", LASER, [210.0, 105.0, 420.0]),
+        ("self-calibration", SIMULATED_MACHINE, [250.0, 250.0, 450.0]),
+        ("latch-delay", SIMULATED_MACHINE, [250.0, 250.0, 450.0]),
+        ("laser-r-test", LASER_MACHINE, [210.0, 105.0, 420.0]),
     ];
     for (method, machine, corner) in cases {
         let arguments = ["plan", method, "--json"];
-        let [middle, moved] = [[0.0; 3], corner]
-            .map(|zero| json(&zero_moved(machine, zero), &arguments)["steps"].as_array().unwrap().clone());
+        let [middle, moved] = [[0.0; 3], corner].map(|zero| {
+            run_json(&machine_with_moved_zero(machine, zero), &arguments)["steps"].as_array().unwrap().clone()
+        });
         assert_eq!(middle.len(), moved.len(), "{method}");
         for (one, other) in middle.iter().zip(&moved) {
             assert_eq!(one["label"], other["label"], "{method}");
@@ -158,7 +159,7 @@ fn a_plan_moves_with_the_zero() {
 /// Gains and squareness count from the zero of X, Y and Z, so the indexations may differ.
 fn samba_is_planned_from_a_corner() {
     let steps = |zero| {
-        let plan = json(&zero_moved(SAMBA, zero), &["plan", "samba", "--json"]);
+        let plan = run_json(&machine_with_moved_zero(SAMBA_MACHINE, zero), &["plan", "samba", "--json"]);
         plan["steps"].as_array().unwrap().len()
     };
     assert_eq!(steps([400.0, 400.0, 760.0]), steps([0.0; 3]));
@@ -168,8 +169,8 @@ fn samba_is_planned_from_a_corner() {
 fn the_laser_test_is_identified_from_a_corner() {
     let settings = "[method.laser-r-test]\nmonte_carlo_trials = 100\ntilt_deg = [-60.0, 0.0, 60.0]\n\
                     turn_deg = [0.0, 120.0, 240.0]\npoints = 9\nsamples = 4\n";
-    let machine = zero_moved(&format!("{LASER}\n{settings}"), [210.0, 105.0, 420.0]);
-    let estimate = json(&machine, &["run", "laser-r-test", "--json"]);
+    let machine = machine_with_moved_zero(&format!("{LASER_MACHINE}\n{settings}"), [210.0, 105.0, 420.0]);
+    let estimate = run_json(&machine, &["run", "laser-r-test", "--json"]);
     for (symbol, truth) in [("EB0B", -42.0), ("EX0C", -1.0), ("EA0C", 5.2)] {
         let [value, u] = parameter(&estimate, symbol);
         assert!((value - truth).abs() <= 2.0 * u, "{symbol}: {value} ± {u}, true {truth}");
@@ -182,7 +183,7 @@ fn the_laser_test_is_identified_from_a_corner() {
 pub fn trials() -> Trials {
     trials![Pool::Computing, 3;
         the_axis_is_measured_against_its_stated_place,
-        a_plan_moves_with_the_zero,
+        plan_moves_with_the_machine_zero,
         samba_is_planned_from_a_corner,
         the_laser_test_is_identified_from_a_corner,
     ]

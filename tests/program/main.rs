@@ -30,17 +30,17 @@ mod store_kill;
 mod support;
 mod table_axis;
 
-use support::harness::{Trials, run};
+use support::harness::{Trials, run_trials};
 
 fn main() {
-    if let Some((port, token)) = serve::crowd::asked_for() {
-        return serve::crowd::be(port, &token);
+    if let Some((port, token)) = serve::crowd::crowd_request() {
+        return serve::crowd::run_crowd(port, &token);
     }
-    if let Some((port, from)) = serve::crowd::asked_to_connect() {
-        return serve::crowd::only_connect(port, from);
+    if let Some((port, from)) = serve::crowd::connect_request() {
+        return serve::crowd::open_idle_connections(port, from);
     }
     if store_kill::is_child() {
-        return store_kill::child();
+        return store_kill::write_as_child();
     }
     let suites = [
         check::trials(),
@@ -67,5 +67,5 @@ fn main() {
         store_kill::trials(),
         table_axis::trials(),
     ];
-    run(suites.into_iter().fold(Trials::default(), Trials::and))
+    run_trials(suites.into_iter().fold(Trials::default(), Trials::with))
 }

@@ -6,7 +6,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 
 /// C is 100 µm off along X, with U = 2 µm; measured over a part of the travel.
-fn estimate() -> String {
+fn write_estimate() -> String {
     json!({
         "trued_estimate": 1, "method": "samba", "functions": [], "rank": 1, "unknowns": 1,
         "parameters": [{"symbol": "EX0C", "value": 100.0, "unit": "um", "u": 2.0, "U": 4.0, "k": 2.0,
@@ -22,10 +22,10 @@ fn estimate() -> String {
 /// At C = 180° a point of the table is 200 µm off from the work zero set at C = 0, computed by hand.
 fn the_tip_is_off_as_reckoned_by_hand() {
     let shop = MachineShop::new(&built_in_machine());
-    let (file, poses) = (shop.file("est.json"), shop.file("poses.csv"));
-    std::fs::write(&file, estimate()).unwrap();
+    let (file, poses) = (shop.read_file("est.json"), shop.read_file("poses.csv"));
+    std::fs::write(&file, write_estimate()).unwrap();
     std::fs::write(&poses, "# poses\nz_mm,c_deg\n400,0\n 400, 180\n").unwrap();
-    let output = shop.trued(&["predict", &file, "--at", &poses]);
+    let output = shop.run_trued(&["predict", &file, "--at", &poses]);
     let (said, told) = (String::from_utf8(output.stdout.clone()).unwrap(), stderr(&output));
     assert_eq!(output.status.code(), Some(0), "{told}");
     let rows: Vec<&str> = said.lines().collect();
@@ -34,22 +34,22 @@ fn the_tip_is_off_as_reckoned_by_hand() {
     let off: Vec<f64> = rows[2].split(',').map(|cell| cell.parse().unwrap()).collect();
     assert!((off[2].abs() - 200.0).abs() < 1e-3 && (off[5] - 4.0).abs() < 1e-3, "{said}");
     assert!(told.contains("largest (200.0 ±") && told.contains("at Z400.000 C180.000"), "{told}");
-    let whole = shop.trued(&["predict", &file, "--corrected", "EX0C"]);
+    let whole = shop.run_trued(&["predict", &file, "--corrected", "EX0C"]);
     let told = stderr(&whole);
     assert!(told.contains("largest (200.0 ±"), "{told}");
     // Twice its U remains.
     assert!(told.contains("after a correction of EX0C: largest below 8."), "{told}");
-    let anew = shop.trued(&["predict", &file, "--at", &poses, "--without-tool-centre-control"]);
+    let anew = shop.run_trued(&["predict", &file, "--at", &poses, "--without-tool-centre-control"]);
     assert!(stderr(&anew).contains("largest (0.0 ± 0.0) µm"), "{}", stderr(&anew));
 }
 
 fn nonsense_is_refused_with_its_line() {
     let shop = MachineShop::new(&built_in_machine());
-    let (file, poses) = (shop.file("est.json"), shop.file("poses.csv"));
-    std::fs::write(&file, estimate()).unwrap();
+    let (file, poses) = (shop.read_file("est.json"), shop.read_file("poses.csv"));
+    std::fs::write(&file, write_estimate()).unwrap();
     let refused = |text: &str, more: &[&str], words: &str| {
         std::fs::write(&poses, text).unwrap();
-        let output = shop.trued(&[&["predict", &file, "--at", &poses], more].concat());
+        let output = shop.run_trued(&[&["predict", &file, "--at", &poses], more].concat());
         assert!(matches!(output.status.code(), Some(1 | 2)) && output.stdout.is_empty());
         assert!(stderr(&output).contains(words), "{}", stderr(&output));
     };
@@ -60,25 +60,25 @@ fn nonsense_is_refused_with_its_line() {
     refused("x_mm,y_mm\n1\n", &[], "line 2");
     refused("x_mm\n0\n", &["--zero", "X0 half"], "`half` is not an axis position");
     std::fs::write(&poses, "x_mm\n250\n").unwrap();
-    let asked = shop.trued(&["predict", &file, "--at", &poses, "--extrapolate"]);
+    let asked = shop.run_trued(&["predict", &file, "--at", &poses, "--extrapolate"]);
     assert_eq!(asked.status.code(), Some(0), "{}", stderr(&asked));
-    std::fs::write(&file, estimate().replace("EX0C", "form")).unwrap();
+    std::fs::write(&file, write_estimate().replace("EX0C", "form")).unwrap();
     refused("x_mm\n0\n", &[], "has no errors of this machine's axes");
 }
 
 /// The touches of a round part, converted with the nominal machine.
 fn a_run_is_exported_as_points_of_the_workpiece() {
     let shop = MachineShop::new(&built_in_machine());
-    assert_eq!(shop.run().status.code(), Some(0));
-    let folder = shop.file("out");
-    let exported = shop.trued(&["export", "1", "--to", &folder, "--frame", "workpiece"]);
+    assert_eq!(shop.run_cycle().status.code(), Some(0));
+    let folder = shop.read_file("out");
+    let exported = shop.run_trued(&["export", "1", "--to", &folder, "--frame", "workpiece"]);
     assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
     let points = std::fs::read_to_string(shop.path("out/run-1-points.csv")).unwrap();
     let readings = std::fs::read_to_string(shop.path("out/run-1-readings.csv")).unwrap();
     let rows = readings.lines().filter(|line| !line.starts_with('#')).count();
     assert_eq!(points.lines().count(), rows);
     assert!(points.starts_with("step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm\n"));
-    let with = shop.trued(&["export", "1", "--to", &folder, "--with", "none.json"]);
+    let with = shop.run_trued(&["export", "1", "--to", &folder, "--with", "none.json"]);
     assert_eq!(with.status.code(), Some(2), "{}", stderr(&with));
 }
 

@@ -8,13 +8,13 @@ use toml::{Table, Value};
 
 /// The built-in machine with other axes and other errors: topology, range of each rotary axis in degrees, true
 /// errors with their units.
-struct Other<'a> {
+struct OtherMachine<'a> {
     topology: &'a str,
-    turning: &'a [(&'a str, f64)],
+    rotary_positions: &'a [(&'a str, f64)],
     errors: &'a [(&'a str, f64)],
 }
 
-impl Other<'_> {
+impl OtherMachine<'_> {
     fn file(&self) -> String {
         let mut file: Table = include_str!("../../config/samba.toml").parse().unwrap();
         let table = |value: &str| Value::Table(value.parse().unwrap());
@@ -34,7 +34,7 @@ impl Other<'_> {
         for axis in ["B", "C", "S"] {
             set(&["axes", axis], None);
         }
-        for (axis, reach) in self.turning {
+        for (axis, reach) in self.rotary_positions {
             let spec = format!("positive = \"iso\"\nmin = -{reach}.0\nmax = {reach}.0");
             set(&["axes", axis], Some(table(&spec)));
         }
@@ -90,7 +90,7 @@ impl Other<'_> {
 
 /// Checks the machine errors in `not_identifiable`: the lines that start with a symbol.
 #[track_caller]
-fn left_out(estimate: &serde_json::Value, expected: &[(&str, &str)]) {
+fn assert_not_identifiable(estimate: &serde_json::Value, expected: &[(&str, &str)]) {
     let lines: Vec<&str> = estimate["not_identifiable"]
         .as_array()
         .unwrap()
@@ -109,9 +109,9 @@ fn left_out(estimate: &serde_json::Value, expected: &[(&str, &str)]) {
 /// ISO 10791-6 names errors of B in the head. With the spindle upright they are not identifiable, and with A as the
 /// only rotary axis one length gives only the scale of X.
 fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
-    let fork = Other {
+    let fork = OtherMachine {
         topology: "w-A-F-X-Y-Z-B-t",
-        turning: &[("A", 110.0), ("B", 110.0)],
+        rotary_positions: &[("A", 110.0), ("B", 110.0)],
         errors: &[
             ("EB0A_urad", 7.0),
             ("EC0A_urad", -15.0),
@@ -135,7 +135,7 @@ fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
         ("EYY1", 11.0 - 21.0),
     ]);
     let upright = "balls are touched from above only";
-    left_out(
+    assert_not_identifiable(
         &estimate,
         &[
             ("EZ0B", "tool_z is reported as tool_z + EZ0B"),
@@ -162,8 +162,8 @@ fn regress_a_trunnion_of_a_and_c() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let turning = &[("A", 110.0), ("C", 360.0)];
-    let trunnion = Other { topology: "w-C-A-Y-F-X-Z-t", turning, errors: &errors };
-    left_out(&trunnion.check(&expected), &[]);
+    let trunnion = OtherMachine { topology: "w-C-A-Y-F-X-Z-t", rotary_positions: turning, errors: &errors };
+    assert_not_identifiable(&trunnion.check(&expected), &[]);
 }
 
 /// No axis turns across Z: its gain is left out and listed.
@@ -179,8 +179,8 @@ fn regress_four_axes() {
     ];
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EZZ1_um_per_m", 21.0)]].concat();
-    let four = Other { topology: "w-C-F-X-Y-Z-t", turning: &[("C", 360.0)], errors: &errors };
-    left_out(&four.check(&expected), &[("EZZ1", "inseparable from the positions of the balls")]);
+    let four = OtherMachine { topology: "w-C-F-X-Y-Z-t", rotary_positions: &[("C", 360.0)], errors: &errors };
+    assert_not_identifiable(&four.check(&expected), &[("EZZ1", "inseparable from the positions of the balls")]);
 }
 
 /// With B or A as the only rotary axis, the length along X, slightly slanted, gives no scale across it.
@@ -212,8 +212,8 @@ fn regress_four_axes_with_a_table_that_tilts() {
         let mut expected: Vec<_> = angles.map(|(name, value)| (name.split_once('_').unwrap().0, *value)).collect();
         expected.extend(gains);
         let topology = format!("w-{axis}-F-X-Y-Z-t");
-        let four = Other { topology: &topology, turning: &[(axis, 110.0)], errors: &errors };
-        left_out(&four.check(&expected), &[(lost, words)]);
+        let four = OtherMachine { topology: &topology, rotary_positions: &[(axis, 110.0)], errors: &errors };
+        assert_not_identifiable(&four.check(&expected), &[(lost, words)]);
     }
 }
 
@@ -235,9 +235,9 @@ fn regress_a_spindle_that_is_not_oriented() {
     let expected = errors.map(|(name, value)| (name.split_once('_').unwrap().0, value));
     let errors = [&errors[..], &[("EX0S_um", -106.0), ("EY0S_um", 20.0)]].concat();
     let turning = &[("B", 110.0), ("C", 360.0)];
-    let still = Other { topology: "w-C-B-X-F-Z-Y-S-t", turning, errors: &errors };
+    let still = OtherMachine { topology: "w-C-B-X-F-Z-Y-S-t", rotary_positions: turning, errors: &errors };
     let estimate = still.check(&expected);
-    left_out(
+    assert_not_identifiable(
         &estimate,
         &[
             ("EX0S", "the spindle was not turned), so tool_x is reported as tool_x + EX0S"),

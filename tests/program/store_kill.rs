@@ -12,10 +12,10 @@ use machine::record::reading::{Reading, ReadingFlag};
 use machine::{Axis, Position};
 use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
 
-const STATE: &str = "TRUED_TEST_STATE";
-const KILLS: usize = 3;
+const STATE_VARIABLE: &str = "TRUED_TEST_STATE";
+const KILL_COUNT: usize = 3;
 /// Number of acknowledgements before each kill.
-const PATIENCE: [usize; KILLS] = [1, 20, 57];
+const READINGS_BEFORE_KILL: [usize; KILL_COUNT] = [1, 20, 57];
 
 fn reading(step: u32) -> Reading {
     Reading {
@@ -43,11 +43,11 @@ fn plan() -> Plan {
 
 /// Whether this process is the one that `killed_in_mid_run` starts and kills.
 pub fn is_child() -> bool {
-    std::env::var_os(STATE).is_some()
+    std::env::var_os(STATE_VARIABLE).is_some()
 }
 
-pub fn child() {
-    let state = std::env::var_os(STATE).expect("a state folder");
+pub fn write_as_child() {
+    let state = std::env::var_os(STATE_VARIABLE).expect("a state folder");
     let state = Path::new(&state);
     let lock = MachineLock::acquire(state, "mill").unwrap();
     let journal = Journal::open(state).unwrap();
@@ -59,24 +59,27 @@ pub fn child() {
     }
 }
 
-fn start(state: &Path) -> (Child, Lines<BufReader<ChildStdout>>) {
-    let mut child =
-        Command::new(std::env::current_exe().unwrap()).env(STATE, state).stdout(Stdio::piped()).spawn().unwrap();
+fn start_child(state: &Path) -> (Child, Lines<BufReader<ChildStdout>>) {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .env(STATE_VARIABLE, state)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
     let lines = BufReader::new(child.stdout.take().unwrap()).lines();
     (child, lines)
 }
 
-fn acknowledgement(line: &str) -> Option<u32> {
+fn acknowledged_step(line: &str) -> Option<u32> {
     line.strip_prefix("acknowledged ")?.parse().ok()
 }
 
-fn killed_in_mid_run() {
+fn killed_writer_loses_no_acknowledged_reading() {
     let dir = tempfile::tempdir().unwrap();
     let mut last = Vec::new();
-    for patience in PATIENCE {
-        let (mut child, lines) = start(dir.path());
+    for patience in READINGS_BEFORE_KILL {
+        let (mut child, lines) = start_child(dir.path());
         let mut lines = lines.map_while(Result::ok);
-        let before = lines.by_ref().filter_map(|line| acknowledgement(&line)).nth(patience - 1);
+        let before = lines.by_ref().filter_map(|line| acknowledged_step(&line)).nth(patience - 1);
         assert!(before.is_some(), "the child ended by itself");
         let refused = MachineLock::acquire(dir.path(), "mill").unwrap_err();
         let LockError::Held { holder: Some(holder), .. } = refused else { panic!("{refused}") };
@@ -84,14 +87,14 @@ fn killed_in_mid_run() {
         child.kill().unwrap();
         child.wait().unwrap();
         // The pipe may still contain output from before the kill.
-        last.push(lines.filter_map(|line| acknowledgement(&line)).last().or(before).unwrap());
+        last.push(lines.filter_map(|line| acknowledged_step(&line)).last().or(before).unwrap());
     }
 
     let lock = MachineLock::acquire(dir.path(), "mill").unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let dead = journal.mark_interrupted(&lock).wait().unwrap();
     let runs = journal.runs().unwrap();
-    assert_eq!((dead.len(), runs.len()), (1, KILLS), "each start marks the run before it");
+    assert_eq!((dead.len(), runs.len()), (1, KILL_COUNT), "each start marks the run before it");
     for (run, last) in runs.iter().zip(last) {
         assert_eq!(run.state, RunState::Interrupted);
         let stored = journal.load_run(run.id).unwrap().readings;
@@ -106,6 +109,6 @@ fn killed_in_mid_run() {
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
-        killed_in_mid_run,
+        killed_writer_loses_no_acknowledged_reading,
     ]
 }

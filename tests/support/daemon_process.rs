@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::http::HttpClient;
 
-const PATIENCE: Duration = Duration::from_secs(300);
+const LOG_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// The daemon; killed when dropped.
 pub struct DaemonProcess {
@@ -45,18 +45,18 @@ impl DaemonProcess {
     }
 
     pub fn http(&self) -> HttpClient {
-        HttpClient::at(self.http_port())
+        HttpClient::new(self.http_port())
     }
 
     pub fn http_port(&self) -> u16 {
-        self.port("the page is at http://127.0.0.1:")
+        self.listening_port("the page is at http://127.0.0.1:")
     }
 
     pub fn modbus_port(&self) -> u16 {
-        self.port("Modbus TCP on 127.0.0.1:")
+        self.listening_port("Modbus TCP on 127.0.0.1:")
     }
 
-    fn port(&self, prefix: &str) -> u16 {
+    fn listening_port(&self, prefix: &str) -> u16 {
         let log = self.log();
         let port = log.lines().find_map(|line| line.strip_prefix(prefix));
         let port = port.unwrap_or_else(|| panic!("no `{prefix}` in {log}"));
@@ -70,7 +70,7 @@ impl DaemonProcess {
     pub fn wait_for_log(&self, words: &str) {
         let started = Instant::now();
         while !self.log().contains(words) {
-            assert!(started.elapsed() < PATIENCE, "no `{words}` in {}", self.log());
+            assert!(started.elapsed() < LOG_TIMEOUT, "no `{words}` in {}", self.log());
             sleep(Duration::from_millis(20));
         }
     }

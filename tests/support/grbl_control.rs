@@ -19,14 +19,14 @@ pub struct GrblControl {
     pub world: Arc<Mutex<SimulatedWorld>>,
     pace: Pace,
     session: Arc<Mutex<Session>>,
-    wishes: UnboundedSender<(Wish, std::sync::mpsc::Sender<()>)>,
+    changes: UnboundedSender<(SessionChange, std::sync::mpsc::Sender<()>)>,
 }
 
 /// Bytes that the current client has sent, and the words at which the session is cut.
 #[derive(Default)]
 struct Session {
-    heard: String,
-    gate: Vec<String>,
+    received_text: String,
+    blocked_lines: Vec<String>,
 }
 
 impl Session {
@@ -35,17 +35,17 @@ impl Session {
             *rest = rest.split_once(words.as_str())?.1;
             Some(())
         };
-        let mut rest = self.heard.as_str();
-        !self.gate.is_empty() && self.gate.iter().all(|words| after(&mut rest, words).is_some())
+        let mut rest = self.received_text.as_str();
+        !self.blocked_lines.is_empty() && self.blocked_lines.iter().all(|words| after(&mut rest, words).is_some())
     }
 }
 
-enum Wish {
+enum SessionChange {
     Reset,
     Become(Box<Firmware>),
 }
 
-fn parsed(file: &str) -> MachineFile {
+fn parse_machine_file(file: &str) -> MachineFile {
     MachineFile::parse("machine.toml", file.to_owned()).unwrap()
 }
 
@@ -59,11 +59,11 @@ fn world(file: &MachineFile) -> SimulatedWorld {
 impl GrblControl {
     /// The machine with the truth of `file`, without waiting times.
     pub fn start(file: &str) -> Self {
-        Self::at(file, Pace::Fast)
+        Self::start_at_pace(file, Pace::Fast)
     }
 
-    pub fn at(file: &str, pace: Pace) -> Self {
-        let file = parsed(file);
+    pub fn start_at_pace(file: &str, pace: Pace) -> Self {
+        let file = parse_machine_file(file);
         let world = Arc::new(Mutex::new(world(&file)));
         let session = Arc::new(Mutex::new(Session::default()));
         let (wishes, wished) = unbounded_channel();
@@ -75,16 +75,16 @@ impl GrblControl {
             runtime.block_on(async {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
-                live(machine, listener, wished, shared).await;
+                run_control(machine, listener, wished, shared).await;
             });
         });
-        Self { address: address.recv().unwrap(), world, pace, session, wishes }
+        Self { address: address.recv().unwrap(), world, pace, session, changes: wishes }
     }
 
     /// Drops the next client's lines from the one on that contains the last of these words, after the others in
     /// their order; real-time commands still pass.
     pub fn stop_at(&self, words: &[&str]) {
-        self.session.lock().unwrap().gate = words.iter().map(|&words| words.to_owned()).collect();
+        self.session.lock().unwrap().blocked_lines = words.iter().map(|&words| words.to_owned()).collect();
     }
 
     /// Waits until the client has sent all of these words.
@@ -96,50 +96,50 @@ impl GrblControl {
     }
 
     /// All bytes that the last client sent.
-    pub fn heard(&self) -> String {
-        self.session.lock().unwrap().heard.clone()
+    pub fn received_text(&self) -> String {
+        self.session.lock().unwrap().received_text.clone()
     }
 
     /// Resets the control and homes the machine, as an operator does.
     pub fn reset(&self) {
-        self.wish(Wish::Reset);
+        self.request_change(SessionChange::Reset);
     }
 
     /// Replaces the true machine.
-    pub fn become_another(&self, file: &str) {
-        let file = parsed(file);
+    pub fn replace_firmware(&self, file: &str) {
+        let file = parse_machine_file(file);
         *self.world.lock().unwrap() = world(&file);
         let firmware = Firmware::new(self.world.clone(), SimulatedGrblOptions::of(&file.machine, self.pace));
-        self.wish(Wish::Become(Box::new(firmware)));
+        self.request_change(SessionChange::Become(Box::new(firmware)));
     }
 
-    fn wish(&self, wish: Wish) {
+    fn request_change(&self, wish: SessionChange) {
         let (done, granted) = std::sync::mpsc::channel();
-        assert!(self.wishes.send((wish, done)).is_ok());
+        assert!(self.changes.send((wish, done)).is_ok());
         granted.recv().unwrap();
-        self.session.lock().unwrap().heard.clear();
+        self.session.lock().unwrap().received_text.clear();
     }
 }
 
-async fn live(
+async fn run_control(
     mut machine: Firmware,
     listener: TcpListener,
-    mut wished: UnboundedReceiver<(Wish, std::sync::mpsc::Sender<()>)>,
+    mut wished: UnboundedReceiver<(SessionChange, std::sync::mpsc::Sender<()>)>,
     session: Arc<Mutex<Session>>,
 ) {
     loop {
         tokio::select! {
             client = listener.accept() => {
-                session.lock().unwrap().heard.clear();
+                session.lock().unwrap().received_text.clear();
                 let (near, far) = tokio::io::duplex(4096);
-                let (served, ()) = tokio::join!(machine.serve(far), pass_on(client.unwrap().0, near, &session));
+                let (served, ()) = tokio::join!(machine.serve(far), forward_bytes(client.unwrap().0, near, &session));
                 served.unwrap();
-                session.lock().unwrap().gate.clear();
+                session.lock().unwrap().blocked_lines.clear();
             }
             wish = wished.recv() => match wish {
                 None => return,
-                Some((Wish::Become(other), done)) => { machine = *other; done.send(()).unwrap(); }
-                Some((Wish::Reset, done)) => {
+                Some((SessionChange::Become(other), done)) => { machine = *other; done.send(()).unwrap(); }
+                Some((SessionChange::Reset, done)) => {
                     let (mut near, far) = tokio::io::duplex(4096);
                     near.write_all(b"\x18$H\n").await.unwrap();
                     near.shutdown().await.unwrap();
@@ -151,7 +151,7 @@ async fn live(
     }
 }
 
-async fn pass_on(client: TcpStream, control: DuplexStream, session: &Mutex<Session>) {
+async fn forward_bytes(client: TcpStream, control: DuplexStream, session: &Mutex<Session>) {
     let (mut from_client, mut to_client) = client.into_split();
     let (mut from_control, mut to_control) = tokio::io::split(control);
     let requests = async move {
@@ -161,7 +161,7 @@ async fn pass_on(client: TcpStream, control: DuplexStream, session: &Mutex<Sessi
             let mut bytes = buffer[..count].to_vec();
             {
                 let mut session = session.lock().unwrap();
-                session.heard.push_str(&String::from_utf8_lossy(&bytes));
+                session.received_text.push_str(&String::from_utf8_lossy(&bytes));
                 if session.is_short() {
                     bytes.retain(|byte| b"!?".contains(byte));
                 }

@@ -13,12 +13,12 @@ use libtest_mimic::{Arguments, Completion, Failed, Trial};
 use testing::population::is_full;
 
 /// Time limit of a trial. A trial that exceeds it is named, and the process exits.
-const GATE_LIMIT: Duration = Duration::from_secs(10 * 60);
-const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
+const GATE_TIME_LIMIT: Duration = Duration::from_secs(10 * 60);
+const LONG_TIME_LIMIT: Duration = Duration::from_secs(60 * 60);
 /// Shortest duration that is printed.
-const PRINTED_DURATION: Duration = Duration::from_secs(5);
+const MIN_PRINTED_DURATION: Duration = Duration::from_secs(5);
 const MAX_REPEATS: usize = 3;
-const WAITING_PLACES: usize = 6;
+const WAITING_POOL_SIZE: usize = 6;
 
 /// Criterion that limits how many trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -38,10 +38,10 @@ pub enum Pool {
 }
 
 impl Pool {
-    fn places(self) -> usize {
+    fn size(self) -> usize {
         match self {
             Pool::Computing => available_parallelism().map_or(2, usize::from),
-            Pool::Waiting => WAITING_PLACES,
+            Pool::Waiting => WAITING_POOL_SIZE,
             Pool::Browser | Pool::LinuxCnc | Pool::GrblHal | Pool::Alone => 1,
         }
     }
@@ -50,7 +50,7 @@ impl Pool {
 /// Returns the reason why a trial cannot run on this computer, or `None`.
 pub type MissingPeer = fn() -> Option<&'static str>;
 
-struct Entry {
+struct TrialEntry {
     name: String,
     pool: Pool,
     typical_s: u32,
@@ -65,14 +65,14 @@ struct Entry {
 
 /// Trials of a suite.
 #[derive(Default)]
-pub struct Trials(Vec<Entry>);
+pub struct Trials(Vec<TrialEntry>);
 
 impl Trials {
-    pub fn push(&mut self, (module, path): (&str, &str), pool: Pool, typical_s: u32, run: fn() -> Result<(), Failed>) {
+    pub fn add(&mut self, (module, path): (&str, &str), pool: Pool, typical_s: u32, run: fn() -> Result<(), Failed>) {
         let path = format!("{module}::{path}");
         // The path without the name of the binary.
         let name = path.split_once("::").map_or(path.as_str(), |(_, name)| name).to_owned();
-        self.0.push(Entry {
+        self.0.push(TrialEntry {
             name,
             pool,
             typical_s,
@@ -84,7 +84,7 @@ impl Trials {
         });
     }
 
-    pub fn and(mut self, other: Trials) -> Self {
+    pub fn with(mut self, other: Trials) -> Self {
         self.0.extend(other.0);
         self
     }
@@ -142,7 +142,7 @@ macro_rules! trials {
     ($pool:expr, $typical_s:expr; $($trial:path),* $(,)?) => {{
         let mut trials = $crate::support::harness::Trials::default();
         $(
-            trials.push((module_path!(), stringify!($trial)), $pool, $typical_s, || {
+            trials.add((module_path!(), stringify!($trial)), $pool, $typical_s, || {
                 $crate::support::harness::IntoResult::into_result($trial())
             });
         )*
@@ -152,22 +152,22 @@ macro_rules! trials {
 pub(crate) use trials;
 
 /// Runs the trials selected on the command line, and exits.
-pub fn run(trials: Trials) -> ! {
+pub fn run_trials(trials: Trials) -> ! {
     let mut arguments = Arguments::from_args();
     let mut entries = trials.0;
     entries.sort_by_key(|entry| (entry.pool == Pool::Alone, Reverse(entry.typical_s)));
     arguments.test_threads.get_or_insert(entries.len().max(2));
     let admission = Arc::new(Admission::default());
     let trials = entries.into_iter().enumerate();
-    let trials = trials.map(|(rank, entry)| trial(entry, rank, &admission)).collect();
+    let trials = trials.map(|(rank, entry)| build_trial(entry, rank, &admission)).collect();
     libtest_mimic::run(&arguments, trials).exit()
 }
 
-fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
-    let Entry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } = entry;
+fn build_trial(entry: TrialEntry, rank: usize, admission: &Arc<Admission>) -> Trial {
+    let TrialEntry { name, pool, ignored, missing_peer, fails_without_peer, repeated_if, run, .. } = entry;
     let admission = Arc::clone(admission);
     let unfinished = (pool != Pool::Alone).then(|| Unfinished::new(&admission));
-    let limit = if ignored || is_full() { LONG_LIMIT } else { GATE_LIMIT };
+    let limit = if ignored || is_full() { LONG_TIME_LIMIT } else { GATE_TIME_LIMIT };
     let watched_name = name.clone();
     let trial = Trial::ignorable_test(name, move || {
         let _unfinished = unfinished;
@@ -178,12 +178,12 @@ fn trial(entry: Entry, rank: usize, admission: &Arc<Admission>) -> Trial {
             };
         }
         let _place = Admission::wait(&admission, pool, rank);
-        watched(&watched_name, limit, || repeated(run, repeated_if)).map(|()| Completion::Completed)
+        run_with_limit(&watched_name, limit, || run_repeatedly(run, repeated_if)).map(|()| Completion::Completed)
     });
     trial.with_ignored_flag(ignored)
 }
 
-fn repeated(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -> Result<(), Failed> {
+fn run_repeatedly(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -> Result<(), Failed> {
     let mut result = run();
     for _ in 1..MAX_REPEATS {
         match &result {
@@ -197,7 +197,7 @@ fn repeated(run: fn() -> Result<(), Failed>, repeated_if: fn(&Failed) -> bool) -
     result
 }
 
-fn watched<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
+fn run_with_limit<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
     let (_end, ended) = channel::<()>();
     let watched_name = name.to_owned();
     std::thread::spawn(move || {
@@ -209,7 +209,7 @@ fn watched<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
     let started = Instant::now();
     let result = run();
     let duration = started.elapsed();
-    if duration >= PRINTED_DURATION {
+    if duration >= MIN_PRINTED_DURATION {
         eprintln!("{name}: {:.0} s", duration.as_secs_f64());
     }
     result
@@ -234,13 +234,13 @@ impl AdmissionState {
     fn admits(&self, pool: Pool, rank: usize) -> bool {
         let first = self.waiting.iter().find(|(other, _)| *other == pool);
         first == Some(&(pool, rank))
-            && self.running.get(&pool).copied().unwrap_or(0) < pool.places()
+            && self.running.get(&pool).copied().unwrap_or(0) < pool.size()
             && (pool != Pool::Alone || self.unfinished == 0)
     }
 }
 
 impl Admission {
-    fn change(&self, change: impl FnOnce(&mut AdmissionState)) {
+    fn change_state(&self, change: impl FnOnce(&mut AdmissionState)) {
         change(&mut self.state());
         self.changed.notify_all();
     }
@@ -272,7 +272,7 @@ struct PoolSlot {
 
 impl Drop for PoolSlot {
     fn drop(&mut self) {
-        self.admission.change(|state| *state.running.entry(self.pool).or_default() -= 1);
+        self.admission.change_state(|state| *state.running.entry(self.pool).or_default() -= 1);
     }
 }
 
@@ -281,13 +281,13 @@ struct Unfinished(Arc<Admission>);
 
 impl Unfinished {
     fn new(admission: &Arc<Admission>) -> Self {
-        admission.change(|state| state.unfinished += 1);
+        admission.change_state(|state| state.unfinished += 1);
         Self(Arc::clone(admission))
     }
 }
 
 impl Drop for Unfinished {
     fn drop(&mut self) {
-        self.0.change(|state| state.unfinished -= 1);
+        self.0.change_state(|state| state.unfinished -= 1);
     }
 }

@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 /// `[serve.http]` of a machine file.
-pub const HTTP: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
+pub const HTTP_SECTION: &str = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
 /// The built-in machine's resource.
-pub const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
-pub const JSON: &str = "Content-Type: application/json\r\n";
-pub const FORM: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
+pub const MACHINE_API_PATH: &str = "/api/v1/machines/simulated%20five-axis%20machine";
+pub const JSON_HEADER: &str = "Content-Type: application/json\r\n";
+pub const FORM_HEADER: &str = "Content-Type: application/x-www-form-urlencoded\r\n";
 /// Limit of each wait: generous, for a computer that is busy with other things.
-const PATIENCE: Duration = Duration::from_secs(300);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(300);
 
 #[derive(Debug, Clone, Copy)]
 pub struct HttpClient {
@@ -22,13 +22,13 @@ pub struct HttpClient {
 }
 
 impl HttpClient {
-    pub fn at(port: u16) -> Self {
+    pub fn new(port: u16) -> Self {
         Self { port }
     }
 
     pub fn connect(self) -> TcpStream {
         let stream = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).unwrap();
         stream
     }
 
@@ -52,44 +52,44 @@ impl HttpClient {
         (status, response.split_once("\r\n\r\n").unwrap().1.to_owned())
     }
 
-    pub fn text(self, path: &str) -> String {
+    pub fn get_text(self, path: &str) -> String {
         let (status, body) = self.request("GET", path, "", "");
         assert_eq!(status, 200, "{path}: {body}");
         body
     }
 
-    pub fn get(self, path: &str) -> Value {
-        serde_json::from_str(&self.text(path)).unwrap()
+    pub fn get_json(self, path: &str) -> Value {
+        serde_json::from_str(&self.get_text(path)).unwrap()
     }
 
     pub fn post_path(self, path: &str, body: &Value) -> (u16, Value) {
-        let (status, body) = self.request("POST", path, JSON, &body.to_string());
+        let (status, body) = self.request("POST", path, JSON_HEADER, &body.to_string());
         (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
     }
 
     /// Posts `body` to `action` of the built-in machine.
-    pub fn post(self, action: &str, body: &Value) -> (u16, Value) {
-        self.post_path(&format!("{MACHINE}/{action}"), body)
+    pub fn post_action(self, action: &str, body: &Value) -> (u16, Value) {
+        self.post_path(&format!("{MACHINE_API_PATH}/{action}"), body)
     }
 
     /// Status of the response to a start of `cycle`.
     pub fn start(self, cycle: u16) -> u16 {
-        self.post("start", &start_request_of(cycle)).0
+        self.post_action("start", &start_request_of(cycle)).0
     }
 
     /// The built-in machine as the daemon reports it.
-    pub fn machine(self) -> Value {
-        self.get(MACHINE)
+    pub fn machine_state(self) -> Value {
+        self.get_json(MACHINE_API_PATH)
     }
 
     pub fn wait_until(self, is_reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
-            let machine = self.machine();
+            let machine = self.machine_state();
             if is_reached(&machine) {
                 return machine;
             }
-            assert!(started.elapsed() < PATIENCE, "{machine}");
+            assert!(started.elapsed() < RESPONSE_TIMEOUT, "{machine}");
             sleep(Duration::from_millis(20));
         }
     }

@@ -13,7 +13,7 @@ fn crc32c(bytes: &[u8]) -> u32 {
     })
 }
 
-fn bytes_of(value: ValueRef<'_>) -> Vec<u8> {
+fn value_bytes(value: ValueRef<'_>) -> Vec<u8> {
     let long = |kind: u8, bytes: &[u8]| [&[kind], &(bytes.len() as u64).to_le_bytes()[..], bytes].concat();
     match value {
         ValueRef::Null => vec![0],
@@ -25,7 +25,7 @@ fn bytes_of(value: ValueRef<'_>) -> Vec<u8> {
 }
 
 /// The rows of `table` whose checksum is wrong, with the correct one.
-fn wrong(database: &Connection, table: &str) -> Vec<(i64, [u8; 4])> {
+fn rows_with_wrong_checksum(database: &Connection, table: &str) -> Vec<(i64, [u8; 4])> {
     let mut select = database.prepare(&format!("SELECT rowid, * FROM {table}")).unwrap();
     let names: Vec<String> = select.column_names().map(str::to_owned).collect();
     let mut rows = select.query([]).unwrap();
@@ -33,21 +33,21 @@ fn wrong(database: &Connection, table: &str) -> Vec<(i64, [u8; 4])> {
     while let Some(row) = rows.next().unwrap() {
         let (mut bytes, mut stored) = (Vec::new(), Vec::new());
         for (index, name) in names.iter().enumerate().skip(1) {
-            let value = bytes_of(row.get_ref(index).unwrap());
+            let value = value_bytes(row.get_ref(index).unwrap());
             match name.as_str() {
                 "checksum" => stored = value,
                 _ => bytes.extend(value),
             }
         }
         let right = crc32c(&bytes).to_be_bytes();
-        if stored != bytes_of(ValueRef::Blob(&right)) {
+        if stored != value_bytes(ValueRef::Blob(&right)) {
             wrong.push((row.get(0).unwrap(), right));
         }
     }
     wrong
 }
 
-fn tables(database: &Connection) -> Vec<String> {
+fn table_names(database: &Connection) -> Vec<String> {
     let all = "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'";
     let mut statement = database.prepare(all).unwrap();
     statement.query_map([], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
@@ -56,17 +56,17 @@ fn tables(database: &Connection) -> Vec<String> {
 /// Asserts that every row has its checksum.
 pub fn assert_sealed(database: &Connection) {
     assert_eq!(crc32c(b"123456789"), 0xe306_9283);
-    for table in tables(database) {
-        assert_eq!(wrong(database, &table), [], "{table}");
+    for table in table_names(database) {
+        assert_eq!(rows_with_wrong_checksum(database, &table), [], "{table}");
     }
 }
 
 /// Changes the journal in `state` by SQL and updates the checksums of the changed rows.
-pub fn change(state: &Path, statement: &str) {
+pub fn execute_statement(state: &Path, statement: &str) {
     let database = Connection::open(state.join("journal.sqlite")).unwrap();
     database.execute_batch(statement).unwrap();
-    for table in tables(&database) {
-        for (row, right) in wrong(&database, &table) {
+    for table in table_names(&database) {
+        for (row, right) in rows_with_wrong_checksum(&database, &table) {
             let set = format!("UPDATE {table} SET checksum = ?2 WHERE rowid = ?1");
             database.execute(&set, (row, right)).unwrap();
         }

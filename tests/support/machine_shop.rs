@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use super::daemon_process::DaemonProcess;
 
 /// `[serve.modbus]` of a machine file.
-pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
+pub const MODBUS_SECTION: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
 /// The built-in machine without `[serve]`, with a fast first approach.
 pub fn built_in_machine() -> String {
@@ -50,12 +50,12 @@ impl MachineShop {
     }
 
     pub fn replace_machine(&self, machine: &str) {
-        std::fs::write(self.machine(), machine).unwrap();
+        std::fs::write(self.machine_path(), machine).unwrap();
     }
 
     /// Replaces text of the machine file.
-    pub fn change(&self, from: &str, to: &str) {
-        let text = std::fs::read_to_string(self.machine()).unwrap();
+    pub fn replace_in_machine(&self, from: &str, to: &str) {
+        let text = std::fs::read_to_string(self.machine_path()).unwrap();
         assert!(text.contains(from), "{from}");
         self.replace_machine(&text.replace(from, to));
     }
@@ -64,44 +64,44 @@ impl MachineShop {
         self.folder.path().join(name)
     }
 
-    pub fn file(&self, name: &str) -> String {
+    pub fn read_file(&self, name: &str) -> String {
         self.path(name).display().to_string()
     }
 
     /// The machine file.
-    pub fn machine(&self) -> String {
-        self.file("machine.toml")
+    pub fn machine_path(&self) -> String {
+        self.read_file("machine.toml")
     }
 
     /// The state folder.
-    pub fn state(&self) -> PathBuf {
+    pub fn state_folder(&self) -> PathBuf {
         self.path("state")
     }
 
-    pub fn command(&self, arguments: &[&str]) -> Command {
+    pub fn trued_command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
-        command.args(arguments).arg("--state").arg(self.state());
+        command.args(arguments).arg("--state").arg(self.state_folder());
         command.envs(self.envs.clone());
         command
     }
 
-    pub fn trued(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
+    pub fn run_trued(&self, arguments: &[&str]) -> Output {
+        self.trued_command(arguments).output().unwrap()
     }
 
     /// `trued run self-calibration --json` on the machine.
     pub fn run_command(&self) -> Command {
-        self.command(&["run", "self-calibration", "--json", "--machine", &self.machine()])
+        self.trued_command(&["run", "self-calibration", "--json", "--machine", &self.machine_path()])
     }
 
-    pub fn run(&self) -> Output {
+    pub fn run_cycle(&self) -> Output {
         self.run_command().output().unwrap()
     }
 
     /// Step of each exported reading of run 1.
     pub fn exported_steps(&self) -> Vec<u32> {
-        let to = self.file("export");
-        let exported = self.trued(&["export", "1", "--to", &to]);
+        let to = self.read_file("export");
+        let exported = self.run_trued(&["export", "1", "--to", &to]);
         assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
         let csv = std::fs::read_to_string(self.path("export/run-1-readings.csv")).unwrap();
         let first = |line: &str| line.split(',').next().unwrap().parse().ok();
@@ -109,30 +109,30 @@ impl MachineShop {
     }
 
     /// Standard output, parsed as JSON.
-    pub fn json(&self, arguments: &[&str]) -> Value {
-        let output = self.trued(arguments);
+    pub fn run_json(&self, arguments: &[&str]) -> Value {
+        let output = self.run_trued(arguments);
         serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(&output)))
     }
 
     /// State of each run, oldest first.
-    pub fn states(&self) -> Vec<String> {
-        let runs = self.json(&["runs", "--json"]);
+    pub fn run_states(&self) -> Vec<String> {
+        let runs = self.run_json(&["runs", "--json"]);
         let mut runs: Vec<&Value> = runs.as_array().unwrap().iter().collect();
         runs.sort_by_key(|run| run["id"].as_i64());
         runs.iter().map(|run| run["state"].as_str().unwrap().to_owned()).collect()
     }
 
     /// The daemon with the machine file, ready; `speed`: of the simulated machine.
-    pub fn serve(&self, speed: &str) -> DaemonProcess {
-        self.serve_with(&["--speed", speed])
+    pub fn start_daemon(&self, speed: &str) -> DaemonProcess {
+        self.start_daemon_with(&["--speed", speed])
     }
 
-    pub fn serve_with(&self, arguments: &[&str]) -> DaemonProcess {
-        self.serve_as(&[&["--machine", &self.machine()], arguments].concat(), |_| {})
+    pub fn start_daemon_with(&self, arguments: &[&str]) -> DaemonProcess {
+        self.spawn_daemon(&[&["--machine", &self.machine_path()], arguments].concat(), |_| {})
     }
 
-    pub fn serve_as(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> DaemonProcess {
-        let mut command = self.command(&["serve"]);
+    pub fn spawn_daemon(&self, arguments: &[&str], prepare: impl FnOnce(&mut Command)) -> DaemonProcess {
+        let mut command = self.trued_command(&["serve"]);
         command.args(arguments);
         prepare(&mut command);
         DaemonProcess::start(&mut command)

@@ -9,11 +9,11 @@ use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 /// Period at which Enter is pressed. Input before a prompt is shown does not answer it.
-const PERIOD: Duration = Duration::from_millis(100);
+const KEY_PERIOD: Duration = Duration::from_millis(100);
 
 /// Connects standard input of `command` to a terminal at which Enter is pressed periodically, until its last user
 /// has closed it.
-pub fn confirms(command: &mut Command) -> &mut Command {
+pub fn confirm_prompts(command: &mut Command) -> &mut Command {
     let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
     let keyboard = openpt(flags).expect("a pseudo-terminal");
     grantpt(&keyboard).expect("granted");
@@ -24,7 +24,7 @@ pub fn confirms(command: &mut Command) -> &mut Command {
     let mut keyboard = File::from(keyboard);
     std::thread::spawn(move || {
         while keyboard.write_all(b"\n").is_ok() {
-            std::thread::sleep(PERIOD);
+            std::thread::sleep(KEY_PERIOD);
         }
     });
     command.stdin(Stdio::from(terminal))

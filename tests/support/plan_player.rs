@@ -7,7 +7,7 @@ use methods::{Method, MethodRefusal, NextStage, PositionSource};
 use simulator::{SensorOutput, SimulatedWorld, Speed};
 
 /// Plays one step: over the part, down, touch, back, up.
-pub fn play(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+pub fn play_step(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     let rapid = |world: &mut SimulatedWorld, to: &Position| {
         assert!(!world.travel(to, Speed::Rapid).has_touched, "touched on the way to {}", step.label);
     };
@@ -16,13 +16,13 @@ pub fn play(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     rapid(world, &step.from.filter_axes(|axis| !axis.is_linear()));
     rapid(world, &step.from.filter_axes(|axis| matches!(axis, Axis::X | Axis::Y)));
     rapid(world, &step.from.filter_axes(|axis| axis == Axis::Z));
-    let reading = touch(world, step, repeat);
+    let reading = play_touch(world, step, repeat);
     world.travel(&step.from.filter_axes(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
     reading
 }
 
 /// One touch from the current position of the world.
-pub fn touch(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
+pub fn play_touch(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
     let linear = step.to.filter_axes(Axis::is_linear);
     let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
     Reading {
@@ -38,7 +38,7 @@ pub fn touch(world: &mut SimulatedWorld, step: &Step, repeat: u32) -> Reading {
 }
 
 /// Measures along the path of a step, sample by sample.
-fn look(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
+fn play_scan(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
     let reading = |sensor: &str, position: Position, t_s: f64, sensed: SensorOutput| {
         let (value_mm, flag) = match sensed {
             SensorOutput::Distance(mm) => (Some(mm), ReadingFlag::None),
@@ -83,8 +83,8 @@ fn look(world: &mut SimulatedWorld, step: &Step, scan: &Scan, repeat: u32) -> Ve
 }
 
 /// Measures a whole method on `world`; the plan grows with its stages.
-pub fn measure(world: &mut SimulatedWorld, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
-    try_measure(world, method, plan, play).expect("well-posed")
+pub fn measure_all_stages(world: &mut SimulatedWorld, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
+    try_measure(world, method, plan, play_step).expect("well-posed")
 }
 
 /// Like [`measure`], with `play` for the touches; `Err`: why the method refuses a stage.
@@ -105,8 +105,8 @@ pub fn try_measure(
             }
             match &step.scan {
                 _ if step.kind == StepKind::Prompt => {}
-                None => readings.push(play(world, step, stage.repeat)),
-                Some(scan) => readings.extend(look(world, step, scan, stage.repeat)),
+                None => readings.push(play_step(world, step, stage.repeat)),
+                Some(scan) => readings.extend(play_scan(world, step, scan, stage.repeat)),
             }
         }
         done.push(stage);

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-pub fn missing() -> Option<&'static str> {
-    python().is_none().then_some("pymodbus is missing: tests/peers/pymodbus/install")
+pub fn missing_pymodbus() -> Option<&'static str> {
+    python_with_pymodbus().is_none().then_some("pymodbus is missing: tests/peers/pymodbus/install")
 }
 
 /// A python that has pymodbus: `TRUED_PYMODBUS`, or the one that `tests/peers/pymodbus/install` created.
-pub fn python() -> Option<PathBuf> {
+pub fn python_with_pymodbus() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
         return Some(named.into());
     }

@@ -14,7 +14,7 @@ use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 
 /// The built-in machine behind `address`, with few Monte Carlo trials.
-pub fn machine(address: &str) -> String {
+pub fn machine_with_control(address: &str) -> String {
     let file = include_str!("../../config/simulated.toml");
     let wire = "kind = \"simulated\"";
     assert!(file.contains(wire) && file.contains("\nwire = \"memory\""));
@@ -25,32 +25,32 @@ pub fn machine(address: &str) -> String {
 
 #[derive(Clone, Default)]
 pub struct Record {
-    told: Vec<u8>,
-    said: Vec<u8>,
+    received: Vec<u8>,
+    sent: Vec<u8>,
 }
 
 impl Record {
-    pub fn bytes(&self) -> usize {
-        self.told.len() + self.said.len()
+    pub fn received_bytes(&self) -> usize {
+        self.received.len() + self.sent.len()
     }
 
     /// The received lines, without status requests.
-    pub fn lines(&self) -> Vec<String> {
+    pub fn received_lines(&self) -> Vec<String> {
         // Status requests can occur between the bytes of lines.
-        let told = self.told.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
+        let told = self.received.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
         let told = String::from_utf8_lossy(&told.copied().collect::<Vec<u8>>()).into_owned();
         told.lines().map(str::to_owned).collect()
     }
 
     /// The largest N word of a line that moves: all steps before it were acknowledged.
-    pub fn begun(&self) -> usize {
-        begun(&self.told)
+    pub fn started_touch_count(&self) -> usize {
+        started_touches(&self.received)
     }
 
     /// Axis positions, mm and degrees, of each touch. The driver requests each result twice; between any two
     /// touches there is a guarded move without contact.
-    pub fn touches(&self) -> Vec<Vec<f64>> {
-        let said = String::from_utf8_lossy(&self.said);
+    pub fn reported_touches(&self) -> Vec<Vec<f64>> {
+        let said = String::from_utf8_lossy(&self.sent);
         let (mut touches, mut again) = (Vec::new(), false);
         for told in said.lines().filter_map(|line| line.trim().strip_prefix("[PRB:")) {
             let hit = told.strip_suffix(":1]");
@@ -64,45 +64,45 @@ impl Record {
 }
 
 /// The largest N word at the beginning of a line of `told`.
-pub fn begun(told: &[u8]) -> usize {
+pub fn started_touches(told: &[u8]) -> usize {
     let told = String::from_utf8_lossy(told);
     let number = |line: &str| line.trim_start_matches('?').strip_prefix('N')?.split(' ').next()?.parse().ok();
     told.lines().filter_map(number).max().unwrap_or(0)
 }
 
 #[derive(Default)]
-struct Shared {
+struct SharedRecord {
     record: Mutex<Record>,
-    grown: Condvar,
+    changed: Condvar,
 }
 
-impl Shared {
+impl SharedRecord {
     fn record(&self) -> MutexGuard<'_, Record> {
         self.record.lock().unwrap()
     }
 
-    fn add(&self, add: impl FnOnce(&mut Record)) {
+    fn change(&self, add: impl FnOnce(&mut Record)) {
         add(&mut self.record());
-        self.grown.notify_all();
+        self.changed.notify_all();
     }
 }
 
 pub struct RecordingControl {
     address: SocketAddr,
-    shared: Arc<Shared>,
+    shared: Arc<SharedRecord>,
     stop: tokio::sync::oneshot::Sender<()>,
     server: JoinHandle<()>,
 }
 
 impl RecordingControl {
     pub fn start() -> Self {
-        let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
-        Self::behind(Arc::new(Mutex::new(setup::build_world(&file).unwrap())))
+        let file = MachineFile::parse("machine.toml", machine_with_control("127.0.0.1:1")).unwrap();
+        Self::serve_world(Arc::new(Mutex::new(setup::build_world(&file).unwrap())))
     }
 
     /// The control of the built-in machine, acting on `world`.
-    pub fn behind(world: Arc<Mutex<SimulatedWorld>>) -> Self {
-        let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
+    pub fn serve_world(world: Arc<Mutex<SimulatedWorld>>) -> Self {
+        let (shared, (stop, stopped)) = (Arc::<SharedRecord>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
         let keeper = shared.clone();
         let server = std::thread::spawn(move || {
@@ -111,7 +111,7 @@ impl RecordingControl {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
-                    client = listener.accept() => serve(client.unwrap().0, world, &keeper).await,
+                    client = listener.accept() => serve_client(client.unwrap().0, world, &keeper).await,
                     // The program may end before it connects.
                     _ = stopped => {}
                 }
@@ -127,9 +127,9 @@ impl RecordingControl {
     /// Waits until `bytes` bytes have passed the wire, or until `give_up` returns true.
     pub fn wait_for(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
         let mut record = self.shared.record();
-        while record.bytes() < bytes {
+        while record.received_bytes() < bytes {
             let patience = Duration::from_millis(20);
-            record = self.shared.grown.wait_timeout(record, patience).unwrap().0;
+            record = self.shared.changed.wait_timeout(record, patience).unwrap().0;
             if give_up() {
                 return;
             }
@@ -137,32 +137,32 @@ impl RecordingControl {
     }
 
     /// The complete record, after the client has disconnected.
-    pub fn end(self) -> Record {
+    pub fn stop_and_take_record(self) -> Record {
         let _ = self.stop.send(());
         self.server.join().unwrap();
         self.shared.record().clone()
     }
 }
 
-async fn serve(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &Shared) {
-    let file = MachineFile::parse("machine.toml", machine("127.0.0.1:1")).unwrap();
+async fn serve_client(client: TcpStream, world: Arc<Mutex<SimulatedWorld>>, shared: &SharedRecord) {
+    let file = MachineFile::parse("machine.toml", machine_with_control("127.0.0.1:1")).unwrap();
     let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
     client.set_nodelay(true).unwrap();
     let (near, far) = tokio::io::duplex(4096);
     let (from_client, to_client) = client.into_split();
     let (from_control, to_control) = tokio::io::split(near);
-    let told = pass(from_client, to_control, |bytes| {
-        shared.add(|record| record.told.extend(bytes));
+    let told = forward_bytes(from_client, to_control, |bytes| {
+        shared.change(|record| record.received.extend(bytes));
     });
-    let said = pass(from_control, to_client, |bytes| {
-        shared.add(|record| record.said.extend(bytes));
+    let said = forward_bytes(from_control, to_client, |bytes| {
+        shared.change(|record| record.sent.extend(bytes));
     });
     let (served, (), ()) = tokio::join!(firmware.serve(far), told, said);
     served.unwrap();
 }
 
 /// Copies until the source ends; bytes without a receiver are still read.
-async fn pass(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, mut seen: impl FnMut(&[u8])) {
+async fn forward_bytes(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, mut seen: impl FnMut(&[u8])) {
     let mut buffer = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut buffer).await {
         seen(&buffer[..count]);

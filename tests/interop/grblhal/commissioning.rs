@@ -9,43 +9,43 @@ use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
-use super::cycle::{FIRST_UM, SHORT, measured, near_the_truth};
-use super::rig::{MACHINE, Rig};
-use crate::linuxcnc::desk::{Desk, complaint};
-use crate::linuxcnc::machine::run;
+use super::cycle::{FIRST_TRUTH_UM, SHORT_SETTINGS, check_near_truth, measure};
+use super::rig::{GrblHalRig, MACHINE_FILE};
+use crate::linuxcnc::desk::{RunWorkspace, failure_text};
+use crate::linuxcnc::machine::block_on;
 
 /// Keys that the control does not report: the operator completes them.
-const TOP: [&str; 4] = ["probe", "solid", "artefact", "method"];
-const OF_ROTARY_AXES: [&str; 4] = ["positive", "point_mm", "min", "max"];
+const TOP_LEVEL_SECTIONS: [&str; 4] = ["probe", "solid", "artefact", "method"];
+const ROTARY_AXIS_KEYS: [&str; 4] = ["positive", "point_mm", "min", "max"];
 
 /// Allows every motion and confirms that it agrees with the file. Deflects the stylus, and releases the control
 /// after a hold by reset and homing.
-struct Operator<'a> {
-    rig: &'a mut Rig,
+struct StylusOperator<'a> {
+    rig: &'a mut GrblHalRig,
     stylus_is_deflected: bool,
     fault: Option<Failed>,
 }
 
-impl Operator<'_> {
-    fn deflect(&mut self, deflected: bool) -> Result<(), Failed> {
+impl StylusOperator<'_> {
+    fn set_stylus_deflected(&mut self, deflected: bool) -> Result<(), Failed> {
         if deflected != self.stylus_is_deflected {
-            self.rig.press('p')?;
+            self.rig.press_button('p')?;
             self.stylus_is_deflected = deflected;
         }
         Ok(())
     }
 
-    fn release(&self) -> Result<(), Failed> {
+    fn release_probe(&self) -> Result<(), Failed> {
         self.rig.reset()?;
         self.rig.home()
     }
 }
 
-impl OperatorInterface for Operator<'_> {
+impl OperatorInterface for StylusOperator<'_> {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let done = match question {
-            Question::StylusState(stylus) => self.deflect(*stylus == StylusState::Deflected),
-            Question::HoldReleased { .. } => self.release(),
+            Question::StylusState(stylus) => self.set_stylus_deflected(*stylus == StylusState::Deflected),
+            Question::HoldReleased { .. } => self.release_probe(),
             _ => Ok(()),
         };
         let answer = match (done, question) {
@@ -62,34 +62,34 @@ impl OperatorInterface for Operator<'_> {
 }
 
 /// The draft of `init`, with the keys of `config/grblhal-sim.toml` that the control does not report.
-fn completed(drafted: &str) -> Result<String, Failed> {
-    let mut short = MACHINE.to_owned();
-    for (from, to) in SHORT {
+fn complete_machine_file(drafted: &str) -> Result<String, Failed> {
+    let mut short = MACHINE_FILE.to_owned();
+    for (from, to) in SHORT_SETTINGS {
         short = short.replace(from, to);
     }
     let mut file: toml::Table = toml::from_str(drafted)?;
     let known: toml::Table = toml::from_str(&short)?;
-    for key in TOP {
+    for key in TOP_LEVEL_SECTIONS {
         file.insert(key.to_owned(), known[key].clone());
     }
     file["machine"]["tool_mm"] = known["machine"]["tool_mm"].clone();
     for axis in ["B", "C"] {
         let axis_table = file["axes"][axis].as_table_mut().ok_or("no table")?;
-        for key in OF_ROTARY_AXES {
+        for key in ROTARY_AXIS_KEYS {
             axis_table.insert(key.to_owned(), known["axes"][axis][key].clone());
         }
     }
     Ok(toml::to_string(&file)?)
 }
 
-fn checked(desk: &Desk, rig: &mut Rig) -> Result<Summary, Failed> {
-    let text = std::fs::read_to_string(desk.machine())?;
+fn run_check(desk: &RunWorkspace, rig: &mut GrblHalRig) -> Result<Summary, Failed> {
+    let text = std::fs::read_to_string(desk.machine_file())?;
     let file = MachineFile::parse("machine.toml", text)?;
-    let (summary, fault) = run(async {
+    let (summary, fault) = block_on(async {
         let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
-        let mut operator = Operator { rig, stylus_is_deflected: false, fault: None };
+        let mut operator = StylusOperator { rig, stylus_is_deflected: false, fault: None };
         let mut report = |_: &Finding| {};
         let check = Check::new(&file, &site, Pace::Real, &journal, &mut operator, Stop::default(), &mut report);
         let summary = check.run_all_parts().await;
@@ -98,21 +98,21 @@ fn checked(desk: &Desk, rig: &mut Rig) -> Result<Summary, Failed> {
     fault.map_or(Ok(summary), Err)
 }
 
-pub fn an_owner_gets_from_the_control_to_a_result() -> Result<(), Failed> {
-    let mut rig = Rig::homed(&[])?;
-    let desk = rig.desk(&[])?;
-    std::fs::remove_file(desk.machine())?;
-    let (at, to) = (format!("127.0.0.1:{}", rig.wire.port), desk.machine().display().to_string());
-    let init: Output = Desk::program(&["init", "--kind", "grbl", "--tcp", &at, "--to", &to]).output()?;
+pub fn init_check_and_run_give_a_result() -> Result<(), Failed> {
+    let mut rig = GrblHalRig::start_homed(&[])?;
+    let desk = rig.workspace(&[])?;
+    std::fs::remove_file(desk.machine_file())?;
+    let (at, to) = (format!("127.0.0.1:{}", rig.proxy.port), desk.machine_file().display().to_string());
+    let init: Output = RunWorkspace::trued_command(&["init", "--kind", "grbl", "--tcp", &at, "--to", &to]).output()?;
     if init.status.code() != Some(0) {
-        return Err(complaint(&init).into());
+        return Err(failure_text(&init).into());
     }
     let drafted = std::fs::read_to_string(&to)?;
-    std::fs::write(&to, completed(&drafted)?)?;
-    let summary = checked(&desk, &mut rig)?;
+    std::fs::write(&to, complete_machine_file(&drafted)?)?;
+    let summary = run_check(&desk, &mut rig)?;
     eprintln!("{summary}");
     if [Verdict::Failed, Verdict::NotLookedAt].iter().any(|verdict| summary.count(*verdict) != 0) {
         return Err(summary.to_string().into());
     }
-    near_the_truth(&measured(&desk, "self-calibration")?, &FIRST_UM)
+    check_near_truth(&measure(&desk, "self-calibration")?, &FIRST_TRUTH_UM)
 }

@@ -6,11 +6,11 @@ use std::time::Instant;
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
-use super::rig::Rig;
-use crate::linuxcnc::desk::{Desk, complaint, result};
+use super::rig::GrblHalRig;
+use crate::linuxcnc::desk::{RunWorkspace, failure_text, value_and_u};
 
 /// Settings for a short run: faster touches, few angles, no references.
-pub const SHORT: [(&str, &str); 2] = [
+pub const SHORT_SETTINGS: [(&str, &str); 2] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
     ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nreferences = false"),
 ];
@@ -18,20 +18,20 @@ pub const SHORT: [(&str, &str); 2] = [
 const MAX_EXPANDED_UM: f64 = 6.0;
 
 /// Location of the true C axis relative to the machine file, µm.
-pub const FIRST_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
-const SECOND_UM: [(&str, f64); 2] = [("EX0C", -80.0), ("EY0C", 110.0)];
+pub const FIRST_TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
+const SECOND_TRUTH_UM: [(&str, f64); 2] = [("EX0C", -80.0), ("EY0C", 110.0)];
 
-pub fn measured(desk: &Desk, method: &str) -> Result<Estimate, Failed> {
-    let output = desk.run(method)?.wait_with_output()?;
+pub fn measure(desk: &RunWorkspace, method: &str) -> Result<Estimate, Failed> {
+    let output = desk.start_run(method)?.wait_with_output()?;
     if output.status.code() != Some(0) {
-        return Err(complaint(&output).into());
+        return Err(failure_text(&output).into());
     }
     Ok(serde_json::from_slice(&output.stdout)?)
 }
 
-pub fn near_the_truth(estimate: &Estimate, truth_um: &[(&str, f64)]) -> Result<(), Failed> {
+pub fn check_near_truth(estimate: &Estimate, truth_um: &[(&str, f64)]) -> Result<(), Failed> {
     for (symbol, truth) in truth_um {
-        let (value, expanded) = result(estimate, symbol)?;
+        let (value, expanded) = value_and_u(estimate, symbol)?;
         eprintln!("{symbol} = {value:.3} um, U = {expanded:.3} um, truly {truth}");
         if (value - truth).abs() > expanded || expanded > MAX_EXPANDED_UM {
             return Err(format!("{symbol} = {value} um, U = {expanded} um, truly {truth}").into());
@@ -40,22 +40,22 @@ pub fn near_the_truth(estimate: &Estimate, truth_um: &[(&str, f64)]) -> Result<(
     Ok(())
 }
 
-pub fn a_short_one_finds_the_true_axis() -> Result<(), Failed> {
-    let rig = Rig::homed(&[])?;
-    near_the_truth(&measured(&rig.desk(&SHORT)?, "self-calibration")?, &FIRST_UM)
+pub fn short_cycle_finds_the_true_axis() -> Result<(), Failed> {
+    let rig = GrblHalRig::start_homed(&[])?;
+    check_near_truth(&measure(&rig.workspace(&SHORT_SETTINGS)?, "self-calibration")?, &FIRST_TRUTH_UM)
 }
 
 pub fn two_true_axes_are_found() -> Result<(), Failed> {
     let second = [("cx", -0.08), ("cy", 0.11)];
-    for (truth, truth_um) in [(&[][..], FIRST_UM), (&second[..], SECOND_UM)] {
-        let rig = Rig::homed(truth)?;
-        let desk = rig.desk(&[])?;
-        let planned_s = planned_s(&desk)?;
+    for (truth, truth_um) in [(&[][..], FIRST_TRUTH_UM), (&second[..], SECOND_TRUTH_UM)] {
+        let rig = GrblHalRig::start_homed(truth)?;
+        let desk = rig.workspace(&[])?;
+        let planned_s = planned_time_s(&desk)?;
         let started = Instant::now();
-        let estimate = measured(&desk, "self-calibration")?;
+        let estimate = measure(&desk, "self-calibration")?;
         let took_s = started.elapsed().as_secs_f64();
         eprintln!("took {took_s:.0} s; {planned_s:.0} s were planned");
-        near_the_truth(&estimate, &truth_um)?;
+        check_near_truth(&estimate, &truth_um)?;
         if (took_s / planned_s - 1.0).abs() > 0.1 {
             return Err(format!("took {took_s} s; {planned_s} s were planned").into());
         }
@@ -64,10 +64,10 @@ pub fn two_true_axes_are_found() -> Result<(), Failed> {
 }
 
 /// The machine time that `trued plan` predicts.
-fn planned_s(desk: &Desk) -> Result<f64, Failed> {
-    let machine = desk.machine().display().to_string();
+fn planned_time_s(desk: &RunWorkspace) -> Result<f64, Failed> {
+    let machine = desk.machine_file().display().to_string();
     let output = desk.command(&["plan", "self-calibration", "--machine", &machine]).output()?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &complaint(&output);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &failure_text(&output);
     let time = said.split_once("machine time: about ").ok_or(said.clone())?.1;
     let words: Vec<&str> = time.lines().next().unwrap_or_default().split_whitespace().collect();
     let mut seconds = 0.0;
@@ -80,17 +80,17 @@ fn planned_s(desk: &Desk) -> Result<f64, Failed> {
 }
 
 pub fn a_reversed_axis_is_found() -> Result<(), Failed> {
-    let rig = Rig::homed(&[("sC", 1.0)])?;
+    let rig = GrblHalRig::start_homed(&[("sC", 1.0)])?;
     let c = "[axes.C]\npositive = \"iso\"";
-    let desk = rig.desk(&[(c, "[axes.C]\npositive = \"reversed\"")])?;
-    near_the_truth(&measured(&desk, "self-calibration")?, &FIRST_UM)
+    let desk = rig.workspace(&[(c, "[axes.C]\npositive = \"reversed\"")])?;
+    check_near_truth(&measure(&desk, "self-calibration")?, &FIRST_TRUTH_UM)
 }
 
 /// The probe of the rig is latched in the firmware itself, without delay.
 pub fn the_latch_delay_is_found() -> Result<(), Failed> {
-    let rig = Rig::homed(&[])?;
-    let estimate = measured(&rig.desk(&[])?, "latch-delay")?;
-    let (delay_ms, expanded_ms) = result(&estimate, "t_latch")?;
+    let rig = GrblHalRig::start_homed(&[])?;
+    let estimate = measure(&rig.workspace(&[])?, "latch-delay")?;
+    let (delay_ms, expanded_ms) = value_and_u(&estimate, "t_latch")?;
     match delay_ms.abs() <= expanded_ms && expanded_ms < 2.0 {
         true => Ok(()),
         false => Err(format!("t_latch = {delay_ms} ms, U = {expanded_ms} ms").into()),

@@ -12,25 +12,25 @@ mod wire;
 
 use crate::support::harness::{Pool, Trials, trials};
 
-fn not_built() -> Option<&'static str> {
-    (!rig::firmware().is_file()).then_some("grblHAL is not built: tests/peers/grblhal/build")
+fn missing_firmware() -> Option<&'static str> {
+    (!rig::firmware_path().is_file()).then_some("grblHAL is not built: tests/peers/grblhal/build")
 }
 
 pub fn trials() -> Trials {
     trials![Pool::GrblHal, 60;
         readiness::a_control_that_is_not_ready_is_sent_no_motion,
-        cycle::a_short_one_finds_the_true_axis,
+        cycle::short_cycle_finds_the_true_axis,
     ]
-    .and(
+    .with(
         trials![Pool::GrblHal, 0;
-            commissioning::an_owner_gets_from_the_control_to_a_result,
+            commissioning::init_check_and_run_give_a_result,
             cycle::the_latch_delay_is_found,
             cycle::two_true_axes_are_found,
             cycle::a_reversed_axis_is_found,
-            faults::a_run_that_was_held_at_the_machine_goes_on,
-            faults::a_run_goes_on_after_the_firmware_was_killed,
+            faults::run_held_at_the_machine_resumes,
+            faults::run_resumes_after_the_firmware_was_killed,
         ]
         .ignored(),
     )
-    .skipped_without(not_built)
+    .skipped_without(missing_firmware)
 }

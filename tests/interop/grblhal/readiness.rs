@@ -2,36 +2,36 @@
 
 use libtest_mimic::Failed;
 
-use super::rig::Rig;
-use crate::linuxcnc::desk::{Desk, complaint};
+use super::rig::GrblHalRig;
+use crate::linuxcnc::desk::{RunWorkspace, failure_text};
 
 /// A method that needs no angle of the table.
 const METHOD: &str = "latch-delay";
 
-fn is_refused(rig: &Rig, desk: &Desk, named: [&str; 2]) -> Result<(), Failed> {
-    rig.wire.forget();
-    let output = desk.run(METHOD)?.wait_with_output()?;
-    let said = complaint(&output);
-    let motions = rig.wire.motions();
+fn is_refused(rig: &GrblHalRig, desk: &RunWorkspace, named: [&str; 2]) -> Result<(), Failed> {
+    rig.proxy.clear_record();
+    let output = desk.start_run(METHOD)?.wait_with_output()?;
+    let said = failure_text(&output);
+    let motions = rig.proxy.sent_motions();
     if !motions.is_empty() {
         return Err(format!("{named:?}: it was sent {motions:?}").into());
     }
     let is_named = named.iter().all(|words| said.contains(words));
-    if output.status.code() != Some(1) || !is_named || rig.wire.lines().is_empty() {
+    if output.status.code() != Some(1) || !is_named || rig.proxy.sent_lines().is_empty() {
         return Err(format!("{named:?} is not in {said}").into());
     }
     Ok(())
 }
 
 /// Real-time commands of Grbl 1.1: feed override to 100 %, 10 % more; rapid override to 100 %, to 25 %.
-const FEED_100: &[u8] = &[0x90];
-const FEED_200: &[u8] = &[0x91; 10];
-const RAPID_100: &[u8] = &[0x95];
-const RAPID_25: &[u8] = &[0x97];
+const FEED_OVERRIDE_100: &[u8] = &[0x90];
+const FEED_OVERRIDE_200: &[u8] = &[0x91; 10];
+const RAPID_OVERRIDE_100: &[u8] = &[0x95];
+const RAPID_OVERRIDE_25: &[u8] = &[0x97];
 
 pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
-    let mut rig = Rig::not_homed(&[])?;
-    let desk = rig.desk(&[])?;
+    let mut rig = GrblHalRig::start_not_homed(&[])?;
+    let desk = rig.workspace(&[])?;
     is_refused(&rig, &desk, ["not homed", "$H"])?;
     rig.home()?;
     for (wrong, right, named) in [
@@ -41,21 +41,21 @@ pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
         ("$20=0", "$20=1", ["soft limits are off", "$20=1"]),
         ("$131=0", "$131=200", ["do not limit Y", "$131"]),
     ] {
-        rig.ask(wrong)?;
+        rig.query(wrong)?;
         is_refused(&rig, &desk, named)?;
-        rig.ask(right)?;
+        rig.query(right)?;
     }
     for (wrong, reported, right, named) in [
-        (FEED_200, "|Ov:200,100,", FEED_100, ["feed 200 %", "100 %"]),
-        (RAPID_25, "|Ov:100,25,", RAPID_100, ["rapid 25 %", "100 %"]),
+        (FEED_OVERRIDE_200, "|Ov:200,100,", FEED_OVERRIDE_100, ["feed 200 %", "100 %"]),
+        (RAPID_OVERRIDE_25, "|Ov:100,25,", RAPID_OVERRIDE_100, ["rapid 25 %", "100 %"]),
     ] {
-        rig.command(wrong, reported)?;
+        rig.send_until(wrong, reported)?;
         is_refused(&rig, &desk, named)?;
-        rig.command(right, "|Ov:100,100,")?;
+        rig.send_until(right, "|Ov:100,100,")?;
     }
     rig.reset()?;
     is_refused(&rig, &desk, ["not homed", "$H"])?;
     rig.home()?;
-    rig.start_again()?;
+    rig.restart_firmware()?;
     is_refused(&rig, &desk, ["not homed", "$H"])
 }

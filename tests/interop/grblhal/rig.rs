@@ -11,13 +11,13 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 use tempfile::TempDir;
 
-use super::wire::Wire;
-use crate::linuxcnc::desk::Desk;
+use super::wire::RecordingProxy;
+use crate::linuxcnc::desk::RunWorkspace;
 use crate::linuxcnc::rig::free_port;
 
 /// The table's centre in machine coordinates; the stylus ball relative to the spindle datum; the part of
 /// `config/grblhal-sim.toml`, offset from its position in that file.
-const TRUTH: [(&str, f64); 12] = [
+const TRUE_MACHINE: [(&str, f64); 12] = [
     ("ox", -150.0),
     ("oy", -100.0),
     ("oz", -450.0),
@@ -32,87 +32,87 @@ const TRUTH: [(&str, f64); 12] = [
     ("rad", 25.0),
 ];
 /// Settings of the machine in `config/grblhal-sim.toml`. Homing: each axis at its current position ($22).
-const SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
+const GRBL_SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
     $120=1000 $121=1000 $122=1000 $123=400 $124=400 $133=0 $134=0 $376=3 $22=35 $44=0 $45=0 $46=0 $47=0 $48=0 $20=1";
-pub const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
+pub const MACHINE_FILE: &str = include_str!("../../../config/grblhal-sim.toml");
 /// Timeout of the start; other trials may keep the computer busy meanwhile.
-const PATIENCE: Duration = Duration::from_secs(60);
-const START: Duration = Duration::from_millis(500);
-const TRIES: u32 = 5;
+const REPLY_TIMEOUT: Duration = Duration::from_secs(60);
+const START_POLL_PERIOD: Duration = Duration::from_millis(500);
+const MAX_STARTS: u32 = 5;
 
-pub fn firmware() -> PathBuf {
+pub fn firmware_path() -> PathBuf {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap_or(Path::new(""));
     target.join("peers/grblhal/grblHAL_sim")
 }
 
-pub struct Rig {
+pub struct GrblHalRig {
     process: Child,
     folder: TempDir,
     port: u16,
-    pub wire: Wire,
+    pub proxy: RecordingProxy,
 }
 
-impl Drop for Rig {
+impl Drop for GrblHalRig {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-impl Rig {
-    /// A rig that has never been homed, with the settings of the machine; `truth` replaces values of `TRUTH`.
-    pub fn not_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
+impl GrblHalRig {
+    /// A rig that has never been homed, with the settings of the machine; `truth` replaces values of `TRUE_MACHINE`.
+    pub fn start_not_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
         let folder = TempDir::new()?;
-        let all = TRUTH.iter().chain(&[("height", 100.0)]).chain(truth);
+        let all = TRUE_MACHINE.iter().chain(&[("height", 100.0)]).chain(truth);
         let all: String = all.map(|(name, value)| format!("{name} {value}\n")).collect();
         std::fs::write(folder.path().join("truth"), all)?;
-        let (process, port) = start(folder.path())?;
-        let rig = Self { process, folder, port, wire: Wire::to(port)? };
-        rig.wake()?;
-        SETTINGS.split_whitespace().try_for_each(|setting| rig.ask(setting).map(drop))?;
+        let (process, port) = start_firmware(folder.path())?;
+        let rig = Self { process, folder, port, proxy: RecordingProxy::start(port)? };
+        rig.wake_up()?;
+        GRBL_SETTINGS.split_whitespace().try_for_each(|setting| rig.query(setting).map(drop))?;
         Ok(rig)
     }
 
     /// During its start the firmware reports an empty memory and loses received settings.
-    fn wake(&self) -> Result<(), Failed> {
+    fn wake_up(&self) -> Result<(), Failed> {
         let started = Instant::now();
-        while self.ask_within("", START).is_err() {
-            if started.elapsed() > PATIENCE {
+        while self.query_within("", START_POLL_PERIOD).is_err() {
+            if started.elapsed() > REPLY_TIMEOUT {
                 return Err("the firmware does not answer".into());
             }
         }
         Ok(())
     }
 
-    pub fn homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
-        let rig = Self::not_homed(truth)?;
+    pub fn start_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
+        let rig = Self::start_not_homed(truth)?;
         rig.home()?;
         Ok(rig)
     }
 
     /// Moves the axes to their ends by commands at the control, and homes them there.
     pub fn home(&self) -> Result<(), Failed> {
-        self.ask("$X")?;
+        self.query("$X")?;
         for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"] {
-            self.ask(line)?;
+            self.query(line)?;
         }
         Ok(())
     }
 
     /// Sends a line at the control itself while no other client is connected; returns the answer. The first byte of
     /// a client may be lost; the line is then not a command and is sent again.
-    pub fn ask(&self, line: &str) -> Result<String, Failed> {
-        let mut answer = self.ask_within(line, PATIENCE);
-        for _ in 1..TRIES {
+    pub fn query(&self, line: &str) -> Result<String, Failed> {
+        let mut answer = self.query_within(line, REPLY_TIMEOUT);
+        for _ in 1..MAX_STARTS {
             if answer.is_ok() {
                 break;
             }
-            answer = self.ask_within(line, PATIENCE);
+            answer = self.query_within(line, REPLY_TIMEOUT);
         }
         answer
     }
 
-    fn ask_within(&self, line: &str, patience: Duration) -> Result<String, Failed> {
+    fn query_within(&self, line: &str, patience: Duration) -> Result<String, Failed> {
         let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;
         writeln!(wire, "{line}")?;
@@ -134,13 +134,13 @@ impl Rig {
     }
 
     /// Sends real-time commands at the control, while no other client is connected, until a report contains `done`.
-    pub fn command(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
+    pub fn send_until(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
         let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;
         wire.write_all(bytes)?;
         let (started, mut answer, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
         while !answer.contains(done) {
-            if started.elapsed() > PATIENCE {
+            if started.elapsed() > REPLY_TIMEOUT {
                 return Err(format!("the firmware says {answer:?}, and not {done}").into());
             }
             wire.write_all(b"?")?;
@@ -155,11 +155,11 @@ impl Rig {
 
     /// Sends Ctrl-X at the control.
     pub fn reset(&self) -> Result<(), Failed> {
-        self.command(b"\x18", "GrblHAL")
+        self.send_until(b"\x18", "GrblHAL")
     }
 
     /// Presses or releases a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.
-    pub fn press(&mut self, button: char) -> Result<(), Failed> {
+    pub fn press_button(&mut self, button: char) -> Result<(), Failed> {
         let buttons = self.process.stdin.as_mut().ok_or("no buttons")?;
         write!(buttons, "{button}")?;
         buttons.flush()?;
@@ -167,32 +167,32 @@ impl Rig {
         Ok(())
     }
 
-    pub fn kill(&mut self) -> Result<(), Failed> {
+    pub fn kill_firmware(&mut self) -> Result<(), Failed> {
         self.process.kill()?;
         self.process.wait()?;
         Ok(())
     }
 
     /// Restarts the firmware with its stored settings; it is then at machine zero.
-    pub fn start_again(&mut self) -> Result<(), Failed> {
-        self.kill()?;
-        (self.process, self.port) = start(self.folder.path())?;
-        self.wire.lead_to(self.port);
-        self.wake()
+    pub fn restart_firmware(&mut self) -> Result<(), Failed> {
+        self.kill_firmware()?;
+        (self.process, self.port) = start_firmware(self.folder.path())?;
+        self.proxy.set_firmware_port(self.port);
+        self.wake_up()
     }
 
     /// A workspace with the machine file of this rig, with some of its text replaced.
-    pub fn desk(&self, changes: &[(&str, &str)]) -> Result<Desk, Failed> {
-        let address = format!("127.0.0.1:{}", self.wire.port);
+    pub fn workspace(&self, changes: &[(&str, &str)]) -> Result<RunWorkspace, Failed> {
+        let address = format!("127.0.0.1:{}", self.proxy.port);
         let changes: Vec<_> = changes.iter().copied().chain([("127.0.0.1:7001", &*address)]).collect();
-        Desk::new(MACHINE, &changes)
+        RunWorkspace::new(MACHINE_FILE, &changes)
     }
 
     /// Waits until this many measuring touches (at 120 mm/min) have begun since the last call of `forget`, while
     /// `run` continues.
     pub fn wait_for_touches(&self, touches: usize, run: &mut Child) -> Result<(), Failed> {
         let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F120.000");
-        while self.wire.lines().iter().filter(measuring).count() < touches {
+        while self.proxy.sent_lines().iter().filter(measuring).count() < touches {
             if run.try_wait()?.is_some() {
                 return Err(format!("the run ended before {touches} touches").into());
             }
@@ -204,10 +204,10 @@ impl Rig {
 
 /// Starts the firmware and waits until it listens; returns its port. A client that connects while its threads start
 /// may end it; it is then started again.
-fn start(folder: &Path) -> Result<(Child, u16), Failed> {
-    for _ in 0..TRIES {
+fn start_firmware(folder: &Path) -> Result<(Child, u16), Failed> {
+    for _ in 0..MAX_STARTS {
         let port = free_port().map_err(|error| error.to_string())?;
-        let mut process = Command::new(firmware())
+        let mut process = Command::new(firmware_path())
             .args(["-n", "-t", "1", "-p", &port.to_string(), "-e"])
             .arg(folder.join("eeprom"))
             .env("TRUTH", folder.join("truth"))
@@ -215,12 +215,12 @@ fn start(folder: &Path) -> Result<(Child, u16), Failed> {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()?;
-        sleep(START);
+        sleep(START_POLL_PERIOD);
         let started = Instant::now();
-        while TcpStream::connect(("127.0.0.1", port)).is_err() && started.elapsed() < PATIENCE {
+        while TcpStream::connect(("127.0.0.1", port)).is_err() && started.elapsed() < REPLY_TIMEOUT {
             sleep(Duration::from_millis(20));
         }
-        sleep(START);
+        sleep(START_POLL_PERIOD);
         if process.try_wait()?.is_none() {
             return Ok((process, port));
         }

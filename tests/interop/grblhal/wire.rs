@@ -10,14 +10,14 @@ use std::thread;
 use libtest_mimic::Failed;
 
 #[derive(Clone)]
-pub struct Wire {
+pub struct RecordingProxy {
     pub port: u16,
     firmware_port: Arc<AtomicU16>,
     sent: Arc<Mutex<Vec<u8>>>,
 }
 
-impl Wire {
-    pub fn to(firmware_port: u16) -> Result<Self, Failed> {
+impl RecordingProxy {
+    pub fn start(firmware_port: u16) -> Result<Self, Failed> {
         let listener = TcpListener::bind("127.0.0.1:0")?;
         let wire = Self {
             port: listener.local_addr()?.port(),
@@ -35,7 +35,7 @@ impl Wire {
         Ok(wire)
     }
 
-    pub fn lead_to(&self, firmware_port: u16) {
+    pub fn set_firmware_port(&self, firmware_port: u16) {
         self.firmware_port.store(firmware_port, Ordering::SeqCst);
     }
 
@@ -46,13 +46,13 @@ impl Wire {
         let record = move |bytes: &[u8]| {
             sent.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
         };
-        pump(client.try_clone()?, firmware.try_clone()?, record);
-        pump(firmware, client, |_| {});
+        forward_bytes(client.try_clone()?, firmware.try_clone()?, record);
+        forward_bytes(firmware, client, |_| {});
         Ok(())
     }
 
     /// The lines to the firmware since the last call of `forget`, without real-time commands.
-    pub fn lines(&self) -> Vec<String> {
+    pub fn sent_lines(&self) -> Vec<String> {
         let sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
         let is_text = |byte: &&u8| **byte == b'\n' || (b' '..=b'~').contains(*byte);
         let text = sent.iter().filter(is_text).filter(|byte| !b"?!~".contains(*byte));
@@ -61,23 +61,23 @@ impl Wire {
     }
 
     /// The recorded lines that move an axis.
-    pub fn motions(&self) -> Vec<String> {
+    pub fn sent_motions(&self) -> Vec<String> {
         let is_motion = |line: &String| {
             let moves = |word: &str| ["G0", "G1", "G2", "G3", "G28", "G30"].contains(&word) || word.starts_with("G38");
             line.starts_with("$H")
                 || line.starts_with("$J")
                 || (!line.starts_with('(') && line.split_whitespace().any(moves))
         };
-        self.lines().into_iter().filter(is_motion).collect()
+        self.sent_lines().into_iter().filter(is_motion).collect()
     }
 
-    pub fn forget(&self) {
+    pub fn clear_record(&self) {
         self.sent.lock().unwrap_or_else(PoisonError::into_inner).clear();
     }
 }
 
 /// Copies bytes until one side closes, then closes both.
-fn pump(mut from: TcpStream, mut to: TcpStream, record: impl Fn(&[u8]) + Send + 'static) {
+fn forward_bytes(mut from: TcpStream, mut to: TcpStream, record: impl Fn(&[u8]) + Send + 'static) {
     thread::spawn(move || {
         let mut bytes = [0; 4096];
         while let Ok(count @ 1..) = from.read(&mut bytes) {

@@ -7,17 +7,17 @@ use trued::commissioning::{AnswerFuture, Check, Finding, OperatorInterface, Stop
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
-use super::desk::Desk;
-use super::machine::run;
-use super::rig::rig;
+use super::desk::RunWorkspace;
+use super::machine::block_on;
+use super::rig::lock_rig;
 
 /// Answers Z+, and keeps the positions at which the retract direction was requested.
 #[derive(Default)]
-struct Operator {
+struct JoggingOperator {
     z_mm: Vec<f64>,
 }
 
-impl OperatorInterface for Operator {
+impl OperatorInterface for JoggingOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let answer = match question {
             Question::DisplayedPosition(_) => Answer::Yes,
@@ -32,26 +32,26 @@ impl OperatorInterface for Operator {
 }
 
 pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
-    let rig = rig()?;
-    let mut control = rig.person()?;
+    let rig = lock_rig()?;
+    let mut control = rig.connect_client()?;
     // Onto the top of the part at 103 mm, then 1.5 mm deeper.
-    control.mdi("G53 G0 Z110")?;
-    control.mdi("G38.3 Z95 F300")?;
-    control.mdi("G53 G1 Z101.5 F60")?;
-    let before = rig.stands()?;
-    let desk = Desk::for_rig(&rig)?;
-    let text = std::fs::read_to_string(desk.machine())?;
+    control.run_mdi("G53 G0 Z110")?;
+    control.run_mdi("G38.3 Z95 F300")?;
+    control.run_mdi("G53 G1 Z101.5 F60")?;
+    let before = rig.commanded_position()?;
+    let desk = RunWorkspace::for_rig(&rig)?;
+    let text = std::fs::read_to_string(desk.machine_file())?;
     let file = MachineFile::parse("machine.toml", text)?;
-    let (summary, operator) = run(async {
+    let (summary, operator) = block_on(async {
         let site = ReopenableMachine::new(&file)?;
         let folder = tempfile::tempdir()?;
         let journal = Journal::open(folder.path())?;
-        let (mut person, mut tell) = (Operator::default(), |_: &Finding| {});
+        let (mut person, mut tell) = (JoggingOperator::default(), |_: &Finding| {});
         let check = Check::new(&file, &site, Pace::Real, &journal, &mut person, Stop::default(), &mut tell);
         let summary = check.run_all_parts().await;
         Ok((summary, person))
     })?;
-    let after = rig.stands()?;
+    let after = rig.commanded_position()?;
     let steps = operator.z_mm.len() as f64;
     let is_led_out = (before[2] - 101.5).abs() < 0.01
         && operator.z_mm.len() == 2

@@ -9,18 +9,18 @@ use machine::record::plan::Plan;
 use tempfile::TempDir;
 
 use super::machine::rig_ini;
-use super::rig::Rig;
-use super::streams::Streams;
+use super::rig::LinuxCncRig;
+use super::streams::SimulatorProcess;
 use crate::support::person;
 
-const MACHINE: &str = include_str!("../../../config/linuxcnc-sim.toml");
-/// Machine files that replace the part and the settings of `MACHINE`.
-const BALLS: &str = include_str!("samba.toml");
-const LASER: &str = include_str!("laser.toml");
-const MULTIPROBE: &str = include_str!("multiprobe.toml");
+const MACHINE_FILE: &str = include_str!("../../../config/linuxcnc-sim.toml");
+/// Machine files that replace the part and the settings of `MACHINE_FILE`.
+const SAMBA_SECTIONS: &str = include_str!("samba.toml");
+const LASER_SECTIONS: &str = include_str!("laser.toml");
+const MULTIPROBE_SECTIONS: &str = include_str!("multiprobe.toml");
 
 /// Fewer and faster touches.
-const QUICK: [(&str, &str); 4] = [
+const QUICK_SETTINGS: [(&str, &str); 4] = [
     ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
     ("repeatability_um = 0.15", "repeatability_um = 1.5"),
     ("uncertainty_mm = 2.0", "uncertainty_mm = 0.4"),
@@ -28,65 +28,65 @@ const QUICK: [(&str, &str); 4] = [
 ];
 
 /// A workspace: a machine file for this rig and an empty journal.
-pub struct Desk(TempDir);
+pub struct RunWorkspace(TempDir);
 
-impl Desk {
+impl RunWorkspace {
     /// `config/linuxcnc-sim.toml` unchanged.
-    pub fn for_rig(rig: &Rig) -> Result<Self, Failed> {
-        Self::with(rig, &[])
+    pub fn for_rig(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        Self::with_changes(rig, &[])
     }
 
     /// A short cycle with quick touches, for trials that do not depend on the result.
-    pub fn in_a_hurry(rig: &Rig) -> Result<Self, Failed> {
-        Self::with(rig, &QUICK)
+    pub fn with_quick_settings(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        Self::with_changes(rig, &QUICK_SETTINGS)
     }
 
     /// A short cycle that is triggered externally: the program serves at `port` of this computer.
-    pub fn serving(rig: &Rig, port: u16) -> Result<Self, Failed> {
+    pub fn with_http(rig: &LinuxCncRig, port: u16) -> Result<Self, Failed> {
         let serve = format!(
             "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
              [[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n[serve.modbus]\n\
              listen = \"127.0.0.1:{port}\"\nallow = [\"127.0.0.1\"]\n",
-            MACHINE
+            MACHINE_FILE
         );
-        Self::of(rig, &serve, &QUICK)
+        Self::from_sections(rig, &serve, &QUICK_SETTINGS)
     }
 
     /// A short cycle with accurate touches.
-    pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
+    pub fn with_positions(rig: &LinuxCncRig, positions: u32) -> Result<Self, Failed> {
         let settings = format!("heights_mm = [90.0]\npositions = {positions}");
         let short = [
             ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"),
             ("repeatability_um = 0.15", "repeatability_um = 0.3"),
             ("heights_mm = [90.0]", &*settings),
         ];
-        Self::with(rig, &short)
+        Self::with_changes(rig, &short)
     }
 
     /// With balls in place of the cylinder, and touches at twice the feed: a servo period is then 1 µm.
-    pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
-        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+    pub fn with_balls(rig: &LinuxCncRig) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let faster =
             [("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 60.0"), ("repeatability_um = 0.15", "repeatability_um = 0.3")];
-        Self::of(rig, &format!("{head}{BALLS}"), &faster)
+        Self::from_sections(rig, &format!("{head}{SAMBA_SECTIONS}"), &faster)
     }
 
     /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.
-    pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
-        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
+    pub fn with_laser(rig: &LinuxCncRig, streams: &SimulatorProcess, line: &str) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let ports = [
             ("[controller.sampler]\ntcp", &*format!("[controller.sampler]\n{line}\ntcp")),
-            ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.positions)),
-            ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser)),
+            ("127.0.0.1:5011", &*format!("127.0.0.1:{}", streams.position_port)),
+            ("127.0.0.1:5012", &*format!("127.0.0.1:{}", streams.laser_port)),
         ];
-        Self::of(rig, &format!("{head}{LASER}"), &ports)
+        Self::from_sections(rig, &format!("{head}{LASER_SECTIONS}"), &ports)
     }
 
     /// With sensors around a datum cylinder at 0°, 90° and 230° (as in rig.hal), and LinuxCNC's sampler.
-    pub fn with_sensors(rig: &Rig, streams: &Streams) -> Result<Self, Failed> {
-        let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
-        let mut file = format!("{head}{MULTIPROBE}");
-        for (device, degrees) in streams.sensors.iter().zip([0.0_f64, 90.0, 230.0]) {
+    pub fn with_sensors(rig: &LinuxCncRig, streams: &SimulatorProcess) -> Result<Self, Failed> {
+        let (head, _) = MACHINE_FILE.split_once("[artefact]").ok_or("there is no part in the file")?;
+        let mut file = format!("{head}{MULTIPROBE_SECTIONS}");
+        for (device, degrees) in streams.sensor_paths.iter().zip([0.0_f64, 90.0, 230.0]) {
             let (sin, cos) = degrees.to_radians().sin_cos();
             file += &format!(
                 "\n[[sensor]]\nname = \"at {degrees}\"\nmount = \"bed\"\n\
@@ -101,16 +101,16 @@ impl Desk {
                 -sin
             );
         }
-        let port = format!("127.0.0.1:{}", streams.positions);
-        Self::of(rig, &file, &[("127.0.0.1:5011", &port)])
+        let port = format!("127.0.0.1:{}", streams.position_port);
+        Self::from_sections(rig, &file, &[("127.0.0.1:5011", &port)])
     }
 
-    /// `MACHINE` with some of its text replaced.
-    fn with(rig: &Rig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
-        Self::of(rig, MACHINE, changes)
+    /// `MACHINE_FILE` with some of its text replaced.
+    fn with_changes(rig: &LinuxCncRig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+        Self::from_sections(rig, MACHINE_FILE, changes)
     }
 
-    fn of(rig: &Rig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
+    fn from_sections(rig: &LinuxCncRig, machine: &str, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         let port = format!("127.0.0.1:{}", rig.port);
         let directory = rig.directory.display().to_string();
         let ini = format!("ini = \"{}\"", rig_ini().display());
@@ -133,92 +133,92 @@ impl Desk {
             machine = machine.replace(from, to);
         }
         let desk = Self(TempDir::new()?);
-        std::fs::write(desk.machine(), machine)?;
+        std::fs::write(desk.machine_file(), machine)?;
         Ok(desk)
     }
 
-    pub fn machine(&self) -> PathBuf {
+    pub fn machine_file(&self) -> PathBuf {
         self.0.path().join("machine.toml")
     }
 
     /// A command without a journal.
-    pub fn program(arguments: &[&str]) -> Command {
+    pub fn trued_command(arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
 
     pub fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Self::program(arguments);
+        let mut command = Self::trued_command(arguments);
         command.arg("--state").arg(self.0.path());
         command
     }
 
     /// Standard output of a command that must succeed.
-    pub fn said(&self, arguments: &[&str]) -> Result<String, Failed> {
+    pub fn stdout(&self, arguments: &[&str]) -> Result<String, Failed> {
         let output = self.command(arguments).output()?;
         if !output.status.success() {
-            return Err(complaint(&output).into());
+            return Err(failure_text(&output).into());
         }
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
     /// Checks the state of the last run in the journal.
-    pub fn is(&self, state: &str) -> Result<(), Failed> {
-        let runs = self.said(&["runs", "--json"])?;
+    pub fn check_state(&self, state: &str) -> Result<(), Failed> {
+        let runs = self.stdout(&["runs", "--json"])?;
         let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
         if said == state { Ok(()) } else { Err(runs.into()) }
     }
 
     /// Number of exported readings of the first run.
-    pub fn kept(&self) -> Result<usize, Failed> {
-        let readings = self.exported("readings.csv")?;
+    pub fn stored_reading_count(&self) -> Result<usize, Failed> {
+        let readings = self.export_csv("readings.csv")?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
     }
 
     /// Number of readings of the first run in steps whose label begins with `label`.
-    pub fn readings_of(&self, label: &str) -> Result<usize, Failed> {
-        let plan: Plan = serde_json::from_str(&self.exported("plan.json")?)?;
+    pub fn reading_count(&self, label: &str) -> Result<usize, Failed> {
+        let plan: Plan = serde_json::from_str(&self.export_csv("plan.json")?)?;
         let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
         let steps: Vec<String> = steps.map(|step| step.id.to_string()).collect();
-        let readings = self.exported("readings.csv")?;
+        let readings = self.export_csv("readings.csv")?;
         let rows = readings.lines().filter_map(|line| line.split(',').next());
         Ok(rows.filter(|step| steps.iter().any(|of| of == step)).count())
     }
 
-    fn exported(&self, name: &str) -> Result<String, Failed> {
-        self.said(&["export", "1", "--to", &self.0.path().display().to_string()])?;
+    fn export_csv(&self, name: &str) -> Result<String, Failed> {
+        self.stdout(&["export", "1", "--to", &self.0.path().display().to_string()])?;
         Ok(std::fs::read_to_string(self.0.path().join(format!("run-1-{name}")))?)
     }
 
     /// Acknowledges the hold and resumes the first run.
-    pub fn resume(&self) -> Result<Child, Failed> {
+    pub fn start_resume(&self) -> Result<Child, Failed> {
         Ok(self.command(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
     }
 
-    pub fn start(&self) -> Result<Child, Failed> {
-        self.run("self-calibration")
+    pub fn start_self_calibration(&self) -> Result<Child, Failed> {
+        self.start_run("self-calibration")
     }
 
     /// Starts `trued serve`.
-    pub fn serve(&self) -> Result<Child, Failed> {
-        let machine = self.machine().display().to_string();
+    pub fn start_daemon(&self) -> Result<Child, Failed> {
+        let machine = self.machine_file().display().to_string();
         Ok(self.command(&["serve", "--machine", &machine]).spawn()?)
     }
 
-    pub fn run(&self, method: &str) -> Result<Child, Failed> {
-        let machine = self.machine().display().to_string();
+    pub fn start_run(&self, method: &str) -> Result<Child, Failed> {
+        let machine = self.machine_file().display().to_string();
         let mut command = self.command(&["run", method, "--json", "--machine", &machine]);
-        Ok(person::confirms(&mut command).spawn()?)
+        Ok(person::confirm_prompts(&mut command).spawn()?)
     }
 }
 
-pub fn complaint(output: &Output) -> String {
+pub fn failure_text(output: &Output) -> String {
     format!("{}: {}", output.status, String::from_utf8_lossy(&output.stderr))
 }
 
 /// Value and expanded uncertainty, µm.
-pub fn result(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
+pub fn value_and_u(estimate: &Estimate, symbol: &str) -> Result<(f64, f64), Failed> {
     let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
     found.map(|parameter| (parameter.value, parameter.expanded)).ok_or_else(|| symbol.into())
 }

@@ -12,44 +12,47 @@ use devices::controllers::{ControllerError, Driver as _, Halt};
 use libtest_mimic::Failed;
 use machine::record::motion::{Block, Motion};
 
-use super::machine::{expect, open, open_through, proven, run, xy, z};
-use super::rig::rig;
+use super::machine::{block_on, expect_error, open_driver, open_driver_at_port, prove, xy_position, z_position};
+use super::rig::lock_rig;
 
 /// Maximum time from the request to the wire.
-const BOUND: Duration = Duration::from_millis(20);
+const MAX_HALT_LATENCY: Duration = Duration::from_millis(20);
 
-pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
+pub fn halt_stops_the_machine_and_no_motion_follows() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
         for (delay_ms, feed) in [(5, 6000.0), (400, 600.0)] {
-            let (mut driver, halt) = open(&rig).await?;
+            let (mut driver, halt) = open_driver(&rig).await?;
             driver.prepare().await?;
             driver
-                .execute(proven(&driver, &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z(150.0) }] }))
+                .execute(prove(
+                    &driver,
+                    &Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: z_position(150.0) }] },
+                ))
                 .await?;
-            let motions = vec![Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: feed }];
+            let motions = vec![Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: feed }];
             let far = Block { step: 1, repeat: 0, motions };
-            let before = rig.joint(0)?.hypot(rig.joint(1)?);
+            let before = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
             let hit = halt.clone();
             let person = std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_millis(delay_ms));
                 hit.trigger();
             });
-            let held = driver.execute(proven(&driver, &far)).await;
+            let held = driver.execute(prove(&driver, &far)).await;
             person.join().map_err(|_| "the halt panicked")?;
-            expect(held, |error| matches!(error, ControllerError::Halted))?;
-            let stands = rig.joint(0)?.hypot(rig.joint(1)?);
+            expect_error(held, |error| matches!(error, ControllerError::Halted))?;
+            let stands = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
             eprintln!("halted after {delay_ms} ms at {feed} mm/min: {:.3} mm", stands - before);
-            expect(driver.execute(proven(&driver, &far)).await, |error| matches!(error, ControllerError::Halted))?;
+            expect_error(driver.execute(prove(&driver, &far)).await, |error| matches!(error, ControllerError::Halted))?;
             if driver.prepare().await.is_ok() || driver.finish().await.is_ok() {
                 return Err("it goes on after a halt".into());
             }
             tokio::time::sleep(Duration::from_millis(300)).await;
-            if (rig.joint(0)?.hypot(rig.joint(1)?) - stands).abs() > 1e-6 || stands > 199.0 {
+            if (rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?) - stands).abs() > 1e-6 || stands > 199.0 {
                 return Err("it moves after a halt".into());
             }
-            let mut person = rig.person()?;
-            person.mdi("G53 G0 X0 Y0")?;
+            let mut person = rig.connect_client()?;
+            person.run_mdi("G53 G0 X0 Y0")?;
         }
         Ok(())
     })
@@ -57,7 +60,7 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
 
 /// Forwards every connection to `to` and reports the time of each abort. If it `loses_one`, the first abort is
 /// answered as linuxcncrsh 2.9 does when another line arrives at the same moment, and is not forwarded.
-fn listen_in(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, Failed> {
+fn start_recording_proxy(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, Failed> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let port = listener.local_addr()?.port();
     let aborts = aborts.clone();
@@ -69,7 +72,7 @@ fn listen_in(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, 
             let Ok(mut answer) = near.try_clone() else { return };
             let (aborts, to_lose) = (aborts.clone(), to_lose.clone());
             std::thread::spawn(move || {
-                pass_on(near, far, |bytes| {
+                forward_bytes(near, far, |bytes| {
                     if !bytes.windows(9).any(|word| word == b"set abort") {
                         return true;
                     }
@@ -78,13 +81,13 @@ fn listen_in(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, 
                     !(loses && answer.write_all(b"SET NAK\n\rSET ABORT NAK\n\r").is_ok())
                 })
             });
-            std::thread::spawn(move || pass_on(far_too, near_too, |_| true));
+            std::thread::spawn(move || forward_bytes(far_too, near_too, |_| true));
         }
     });
     Ok(port)
 }
 
-fn pass_on(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8]) -> bool) {
+fn forward_bytes(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8]) -> bool) {
     let mut buffer = [0; 4096];
     while let Ok(count @ 1..) = from.read(&mut buffer) {
         if passes(&buffer[..count]) && to.write_all(&buffer[..count]).is_err() {
@@ -94,58 +97,61 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8])
 }
 
 /// A move of 200 mm at 10 mm/s, held after 0.7 s; returns the time of the request.
-async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
-    let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(200.0, 1.0), feed_mm_min: 600.0 }];
+async fn halt_during_motion(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
+    let motions = vec![
+        Motion::Rapid { to: z_position(150.0) },
+        Motion::Guarded { to: xy_position(200.0, 1.0), feed_mm_min: 600.0 },
+    ];
     let person = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(700));
         let asked = Instant::now();
         halt.trigger();
         asked
     });
-    let held = driver.execute(proven(driver, &Block { step: 1, repeat: 0, motions })).await;
-    expect(held, |error| matches!(error, ControllerError::Halted))?;
+    let held = driver.execute(prove(driver, &Block { step: 1, repeat: 0, motions })).await;
+    expect_error(held, |error| matches!(error, ControllerError::Halted))?;
     person.join().map_err(|_| "the halt panicked".into())
 }
 
 /// The first hold is lost.
 pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
-    let rig = rig()?;
+    let rig = lock_rig()?;
     let (told, aborts) = channel();
-    let port = listen_in(rig.port, &told, true)?;
-    run(async {
-        let (mut driver, halt) = open_through(port, &rig).await?;
+    let port = start_recording_proxy(rig.port, &told, true)?;
+    block_on(async {
+        let (mut driver, halt) = open_driver_at_port(port, &rig).await?;
         driver.prepare().await?;
-        halted_on_its_way(&mut driver, halt).await?;
-        let stands = rig.joint(0)?.hypot(rig.joint(1)?);
+        halt_during_motion(&mut driver, halt).await?;
+        let stands = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
         eprintln!("held at {stands:.3} mm of 200 after {} aborts", aborts.try_iter().count());
         if stands > 100.0 {
             return Err(format!("it went on to {stands} mm").into());
         }
         tokio::time::sleep(Duration::from_millis(300)).await;
-        if (rig.joint(0)?.hypot(rig.joint(1)?) - stands).abs() > 1e-6 {
+        if (rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?) - stands).abs() > 1e-6 {
             return Err("it moves after a halt".into());
         }
-        rig.person()?.mdi("G53 G0 X0 Y0")
+        rig.connect_client()?.run_mdi("G53 G0 X0 Y0")
     })
 }
 
 /// The driver polls the state every 4 ms meanwhile; the delay is measured at the port. The median of five counts,
 /// because other programs run on the computer, too.
 pub fn it_is_on_the_wire_at_once() -> Result<(), Failed> {
-    let rig = rig()?;
+    let rig = lock_rig()?;
     let mut delays = Vec::new();
     for _ in 0..5 {
         let (told, aborts) = channel();
-        let port = listen_in(rig.port, &told, false)?;
-        run(async {
-            let (mut driver, halt) = open_through(port, &rig).await?;
+        let port = start_recording_proxy(rig.port, &told, false)?;
+        block_on(async {
+            let (mut driver, halt) = open_driver_at_port(port, &rig).await?;
             driver.prepare().await?;
-            let asked = halted_on_its_way(&mut driver, halt).await?;
+            let asked = halt_during_motion(&mut driver, halt).await?;
             delays.push(aborts.recv_timeout(Duration::from_secs(1))? - asked);
-            rig.person()?.mdi("G53 G0 X0 Y0")
+            rig.connect_client()?.run_mdi("G53 G0 X0 Y0")
         })?;
     }
     delays.sort();
     eprintln!("on the wire after {delays:.1?}");
-    if delays[2] <= BOUND { Ok(()) } else { Err(format!("{delays:?}").into()) }
+    if delays[2] <= MAX_HALT_LATENCY { Ok(()) } else { Err(format!("{delays:?}").into()) }
 }

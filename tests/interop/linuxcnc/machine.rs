@@ -13,21 +13,21 @@ use machine::{Axis, Position};
 use planning::gcode::Dialect;
 use planning::proof::{ProvenBlock, for_tests, prove_modes};
 
-use super::rig::{Rig, rig};
+use super::rig::{LinuxCncRig, lock_rig};
 
 /// Sum of the radii of cylinder and ball, mm.
-const CONTACT_RADIUS: f64 = 48.0;
+const CONTACT_RADIUS_MM: f64 = 48.0;
 
-pub fn run<T>(future: impl Future<Output = Result<T, Failed>>) -> Result<T, Failed> {
+pub fn block_on<T>(future: impl Future<Output = Result<T, Failed>>) -> Result<T, Failed> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(future)
 }
 
-pub async fn open(rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
-    open_through(rig.port, rig).await
+pub async fn open_driver(rig: &LinuxCncRig) -> Result<(LinuxCnc, Halt), Failed> {
+    open_driver_at_port(rig.port, rig).await
 }
 
 /// Opens the driver over another port, behind which the traffic is observed.
-pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
+pub async fn open_driver_at_port(port: u16, rig: &LinuxCncRig) -> Result<(LinuxCnc, Halt), Failed> {
     let settings = LinuxCncSettings {
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
         directory: rig.directory.clone(),
@@ -42,7 +42,7 @@ pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Fail
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 /// The block as it is sent to the rig, without a collision check.
-pub fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
+pub fn prove(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
     let dialect = Dialect::from_name("linuxcnc").expect("its templates");
     for_tests::proven_block(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
@@ -52,29 +52,29 @@ pub fn rig_ini() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/linuxcnc/rig.ini")
 }
 
-pub fn xy(radius: f64, angle: f64) -> Position {
+pub fn xy_position(radius: f64, angle: f64) -> Position {
     Position::new().with(Axis::X, radius * angle.cos()).with(Axis::Y, radius * angle.sin())
 }
 
-pub fn z(height: f64) -> Position {
+pub fn z_position(height: f64) -> Position {
     Position::new().with(Axis::Z, height)
 }
 
 /// A touch: from above down beside the flank, from radius `from` to radius `to`, back and up.
-pub fn touch(step: u32, angle: f64, c: f64, from: f64, to: f64) -> Block {
+pub fn touch_block(step: u32, angle: f64, c: f64, from: f64, to: f64) -> Block {
     let motions = vec![
-        Motion::Rapid { to: z(150.0) },
-        Motion::Rapid { to: xy(60.0, angle).with(Axis::B, 0.0).with(Axis::C, c) },
-        Motion::Guarded { to: z(50.0), feed_mm_min: 6000.0 },
-        Motion::Guarded { to: xy(from, angle), feed_mm_min: 2000.0 },
-        Motion::Probe { to: xy(to, angle), feed_mm_min: 30.0 },
-        Motion::BackOff { to: xy(50.0, angle), feed_mm_min: 600.0 },
-        Motion::Guarded { to: xy(60.0, angle), feed_mm_min: 6000.0 },
+        Motion::Rapid { to: z_position(150.0) },
+        Motion::Rapid { to: xy_position(60.0, angle).with(Axis::B, 0.0).with(Axis::C, c) },
+        Motion::Guarded { to: z_position(50.0), feed_mm_min: 6000.0 },
+        Motion::Guarded { to: xy_position(from, angle), feed_mm_min: 2000.0 },
+        Motion::Probe { to: xy_position(to, angle), feed_mm_min: 30.0 },
+        Motion::BackOff { to: xy_position(50.0, angle), feed_mm_min: 600.0 },
+        Motion::Guarded { to: xy_position(60.0, angle), feed_mm_min: 6000.0 },
     ];
     Block { step, repeat: 0, motions }
 }
 
-pub fn expect(
+pub fn expect_error(
     result: Result<BlockOutcome, ControllerError>,
     wanted: fn(&ControllerError) -> bool,
 ) -> Result<(), Failed> {
@@ -85,12 +85,12 @@ pub fn expect(
 }
 
 /// The centre of the circle that the spindle's axis describes, from touches in four directions.
-async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
+async fn measured_centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
     let mut at = Vec::new();
     for quarter in 0..4 {
         let angle = f64::from(quarter) * FRAC_PI_2;
         let started = Instant::now();
-        let outcome = driver.execute(proven(driver, &touch(quarter, angle, c, 48.6, 46.0))).await?;
+        let outcome = driver.execute(prove(driver, &touch_block(quarter, angle, c, 48.6, 46.0))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         eprintln!("touch {quarter}: {touch:?} in {:.2} s", started.elapsed().as_secs_f64());
         if (touch.get_or_zero(Axis::Z) - 50.0).abs() > 1e-4 || (touch.get_or_zero(Axis::C) - c).abs() > 1e-6 {
@@ -103,21 +103,21 @@ async fn centre(driver: &mut LinuxCnc, c: f64) -> Result<[f64; 2], Failed> {
 }
 
 pub fn finds_the_true_centre() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         let prepared = driver.prepare().await?;
         if !prepared.identity.starts_with("LinuxCNC 2.") {
             return Err(prepared.identity.into());
         }
-        let still = vec![Motion::Rapid { to: z(200.0) }];
+        let still = vec![Motion::Rapid { to: z_position(200.0) }];
         let started = Instant::now();
         for step in 0..10 {
-            driver.execute(proven(&driver, &Block { step, repeat: 0, motions: still.clone() })).await?;
+            driver.execute(prove(&driver, &Block { step, repeat: 0, motions: still.clone() })).await?;
         }
         eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
         for c in [0.0, 2.0] {
-            let found = centre(&mut driver, c).await?;
+            let found = measured_centre(&mut driver, c).await?;
             // The table turns by +C; the cylinder is eccentric on the table, the stylus on the spindle.
             let (sin, cos) = f64::sin_cos(c);
             let truth = [0.050 + 0.120 * cos + 0.080 * sin - 0.0121, -0.030 + 0.120 * sin - 0.080 * cos + 0.0082];
@@ -132,96 +132,99 @@ pub fn finds_the_true_centre() -> Result<(), Failed> {
 }
 
 pub fn a_touch_without_contact_ends_everything_until_it_is_prepared_again() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let missed = driver.execute(proven(&driver, &touch(7, 0.0, 0.0, 55.0, 54.0))).await;
-        expect(missed, |error| matches!(error, ControllerError::NoContact { step: 7 }))?;
-        if (rig.joint(0)? - 54.0).abs() > 1e-3 {
+        let missed = driver.execute(prove(&driver, &touch_block(7, 0.0, 0.0, 55.0, 54.0))).await;
+        expect_error(missed, |error| matches!(error, ControllerError::NoContact { step: 7 }))?;
+        if (rig.joint_position_mm(0)? - 54.0).abs() > 1e-3 {
             return Err("it moved on after a missed touch".into());
         }
-        let next = driver.execute(proven(&driver, &touch(8, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(next, |error| matches!(error, ControllerError::NotReady { .. }))?;
+        let next = driver.execute(prove(&driver, &touch_block(8, 0.0, 0.0, 48.6, 46.0))).await;
+        expect_error(next, |error| matches!(error, ControllerError::NotReady { .. }))?;
         driver.prepare().await?;
-        driver.execute(proven(&driver, &touch(9, 0.0, 0.0, 48.6, 46.0))).await?;
+        driver.execute(prove(&driver, &touch_block(9, 0.0, 0.0, 48.6, 46.0))).await?;
         Ok(())
     })
 }
 
-pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let hit = driver.execute(proven(&driver, &touch(3, TAU / 3.0, 0.0, 40.0, 35.0))).await;
-        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
-        let radius = rig.joint(0)?.hypot(rig.joint(1)?);
-        if !(CONTACT_RADIUS - 2.0..CONTACT_RADIUS + 0.5).contains(&radius) {
+        let hit = driver.execute(prove(&driver, &touch_block(3, TAU / 3.0, 0.0, 40.0, 35.0))).await;
+        expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
+        let radius = rig.joint_position_mm(0)?.hypot(rig.joint_position_mm(1)?);
+        if !(CONTACT_RADIUS_MM - 2.0..CONTACT_RADIUS_MM + 0.5).contains(&radius) {
             return Err(format!("it stands at radius {radius}").into());
         }
         // In contact: the driver accepts only a retract.
         driver.prepare().await?;
-        let again = driver.execute(proven(&driver, &touch(4, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(again, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))?;
+        let again = driver.execute(prove(&driver, &touch_block(4, 0.0, 0.0, 48.6, 46.0))).await;
+        expect_error(again, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))?;
         driver.prepare().await?;
-        let out = vec![Motion::BackOff { to: xy(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
-        driver.execute(proven(&driver, &Block { step: 5, repeat: 0, motions: out })).await?;
+        let out = vec![Motion::BackOff { to: xy_position(50.0, TAU / 3.0), feed_mm_min: 600.0 }];
+        driver.execute(prove(&driver, &Block { step: 5, repeat: 0, motions: out })).await?;
         Ok(())
     })
 }
 
-pub fn a_contact_in_a_rapid_stops_it() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn contact_in_a_rapid_stops_it() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
         let motions = vec![
-            Motion::Rapid { to: z(150.0) },
-            Motion::Rapid { to: xy(60.0, 0.0) },
-            Motion::Rapid { to: z(50.0) },
-            Motion::Rapid { to: xy(47.0, 0.0) },
+            Motion::Rapid { to: z_position(150.0) },
+            Motion::Rapid { to: xy_position(60.0, 0.0) },
+            Motion::Rapid { to: z_position(50.0) },
+            Motion::Rapid { to: xy_position(47.0, 0.0) },
         ];
-        let hit = driver.execute(proven(&driver, &Block { step: 6, repeat: 0, motions })).await;
-        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 6 }))
+        let hit = driver.execute(prove(&driver, &Block { step: 6, repeat: 0, motions })).await;
+        expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 6 }))
     })
 }
 
 pub fn a_probe_that_does_not_open_or_close_is_found() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        rig.make_true("dead", 1.0)?;
-        let missed = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 47.6))).await;
-        expect(missed, |error| matches!(error, ControllerError::NoContact { step: 1 }))?;
-        let up = vec![Motion::BackOff { to: xy(60.0, 0.0), feed_mm_min: 600.0 }];
+        rig.set_true_value("dead", 1.0)?;
+        let missed = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 47.6))).await;
+        expect_error(missed, |error| matches!(error, ControllerError::NoContact { step: 1 }))?;
+        let up = vec![Motion::BackOff { to: xy_position(60.0, 0.0), feed_mm_min: 600.0 }];
         driver.prepare().await?;
-        driver.execute(proven(&driver, &Block { step: 2, repeat: 0, motions: up.clone() })).await?;
-        rig.make_true("dead", 0.0)?;
-        rig.make_true("stuck", 1.0)?;
-        let stuck = driver.execute(proven(&driver, &touch(3, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 3 }))?;
+        driver.execute(prove(&driver, &Block { step: 2, repeat: 0, motions: up.clone() })).await?;
+        rig.set_true_value("dead", 0.0)?;
+        rig.set_true_value("stuck", 1.0)?;
+        let stuck = driver.execute(prove(&driver, &touch_block(3, 0.0, 0.0, 48.6, 46.0))).await;
+        expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 3 }))?;
         driver.prepare().await?;
-        let stuck = driver.execute(proven(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
-        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))
+        let stuck = driver.execute(prove(&driver, &Block { step: 4, repeat: 0, motions: up })).await;
+        expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 4 }))
     })
 }
 
 pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 }];
+        let motions = vec![
+            Motion::Rapid { to: z_position(150.0) },
+            Motion::Guarded { to: xy_position(100.0, 2.0), feed_mm_min: 1000.0 },
+        ];
         let block = Block { step: 12, repeat: 0, motions };
         let stop = async {
             tokio::time::sleep(Duration::from_millis(700)).await;
             rig.emergency_stop()
         };
-        let (stopped, hit) = tokio::join!(driver.execute(proven(&driver, &block)), stop);
+        let (stopped, hit) = tokio::join!(driver.execute(prove(&driver, &block)), stop);
         hit?;
-        expect(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
+        expect_error(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
         match driver.prepare().await {
             Err(ControllerError::NotReady { state, .. }) if state.contains("emergency") => Ok(()),
             other => Err(format!("{other:?}").into()),
@@ -230,61 +233,64 @@ pub fn the_emergency_stop_is_named() -> Result<(), Failed> {
 }
 
 pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 200.0 }];
+        let motions = vec![
+            Motion::Rapid { to: z_position(150.0) },
+            Motion::Guarded { to: xy_position(100.0, 2.0), feed_mm_min: 200.0 },
+        ];
         let block = Block { step: 13, repeat: 0, motions };
         let freeze = async {
             tokio::time::sleep(Duration::from_millis(700)).await;
-            rig.task("-STOP")
+            rig.signal_task("-STOP")
         };
-        let (hung, frozen) = tokio::join!(driver.execute(proven(&driver, &block)), freeze);
-        rig.task("-CONT")?;
+        let (hung, frozen) = tokio::join!(driver.execute(prove(&driver, &block)), freeze);
+        rig.signal_task("-CONT")?;
         frozen?;
-        expect(hung, |error| matches!(error, ControllerError::Frozen))?;
+        expect_error(hung, |error| matches!(error, ControllerError::Frozen))?;
         // An abort is sent to LinuxCNC meanwhile.
         tokio::time::sleep(Duration::from_millis(500)).await;
-        let stands = rig.joint(0)?;
+        let stands = rig.joint_position_mm(0)?;
         tokio::time::sleep(Duration::from_millis(300)).await;
-        if rig.joint(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
+        if rig.joint_position_mm(0)? == stands { Ok(()) } else { Err("it moves on".into()) }
     })
 }
 
 pub fn a_limit_is_told_in_the_controls_words() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Rapid { to: xy(400.0, 0.0) }];
-        let refused = driver.execute(proven(&driver, &Block { step: 2, repeat: 0, motions })).await;
-        expect(
+        let motions = vec![Motion::Rapid { to: z_position(150.0) }, Motion::Rapid { to: xy_position(400.0, 0.0) }];
+        let refused = driver.execute(prove(&driver, &Block { step: 2, repeat: 0, motions })).await;
+        expect_error(
             refused,
             |error| matches!(error, ControllerError::OutOfTravel { step: 2, message } if message.contains("limit")),
         )
     })
 }
 
-pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let mut person = rig.person()?;
-        person.mdi("G10 L2 P2 X11 Y-7 Z3 R30")?;
-        person.mdi("G55 G64 P0.05 G91 G20")?;
-        person.mdi("G92 X1")?;
-        let codes = person.say("get program_codes")?;
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn work_offsets_of_the_user_are_kept() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let mut person = rig.connect_client()?;
+        person.run_mdi("G10 L2 P2 X11 Y-7 Z3 R30")?;
+        person.run_mdi("G55 G64 P0.05 G91 G20")?;
+        person.run_mdi("G92 X1")?;
+        let codes = person.send_line("get program_codes")?;
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let outcome = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await?;
+        let outcome = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 46.0))).await?;
         let x = outcome.touch.ok_or("no touch")?.get_or_zero(Axis::X);
         if (x - (48.0 + 0.170 - 0.0121)).abs() > 0.001 {
             return Err(format!("touched at {x}").into());
         }
-        let mut person = rig.person()?;
-        let after = person.say("get program_codes")?;
-        person.mdi("G21 G90 G54 G92.1")?;
-        person.mdi("G10 L2 P2 X0 Y0 Z0 R0")?;
+        let mut person = rig.connect_client()?;
+        let after = person.send_line("get program_codes")?;
+        person.run_mdi("G21 G90 G54 G92.1")?;
+        person.run_mdi("G10 L2 P2 X0 Y0 Z0 R0")?;
         let words = |codes: &str, axis: char| {
             codes.split(' ').filter(|c| !c.starts_with(axis)).map(str::to_owned).collect::<Vec<_>>()
         };
@@ -298,11 +304,11 @@ pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
         if modal(&codes) != modal(&after) {
             return Err(format!("before {codes}, after {after}").into());
         }
-        person.mdi("G10 L2 P9 Y0.001")?;
-        let (mut driver, _halt) = open(&rig).await?;
+        person.run_mdi("G10 L2 P9 Y0.001")?;
+        let (mut driver, _halt) = open_driver(&rig).await?;
         let refused = driver.prepare().await;
-        let mut person = rig.person()?;
-        person.mdi("G10 L2 P9 Y0")?;
+        let mut person = rig.connect_client()?;
+        person.run_mdi("G10 L2 P9 Y0")?;
         match refused {
             Err(ControllerError::NotReady { state, .. }) if state.contains("G59.3") => Ok(()),
             other => Err(format!("{other:?}").into()),

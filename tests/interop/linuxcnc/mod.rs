@@ -30,11 +30,11 @@ fn is_late(failed: &Failed) -> bool {
     failed.message().is_some_and(|message| message.contains("Queue is not empty after"))
 }
 
-fn no_interpreter() -> Option<&'static str> {
+fn missing_interpreter() -> Option<&'static str> {
     (!is_command("rs274")).then_some("LinuxCNC is not here: apt-get install linuxcnc-uspace")
 }
 
-fn no_rig() -> Option<&'static str> {
+fn missing_rig() -> Option<&'static str> {
     if !is_command("linuxcncrsh") || !is_command("halcompile") {
         return Some("LinuxCNC is not here: apt-get install linuxcnc-uspace linuxcnc-uspace-dev");
     }
@@ -44,19 +44,19 @@ fn no_rig() -> Option<&'static str> {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 0;
-        interpreter::reads_as_we_do,
-        interpreter::another_disagrees,
-        interpreter::reads_whole_plans_as_we_do,
+        interpreter::random_programs_are_read_alike,
+        interpreter::changed_program_is_read_differently,
+        interpreter::whole_plans_are_read_alike,
     ]
-    .requires(no_interpreter)
-    .and(
+    .requires(missing_interpreter)
+    .with(
         trials![Pool::LinuxCnc, 0;
             resume::after_an_emergency_stop,
         ]
-        .requires(no_rig)
+        .requires(missing_rig)
         .repeated_if(is_late),
     )
-    .and(
+    .with(
         trials![Pool::LinuxCnc, 0;
             cycle::finds_the_true_axis_wherever_the_part_stands,
             contact::a_stylus_in_contact_is_led_out_step_by_step,
@@ -64,22 +64,22 @@ pub fn trials() -> Trials {
             faults::killed_task,
             faults::stuck_probe,
             samba::finds_the_true_axes,
-            samba::chases_the_ball,
+            samba::chase_the_ball_finds_the_true_axes,
             sweep::latency_follows_the_sensors_delay,
             turns::turns_find_the_true_error_motions,
-            turns::a_table_that_stops_in_mid_turn_loses_that_turn_alone,
-            trigger::a_hal_bit_starts_a_cycle,
+            turns::stop_within_a_turn_loses_only_that_turn,
+            trigger::hal_bit_starts_a_cycle,
             halt::it_is_on_the_wire_at_once,
             halt::a_lost_one_is_sent_again,
             faults::killed_linuxcncrsh,
             faults::missing_part,
-            resume::not_when_the_part_has_moved,
+            resume::refused_when_the_part_has_moved,
             samba::a_ball_is_where_the_axes_carry_it,
-            sweep::latency_follows_closely,
+            sweep::latency_follows_within_narrow_limits,
             sweep::wrong_pins_are_refused,
             sweep::finds_the_true_axes,
-            cycle::a_capture_replays,
-            cycle::a_stop_holds_and_keeps_what_was_read,
+            cycle::capture_replays_to_the_same_estimate,
+            cycle::stop_holds_and_keeps_the_readings,
             faults::machine_off,
             faults::frozen_task,
             faults::silent_linuxcncrsh,
@@ -89,26 +89,26 @@ pub fn trials() -> Trials {
             faults::foreign_contact,
             machine::finds_the_true_centre,
             machine::a_touch_without_contact_ends_everything_until_it_is_prepared_again,
-            machine::a_contact_in_a_guarded_move_stops_it,
-            machine::a_contact_in_a_rapid_stops_it,
+            machine::contact_in_a_guarded_move_stops_it,
+            machine::contact_in_a_rapid_stops_it,
             machine::a_probe_that_does_not_open_or_close_is_found,
-            halt::it_holds_and_nothing_moves_after_it,
+            halt::halt_stops_the_machine_and_no_motion_follows,
             machine::the_emergency_stop_is_named,
             machine::a_limit_is_told_in_the_controls_words,
             machine::a_control_that_hangs_is_given_up,
-            states::it_says_where_it_stands,
-            states::it_introduces_itself,
-            states::kinematics_that_compensate_are_refused,
+            states::position_is_reported,
+            states::device_info_is_reported,
+            states::compensating_kinematics_are_refused,
             states::an_active_tool_length_offset_is_refused,
-            states::a_contact_in_a_turn_stops_it,
+            states::contact_in_a_turn_stops_it,
             states::another_speed_is_refused,
             states::another_program_is_not_run,
             states::what_holds_it_is_named,
-            states::after_a_stop_only_a_person_makes_it_ready,
-            states::nothing_moves_between_back_off_and_open_probe,
-            machine::the_users_offsets_are_respected,
+            states::only_an_operator_makes_it_ready_after_a_stop,
+            states::no_motion_between_back_off_and_open_probe,
+            machine::work_offsets_of_the_user_are_kept,
         ]
-        .requires(no_rig)
+        .requires(missing_rig)
         .repeated_if(is_late)
         .ignored(),
     )

@@ -8,25 +8,25 @@ use std::time::{Duration, Instant};
 use libtest_mimic::Failed;
 
 /// Timeout for a late control.
-const PATIENCE: Duration = Duration::from_secs(30);
+const REPLY_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// A second client of the control.
-pub struct Person(TcpStream);
+pub struct RshClient(TcpStream);
 
-impl Person {
+impl RshClient {
     /// Connects to the linuxcncrsh of this port.
-    pub fn at(port: u16) -> Result<Self, Failed> {
+    pub fn connect(port: u16) -> Result<Self, Failed> {
         let stream = TcpStream::connect(("127.0.0.1", port))?;
         stream.set_nodelay(true)?;
-        stream.set_read_timeout(Some(PATIENCE))?;
+        stream.set_read_timeout(Some(REPLY_TIMEOUT))?;
         let mut person = Self(stream);
         for line in ["hello EMC person 1.0", "set echo off", "set verbose on", "set enable EMCTOO"] {
-            person.say(line)?;
+            person.send_line(line)?;
         }
         Ok(person)
     }
 
-    pub fn say(&mut self, line: &str) -> Result<String, Failed> {
+    pub fn send_line(&mut self, line: &str) -> Result<String, Failed> {
         self.0.write_all(format!("{line}\n").as_bytes())?;
         let mut answer = Vec::new();
         let mut byte = [0];
@@ -39,31 +39,31 @@ impl Person {
     }
 
     /// Sends `lines` until `get what` answers `wanted`: a late control drops commands.
-    pub fn until(&mut self, what: &str, wanted: &str, lines: &[&str]) -> Result<(), Failed> {
+    pub fn repeat_until(&mut self, what: &str, wanted: &str, lines: &[&str]) -> Result<(), Failed> {
         let started = Instant::now();
         let mut said = String::new();
-        while started.elapsed() < PATIENCE {
+        while started.elapsed() < REPLY_TIMEOUT {
             for line in lines {
-                self.say(line)?;
+                self.send_line(line)?;
             }
             for _ in 0..20 {
-                said = self.say(&format!("get {what}"))?;
+                said = self.send_line(&format!("get {what}"))?;
                 if said.split_whitespace().last() == Some(wanted) {
                     return Ok(());
                 }
                 sleep(Duration::from_millis(50));
             }
         }
-        Err(format!("after {PATIENCE:?} of {lines:?}: {said}").into())
+        Err(format!("after {REPLY_TIMEOUT:?} of {lines:?}: {said}").into())
     }
 
     /// Enters an MDI line and waits until it is done.
-    pub fn mdi(&mut self, line: &str) -> Result<(), Failed> {
-        self.say("set mode mdi")?;
-        self.say(&format!("set mdi {line}"))?;
+    pub fn run_mdi(&mut self, line: &str) -> Result<(), Failed> {
+        self.send_line("set mode mdi")?;
+        self.send_line(&format!("set mdi {line}"))?;
         let started = Instant::now();
-        while !self.say("get program_status")?.contains("IDLE") {
-            if started.elapsed() > PATIENCE {
+        while !self.send_line("get program_status")?.contains("IDLE") {
+            if started.elapsed() > REPLY_TIMEOUT {
                 return Err(format!("{line} does not end").into());
             }
             sleep(Duration::from_millis(5));

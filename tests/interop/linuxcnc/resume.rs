@@ -4,57 +4,57 @@ use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
 use super::cycle::TRUTH_UM;
-use super::desk::{Desk, complaint, result};
-use super::faults::{TRAVELLING, wait_for, wait_until};
-use super::rig::{Rig, rig};
+use super::desk::{RunWorkspace, failure_text, value_and_u};
+use super::faults::{TRAVELLING, wait_for_touches, wait_until};
+use super::rig::{LinuxCncRig, lock_rig};
 
 /// Number of touches before the stop: the part is located; the references, Test 1a, and some of Test 1b.
-const BEFORE: u64 = 18;
+const TOUCHES_BEFORE_STOP: u64 = 18;
 
 /// A run that an emergency stop has ended between two touches.
-fn stopped(rig: &Rig, positions: u32, touches: u64) -> Result<Desk, Failed> {
-    let desk = Desk::with_care(rig, positions)?;
-    let before = rig.touches()?;
-    let mut run = desk.start()?;
-    wait_for(rig, before + touches, &mut run)?;
+fn run_until_emergency_stop(rig: &LinuxCncRig, positions: u32, touches: u64) -> Result<RunWorkspace, Failed> {
+    let desk = RunWorkspace::with_positions(rig, positions)?;
+    let before = rig.touch_count()?;
+    let mut run = desk.start_self_calibration()?;
+    wait_for_touches(rig, before + touches, &mut run)?;
     wait_until(TRAVELLING, rig, &mut run)?;
     rig.emergency_stop()?;
     let output = run.wait_with_output()?;
-    if output.status.code() == Some(5) { Ok(desk) } else { Err(complaint(&output).into()) }
+    if output.status.code() == Some(5) { Ok(desk) } else { Err(failure_text(&output).into()) }
 }
 
 /// Releases the machine as an operator does after an inspection, without manual motion.
-pub fn release(rig: &Rig) -> Result<(), Failed> {
-    rig.release()?;
-    let mut person = rig.person()?;
-    person.say("set estop off")?;
-    person.say("set machine on").map(drop)
+pub fn release_emergency_stop(rig: &LinuxCncRig) -> Result<(), Failed> {
+    rig.release_emergency_stop()?;
+    let mut person = rig.connect_client()?;
+    person.send_line("set estop off")?;
+    person.send_line("set machine on").map(drop)
 }
 
 /// The part is 1 mm off its stated position.
 pub fn after_an_emergency_stop() -> Result<(), Failed> {
-    let rig = rig()?;
-    rig.make_true("ecc-x", 1.120)?;
-    let desk = stopped(&rig, 6, BEFORE)?;
-    let stands = rig.stands()?;
-    let early = desk.resume()?.wait_with_output()?;
-    let said = complaint(&early);
+    let rig = lock_rig()?;
+    rig.set_true_value("ecc-x", 1.120)?;
+    let desk = run_until_emergency_stop(&rig, 6, TOUCHES_BEFORE_STOP)?;
+    let stands = rig.commanded_position()?;
+    let early = desk.start_resume()?.wait_with_output()?;
+    let said = failure_text(&early);
     if early.status.success() || !said.contains("the emergency stop is pressed") {
         return Err(said.into());
     }
-    if rig.stands()? != stands {
+    if rig.commanded_position()? != stands {
         return Err("it moved although the stop was pressed".into());
     }
-    release(&rig)?;
-    let output = desk.resume()?.wait_with_output()?;
+    release_emergency_stop(&rig)?;
+    let output = desk.start_resume()?.wait_with_output()?;
     if output.status.code() != Some(0) {
-        return Err(complaint(&output).into());
+        return Err(failure_text(&output).into());
     }
-    desk.is("finished")?;
-    eprintln!("{}", complaint(&output));
+    desk.check_state("finished")?;
+    eprintln!("{}", failure_text(&output));
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
     for (symbol, truth) in TRUTH_UM {
-        let (value, expanded) = result(&estimate, symbol)?;
+        let (value, expanded) = value_and_u(&estimate, symbol)?;
         eprintln!("{symbol} = {value:.3} um, U = {expanded:.3} um");
         if (value - truth).abs() > expanded || expanded > 3.0 {
             return Err(format!("{symbol} = {value} um, U = {expanded} um").into());
@@ -64,15 +64,15 @@ pub fn after_an_emergency_stop() -> Result<(), Failed> {
 }
 
 /// The part moved by 20 µm along Y: the reference in Y detects it, the one in X does not.
-pub fn not_when_the_part_has_moved() -> Result<(), Failed> {
-    let rig = rig()?;
-    let desk = stopped(&rig, 8, 13)?;
-    release(&rig)?;
-    let kept = desk.kept()?;
-    let before = rig.touches()?;
-    rig.make_true("ecc-y", -0.060)?;
-    let output = desk.resume()?.wait_with_output()?;
-    let said = complaint(&output);
+pub fn refused_when_the_part_has_moved() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    let desk = run_until_emergency_stop(&rig, 8, 13)?;
+    release_emergency_stop(&rig)?;
+    let kept = desk.stored_reading_count()?;
+    let before = rig.touch_count()?;
+    rig.set_true_value("ecc-y", -0.060)?;
+    let output = desk.start_resume()?.wait_with_output()?;
+    let said = failure_text(&output);
     eprintln!("{said}");
     let refused = "the references have shifted since the stop";
     if output.status.success() || !said.contains(refused) {
@@ -82,8 +82,8 @@ pub fn not_when_the_part_has_moved() -> Result<(), Failed> {
     if !named("P090") || named("P000") || named("P180") {
         return Err(said.into());
     }
-    desk.is("closed")?;
-    let (touched, more) = (rig.touches()? - before, desk.kept()? - kept);
+    desk.check_state("closed")?;
+    let (touched, more) = (rig.touch_count()? - before, desk.stored_reading_count()? - kept);
     eprintln!("{touched} touches more, {more} kept");
     if touched == 4 && more == 4 { Ok(()) } else { Err("other than the references".into()) }
 }

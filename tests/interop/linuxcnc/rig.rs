@@ -12,10 +12,10 @@ use std::time::Duration;
 
 use libtest_mimic::Failed;
 
-use super::person::Person;
+use super::person::RshClient;
 
 /// True machine state at the start of a trial.
-const TRUTH: [(&str, f64); 20] = [
+const TRUE_MACHINE_PINS: [(&str, f64); 20] = [
     ("radius", 45.0),
     ("ball-radius-0", 0.0),
     ("ball-radius-1", 0.0),
@@ -38,9 +38,9 @@ const TRUTH: [(&str, f64); 20] = [
     ("dead", 0.0),
 ];
 /// Limit of X, as in rig.ini.
-const LIMIT_MM: f64 = 300.0;
+const X_LIMIT_MM: f64 = 300.0;
 
-pub struct Rig {
+pub struct LinuxCncRig {
     /// The rig ends when its standard input is closed.
     process: Child,
     /// Id of the session in which all of LinuxCNC runs.
@@ -50,11 +50,11 @@ pub struct Rig {
 }
 
 /// Locks the one rig for one trial; the machine is enabled and homed, and the truth is restored.
-pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
-    static RIG: OnceLock<Result<Mutex<Rig>, String>> = OnceLock::new();
-    let rig = RIG.get_or_init(|| start(None).map(Mutex::new).map_err(|error| error.to_string()));
+pub fn lock_rig() -> Result<MutexGuard<'static, LinuxCncRig>, Failed> {
+    static SHARED_RIG: OnceLock<Result<Mutex<LinuxCncRig>, String>> = OnceLock::new();
+    let rig = SHARED_RIG.get_or_init(|| start_rig(None).map(Mutex::new).map_err(|error| error.to_string()));
     let mut rig = rig.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
-    rig.mend()?;
+    rig.repair()?;
     Ok(rig)
 }
 
@@ -63,22 +63,22 @@ pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
 }
 
 /// On a busy computer LinuxCNC does not always start: three attempts.
-fn start(port: Option<u16>) -> Result<Rig, Box<dyn std::error::Error>> {
+fn start_rig(port: Option<u16>) -> Result<LinuxCncRig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
     std::fs::create_dir_all(&directory)?;
     let mut why = String::new();
     for attempt in 1..=3 {
         let port = port.map_or_else(free_port, Ok)?;
-        if let Some(rig) = start_once(port, &directory)? {
+        if let Some(rig) = try_start_rig(port, &directory)? {
             return Ok(rig);
         }
-        why += &format!("attempt {attempt} at port {port}\n{}", tails(&directory));
+        why += &format!("attempt {attempt} at port {port}\n{}", log_tails(&directory));
     }
     Err(format!("the rig does not start:\n{why}").into())
 }
 
 /// `None` if the rig ended before it was ready; it has then cleaned up.
-fn start_once(port: u16, directory: &Path) -> Result<Option<Rig>, Box<dyn std::error::Error>> {
+fn try_start_rig(port: u16, directory: &Path) -> Result<Option<LinuxCncRig>, Box<dyn std::error::Error>> {
     let mut process = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
         .arg(directory)
         .arg(port.to_string())
@@ -92,11 +92,11 @@ fn start_once(port: u16, directory: &Path) -> Result<Option<Rig>, Box<dyn std::e
         process.wait()?;
         return Ok(None);
     };
-    Ok(Some(Rig { process, session, port, directory: directory.to_owned() }))
+    Ok(Some(LinuxCncRig { process, session, port, directory: directory.to_owned() }))
 }
 
 /// Last output of the rig and of LinuxCNC.
-fn tails(directory: &Path) -> String {
+fn log_tails(directory: &Path) -> String {
     let tail = |name: &str| {
         let bytes = std::fs::read(directory.join(name)).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
@@ -116,7 +116,7 @@ pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
 
 /// Runs a `halcmd` that loads or unloads a component: as the rig in `directory` itself, so that the component ends
 /// with the rig.
-pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
+pub fn load_hal_file(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
     let log = File::create(directory.join("load.log"))?;
     let done = Command::new("halcmd")
         .args(arguments)
@@ -137,19 +137,19 @@ pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
     }
 }
 
-fn kill(signal: &str, process: &str) -> Result<(), Failed> {
+fn send_signal(signal: &str, process: &str) -> Result<(), Failed> {
     let done = Command::new("kill").args([signal, process]).output()?;
     if done.status.success() { Ok(()) } else { Err(format!("no process `{process}` for {signal}").into()) }
 }
 
-impl Rig {
+impl LinuxCncRig {
     /// Changes the true machine, which is hidden from the measurement.
-    pub fn make_true(&self, name: &str, value: f64) -> Result<(), Failed> {
+    pub fn set_true_value(&self, name: &str, value: f64) -> Result<(), Failed> {
         halcmd(&["setp", &format!("truth.{name}"), &value.to_string()]).map(drop)
     }
 
     /// True position of a joint.
-    pub fn joint(&self, joint: usize) -> Result<f64, Failed> {
+    pub fn joint_position_mm(&self, joint: usize) -> Result<f64, Failed> {
         Ok(halcmd(&["getp", &format!("joint.{joint}.pos-fb")])?.parse()?)
     }
 
@@ -160,61 +160,61 @@ impl Rig {
     }
 
     /// Releases the emergency stop; it must still be acknowledged at the control.
-    pub fn release(&self) -> Result<(), Failed> {
+    pub fn release_emergency_stop(&self) -> Result<(), Failed> {
         halcmd(&["net", "estop", "iocontrol.0.emc-enable-in"]).map(drop)
     }
 
     /// Switches whether the kinematics compensate the rotary axes, as M428 and M429 do.
-    pub fn tool_centre_point(&self, on: bool) -> Result<(), Failed> {
+    pub fn set_tool_centre_point(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.switchkins-type", if on { "1" } else { "0" }])?;
         sleep(Duration::from_millis(100));
         Ok(())
     }
 
     /// An obstacle deflects the stylus for a moment.
-    pub fn foreign_contact(&self) -> Result<(), Failed> {
-        self.make_true("stuck", 1.0)?;
+    pub fn close_probe(&self) -> Result<(), Failed> {
+        self.set_true_value("stuck", 1.0)?;
         sleep(Duration::from_millis(20));
-        self.make_true("stuck", 0.0)
+        self.set_true_value("stuck", 0.0)
     }
 
     /// Removes the part from the table.
     pub fn remove_part(&self) -> Result<(), Failed> {
-        self.make_true("ecc-x", 400.0)
+        self.set_true_value("ecc-x", 400.0)
     }
 
     /// Number of contacts so far.
-    pub fn touches(&self) -> Result<u64, Failed> {
+    pub fn touch_count(&self) -> Result<u64, Failed> {
         Ok(halcmd(&["getp", "truth.touches"])?.parse()?)
     }
 
     /// Presses a button at the machine: `program.pause`, `machine.off` …
-    pub fn press(&self, button: &str) -> Result<(), Failed> {
+    pub fn press_button(&self, button: &str) -> Result<(), Failed> {
         halcmd(&["setp", &format!("halui.{button}"), "1"])?;
         sleep(Duration::from_millis(100));
         halcmd(&["setp", &format!("halui.{button}"), "0"]).map(drop)
     }
 
     /// Sets the feed override to 0 %.
-    pub fn no_feed(&self) -> Result<(), Failed> {
+    pub fn set_feed_override_zero(&self) -> Result<(), Failed> {
         halcmd(&["setp", "halui.feed-override.scale", "1"])?;
-        self.press("feed-override.decrease")
+        self.press_button("feed-override.decrease")
     }
 
     /// Simulates an open guard: the axes hold without a message.
-    pub fn feed_hold(&self, on: bool) -> Result<(), Failed> {
+    pub fn set_feed_hold(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.feed-inhibit", if on { "1" } else { "0" }]).map(drop)
     }
 
     /// Reduces the travel of X at the control.
-    pub fn limit_x(&self, mm: f64) -> Result<(), Failed> {
+    pub fn set_x_limit(&self, mm: f64) -> Result<(), Failed> {
         halcmd(&["setp", "ini.0.max_limit", &mm.to_string()])?;
         halcmd(&["setp", "ini.x.max_limit", &mm.to_string()]).map(drop)
     }
 
     /// Sends a signal to LinuxCNC's task: `-STOP`, `-CONT`, `-KILL`.
-    pub fn task(&self, signal: &str) -> Result<(), Failed> {
-        kill(signal, &self.pid_of_task()?)
+    pub fn signal_task(&self, signal: &str) -> Result<(), Failed> {
+        send_signal(signal, &self.pid_of_task()?)
     }
 
     fn pid_of_task(&self) -> Result<String, Failed> {
@@ -224,16 +224,16 @@ impl Rig {
     }
 
     /// Sends a signal to linuxcncrsh: `-STOP`, `-CONT`, `-KILL`.
-    pub fn rsh(&self, signal: &str) -> Result<(), Failed> {
-        kill(signal, std::fs::read_to_string(self.directory.join("rsh.pid"))?.trim())
+    pub fn signal_linuxcncrsh(&self, signal: &str) -> Result<(), Failed> {
+        send_signal(signal, std::fs::read_to_string(self.directory.join("rsh.pid"))?.trim())
     }
 
     /// Starts linuxcncrsh again.
-    pub fn start_rsh(&self) -> Result<(), Failed> {
-        kill("-USR1", &self.process.id().to_string())?;
+    pub fn start_linuxcncrsh(&self) -> Result<(), Failed> {
+        send_signal("-USR1", &self.process.id().to_string())?;
         for _ in 0..100 {
             sleep(Duration::from_millis(50));
-            if self.person().is_ok() {
+            if self.connect_client().is_ok() {
                 return Ok(());
             }
         }
@@ -244,13 +244,13 @@ impl Rig {
     pub fn restart(&mut self) -> Result<(), Failed> {
         drop(self.process.stdin.take());
         self.process.wait()?;
-        *self = start(Some(self.port)).map_err(|error| error.to_string())?;
-        self.put_right()
+        *self = start_rig(Some(self.port)).map_err(|error| error.to_string())?;
+        self.reset_true_values()
     }
 
     /// Waits until the machine is at rest; returns the joint positions.
-    pub fn stands(&self) -> Result<Vec<f64>, Failed> {
-        let joints = || (0..5).map(|joint| self.joint(joint)).collect::<Result<Vec<_>, _>>();
+    pub fn commanded_position(&self) -> Result<Vec<f64>, Failed> {
+        let joints = || (0..5).map(|joint| self.joint_position_mm(joint)).collect::<Result<Vec<_>, _>>();
         let mut last = joints()?;
         for _ in 0..100 {
             sleep(Duration::from_millis(200));
@@ -264,46 +264,46 @@ impl Rig {
     }
 
     /// Restores the state at the start of a trial, as an operator would. If that fails, LinuxCNC is restarted.
-    pub fn mend(&mut self) -> Result<(), Failed> {
-        let _ = self.rsh("-CONT");
+    pub fn repair(&mut self) -> Result<(), Failed> {
+        let _ = self.signal_linuxcncrsh("-CONT");
         if self.pid_of_task()?.is_empty() {
             return self.restart();
         }
-        self.put_right().or_else(|failed| {
+        self.reset_true_values().or_else(|failed| {
             eprintln!("the rig starts anew: {}", failed.message().unwrap_or_default());
             self.restart()
         })
     }
 
-    fn put_right(&self) -> Result<(), Failed> {
-        self.task("-CONT")?;
-        if self.person().is_err() {
-            self.start_rsh()?;
+    fn reset_true_values(&self) -> Result<(), Failed> {
+        self.signal_task("-CONT")?;
+        if self.connect_client().is_err() {
+            self.start_linuxcncrsh()?;
         }
-        for (name, value) in TRUTH {
-            self.make_true(name, value)?;
+        for (name, value) in TRUE_MACHINE_PINS {
+            self.set_true_value(name, value)?;
         }
-        self.limit_x(LIMIT_MM)?;
-        self.feed_hold(false)?;
-        self.tool_centre_point(false)?;
+        self.set_x_limit(X_LIMIT_MM)?;
+        self.set_feed_hold(false)?;
+        self.set_tool_centre_point(false)?;
         self.switch_on()
     }
 
     /// Releases the stop, enables the machine and clears the part, as an operator does. Homing survives a stop.
     fn switch_on(&self) -> Result<(), Failed> {
-        self.release()?;
-        let mut person = self.person()?;
-        person.until("estop", "OFF", &["set estop off"])?;
-        person.until("machine", "ON", &["set machine on"])?;
+        self.release_emergency_stop()?;
+        let mut person = self.connect_client()?;
+        person.repeat_until("estop", "OFF", &["set estop off"])?;
+        person.repeat_until("machine", "ON", &["set machine on"])?;
         // While it is paused, LinuxCNC refuses an abort.
-        person.until("program_status", "IDLE", &["set abort"])?;
-        person.until("feed_override", "100", &["set feed_override 100"])?;
+        person.repeat_until("program_status", "IDLE", &["set abort"])?;
+        person.repeat_until("feed_override", "100", &["set feed_override 100"])?;
         for _ in 0..3 {
-            person.mdi("G53 G0 Z200")?;
-            person.mdi("G53 G0 X0 Y0 B0 C0")?;
+            person.run_mdi("G53 G0 Z200")?;
+            person.run_mdi("G53 G0 X0 Y0 B0 C0")?;
             let mut off = 0.0_f64;
             for (joint, to) in [0.0, 0.0, 200.0, 0.0, 0.0].into_iter().enumerate() {
-                off = off.max((self.joint(joint)? - to).abs());
+                off = off.max((self.joint_position_mm(joint)? - to).abs());
             }
             if off < 1e-3 {
                 return Ok(());
@@ -312,7 +312,7 @@ impl Rig {
         Err("it does not go home".into())
     }
 
-    pub fn person(&self) -> Result<Person, Failed> {
-        Person::at(self.port)
+    pub fn connect_client(&self) -> Result<RshClient, Failed> {
+        RshClient::connect(self.port)
     }
 }

@@ -13,26 +13,27 @@ use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use nalgebra::{Rotation3, Vector3};
 
-use super::desk::{Desk, complaint, result};
-use super::machine::{open, proven, run, z};
-use super::rig::{Rig, rig};
+use super::desk::{RunWorkspace, failure_text, value_and_u};
+use super::machine::{block_on, open_driver, prove, z_position};
+use super::rig::{LinuxCncRig, lock_rig};
 
 /// Positions of the true axes, mm, and their orientations, rad: the rig's pins.
-const B: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
-const B_LIES: [f64; 2] = [40e-6, -30e-6];
-const C: Vector3<f64> = Vector3::new(0.110, -0.030, 0.0);
-const C_LIES: [f64; 2] = [-25e-6, 55e-6];
-const STYLUS: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
+const B_AXIS_POINT_MM: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
+const B_AXIS_TILT_RAD: [f64; 2] = [40e-6, -30e-6];
+const C_AXIS_POINT_MM: Vector3<f64> = Vector3::new(0.110, -0.030, 0.0);
+const C_AXIS_TILT_RAD: [f64; 2] = [-25e-6, 55e-6];
+const STYLUS_ERROR_MM: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
 /// Positions of the balls with all axes at zero, up to half a millimetre from those of samba.toml; the first two
 /// are 150 mm apart.
-pub const BALLS: [[f64; 3]; 4] = [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
-const RADIUS: f64 = 10.0;
+pub const BALL_CENTRES_MM: [[f64; 3]; 4] =
+    [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
+const BALL_RADIUS_MM: f64 = 10.0;
 /// Radius of the stylus ball.
-const TIP: f64 = 3.0;
+const STYLUS_RADIUS_MM: f64 = 3.0;
 
 /// Expected estimate, µm, µrad, and mm for the stylus, which is measured from the true axes: B along X and Z, C
 /// along Y. Then the tolerance in the same units.
-const TRUTH: [(&str, f64, f64); 8] = [
+const TRUE_PARAMETERS: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EC0B", -30.0, 10.0),
@@ -44,7 +45,7 @@ const TRUTH: [(&str, f64, f64); 8] = [
 ];
 
 /// The same from one ball: the rotation of B about its own axis and the tilt of C about Y are then one parameter.
-const CHASED: [(&str, f64, f64); 8] = [
+const CHASE_PARAMETERS: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EB0B", 55.0, 10.0),
@@ -56,76 +57,76 @@ const CHASED: [(&str, f64, f64); 8] = [
 ];
 
 /// Removes the cylinder, puts the balls on the table, and sets the axis errors above.
-pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
+pub fn place_balls(rig: &LinuxCncRig) -> Result<(), Failed> {
     let axes = [
-        ("b-x", B.x),
-        ("b-z", B.z),
-        ("b-a", B_LIES[0]),
-        ("b-c", B_LIES[1]),
-        ("c-x", C.x),
-        ("c-y", C.y),
-        ("c-a", C_LIES[0]),
-        ("c-b", C_LIES[1]),
-        ("stylus-x", STYLUS.x),
-        ("stylus-y", STYLUS.y),
-        ("stylus-z", STYLUS.z),
+        ("b-x", B_AXIS_POINT_MM.x),
+        ("b-z", B_AXIS_POINT_MM.z),
+        ("b-a", B_AXIS_TILT_RAD[0]),
+        ("b-c", B_AXIS_TILT_RAD[1]),
+        ("c-x", C_AXIS_POINT_MM.x),
+        ("c-y", C_AXIS_POINT_MM.y),
+        ("c-a", C_AXIS_TILT_RAD[0]),
+        ("c-b", C_AXIS_TILT_RAD[1]),
+        ("stylus-x", STYLUS_ERROR_MM.x),
+        ("stylus-y", STYLUS_ERROR_MM.y),
+        ("stylus-z", STYLUS_ERROR_MM.z),
         ("radius", 0.0),
     ];
     for (name, value) in axes {
-        rig.make_true(name, value)?;
+        rig.set_true_value(name, value)?;
     }
-    for (i, ball) in BALLS.iter().enumerate() {
+    for (i, ball) in BALL_CENTRES_MM.iter().enumerate() {
         for (axis, value) in ["x", "y", "z"].into_iter().zip(ball) {
-            rig.make_true(&format!("ball-{axis}-{i}"), *value)?;
+            rig.set_true_value(&format!("ball-{axis}-{i}"), *value)?;
         }
-        rig.make_true(&format!("ball-radius-{i}"), RADIUS)?;
+        rig.set_true_value(&format!("ball-radius-{i}"), BALL_RADIUS_MM)?;
     }
     Ok(())
 }
 
 /// Positions of X, Y, Z at which the stylus ball and the ball coincide: computed with plain matrices, whereas the
 /// rig rotates points about lines.
-fn coincide(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
+fn tool_position_at_ball(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
     let about = |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
         through + lies * turn * lies.inverse() * (p - through)
     };
     let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
-    let c_lies = Rotation3::new(y * C_LIES[1]) * Rotation3::new(x * C_LIES[0]);
-    let b_lies = Rotation3::new(z * B_LIES[1]) * Rotation3::new(x * B_LIES[0]);
-    let turned = about(Vector3::from(ball), C, c_lies, Rotation3::new(z * c));
-    about(turned, B, b_lies, Rotation3::new(y * b)) - STYLUS
+    let c_lies = Rotation3::new(y * C_AXIS_TILT_RAD[1]) * Rotation3::new(x * C_AXIS_TILT_RAD[0]);
+    let b_lies = Rotation3::new(z * B_AXIS_TILT_RAD[1]) * Rotation3::new(x * B_AXIS_TILT_RAD[0]);
+    let turned = about(Vector3::from(ball), C_AXIS_POINT_MM, c_lies, Rotation3::new(z * c));
+    about(turned, B_AXIS_POINT_MM, b_lies, Rotation3::new(y * b)) - STYLUS_ERROR_MM
 }
 
 /// A touch of the ball at `centre` against `normal`, from above and back up.
-fn touch(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
-    let place = |far: f64| Position::from_xyz(centre + (RADIUS + TIP + far) * normal);
+fn touch_block(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f64)) -> Block {
+    let place = |far: f64| Position::from_xyz(centre + (BALL_RADIUS_MM + STYLUS_RADIUS_MM + far) * normal);
     let over = place(0.4).with(Axis::Z, 200.0).with(Axis::B, b).with(Axis::C, c);
     let motions = vec![
-        Motion::Rapid { to: z(200.0) },
+        Motion::Rapid { to: z_position(200.0) },
         Motion::Rapid { to: over },
         Motion::Guarded { to: place(0.4), feed_mm_min: 6000.0 },
         Motion::Probe { to: place(-1.0), feed_mm_min: 30.0 },
         Motion::BackOff { to: place(0.4), feed_mm_min: 600.0 },
-        Motion::Guarded { to: z(200.0), feed_mm_min: 6000.0 },
+        Motion::Guarded { to: z_position(200.0), feed_mm_min: 6000.0 },
     ];
     Block { step, repeat: 0, motions }
 }
 
 /// Measures the centre by four touches around the ball and one at its pole.
-async fn centre(driver: &mut LinuxCnc, near: Vector3<f64>, at: (f64, f64)) -> Result<Vector3<f64>, Failed> {
+async fn measured_centre(driver: &mut LinuxCnc, near: Vector3<f64>, at: (f64, f64)) -> Result<Vector3<f64>, Failed> {
     let round = (0..4).map(|i| {
         let (sin, cos) = ((f64::from(i) + 0.5) * FRAC_PI_2).sin_cos();
         Vector3::new(cos, sin, 0.0)
     });
     let mut points = Vec::new();
     for (step, normal) in (0..).zip(round.chain([Vector3::z()])) {
-        let outcome = driver.execute(proven(driver, &touch(step, near, normal, at))).await?;
+        let outcome = driver.execute(prove(driver, &touch_block(step, near, normal, at))).await?;
         let touch = outcome.touch.ok_or("no touch")?;
         points.push(touch.xyz().into());
     }
     let sphere = fit_sphere(&points)?;
-    eprintln!("radius off by {:.3} um", (sphere.radius - RADIUS - TIP) * 1e3);
-    if (sphere.radius - RADIUS - TIP).abs() > 0.001 {
+    eprintln!("radius off by {:.3} um", (sphere.radius - BALL_RADIUS_MM - STYLUS_RADIUS_MM) * 1e3);
+    if (sphere.radius - BALL_RADIUS_MM - STYLUS_RADIUS_MM).abs() > 0.001 {
         return Err(format!("{sphere:?}").into());
     }
     Ok(Vector3::from(sphere.centre))
@@ -133,17 +134,17 @@ async fn centre(driver: &mut LinuxCnc, near: Vector3<f64>, at: (f64, f64)) -> Re
 
 /// Touches the rig's balls directly through the driver.
 pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_balls(&rig)?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    let rig = lock_rig()?;
+    place_balls(&rig)?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
         for (ball, b, c) in [(2, 30.0, 50.0), (3, -40.0, 200.0)] {
             let (b, c) = (f64::to_radians(b), f64::to_radians(c));
-            let truth = coincide(BALLS[ball], b, c);
+            let truth = tool_position_at_ball(BALL_CENTRES_MM[ball], b, c);
             // The start is a tenth of a millimetre off, because the true position is unknown.
             let near = truth + Vector3::new(0.05, -0.1, 0.04);
-            let off_um = (centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
+            let off_um = (measured_centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
             eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {:.3?} um", off_um.as_slice());
             if off_um.abs().max() > 1.0 {
                 return Err(format!("ball {ball}: off by {:?} um", off_um.as_slice()).into());
@@ -155,32 +156,32 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
 
 /// Runs `trued run samba` with the errors of the rig.
 pub fn finds_the_true_axes() -> Result<(), Failed> {
-    finds("samba", &TRUTH)
+    check_finds("samba", &TRUE_PARAMETERS)
 }
 
 /// Runs `trued run laser-r-test` with the touch probe, on one ball.
-pub fn chases_the_ball() -> Result<(), Failed> {
-    finds("laser-r-test", &CHASED)
+pub fn chase_the_ball_finds_the_true_axes() -> Result<(), Failed> {
+    check_finds("laser-r-test", &CHASE_PARAMETERS)
 }
 
-fn finds(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
-    let rig = rig()?;
-    put_balls(&rig)?;
-    finds_at(&Desk::with_balls(&rig)?, method, truth)
+fn check_finds(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    place_balls(&rig)?;
+    check_finds_in(&RunWorkspace::with_balls(&rig)?, method, truth)
 }
 
 /// Checks the result of `method`: for each symbol its value and the tolerance.
-pub fn finds_at(desk: &Desk, method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
+pub fn check_finds_in(desk: &RunWorkspace, method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let started = Instant::now();
-    let output = desk.run(method)?.wait_with_output()?;
-    eprintln!("{}in {:.0} s", complaint(&output), started.elapsed().as_secs_f64());
+    let output = desk.start_run(method)?.wait_with_output()?;
+    eprintln!("{}in {:.0} s", failure_text(&output), started.elapsed().as_secs_f64());
     if output.status.code() != Some(0) {
-        return Err(complaint(&output).into());
+        return Err(failure_text(&output).into());
     }
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
     let mut wrong = String::new();
     for (symbol, truth, near) in truth {
-        let (value, expanded) = result(&estimate, symbol)?;
+        let (value, expanded) = value_and_u(&estimate, symbol)?;
         eprintln!("{symbol} = {value:.4}, U = {expanded:.4}, truth {truth}");
         if (value - truth).abs() > *near || expanded > 2.0 * near {
             wrong += &format!("{symbol} = {value}, U = {expanded}; ");

@@ -8,10 +8,10 @@ use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 use tokio::time::sleep;
 
-use super::machine::{expect, open, proven, run, touch, xy, z};
-use super::rig::{Rig, rig};
+use super::machine::{block_on, expect_error, open_driver, prove, touch_block, xy_position, z_position};
+use super::rig::{LinuxCncRig, lock_rig};
 
-fn refused(prepared: Result<PreparedControl, ControllerError>, words: &str) -> Result<(), Failed> {
+fn check_refused(prepared: Result<PreparedControl, ControllerError>, words: &str) -> Result<(), Failed> {
     match prepared {
         Err(ControllerError::NotReady { state, .. }) if state.contains(words) => Ok(()),
         other => Err(format!("{other:?}").into()),
@@ -19,16 +19,19 @@ fn refused(prepared: Result<PreparedControl, ControllerError>, words: &str) -> R
 }
 
 /// A slow move past the part, high above it.
-fn slow(step: u32) -> Block {
-    let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Guarded { to: xy(100.0, 2.0), feed_mm_min: 1000.0 }];
+fn slow_block(step: u32) -> Block {
+    let motions = vec![
+        Motion::Rapid { to: z_position(150.0) },
+        Motion::Guarded { to: xy_position(100.0, 2.0), feed_mm_min: 1000.0 },
+    ];
     Block { step, repeat: 0, motions }
 }
 
-pub fn it_says_where_it_stands() -> Result<(), Failed> {
-    let rig = rig()?;
-    rig.person()?.mdi("G53 G0 X10 Y-20 Z150 B5 C400")?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn position_is_reported() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    rig.connect_client()?.run_mdi("G53 G0 X10 Y-20 Z150 B5 C400")?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         let stands = driver.prepare().await?.position;
         let truth: Position = [
             (Axis::X, 10.0),
@@ -48,20 +51,20 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
 }
 
 /// The reported identification is correct: an axis moves up to the reported limit, and not beyond.
-pub fn it_introduces_itself() -> Result<(), Failed> {
-    let rig = rig()?;
-    let (identity, b) = run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn device_info_is_reported() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    let (identity, b) = block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         let said = driver.identify_device().await?;
         Ok((said.identity, said.axes.get(&Axis::B).copied()))
     })?;
     let most = b.and_then(|b| b.max).ok_or("no limit of B")?;
-    rig.person()?.mdi(&format!("G53 G0 X0 Y0 Z150 B{most}"))?;
-    let stands = run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    rig.connect_client()?.run_mdi(&format!("G53 G0 X0 Y0 Z150 B{most}"))?;
+    let stands = block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         Ok(driver.prepare().await?.position.get_or_zero(Axis::B))
     })?;
-    rig.person()?.mdi("G53 G0 B0")?;
+    rig.connect_client()?.run_mdi("G53 G0 B0")?;
     let beyond = (stands - most.to_radians()).abs();
     if identity.starts_with("LinuxCNC, ") && beyond < 1e-6 && most == 110.0 {
         return Ok(());
@@ -71,20 +74,20 @@ pub fn it_introduces_itself() -> Result<(), Failed> {
 
 /// M428 of the sample configurations, by the HAL switch that it sets. At B = C = 0 each axis equals its joint in
 /// both modes.
-pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
-        rig.tool_centre_point(true)?;
+pub fn compensating_kinematics_are_refused() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
+        rig.set_tool_centre_point(true)?;
         let at_zero = driver.prepare().await;
-        rig.tool_centre_point(false)?;
-        refused(at_zero, "the kinematics compensate the rotary axes: motion.switchkins-type is 1")?;
+        rig.set_tool_centre_point(false)?;
+        check_refused(at_zero, "the kinematics compensate the rotary axes: motion.switchkins-type is 1")?;
         driver.prepare().await?;
-        driver.execute(proven(&driver, &touch(1, 0.0, 0.6, 48.6, 46.0))).await?;
-        rig.tool_centre_point(true)?;
-        let compensated = open(&rig).await?.0.prepare().await;
-        rig.tool_centre_point(false)?;
-        refused(compensated, "the positions of axes and joints differ")?;
+        driver.execute(prove(&driver, &touch_block(1, 0.0, 0.6, 48.6, 46.0))).await?;
+        rig.set_tool_centre_point(true)?;
+        let compensated = open_driver(&rig).await?.0.prepare().await;
+        rig.set_tool_centre_point(false)?;
+        check_refused(compensated, "the positions of axes and joints differ")?;
         driver.prepare().await?;
         Ok(())
     })
@@ -92,10 +95,10 @@ pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
 
 /// The table entry of a loaded tool is not an offset; G43 and G43.1 apply an offset, of any tool.
 pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let mut person = rig.person()?;
-        person.mdi("G10 L1 P1 Z12")?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let mut person = rig.connect_client()?;
+        person.run_mdi("G10 L1 P1 Z12")?;
         for (lines, is_active) in [
             (&["T1 M6", "G49"][..], false),
             (&["G43"], true),
@@ -105,106 +108,110 @@ pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
             (&["G49"], false),
         ] {
             for line in lines {
-                person.mdi(line)?;
+                person.run_mdi(line)?;
             }
-            let prepared = open(&rig).await?.0.prepare().await;
-            person = rig.person()?;
+            let prepared = open_driver(&rig).await?.0.prepare().await;
+            person = rig.connect_client()?;
             if is_active {
-                refused(prepared, "a tool length offset is active")?;
+                check_refused(prepared, "a tool length offset is active")?;
             } else {
                 prepared?;
             }
         }
-        person.mdi("G10 L1 P1 Z0")
+        person.run_mdi("G10 L1 P1 Z0")
     })
 }
 
 /// The table stops within a degree: the stylus is deflected while the table turns at feed.
-pub fn a_contact_in_a_turn_stops_it() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn contact_in_a_turn_stops_it() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
         let turn = Position::new().with(Axis::C, 1.0);
-        let motions = vec![Motion::Rapid { to: z(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
+        let motions = vec![Motion::Rapid { to: z_position(150.0) }, Motion::Feed { to: turn, feed_mm_min: 300.0 }];
         let presses = async {
-            while rig.joint(4)? < 5.0 {
+            while rig.joint_position_mm(4)? < 5.0 {
                 sleep(Duration::from_millis(2)).await;
             }
-            rig.make_true("stuck", 1.0)
+            rig.set_true_value("stuck", 1.0)
         };
-        let block = proven(&driver, &Block { step: 3, repeat: 0, motions });
+        let block = prove(&driver, &Block { step: 3, repeat: 0, motions });
         let (hit, pressed) = tokio::join!(driver.execute(block), presses);
         pressed?;
-        expect(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
-        let c = rig.stands()?[4];
+        expect_error(hit, |error| matches!(error, ControllerError::UnexpectedContact { step: 3 }))?;
+        let c = rig.commanded_position()?[4];
         if c < 7.0 { Ok(()) } else { Err(format!("C stands at {c}").into()) }
     })
 }
 
 pub fn another_speed_is_refused() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
-        rig.person()?.say("set feed_override 80")?;
-        refused(driver.prepare().await, "the feed override is 80 %")?;
-        rig.person()?.say("set feed_override 100")?;
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
+        rig.connect_client()?.send_line("set feed_override 80")?;
+        check_refused(driver.prepare().await, "the feed override is 80 %")?;
+        rig.connect_client()?.send_line("set feed_override 100")?;
         driver.prepare().await?;
-        rig.person()?.say("set feed_override 120")?;
-        let hurried = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await;
+        rig.connect_client()?.send_line("set feed_override 120")?;
+        let hurried = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 46.0))).await;
         let is_named = |error: &ControllerError| error.to_string().contains("at 120 %");
-        expect(hurried, is_named)?;
-        if rig.joint(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
+        expect_error(hurried, is_named)?;
+        if rig.joint_position_mm(2)? < 199.0 { Err("it moved".into()) } else { Ok(()) }
     })
 }
 
 pub fn another_program_is_not_run() -> Result<(), Failed> {
-    let rig = rig()?;
+    let rig = lock_rig()?;
     let other = rig.directory.join("other.ngc");
     std::fs::write(&other, "%\nG53 G0 X77\n%\n")?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        rig.person()?.say(&format!("set open {}", other.display()))?;
-        let not_ours = driver.execute(proven(&driver, &touch(1, 0.0, 0.0, 48.6, 46.0))).await;
-        expect(not_ours, |error| error.to_string().contains("another program is open"))?;
-        if rig.joint(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
+        rig.connect_client()?.send_line(&format!("set open {}", other.display()))?;
+        let not_ours = driver.execute(prove(&driver, &touch_block(1, 0.0, 0.0, 48.6, 46.0))).await;
+        expect_error(not_ours, |error| error.to_string().contains("another program is open"))?;
+        if rig.joint_position_mm(0)?.abs() > 1e-9 { Err("it moved".into()) } else { Ok(()) }
     })
 }
 
 /// Each cause is detected and named, the run is given up, and it does not continue when the cause is removed.
 pub fn what_holds_it_is_named() -> Result<(), Failed> {
-    let rig = rig()?;
-    type Hand = fn(&Rig) -> Result<(), Failed>;
-    let hands: [(Hand, Hand, &str); 3] = [
-        (|rig| rig.press("program.pause"), |rig| rig.press("program.resume"), "pause was pressed"),
-        (|rig| rig.no_feed(), |rig| rig.person()?.say("set feed_override 100").map(drop), "the feed override is 0 %"),
-        (|rig| rig.feed_hold(true), |rig| rig.feed_hold(false), "does not move: a feed hold"),
+    let rig = lock_rig()?;
+    type OperatorAction = fn(&LinuxCncRig) -> Result<(), Failed>;
+    let hands: [(OperatorAction, OperatorAction, &str); 3] = [
+        (|rig| rig.press_button("program.pause"), |rig| rig.press_button("program.resume"), "pause was pressed"),
+        (
+            |rig| rig.set_feed_override_zero(),
+            |rig| rig.connect_client()?.send_line("set feed_override 100").map(drop),
+            "the feed override is 0 %",
+        ),
+        (|rig| rig.set_feed_hold(true), |rig| rig.set_feed_hold(false), "does not move: a feed hold"),
     ];
     for (step, (holds, lets_go, words)) in (0..).zip(hands) {
-        run(async {
-            let (mut driver, _halt) = open(&rig).await?;
+        block_on(async {
+            let (mut driver, _halt) = open_driver(&rig).await?;
             driver.prepare().await?;
             let hand = async {
                 sleep(Duration::from_millis(900)).await;
                 holds(&rig)?;
                 Ok::<_, Failed>(Instant::now())
             };
-            let block = slow(step);
-            let (held, since) = tokio::join!(driver.execute(proven(&driver, &block)), hand);
+            let block = slow_block(step);
+            let (held, since) = tokio::join!(driver.execute(prove(&driver, &block)), hand);
             eprintln!("{words}: after {:.2} s", since?.elapsed().as_secs_f64());
             let error = held.err().ok_or("it ended")?;
             if !matches!(&error, ControllerError::Paused { reason } if reason.contains(words)) {
                 return Err(format!("{error:?}").into());
             }
-            let stands = rig.stands()?;
+            let stands = rig.commanded_position()?;
             lets_go(&rig)?;
             sleep(Duration::from_millis(500)).await;
-            if rig.stands()? != stands {
+            if rig.commanded_position()? != stands {
                 return Err("it goes on".into());
             }
-            let mut person = rig.person()?;
-            person.mdi("G53 G0 X0 Y0")
+            let mut person = rig.connect_client()?;
+            person.run_mdi("G53 G0 X0 Y0")
         })?;
     }
     Ok(())
@@ -212,50 +219,50 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
 
 /// Stopped while at rest between two blocks; released; enabled. Each state is checked with the same driver and with
 /// a new one.
-pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn only_an_operator_makes_it_ready_after_a_stop() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
         rig.emergency_stop()?;
         sleep(Duration::from_millis(200)).await;
-        let stopped = driver.execute(proven(&driver, &slow(1))).await;
-        expect(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
-        let again = driver.execute(proven(&driver, &slow(1))).await;
-        expect(again, |error| matches!(error, ControllerError::NotReady { .. }))?;
-        refused(driver.prepare().await, "the emergency stop is pressed")?;
-        rig.release()?;
-        refused(driver.prepare().await, "the emergency stop is pressed")?;
-        rig.person()?.say("set estop off")?;
-        refused(driver.prepare().await, "the machine is off")?;
-        refused(open(&rig).await?.0.prepare().await, "the machine is off")?;
-        rig.person()?.say("set machine on")?;
-        let (mut driver, _halt) = open(&rig).await?;
+        let stopped = driver.execute(prove(&driver, &slow_block(1))).await;
+        expect_error(stopped, |error| matches!(error, ControllerError::EmergencyStop))?;
+        let again = driver.execute(prove(&driver, &slow_block(1))).await;
+        expect_error(again, |error| matches!(error, ControllerError::NotReady { .. }))?;
+        check_refused(driver.prepare().await, "the emergency stop is pressed")?;
+        rig.release_emergency_stop()?;
+        check_refused(driver.prepare().await, "the emergency stop is pressed")?;
+        rig.connect_client()?.send_line("set estop off")?;
+        check_refused(driver.prepare().await, "the machine is off")?;
+        check_refused(open_driver(&rig).await?.0.prepare().await, "the machine is off")?;
+        rig.connect_client()?.send_line("set machine on")?;
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        driver.execute(proven(&driver, &slow(2))).await?;
+        driver.execute(prove(&driver, &slow_block(2))).await?;
         Ok(())
     })
 }
 
 /// The probe stays closed after the touch: the retract upwards is not executed.
-pub fn nothing_moves_between_back_off_and_open_probe() -> Result<(), Failed> {
-    let rig = rig()?;
-    run(async {
-        let (mut driver, _halt) = open(&rig).await?;
+pub fn no_motion_between_back_off_and_open_probe() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    block_on(async {
+        let (mut driver, _halt) = open_driver(&rig).await?;
         driver.prepare().await?;
-        let mut block = touch(1, 0.0, 0.0, 48.6, 46.0);
-        block.motions.push(Motion::Rapid { to: z(150.0) });
-        let before = rig.touches()?;
+        let mut block = touch_block(1, 0.0, 0.0, 48.6, 46.0);
+        block.motions.push(Motion::Rapid { to: z_position(150.0) });
+        let before = rig.touch_count()?;
         let sticks = async {
-            while rig.touches()? == before {
+            while rig.touch_count()? == before {
                 sleep(Duration::from_millis(2)).await;
             }
-            rig.make_true("stuck", 1.0)
+            rig.set_true_value("stuck", 1.0)
         };
-        let (stuck, done) = tokio::join!(driver.execute(proven(&driver, &block)), sticks);
+        let (stuck, done) = tokio::join!(driver.execute(prove(&driver, &block)), sticks);
         done?;
-        expect(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 1 }))?;
-        let at = rig.stands()?;
+        expect_error(stuck, |error| matches!(error, ControllerError::ProbeStillClosed { step: 1 }))?;
+        let at = rig.commanded_position()?;
         if (at[0] - 50.0).abs() < 1e-3 && (at[2] - 50.0).abs() < 1e-3 {
             return Ok(());
         }

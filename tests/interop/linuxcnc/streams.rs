@@ -5,24 +5,24 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use libtest_mimic::Failed;
 
-use super::rig::{Rig, free_port};
+use super::rig::{LinuxCncRig, free_port};
 
 /// Number of sensors around the datum cylinder.
-const SENSORS: usize = 3;
+const SENSOR_COUNT: usize = 3;
 
 /// Streams of positions, laser and sensors, each on its own port, until dropped.
-pub struct Streams {
+pub struct SimulatorProcess {
     process: Child,
-    says: BufReader<ChildStdout>,
-    hears: Option<ChildStdin>,
-    pub positions: u16,
-    pub laser: u16,
+    stdout: BufReader<ChildStdout>,
+    stdin: Option<ChildStdin>,
+    pub position_port: u16,
+    pub laser_port: u16,
     /// Serial ports of the sensors around the datum cylinder.
-    pub sensors: Vec<String>,
+    pub sensor_paths: Vec<String>,
 }
 
-impl Streams {
-    pub fn of(rig: &Rig) -> Result<Self, Failed> {
+impl SimulatorProcess {
+    pub fn start(rig: &LinuxCncRig) -> Result<Self, Failed> {
         let (positions, laser) = (free_port()?, free_port()?);
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/streams.py");
         let mut process = Command::new("python3")
@@ -34,39 +34,46 @@ impl Streams {
             .spawn()?;
         let says = BufReader::new(process.stdout.take().ok_or("no output")?);
         let hears = process.stdin.take();
-        let mut streams = Self { process, says, hears, positions, laser, sensors: Vec::new() };
-        for _ in 0..SENSORS {
-            let said = streams.line()?;
+        let mut streams = Self {
+            process,
+            stdout: says,
+            stdin: hears,
+            position_port: positions,
+            laser_port: laser,
+            sensor_paths: Vec::new(),
+        };
+        for _ in 0..SENSOR_COUNT {
+            let said = streams.read_line()?;
             let device = said.strip_prefix("sensor ").ok_or_else(|| said.clone())?;
-            streams.sensors.push(device.to_owned());
+            streams.sensor_paths.push(device.to_owned());
         }
-        streams.expect("ready")?;
+        streams.expect_line("ready")?;
         Ok(streams)
     }
 
     /// Sets the additional delay of the laser.
-    pub fn delay_ms(&mut self, delay: f64) -> Result<(), Failed> {
+    pub fn set_delay_ms(&mut self, delay: f64) -> Result<(), Failed> {
         let said = format!("delay {delay}");
-        let hears = self.hears.as_mut().ok_or("it hears nothing")?;
+        let hears = self.stdin.as_mut().ok_or("it hears nothing")?;
         writeln!(hears, "{said}")?;
-        self.expect(&said)
+        self.expect_line(&said)
     }
 
-    fn line(&mut self) -> Result<String, Failed> {
+    fn read_line(&mut self) -> Result<String, Failed> {
         let mut said = String::new();
-        self.says.read_line(&mut said)?;
+        self.stdout.read_line(&mut said)?;
         Ok(said.trim().to_owned())
     }
 
-    fn expect(&mut self, wanted: &str) -> Result<(), Failed> {
-        let said = self.line()?;
+    fn expect_line(&mut self, wanted: &str) -> Result<(), Failed> {
+        let said = self.read_line()?;
         if said == wanted { Ok(()) } else { Err(format!("streams.py says {said:?}").into()) }
     }
 }
 
-impl Drop for Streams {
+impl Drop for SimulatorProcess {
     fn drop(&mut self) {
-        drop(self.hears.take());
+        drop(self.stdin.take());
         drop(self.process.wait());
     }
 }

@@ -14,19 +14,19 @@ use trued::run::{Run, RunError};
 use trued::setup::{self, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
-use super::desk::Desk;
-use super::machine::run;
-use super::rig::{Rig, rig};
-use super::samba::{BALLS, finds_at, put_balls};
-use super::streams::Streams;
+use super::desk::RunWorkspace;
+use super::machine::block_on;
+use super::rig::{LinuxCncRig, lock_rig};
+use super::samba::{BALL_CENTRES_MM, check_finds_in, place_balls};
+use super::streams::SimulatorProcess;
 
 /// The true position of the ball, its radius, and the laser's zero point from the spindle datum, mm.
-const BALL: Vector3<f64> = Vector3::new(BALLS[0][0], BALLS[0][1], BALLS[0][2]);
-const RADIUS: f64 = 10.0;
-const ZERO: Vector3<f64> = Vector3::new(0.3, -0.2, -100.05);
-const LEAN: [f64; 2] = [400e-6, -250e-6];
+const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(BALL_CENTRES_MM[0][0], BALL_CENTRES_MM[0][1], BALL_CENTRES_MM[0][2]);
+const BALL_RADIUS_MM: f64 = 10.0;
+const ZERO_POINT_MM: Vector3<f64> = Vector3::new(0.3, -0.2, -100.05);
+const BEAM_TILT_RAD: [f64; 2] = [400e-6, -250e-6];
 /// Expected result of the laser R-test for the true axes; the same as for the ball measured by touch.
-const TRUTH: [(&str, f64, f64); 9] = [
+const TRUE_PARAMETERS: [(&str, f64, f64); 9] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
     ("EB0B", 55.0, 10.0),
@@ -39,32 +39,32 @@ const TRUTH: [(&str, f64, f64); 9] = [
     ("latency", 46.0, 1.0),
 ];
 /// Distance from the middle to the end of a pass, mm, and feeds, mm/min.
-const REACH: f64 = 4.0;
-const FEEDS: [f64; 2] = [600.0, 1800.0];
+const PASS_HALF_LENGTH_MM: f64 = 4.0;
+const FEEDS_MM_MIN: [f64; 2] = [600.0, 1800.0];
 /// Additional delay of the laser, ms.
 const DELAY_MS: f64 = 6.0;
 /// Delay error at which a sample counts as not agreeing, ms.
-const NEAR_MS: f64 = 0.5;
+const DELAY_TOLERANCE_MS: f64 = 0.5;
 
 /// Tolerance of the latency, ms, and of the ball position, mm.
-struct Near {
+struct FitTolerance {
     ms: f64,
     mm: f64,
 }
 
 /// Tolerance that holds under any load of the computer: an undetected delay gives an error of 6 ms, and agreeing
 /// samples are 5 µm off if they come late at the slow feed.
-const CERTAINLY: Near = Near { ms: 1.0, mm: 0.005 };
+const WIDE_TOLERANCE: FitTolerance = FitTolerance { ms: 1.0, mm: 0.005 };
 /// Tolerance on an idle computer.
-const CLOSELY: Near = Near { ms: 0.5, mm: 0.001 };
+const NARROW_TOLERANCE: FitTolerance = FitTolerance { ms: 0.5, mm: 0.001 };
 
 /// Four passes over the ball along X and along Y at each feed, in one stage.
-struct Passes;
+struct PassesMethod;
 
-impl Passes {
+impl PassesMethod {
     fn steps() -> Vec<Step> {
         let mut steps = Vec::new();
-        for feed_mm_min in FEEDS {
+        for feed_mm_min in FEEDS_MM_MIN {
             for (axis, id) in [(Axis::X, 0), (Axis::Y, 1)] {
                 let over = |by: f64| {
                     let middle = Position::new().with(Axis::X, 80.0).with(Axis::Y, 0.0);
@@ -72,14 +72,22 @@ impl Passes {
                     let at = middle.with(axis, at).with(Axis::Z, 200.0);
                     at.with(Axis::B, 0.0).with(Axis::C, 0.0)
                 };
-                let path = [-REACH, REACH, -REACH, REACH, -REACH].map(over).to_vec();
+                let path = [
+                    -PASS_HALF_LENGTH_MM,
+                    PASS_HALF_LENGTH_MM,
+                    -PASS_HALF_LENGTH_MM,
+                    PASS_HALF_LENGTH_MM,
+                    -PASS_HALF_LENGTH_MM,
+                ]
+                .map(over)
+                .to_vec();
                 steps.push(Step {
                     id: 2 * u32::from(feed_mm_min > 1000.0) + id,
                     stage: 0,
                     kind: StepKind::Scan,
                     label: format!("pass/{axis}/{feed_mm_min}"),
-                    from: over(-REACH),
-                    to: over(-REACH),
+                    from: over(-PASS_HALF_LENGTH_MM),
+                    to: over(-PASS_HALF_LENGTH_MM),
                     feed_mm_min,
                     sensors: vec!["laser".to_owned()],
                     normal: [0.0, 0.0, 1.0],
@@ -94,7 +102,7 @@ impl Passes {
     }
 }
 
-impl Method for Passes {
+impl Method for PassesMethod {
     fn settings(&self) -> serde_json::Value {
         serde_json::json!({})
     }
@@ -114,11 +122,11 @@ impl Method for Passes {
     }
 }
 
-/// Runs [`Passes`] on the machine of `desk`.
-async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
-    let file = MachineFile::read(&desk.machine())?;
+/// Runs [`PassesMethod`] on the machine of `desk`.
+async fn run_passes(desk: &RunWorkspace) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
+    let file = MachineFile::read(&desk.machine_file())?;
     let devices = setup::open_devices(&file, Pace::Real, RunHistory::default()).await?;
-    let journal = Journal::open(desk.machine().parent().ok_or("no folder")?)?;
+    let journal = Journal::open(desk.machine_file().parent().ok_or("no folder")?)?;
     let mut plan = setup::plan_without_steps(&file, "laser-r-test", serde_json::json!({}));
     plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
@@ -128,17 +136,17 @@ async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>
             eprintln!("{text}");
         }
     };
-    let mut run = Run::new(id, &Passes, &devices, &journal, plan, &mut tell);
+    let mut run = Run::new(id, &PassesMethod, &devices, &journal, plan, &mut tell);
     let ended = run.execute().await;
     Ok((run.readings, run.has_moved, ended))
 }
 
 /// Readings of one step, in the order of time.
-struct Pass(Vec<(f64, Vector3<f64>, f64)>);
+struct SampledPass(Vec<(f64, Vector3<f64>, f64)>);
 
-impl Pass {
+impl SampledPass {
     /// Axis positions, interpolated between the readings before and after.
-    fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
+    fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let after = self.0.partition_point(|(time, ..)| *time < t_s);
         let (late, early) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
         let part = (t_s - early.0) / (late.0 - early.0);
@@ -146,8 +154,8 @@ impl Pass {
     }
 }
 
-fn by_pass(readings: &[Reading]) -> Vec<Pass> {
-    let mut passes: Vec<Pass> = Passes::steps().iter().map(|_| Pass(Vec::new())).collect();
+fn split_into_passes(readings: &[Reading]) -> Vec<SampledPass> {
+    let mut passes: Vec<SampledPass> = PassesMethod::steps().iter().map(|_| SampledPass(Vec::new())).collect();
     for reading in readings {
         let at = reading.position.xyz();
         if let Some(value) = reading.value_mm {
@@ -160,32 +168,33 @@ fn by_pass(readings: &[Reading]) -> Vec<Pass> {
 /// Result of the passes: X, Y and Z at which the zero point is in the ball's centre, mm; delay of a value after its
 /// position, s; number of agreeing samples, of all samples.
 #[derive(Debug)]
-struct Found {
+struct PassFit {
     centre: Vector3<f64>,
     latency_s: f64,
     rms_um: f64,
     used: usize,
 }
 
-/// Error of a sample that is [`NEAR_MS`] too late, at the end of a fast pass, mm.
-fn agrees_mm() -> f64 {
-    let slope = REACH / (RADIUS * RADIUS - REACH * REACH).sqrt();
-    NEAR_MS * 1e-3 * FEEDS[1] / 60.0 * slope
+/// Error of a sample that is [`DELAY_TOLERANCE_MS`] too late, at the end of a fast pass, mm.
+fn max_misfit_mm() -> f64 {
+    let slope =
+        PASS_HALF_LENGTH_MM / (BALL_RADIUS_MM * BALL_RADIUS_MM - PASS_HALF_LENGTH_MM * PASS_HALF_LENGTH_MM).sqrt();
+    DELAY_TOLERANCE_MS * 1e-3 * FEEDS_MM_MIN[1] / 60.0 * slope
 }
 
 /// Gauss-Newton by finite differences over centre and latency. Samples with a residual above four times the usual
 /// one are left out in each iteration, and at the end those that do not agree: under load Python sends lines late,
 /// at times half of them.
-fn fit(passes: &[Pass]) -> Result<Found, Failed> {
+fn fit_passes(passes: &[SampledPass]) -> Result<PassFit, Failed> {
     let expected = |at: Vector3<f64>, centre: Vector3<f64>| {
         let off = at - centre;
-        off.z - (RADIUS * RADIUS - off.x * off.x - off.y * off.y).sqrt()
+        off.z - (BALL_RADIUS_MM * BALL_RADIUS_MM - off.x * off.x - off.y * off.y).sqrt()
     };
     let mut unknown = Vector4::new(80.0, 0.0, 190.0, 0.04);
     let (mut limit, mut last) = (f64::INFINITY, None);
     for round in 0..25 {
-        let residual = |pass: &Pass, (t_s, value): (f64, f64), unknown: Vector4<f64>| {
-            let at = pass.at(t_s - unknown.w)?;
+        let residual = |pass: &SampledPass, (t_s, value): (f64, f64), unknown: Vector4<f64>| {
+            let at = pass.position_at(t_s - unknown.w)?;
             Some(value - expected(at, unknown.xyz()))
         };
         let (mut normal, mut right, mut all) = (Matrix4::zeros(), Vector4::zeros(), Vec::new());
@@ -214,49 +223,58 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
         unknown += normal.try_inverse().ok_or("the fit finds nothing")? * right;
         all.sort_by(f64::total_cmp);
         limit = 4.0 * 1.48 * all.get(all.len() / 2).ok_or("no sample")?.max(1e-6);
-        limit = if round < 12 { limit } else { limit.min(agrees_mm()) };
+        limit = if round < 12 { limit } else { limit.min(max_misfit_mm()) };
         if used == 0 || !unknown.norm().is_finite() {
             return Err("the fit finds nothing".into());
         }
-        last =
-            Some(Found { centre: unknown.xyz(), latency_s: unknown.w, rms_um: (rms / used as f64).sqrt() * 1e3, used });
+        last = Some(PassFit {
+            centre: unknown.xyz(),
+            latency_s: unknown.w,
+            rms_um: (rms / used as f64).sqrt() * 1e3,
+            used,
+        });
     }
     last.ok_or_else(|| "no round".into())
 }
 
 /// Places the first ball, and the laser over it with its beam tilted about X and Y by `lean`, rad.
-fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
-    put_balls(rig)?;
-    let places =
-        [("laser-x", ZERO.x), ("laser-y", ZERO.y), ("laser-z", ZERO.z), ("laser-a", lean[0]), ("laser-b", lean[1])];
-    places.iter().try_for_each(|(name, value)| rig.make_true(name, *value))
+fn place_laser(rig: &LinuxCncRig, lean: [f64; 2]) -> Result<(), Failed> {
+    place_balls(rig)?;
+    let places = [
+        ("laser-x", ZERO_POINT_MM.x),
+        ("laser-y", ZERO_POINT_MM.y),
+        ("laser-z", ZERO_POINT_MM.z),
+        ("laser-a", lean[0]),
+        ("laser-b", lean[1]),
+    ];
+    places.iter().try_for_each(|(name, value)| rig.set_true_value(name, *value))
 }
 
 /// Two runs that differ by the laser's delay only: the latency differs by it, and the ball position does not
 /// change.
 pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
-    follows(&CERTAINLY)
+    check_latency_follows(&WIDE_TOLERANCE)
 }
 
 /// Lines that are late more often in one direction than in the other shift the ball; this is random.
-pub fn latency_follows_closely() -> Result<(), Failed> {
-    follows(&CLOSELY)
+pub fn latency_follows_within_narrow_limits() -> Result<(), Failed> {
+    check_latency_follows(&NARROW_TOLERANCE)
 }
 
-fn follows(near: &Near) -> Result<(), Failed> {
-    let rig = rig()?;
-    put_laser(&rig, [0.0, 0.0])?;
-    let mut streams = Streams::of(&rig)?;
-    let desk = Desk::with_laser(&rig, &streams, "")?;
+fn check_latency_follows(near: &FitTolerance) -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    place_laser(&rig, [0.0, 0.0])?;
+    let mut streams = SimulatorProcess::start(&rig)?;
+    let desk = RunWorkspace::with_laser(&rig, &streams, "")?;
     let mut latencies_ms = Vec::new();
     for delay in [0.0, DELAY_MS] {
-        streams.delay_ms(delay)?;
+        streams.set_delay_ms(delay)?;
         std::thread::sleep(Duration::from_millis(200));
-        let (readings, _, ended) = run(passes(&desk))?;
+        let (readings, _, ended) = block_on(run_passes(&desk))?;
         ended?;
-        let found = fit(&by_pass(&readings))?;
-        let off_um = (found.centre - (BALL - ZERO)) * 1e3;
-        let Found { latency_s, rms_um, used, .. } = found;
+        let found = fit_passes(&split_into_passes(&readings))?;
+        let off_um = (found.centre - (BALL_CENTRE_MM - ZERO_POINT_MM)) * 1e3;
+        let PassFit { latency_s, rms_um, used, .. } = found;
         eprintln!(
             "{used} of {} readings, rms {rms_um:.3} um, latency {:.3} ms; ball off by {:.3?} um",
             readings.len(),
@@ -280,11 +298,11 @@ fn follows(near: &Near) -> Result<(), Failed> {
 
 /// The pins are in a different order than in the machine file.
 pub fn wrong_pins_are_refused() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_laser(&rig, [0.0, 0.0])?;
-    let streams = Streams::of(&rig)?;
+    let rig = lock_rig()?;
+    place_laser(&rig, [0.0, 0.0])?;
+    let streams = SimulatorProcess::start(&rig)?;
     let swapped = "axes = [\"Z\", \"Y\", \"X\", \"B\", \"C\"]";
-    let (readings, moved, ended) = run(passes(&Desk::with_laser(&rig, &streams, swapped)?))?;
+    let (readings, moved, ended) = block_on(run_passes(&RunWorkspace::with_laser(&rig, &streams, swapped)?))?;
     match ended {
         Err(error) if !moved && readings.is_empty() => {
             let said = format!("{error}; {}", error.remedy());
@@ -298,9 +316,9 @@ pub fn wrong_pins_are_refused() -> Result<(), Failed> {
 
 /// Runs `trued run laser-r-test` with scans in motion.
 pub fn finds_the_true_axes() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_laser(&rig, LEAN)?;
-    let mut streams = Streams::of(&rig)?;
-    streams.delay_ms(DELAY_MS)?;
-    finds_at(&Desk::with_laser(&rig, &streams, "")?, "laser-r-test", &TRUTH)
+    let rig = lock_rig()?;
+    place_laser(&rig, BEAM_TILT_RAD)?;
+    let mut streams = SimulatorProcess::start(&rig)?;
+    streams.set_delay_ms(DELAY_MS)?;
+    check_finds_in(&RunWorkspace::with_laser(&rig, &streams, "")?, "laser-r-test", &TRUE_PARAMETERS)
 }

@@ -9,23 +9,23 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
 
-use super::desk::Desk;
-use super::rig::{Rig, free_port, halcmd, load, rig};
+use super::desk::RunWorkspace;
+use super::rig::{LinuxCncRig, free_port, halcmd, load_hal_file, lock_rig};
 
 const MB2HAL: &str = include_str!("../../peers/linuxcnc/mb2hal.ini");
 const HAL: &str = include_str!("../../peers/linuxcnc/trued.hal");
-const PATIENCE: Duration = Duration::from_secs(20);
-const CYCLE: Duration = Duration::from_secs(240);
+const PIN_TIMEOUT: Duration = Duration::from_secs(20);
+const CYCLE_TIMEOUT: Duration = Duration::from_secs(240);
 /// Maximum time after which HAL detects that the daemon is dead.
-const DEAD: Duration = Duration::from_secs(2);
+const DEAD_TIME: Duration = Duration::from_secs(2);
 
 /// The daemon and its HAL components; both end with this value.
-struct Button {
+struct WiredButton {
     daemon: Child,
     directory: PathBuf,
 }
 
-impl Drop for Button {
+impl Drop for WiredButton {
     fn drop(&mut self) {
         let _ = self.daemon.kill();
         let _ = self.daemon.wait();
@@ -38,32 +38,32 @@ impl Drop for Button {
             &["delsig", "trued-auto"],
         ];
         for arguments in undo {
-            if let Err(failed) = load(&self.directory, arguments) {
+            if let Err(failed) = load_hal_file(&self.directory, arguments) {
                 eprintln!("{}", failed.message().unwrap_or_default());
             }
         }
     }
 }
 
-impl Button {
+impl WiredButton {
     /// Starts the daemon; loads mb2hal and the watchdog.
-    fn wired(rig: &Rig) -> Result<(Self, Desk), Failed> {
+    fn wired(rig: &LinuxCncRig) -> Result<(Self, RunWorkspace), Failed> {
         let port = free_port().map_err(|error| error.to_string())?;
-        let desk = Desk::serving(rig, port)?;
-        let mut button = Self { daemon: desk.serve()?, directory: rig.directory.clone() };
-        listen(&mut button.daemon)?;
+        let desk = RunWorkspace::with_http(rig, port)?;
+        let mut button = Self { daemon: desk.start_daemon()?, directory: rig.directory.clone() };
+        wait_for_modbus(&mut button.daemon)?;
         let ini = MB2HAL.replace("TCP_PORT=1502", &format!("TCP_PORT={port}"));
         std::fs::write(rig.directory.join("mb2hal.ini"), ini)?;
         std::fs::write(rig.directory.join("trued.hal"), HAL)?;
-        load(&rig.directory, &["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
-        load(&rig.directory, &["-f", "trued.hal"])?;
-        until("trued.alive", PATIENCE, |alive| alive == "TRUE")?;
+        load_hal_file(&rig.directory, &["loadusr", "-Wn", "mb2hal", "mb2hal", "config=mb2hal.ini"])?;
+        load_hal_file(&rig.directory, &["-f", "trued.hal"])?;
+        wait_for_pin("trued.alive", PIN_TIMEOUT, |alive| alive == "TRUE")?;
         Ok((button, desk))
     }
 }
 
 /// Waits until the daemon is ready; then continues to read its log, so that it never blocks.
-fn listen(daemon: &mut Child) -> Result<(), Failed> {
+fn wait_for_modbus(daemon: &mut Child) -> Result<(), Failed> {
     let mut told = BufReader::new(daemon.stderr.take().ok_or("no log")?).lines();
     let mut all = String::new();
     for line in told.by_ref() {
@@ -78,23 +78,23 @@ fn listen(daemon: &mut Child) -> Result<(), Failed> {
     Err(format!("it does not serve: {all}").into())
 }
 
-fn pin(name: &str) -> Result<String, Failed> {
+fn pin_value(name: &str) -> Result<String, Failed> {
     halcmd(&["getp", name])
 }
 
-fn status(name: &str) -> Result<i64, Failed> {
-    Ok(pin(&format!("mb2hal.status.{name}.int"))?.parse()?)
+fn status_value(name: &str) -> Result<i64, Failed> {
+    Ok(pin_value(&format!("mb2hal.status.{name}.int"))?.parse()?)
 }
 
-fn set(name: &str, value: &str) -> Result<(), Failed> {
+fn set_pin(name: &str, value: &str) -> Result<(), Failed> {
     halcmd(&["setp", &format!("mb2hal.{name}.bit"), value]).map(drop)
 }
 
 /// Waits for the condition; returns the duration.
-fn until(name: &str, most: Duration, right: impl Fn(&str) -> bool) -> Result<Duration, Failed> {
+fn wait_for_pin(name: &str, most: Duration, right: impl Fn(&str) -> bool) -> Result<Duration, Failed> {
     let started = Instant::now();
     loop {
-        let value = pin(name)?;
+        let value = pin_value(name)?;
         if right(&value) {
             return Ok(started.elapsed());
         }
@@ -105,71 +105,71 @@ fn until(name: &str, most: Duration, right: impl Fn(&str) -> bool) -> Result<Dur
     }
 }
 
-fn until_status(name: &str, wanted: i64, most: Duration) -> Result<Duration, Failed> {
+fn wait_for_status(name: &str, wanted: i64, most: Duration) -> Result<Duration, Failed> {
     let pin = format!("mb2hal.status.{name}.int");
-    until(&pin, most, |value| value == wanted.to_string())
+    wait_for_pin(&pin, most, |value| value == wanted.to_string())
 }
 
-fn equal(name: &str, wanted: i64) -> Result<(), Failed> {
-    match status(name)? {
+fn check_status(name: &str, wanted: i64) -> Result<(), Failed> {
+    match status_value(name)? {
         found if found == wanted => Ok(()),
         found => Err(format!("{name} is {found}, not {wanted}").into()),
     }
 }
 
-pub fn a_hal_bit_starts_a_cycle() -> Result<(), Failed> {
-    let rig = rig()?;
-    let (mut button, desk) = Button::wired(&rig)?;
-    until_status("state", 1, PATIENCE)?;
-    let mut person = rig.person()?;
+pub fn hal_bit_starts_a_cycle() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    let (mut button, desk) = WiredButton::wired(&rig)?;
+    wait_for_status("state", 1, PIN_TIMEOUT)?;
+    let mut person = rig.connect_client()?;
 
     // The door is closed and the machine enabled; the key switch is off.
-    set("machine.door", "1")?;
-    person.mdi("M110")?;
-    until_status("refusal", 5, PATIENCE)?;
-    equal("accepted", 0)?;
+    set_pin("machine.door", "1")?;
+    person.run_mdi("M110")?;
+    wait_for_status("refusal", 5, PIN_TIMEOUT)?;
+    check_status("accepted", 0)?;
 
-    set("machine.enable", "1")?;
-    until("mb2hal.status.said.int", PATIENCE, |said| said == "15")?;
+    set_pin("machine.enable", "1")?;
+    wait_for_pin("mb2hal.status.said.int", PIN_TIMEOUT, |said| said == "15")?;
     sleep(Duration::from_millis(500));
-    person.mdi("M110")?;
-    until_status("state", 2, PATIENCE)?;
-    until_status("run", 1, PATIENCE)?;
-    equal("verdict", 0)?;
+    person.run_mdi("M110")?;
+    wait_for_status("state", 2, PIN_TIMEOUT)?;
+    wait_for_status("run", 1, PIN_TIMEOUT)?;
+    check_status("verdict", 0)?;
 
     // The button is pressed again.
     sleep(Duration::from_millis(500));
-    set("start.cycle-1", "1")?;
-    until_status("refused", 2, PATIENCE)?;
-    equal("refusal", 1)?;
-    set("start.cycle-1", "0")?;
+    set_pin("start.cycle-1", "1")?;
+    wait_for_status("refused", 2, PIN_TIMEOUT)?;
+    check_status("refusal", 1)?;
+    set_pin("start.cycle-1", "0")?;
 
-    follow()?;
-    until_status("state", 1, PATIENCE)?;
-    equal("verdict", 1)?;
-    equal("progress", 100)?;
-    equal("accepted", 1)?;
-    desk.is("finished")?;
+    page_follows_the_cycle()?;
+    wait_for_status("state", 1, PIN_TIMEOUT)?;
+    check_status("verdict", 1)?;
+    check_status("progress", 100)?;
+    check_status("accepted", 1)?;
+    desk.check_state("finished")?;
 
-    if pin("trued.alive")? != "TRUE" {
+    if pin_value("trued.alive")? != "TRUE" {
         return Err("HAL takes a living daemon for dead".into());
     }
     button.daemon.kill()?;
-    let seen = until("trued.alive", PATIENCE, |alive| alive == "FALSE")?;
+    let seen = wait_for_pin("trued.alive", PIN_TIMEOUT, |alive| alive == "FALSE")?;
     eprintln!("HAL knows that the daemon is dead after {seen:?}");
     // The pins of mb2hal do not show it.
-    equal("state", 1)?;
-    if seen > DEAD { Err(format!("a dead daemon is seen after {seen:?}").into()) } else { Ok(()) }
+    check_status("state", 1)?;
+    if seen > DEAD_TIME { Err(format!("a dead daemon is seen after {seen:?}").into()) } else { Ok(()) }
 }
 
 /// Waits for the end of the run: its progress increases in steps.
-fn follow() -> Result<(), Failed> {
+fn page_follows_the_cycle() -> Result<(), Failed> {
     let (started, mut seen) = (Instant::now(), vec![0]);
-    while status("state")? == 2 {
-        if started.elapsed() > CYCLE {
+    while status_value("state")? == 2 {
+        if started.elapsed() > CYCLE_TIMEOUT {
             return Err(format!("it does not end; progress {seen:?}").into());
         }
-        let progress = status("progress")?;
+        let progress = status_value("progress")?;
         if seen.last() != Some(&progress) {
             seen.push(progress);
         }

@@ -6,14 +6,14 @@ use std::process::Output;
 use libtest_mimic::Failed;
 use machine::record::estimate::Estimate;
 
-use super::desk::{Desk, complaint, result};
+use super::desk::{RunWorkspace, failure_text, value_and_u};
 use super::faults::wait_until;
-use super::resume::release;
-use super::rig::{halcmd, rig};
-use super::streams::Streams;
+use super::resume::release_emergency_stop;
+use super::rig::{halcmd, lock_rig};
+use super::streams::SimulatorProcess;
 
 /// Error motions of C, order, cosine and sine along X and along Y, µm: the rig's pins.
-const MOTIONS: [(u32, [f64; 4]); 7] = [
+const TRUE_ERROR_MOTIONS: [(u32, [f64; 4]); 7] = [
     (2, [1.2, -0.4, 0.3, 0.9]),
     (3, [-0.5, 0.6, 0.8, 0.2]),
     (4, [0.7, 0.3, -0.6, 0.4]),
@@ -23,44 +23,44 @@ const MOTIONS: [(u32, [f64; 4]); 7] = [
     (8, [0.3, 0.2, -0.1, 0.4]),
 ];
 /// Form of the cylinder: order, cosine and sine, µm.
-const FORM: [(u32, [f64; 2]); 4] = [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
+const TRUE_FORM: [(u32, [f64; 2]); 4] = [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
 /// Tolerance of a coefficient, µm.
-const NEAR_UM: f64 = 0.1;
+const HARMONIC_TOLERANCE_UM: f64 = 0.1;
 
-fn set(pin: &str, um: f64) -> Result<(), Failed> {
+fn set_pin_um(pin: &str, um: f64) -> Result<(), Failed> {
     halcmd(&["setp", &format!("datum.{pin}"), &format!("{:.9}", um * 1e-3)]).map(drop)
 }
 
-fn put_cylinder() -> Result<(), Failed> {
-    set("ecc-x", 6.0)?;
-    set("ecc-y", -8.0)?;
-    for (order, [xc, xs, yc, ys]) in MOTIONS {
+fn place_cylinder() -> Result<(), Failed> {
+    set_pin_um("ecc-x", 6.0)?;
+    set_pin_um("ecc-y", -8.0)?;
+    for (order, [xc, xs, yc, ys]) in TRUE_ERROR_MOTIONS {
         for (name, um) in [("xc", xc), ("xs", xs), ("yc", yc), ("ys", ys)] {
-            set(&format!("motion-{name}-{order}"), um)?;
+            set_pin_um(&format!("motion-{name}-{order}"), um)?;
         }
     }
-    for (order, [c, s]) in FORM {
-        set(&format!("form-c-{order}"), c)?;
-        set(&format!("form-s-{order}"), s)?;
+    for (order, [c, s]) in TRUE_FORM {
+        set_pin_um(&format!("form-c-{order}"), c)?;
+        set_pin_um(&format!("form-s-{order}"), s)?;
     }
     Ok(())
 }
 
 /// Checks each coefficient against its true value.
 fn check_motions(output: &Output) -> Result<(), Failed> {
-    eprintln!("{}", complaint(output));
+    eprintln!("{}", failure_text(output));
     if output.status.code() != Some(0) {
-        return Err(complaint(output).into());
+        return Err(failure_text(output).into());
     }
     let estimate: Estimate = serde_json::from_slice(&output.stdout)?;
     let mut off = Vec::new();
-    for (order, [xc, xs, yc, ys]) in MOTIONS {
+    for (order, [xc, xs, yc, ys]) in TRUE_ERROR_MOTIONS {
         let all = [("EXC_c", xc), ("EXC_s", xs), ("EYC_c", yc), ("EYC_s", ys)];
         for (symbol, truth) in all {
             let symbol = format!("{symbol}{order}");
-            let (value, expanded) = result(&estimate, &symbol)?;
+            let (value, expanded) = value_and_u(&estimate, &symbol)?;
             eprintln!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
-            if (value - truth).abs() > NEAR_UM {
+            if (value - truth).abs() > HARMONIC_TOLERANCE_UM {
                 off.push(format!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}"));
             }
         }
@@ -69,41 +69,41 @@ fn check_motions(output: &Output) -> Result<(), Failed> {
 }
 
 pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_cylinder()?;
-    let streams = Streams::of(&rig)?;
-    let desk = Desk::with_sensors(&rig, &streams)?;
-    check_motions(&desk.run("multiprobe")?.wait_with_output()?)
+    let rig = lock_rig()?;
+    place_cylinder()?;
+    let streams = SimulatorProcess::start(&rig)?;
+    let desk = RunWorkspace::with_sensors(&rig, &streams)?;
+    check_motions(&desk.start_run("multiprobe")?.wait_with_output()?)
 }
 
 /// An emergency stop during the forward turn: the data of that turn are discarded, all earlier data are kept, and
 /// the resumed run has the same result.
-pub fn a_table_that_stops_in_mid_turn_loses_that_turn_alone() -> Result<(), Failed> {
-    let rig = rig()?;
-    put_cylinder()?;
-    let streams = Streams::of(&rig)?;
-    let desk = Desk::with_sensors(&rig, &streams)?;
-    let mut run = desk.run("multiprobe")?;
+pub fn stop_within_a_turn_loses_only_that_turn() -> Result<(), Failed> {
+    let rig = lock_rig()?;
+    place_cylinder()?;
+    let streams = SimulatorProcess::start(&rig)?;
+    let desk = RunWorkspace::with_sensors(&rig, &streams)?;
+    let mut run = desk.start_run("multiprobe")?;
     // The turn for centring, the reference from its beginning to 90° further, the forward turn.
-    wait_until(|rig| Ok(rig.joint(4)? > 300.0), &rig, &mut run)?;
-    wait_until(|rig| Ok(rig.joint(4)? < 10.0), &rig, &mut run)?;
-    wait_until(|rig| Ok(rig.joint(4)? > 180.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position_mm(4)? > 300.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position_mm(4)? < 10.0), &rig, &mut run)?;
+    wait_until(|rig| Ok(rig.joint_position_mm(4)? > 180.0), &rig, &mut run)?;
     rig.emergency_stop()?;
     let output = run.wait_with_output()?;
-    let said = complaint(&output);
+    let said = failure_text(&output);
     eprintln!("{said}");
     if output.status.code() != Some(5) || !said.contains("the emergency stop was pressed") {
         return Err(said.into());
     }
-    let stands = rig.joint(4)?;
+    let stands = rig.joint_position_mm(4)?;
     if !(180.0..300.0).contains(&stands) {
         return Err(format!("C stands at {stands}").into());
     }
-    let (turns, before) = (desk.readings_of("index/1")?, desk.readings_of("reference/1")?);
+    let (turns, before) = (desk.reading_count("index/1")?, desk.reading_count("reference/1")?);
     if turns != 0 || before == 0 {
         return Err(format!("{turns} readings of the turn and {before} before it are kept").into());
     }
-    release(&rig)?;
-    check_motions(&desk.resume()?.wait_with_output()?)?;
-    desk.is("finished")
+    release_emergency_stop(&rig)?;
+    check_motions(&desk.start_resume()?.wait_with_output()?)?;
+    desk.check_state("finished")
 }

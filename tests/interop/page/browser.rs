@@ -11,14 +11,14 @@ use serde_json::{Value, json};
 use super::webdriver::{WebDriverClient, WebElement};
 
 /// Timeout of every wait; a computer that also compiles is slow.
-const PATIENCE: Duration = Duration::from_secs(300);
+const PAGE_TIMEOUT: Duration = Duration::from_secs(300);
 
-pub struct Driver {
+pub struct ChromeDriver {
     child: Child,
     port: u16,
 }
 
-impl Drop for Driver {
+impl Drop for ChromeDriver {
     /// The browser ends with its driver, but not if the driver is killed.
     fn drop(&mut self) {
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
@@ -33,14 +33,14 @@ impl Drop for Driver {
 
 /// Number of start attempts: the driver takes a free IPv4 port, and exits if another process uses the same IPv6
 /// port.
-const STARTS: usize = 5;
+const MAX_STARTS: usize = 5;
 
-impl Driver {
+impl ChromeDriver {
     pub fn start() -> Self {
-        (0..STARTS).find_map(|_| Self::started()).expect("a port of chromedriver")
+        (0..MAX_STARTS).find_map(|_| Self::try_start()).expect("a port of chromedriver")
     }
 
-    fn started() -> Option<Self> {
+    fn try_start() -> Option<Self> {
         let mut command = Command::new("chromedriver");
         command.arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().expect("chromedriver");
@@ -62,18 +62,18 @@ impl Driver {
 pub struct Browser {
     pub client: WebDriverClient,
     /// Must outlive the client.
-    _driver: Driver,
+    _driver: ChromeDriver,
 }
 
 impl Browser {
     pub fn open() -> Self {
-        let driver = Driver::start();
+        let driver = ChromeDriver::start();
         let capabilities = json!({
             // As root, for example in a container, Chromium cannot use its sandbox.
             "goog:chromeOptions": {"args": ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]},
             "goog:loggingPrefs": {"browser": "ALL"},
         });
-        let client = WebDriverClient::open(driver.port, &capabilities, PATIENCE).expect("a session");
+        let client = WebDriverClient::open(driver.port, &capabilities, PAGE_TIMEOUT).expect("a session");
         Self { client, _driver: driver }
     }
 
@@ -83,12 +83,12 @@ impl Browser {
     }
 
     /// Console entries since the last call.
-    pub fn console(&self) -> Vec<String> {
+    pub fn console_errors(&self) -> Vec<String> {
         let entries = self.client.console().expect("the log");
         entries.iter().map(|entry| format!("{}: {}", entry["level"], entry["message"])).collect()
     }
 
-    pub fn size(&self, [width, height]: [u32; 2]) {
+    pub fn set_window_size(&self, [width, height]: [u32; 2]) {
         let metrics = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
         self.devtools("Emulation.setDeviceMetricsOverride", &metrics);
     }
@@ -98,7 +98,7 @@ impl Browser {
         loop {
             match self.client.find(css) {
                 Ok(element) => return element,
-                Err(error) if error.code != "no such element" || started.elapsed() > PATIENCE => {
+                Err(error) if error.code != "no such element" || started.elapsed() > PAGE_TIMEOUT => {
                     panic!("{css}: {error}\n{}", self.text("body"))
                 }
                 Err(_) => sleep(Duration::from_millis(250)),
@@ -114,20 +114,20 @@ impl Browser {
     }
 
     /// Waits until the text of the element satisfies `right`.
-    pub fn until(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
+    pub fn wait_for_text(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
             let text = self.text(css);
             if right(&text) {
                 return text;
             }
-            assert!(started.elapsed() < PATIENCE, "{css}: {text}");
+            assert!(started.elapsed() < PAGE_TIMEOUT, "{css}: {text}");
             sleep(Duration::from_millis(50));
         }
     }
 
     /// Fills in and submits the form to `action`: fields by name, and all check boxes ticked.
-    pub fn send(&self, action: &str, fields: &[(&str, &str)]) {
+    pub fn submit_form(&self, action: &str, fields: &[(&str, &str)]) {
         let form = format!("form[action$='{action}']");
         let tick = "for (const box of document.querySelectorAll(arguments[0])) box.click()";
         self.find(&form);

@@ -3,17 +3,17 @@
 use super::browser::Browser;
 use super::look;
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::HTTP;
+use crate::support::http::HTTP_SECTION;
 use crate::support::machine_shop::MachineShop;
 
-pub fn address(daemon: &DaemonProcess) -> String {
+pub fn page_address(daemon: &DaemonProcess) -> String {
     format!("http://127.0.0.1:{}/", daemon.http_port())
 }
 
 /// Few touches on a fast machine: a whole run in real time takes less than a minute, of which half remains after
 /// the twelfth touch.
-pub fn shop() -> MachineShop {
-    let shop = MachineShop::with_serve(HTTP);
+pub fn served_shop() -> MachineShop {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
     let faster = [
         ("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5"),
         ("rapid_per_min = 20000.0", "rapid_per_min = 60000.0"),
@@ -26,42 +26,42 @@ pub fn shop() -> MachineShop {
         ("search_feed_mm_min = 1500.0", "search_feed_mm_min = 3000.0"),
         ("guarded_feed_mm_min = 3000.0", "guarded_feed_mm_min = 12000.0"),
     ];
-    faster.iter().for_each(|(from, to)| shop.change(from, to));
+    faster.iter().for_each(|(from, to)| shop.replace_in_machine(from, to));
     shop
 }
 
 /// Waits until the page shows this number of touches.
-fn measured(browser: &Browser, at_least: usize) {
+fn wait_for_measured(browser: &Browser, at_least: usize) {
     let count = |text: &str| text.lines().last().and_then(|line| line.parse::<usize>().ok());
     let is = |text: &str| count(text).is_some_and(|count| count >= at_least);
-    browser.until("#live .card:last-child", is);
+    browser.wait_for_text("#live .card:last-child", is);
 }
 
-fn glance(browser: &Browser, words: &str) {
-    browser.until("#live .glance", |text| text.starts_with(words));
+fn check_page_has(browser: &Browser, words: &str) {
+    browser.wait_for_text("#live .glance", |text| text.starts_with(words));
 }
 
-pub fn held_and_signed() {
+pub fn run_is_held_resumed_and_signed() {
     let browser = Browser::open();
-    let shop = shop();
-    shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
+    let shop = served_shop();
+    shop.replace_in_machine("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
     // Enough time for a slow browser to hold the run midway.
-    shop.change("positions = 5", "positions = 8");
-    let daemon = shop.serve("real");
-    let (client, at) = (&browser.client, address(&daemon));
+    shop.replace_in_machine("positions = 5", "positions = 8");
+    let daemon = shop.start_daemon("real");
+    let (client, at) = (&browser.client, page_address(&daemon));
     client.goto(&at).unwrap();
-    glance(&browser, "unknown");
-    look::at(&browser, "unknown");
+    check_page_has(&browser, "unknown");
+    look::check_at_all_sizes(&browser, "unknown");
 
-    browser.send("/start", &[("who", "Ada")]);
-    glance(&browser, "waiting: a prompt is open");
-    browser.until("#asked .question", |text| text == "part and stylus are clean");
-    look::at(&browser, "asked");
-    browser.send("/answer", &[("who", "Ada")]);
-    glance(&browser, "measuring");
+    browser.submit_form("/start", &[("who", "Ada")]);
+    check_page_has(&browser, "waiting: a prompt is open");
+    browser.wait_for_text("#asked .question", |text| text == "part and stylus are clean");
+    look::check_at_all_sizes(&browser, "asked");
+    browser.submit_form("/answer", &[("who", "Ada")]);
+    check_page_has(&browser, "measuring");
     assert_eq!(browser.text("#asked"), "");
     // Five touches locate the part; four references follow.
-    measured(&browser, 12);
+    wait_for_measured(&browser, 12);
     browser.find("#live svg .mark.now");
     let hold = "const box = document.querySelector('button.hold').getBoundingClientRect();
         return box.top >= 0 && box.bottom <= innerHeight";
@@ -69,37 +69,37 @@ pub fn held_and_signed() {
         client.execute(&format!("scrollTo(0, {place})"), &[]).unwrap();
         assert_eq!(client.execute(hold, &[]).unwrap(), true, "hold is out of reach");
     }
-    browser.send("/hold", &[]);
-    glance(&browser, "held");
-    assert_eq!(shop.states(), ["held"]);
-    let before = shop.json(&["runs", "--json"])[0].clone();
-    look::at(&browser, "held");
+    browser.submit_form("/hold", &[]);
+    check_page_has(&browser, "held");
+    assert_eq!(shop.run_states(), ["held"]);
+    let before = shop.run_json(&["runs", "--json"])[0].clone();
+    look::check_at_all_sizes(&browser, "held");
 
-    browser.send("/resume", &[("who", "Grace")]);
-    glance(&browser, "measuring");
+    browser.submit_form("/resume", &[("who", "Grace")]);
+    check_page_has(&browser, "measuring");
     // Touches from before the hold count.
-    measured(&browser, 18);
-    look::at(&browser, "measuring");
-    glance(&browser, "in tolerance");
-    assert_eq!(shop.states(), ["finished"]);
-    assert_eq!(shop.json(&["runs", "--json"])[0]["started"], before["started"]);
-    look::at(&browser, "true");
+    wait_for_measured(&browser, 18);
+    look::check_at_all_sizes(&browser, "measuring");
+    check_page_has(&browser, "in tolerance");
+    assert_eq!(shop.run_states(), ["finished"]);
+    assert_eq!(shop.run_json(&["runs", "--json"])[0]["started"], before["started"]);
+    look::check_at_all_sizes(&browser, "true");
 
     browser.find("a[href='/runs/1']").click().unwrap();
-    browser.until(".glance", |text| text.contains("not signed"));
-    look::at(&browser, "run");
-    browser.send("/sign", &[("who", "Lise"), ("why", "as it was in May")]);
+    browser.wait_for_text(".glance", |text| text.contains("not signed"));
+    look::check_at_all_sizes(&browser, "run");
+    browser.submit_form("/sign", &[("who", "Lise"), ("why", "as it was in May")]);
     let signed = "signed by Lise (as it was in May) on ";
-    browser.until(".glance", |text| text.contains(signed));
-    look::at(&browser, "signed");
+    browser.wait_for_text(".glance", |text| text.contains(signed));
+    look::check_at_all_sizes(&browser, "signed");
     browser.find("a[href='/runs/1/report']").click().unwrap();
-    browser.until(".under", |_| true);
+    browser.wait_for_text(".under", |_| true);
     assert!(browser.text("header").contains("Signed by Lise (as it was in May) on "));
-    assert_eq!(look::serious(&browser), Vec::<String>::new());
-    assert_eq!(browser.console(), Vec::<String>::new());
+    assert_eq!(look::serious_violations(&browser), Vec::<String>::new());
+    assert_eq!(browser.console_errors(), Vec::<String>::new());
 
-    assert_eq!(shop.json(&["runs", "--json"])[0]["signed"], "Lise");
-    let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    assert_eq!(shop.run_json(&["runs", "--json"])[0]["signed"], "Lise");
+    let told = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();
     let asked = "prompt for the operator: part and stylus are clean";
     for words in [
         asked,

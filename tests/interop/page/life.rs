@@ -4,27 +4,27 @@ use std::thread::sleep;
 use std::time::Duration;
 
 use super::browser::Browser;
-use super::cycle::{address, shop};
+use super::cycle::{page_address, served_shop};
 use super::look;
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::HTTP;
+use crate::support::http::HTTP_SECTION;
 use crate::support::machine_shop::MachineShop;
 
-const MACHINE: &str = "simulated five-axis machine";
+const MACHINE_NAME: &str = "simulated five-axis machine";
 /// Text that a page without a connection must not show.
-const GONE: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
+const LIVE_TEXTS: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
 
 /// A machine with a schedule.
-fn with_schedule() -> MachineShop {
-    let shop = shop();
+fn shop_with_schedule() -> MachineShop {
+    let shop = served_shop();
     let schedule = "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\n";
-    shop.change(HTTP, &format!("{schedule}{HTTP}"));
+    shop.replace_in_machine(HTTP_SECTION, &format!("{schedule}{HTTP_SECTION}"));
     shop
 }
 
 /// The service computes the schedule a moment after it is ready.
-fn planned(browser: &Browser, daemon: &DaemonProcess) {
-    let at = address(daemon);
+fn check_planned_time(browser: &Browser, daemon: &DaemonProcess) {
+    let at = page_address(daemon);
     browser.client.goto(&at).unwrap();
     for _ in 0..100 {
         if browser.text("main").contains("dawn") {
@@ -37,51 +37,51 @@ fn planned(browser: &Browser, daemon: &DaemonProcess) {
 }
 
 /// The connection stays open but transmits nothing more.
-pub fn stands_still() {
+pub fn page_without_daemon_shows_no_live_values() {
     let browser = Browser::open();
-    let shop = with_schedule();
-    let daemon = shop.serve("real");
-    planned(&browser, &daemon);
-    browser.send("/start", &[("who", "Ada")]);
-    browser.until("#live", |text| text.starts_with("measuring") && text.contains("time left"));
+    let shop = shop_with_schedule();
+    let daemon = shop.start_daemon("real");
+    check_planned_time(&browser, &daemon);
+    browser.submit_form("/start", &[("who", "Ada")]);
+    browser.wait_for_text("#live", |text| text.starts_with("measuring") && text.contains("time left"));
     assert!(browser.text("main").contains("dawn"));
     daemon.signal("STOP");
     let away = |text: &str| text.contains("no connection") && !text.contains("as of");
-    let seen = browser.until("main", away);
-    assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
+    let seen = browser.wait_for_text("main", away);
+    assert!(LIVE_TEXTS.iter().all(|words| !seen.contains(words)), "{seen}");
     assert_eq!(browser.client.title().unwrap(), "no connection");
     // The hold button stays available without a connection.
     browser.find("button.hold");
-    look::at(&browser, "stands-still");
+    look::check_at_all_sizes(&browser, "stands-still");
     daemon.signal("CONT");
     let back = |text: &str| {
         !text.contains("no connection") && ["as of", "dawn", "Newest runs"].iter().all(|words| text.contains(words))
     };
-    browser.until("main", back);
+    browser.wait_for_text("main", back);
 }
 
 /// A schedule is armed elsewhere: an idle page shows it after a minute. Open sections stay open, and typed text is
 /// kept.
-pub fn slowly() {
+pub fn slow_connection_is_shown() {
     let browser = Browser::open();
-    let shop = with_schedule();
-    let daemon = shop.serve("fast");
+    let shop = shop_with_schedule();
+    let daemon = shop.start_daemon("fast");
     let client = &browser.client;
-    planned(&browser, &daemon);
-    browser.until("#schedule", |text| text.contains("not armed"));
+    check_planned_time(&browser, &daemon);
+    browser.wait_for_text("#schedule", |text| text.contains("not armed"));
     let touched = "document.querySelector('#arm details').open = true;
         document.querySelector('#arm [name=until]').value = '3d';
         window.untouched = true";
     client.execute(touched, &[]).unwrap();
-    let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
+    let armed = shop.run_trued(&["arm", MACHINE_NAME, "1", "--who", "Ada", "--until", "3d"]);
     assert!(armed.status.success(), "{armed:?}");
     // Advance the page's clock by a minute.
     let later = "const now = Date.now; Date.now = () => now() + 61000";
     client.execute(later, &[]).unwrap();
-    browser.until("#schedule", |text| text.contains("armed by Ada until"));
+    browser.wait_for_text("#schedule", |text| text.contains("armed by Ada until"));
     let kept = "return [window.untouched, document.querySelector('#arm details').open,
         document.querySelector('#arm [name=until]').value]";
     let kept = client.execute(kept, &[]).unwrap();
     assert_eq!(kept, serde_json::json!([true, true, "3d"]));
-    assert_eq!(browser.console(), Vec::<String>::new());
+    assert_eq!(browser.console_errors(), Vec::<String>::new());
 }

@@ -4,44 +4,45 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::axe;
+use super::axe_script;
 use super::browser::Browser;
 
 /// Screen sizes of a desktop, an upright tablet, and a telephone.
-const SIZES: [(&str, [u32; 2]); 3] = [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
+const WINDOW_SIZES: [(&str, [u32; 2]); 3] =
+    [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
 
 /// Checks at each width, in light and dark mode: takes a picture; axe-core reports no serious problem, nothing is
 /// wider than the screen, and every target is large enough for a glove.
-pub fn at(browser: &Browser, name: &str) {
-    for (width, size) in SIZES {
-        browser.size(size);
+pub fn check_at_all_sizes(browser: &Browser, name: &str) {
+    for (width, size) in WINDOW_SIZES {
+        browser.set_window_size(size);
         for scheme in ["light", "dark"] {
             let feature = json!({"features": [{"name": "prefers-color-scheme", "value": scheme}]});
             browser.devtools("Emulation.setEmulatedMedia", &feature);
-            picture(browser, &format!("{name}-{width}-{scheme}"));
+            save_picture(browser, &format!("{name}-{width}-{scheme}"));
             let where_ = format!("{name}, {width}, {scheme}");
-            assert_eq!(serious(browser), Vec::<String>::new(), "{where_}");
+            assert_eq!(serious_violations(browser), Vec::<String>::new(), "{where_}");
         }
         let where_ = format!("{name}, {width}");
-        assert_eq!(small(browser), Vec::<String>::new(), "{where_}");
+        assert_eq!(small_targets(browser), Vec::<String>::new(), "{where_}");
         let over = "return document.documentElement.scrollWidth - document.documentElement.clientWidth";
         assert_eq!(browser.client.execute(over, &[]).unwrap(), json!(0), "{where_}");
     }
 }
 
-fn folder() -> PathBuf {
+fn picture_folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("page")
 }
 
-fn picture(browser: &Browser, name: &str) {
-    std::fs::create_dir_all(folder()).unwrap();
+fn save_picture(browser: &Browser, name: &str) {
+    std::fs::create_dir_all(picture_folder()).unwrap();
     let png = browser.client.screenshot().unwrap();
-    std::fs::write(folder().join(format!("{name}.png")), png).unwrap();
+    std::fs::write(picture_folder().join(format!("{name}.png")), png).unwrap();
 }
 
 /// Problems that axe-core rates serious or worse.
-pub fn serious(browser: &Browser) -> Vec<String> {
-    let script = std::fs::read_to_string(axe().unwrap()).unwrap();
+pub fn serious_violations(browser: &Browser) -> Vec<String> {
+    let script = std::fs::read_to_string(axe_script().unwrap()).unwrap();
     browser.client.execute(&script, &[]).expect("axe-core");
     let ask = "return axe.run().then((found) => found.violations.map((fault) => ({
             id: fault.id, impact: fault.impact, help: fault.help,
@@ -54,7 +55,7 @@ pub fn serious(browser: &Browser) -> Vec<String> {
 }
 
 /// Targets less than 48 pixels high or wide, too small for a glove.
-fn small(browser: &Browser) -> Vec<String> {
+fn small_targets(browser: &Browser) -> Vec<String> {
     let ask = "return [...document.querySelectorAll('a, button, input, select, summary')]
         .filter((one) => one.offsetParent && one.type !== 'hidden')
         .map((one) => [one.closest('label') || one, one.outerHTML])

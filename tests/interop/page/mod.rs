@@ -15,28 +15,28 @@ use std::path::{Path, PathBuf};
 
 use crate::support::harness::{Pool, Trials, is_command, trials};
 
-const MISSING: &str =
+const MISSING_BROWSER: &str =
     "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
 
 /// The file that `tests/peers/axe/fetch` creates.
-fn axe() -> Option<PathBuf> {
+fn axe_script() -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let file = target.join("peers/axe-4.12.1/axe.min.js");
     file.is_file().then_some(file)
 }
 
-fn missing() -> Option<&'static str> {
-    (!is_command("chromedriver") || axe().is_none()).then_some(MISSING)
+fn missing_browser() -> Option<&'static str> {
+    (!is_command("chromedriver") || axe_script().is_none()).then_some(MISSING_BROWSER)
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Browser, 30;
-        cycle::held_and_signed,
-        states::from_afar,
+        cycle::run_is_held_resumed_and_signed,
+        states::remote_page_asks_for_a_token,
         sensors::change_while_a_name_is_typed,
-        life::stands_still,
-        life::slowly,
-        states::without_script,
+        life::page_without_daemon_shows_no_live_values,
+        life::slow_connection_is_shown,
+        states::page_works_without_script,
     ]
-    .requires(missing)
+    .requires(missing_browser)
 }

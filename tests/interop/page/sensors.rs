@@ -1,39 +1,39 @@
 //! The page while an operator sets up sensors: their values update while the operator types.
 
 use super::browser::Browser;
-use super::cycle::address;
+use super::cycle::page_address;
 use super::look;
-use crate::support::http::HTTP;
+use crate::support::http::HTTP_SECTION;
 use crate::support::machine_shop::MachineShop;
 
 /// The artefact is off by 0.12 mm, so that the second prompt has targets.
-fn shop() -> MachineShop {
+fn shop_with_sensors() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
-    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
-    shop.change("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]");
+    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP_SECTION}"));
+    shop.replace_in_machine("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]");
     shop
 }
 
 pub fn change_while_a_name_is_typed() {
-    let (browser, shop) = (Browser::open(), shop());
-    let daemon = shop.serve("fast");
-    browser.client.goto(&address(&daemon)).unwrap();
-    browser.send("/start", &[("who", "Ada")]);
-    browser.until("#sensors", |text| text.contains("r2"));
-    look::at(&browser, "sensors");
-    browser.send("/answer", &[("who", "Ada")]);
-    let seen = browser.until("#sensors", |text| text.contains("tilt"));
+    let (browser, shop) = (Browser::open(), shop_with_sensors());
+    let daemon = shop.start_daemon("fast");
+    browser.client.goto(&page_address(&daemon)).unwrap();
+    browser.submit_form("/start", &[("who", "Ada")]);
+    browser.wait_for_text("#sensors", |text| text.contains("r2"));
+    look::check_at_all_sizes(&browser, "sensors");
+    browser.submit_form("/answer", &[("who", "Ada")]);
+    let seen = browser.wait_for_text("#sensors", |text| text.contains("tilt"));
     assert!(seen.contains("section 2") && seen.contains("z1"), "{seen}");
     // The values change, but the page is not reloaded and the typed text is kept.
     browser.client.execute("window.untouched = true", &[]).unwrap();
     browser.find("form[action$='/answer'] [name=who]").send_keys("Lise").unwrap();
     let first = browser.text("#sensors");
-    let second = browser.until("#sensors", |text| text != first && text.contains("tilt"));
-    browser.until("#sensors", |text| text != second && text.contains("tilt"));
+    let second = browser.wait_for_text("#sensors", |text| text != first && text.contains("tilt"));
+    browser.wait_for_text("#sensors", |text| text != second && text.contains("tilt"));
     let kept = "return [window.untouched, document.querySelector('#asked [name=who]').value]";
     let kept = browser.client.execute(kept, &[]).unwrap();
     assert_eq!(kept, serde_json::json!([true, "Lise"]));
-    look::at(&browser, "centring");
-    assert_eq!(browser.console(), Vec::<String>::new());
+    look::check_at_all_sizes(&browser, "centring");
+    assert_eq!(browser.console_errors(), Vec::<String>::new());
 }

@@ -35,7 +35,7 @@ impl WebDriverClient {
         let config = ureq::Agent::config_builder().http_status_as_error(false).proxy(None).build();
         let mut client = Self { agent: config.into(), url: format!("http://127.0.0.1:{port}/session") };
         let opened = client.post("", &json!({"capabilities": {"alwaysMatch": capabilities}}))?;
-        client.url = format!("{}/{}", client.url, string(&opened["sessionId"]));
+        client.url = format!("{}/{}", client.url, string_value(&opened["sessionId"]));
         let limit_ms = limit.as_millis();
         client.post("/timeouts", &json!({"script": limit_ms, "pageLoad": limit_ms}))?;
         Ok(client)
@@ -58,7 +58,7 @@ impl WebDriverClient {
     }
 
     pub fn title(&self) -> WebDriverResult<String> {
-        self.get("/title").map(|title| string(&title))
+        self.get("/title").map(|title| string_value(&title))
     }
 
     /// Return value of `script`; of a promise, its value when it is fulfilled.
@@ -72,16 +72,16 @@ impl WebDriverClient {
 
     pub fn find_all(&self, css: &str) -> WebDriverResult<Vec<WebElement<'_>>> {
         let found = self.post("/elements", &css_selector(css))?;
-        Ok(list(&found).iter().map(|found| self.element(found)).collect())
+        Ok(array_value(&found).iter().map(|found| self.element(found)).collect())
     }
 
     fn element(&self, found: &Value) -> WebElement<'_> {
-        WebElement { client: self, path: format!("/element/{}", string(&found[ELEMENT_KEY])) }
+        WebElement { client: self, path: format!("/element/{}", string_value(&found[ELEMENT_KEY])) }
     }
 
     /// The visible part of the page as PNG.
     pub fn screenshot(&self) -> WebDriverResult<Vec<u8>> {
-        self.get("/screenshot").map(|png| decode_base64(&string(&png)))
+        self.get("/screenshot").map(|png| decode_base64(&string_value(&png)))
     }
 
     /// A command of the Chrome DevTools Protocol.
@@ -91,7 +91,7 @@ impl WebDriverClient {
 
     /// Console entries since the last call.
     pub fn console(&self) -> WebDriverResult<Vec<Value>> {
-        self.post("/se/log", &json!({"type": "browser"})).map(|entries| list(&entries).clone())
+        self.post("/se/log", &json!({"type": "browser"})).map(|entries| array_value(&entries).clone())
     }
 }
 
@@ -105,7 +105,7 @@ impl WebElement<'_> {
     }
 
     pub fn text(&self) -> WebDriverResult<String> {
-        self.client.get(&format!("{}/text", self.path)).map(|text| string(&text))
+        self.client.get(&format!("{}/text", self.path)).map(|text| string_value(&text))
     }
 }
 
@@ -116,15 +116,15 @@ fn response_value(response: Result<ureq::http::Response<ureq::Body>, ureq::Error
     let value = body["value"].take();
     match response.status().is_success() {
         true => Ok(value),
-        false => Err(WebDriverError { code: string(&value["error"]), message: string(&value["message"]) }),
+        false => Err(WebDriverError { code: string_value(&value["error"]), message: string_value(&value["message"]) }),
     }
 }
 
-fn string(value: &Value) -> String {
+fn string_value(value: &Value) -> String {
     value.as_str().unwrap_or_else(|| panic!("not a string: {value}")).to_owned()
 }
 
-fn list(value: &Value) -> &Vec<Value> {
+fn array_value(value: &Value) -> &Vec<Value> {
     value.as_array().unwrap_or_else(|| panic!("not a list: {value}"))
 }
 

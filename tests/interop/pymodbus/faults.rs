@@ -6,12 +6,12 @@ use libtest_mimic::Failed;
 use link::modbus::{Framing, ModbusError, RegisterSpace};
 use tokio::time::{Instant, sleep};
 
-use super::server::{Server, on_a_runtime};
+use super::server::{PymodbusServer, block_on};
 
-const PATIENCE: Duration = Duration::from_millis(1500);
+const REPLY_TIMEOUT: Duration = Duration::from_millis(1500);
 
 /// A fault, and the first word of the error's kind for a read and for a write; empty if the answer is still good.
-const FAULTS: [(&str, &str, &str); 13] = [
+const FAULTS_AND_ERRORS: [(&str, &str, &str); 13] = [
     ("none", "", ""),
     ("drop", "Timeout", "Timeout"),
     ("exception:4", "ExceptionReply", "ExceptionReply"),
@@ -27,13 +27,13 @@ const FAULTS: [(&str, &str, &str); 13] = [
     ("trickle:0.03", "", ""),
 ];
 
-fn kind(error: Option<&ModbusError>) -> String {
+fn error_kind(error: Option<&ModbusError>) -> String {
     let text = error.map_or(String::new(), |error| format!("{error:?}"));
     text.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default().to_owned()
 }
 
 /// The table entry, changed where the framing makes a difference.
-fn expected(framing: Framing, fault: &str, told: &'static str) -> &'static str {
+fn expected_error(framing: Framing, fault: &str, told: &'static str) -> &'static str {
     match (framing, fault) {
         // RTU has no transaction number.
         (Framing::Rtu, "transaction") => "",
@@ -43,26 +43,26 @@ fn expected(framing: Framing, fault: &str, told: &'static str) -> &'static str {
     }
 }
 
-async fn each(framing: Framing) -> Result<(), Failed> {
-    let mut server = Server::start(framing);
-    let link = server.link(PATIENCE).await;
-    for (count, (fault, of_read, of_write)) in (1_u16..).zip(FAULTS) {
+async fn check_each_fault(framing: Framing) -> Result<(), Failed> {
+    let mut server = PymodbusServer::start(framing);
+    let link = server.open_client(REPLY_TIMEOUT).await;
+    for (count, (fault, of_read, of_write)) in (1_u16..).zip(FAULTS_AND_ERRORS) {
         if framing == Framing::Tcp && fault == "corrupt" {
             continue;
         }
-        server.value(count);
-        server.faults(&[fault]);
+        server.set_value(count);
+        server.set_faults(&[fault]);
         let read = link.read(RegisterSpace::Input, 0, 4).await;
-        assert_eq!(kind(read.as_ref().err()), expected(framing, fault, of_read), "read {fault}");
+        assert_eq!(error_kind(read.as_ref().err()), expected_error(framing, fault, of_read), "read {fault}");
         if let Ok(words) = read {
             assert_eq!(words, [count; 4], "{fault}");
         }
         assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [count; 4], "after {fault}");
 
-        server.faults(&[fault]);
+        server.set_faults(&[fault]);
         let wrote = link.write_without_echo(60, &[count, count]).await;
-        assert_eq!(kind(wrote.as_ref().err()), expected(framing, fault, of_write), "write {fault}");
-        let arrived = server.writes().iter().filter(|(_, words)| words[0] == count).count();
+        assert_eq!(error_kind(wrote.as_ref().err()), expected_error(framing, fault, of_write), "write {fault}");
+        let arrived = server.received_writes().iter().filter(|(_, words)| words[0] == count).count();
         assert_eq!(arrived, usize::from(fault != "exception:4"), "{fault}");
         if let Err(error) = wrote {
             assert_eq!(error.may_have_arrived(), arrived == 1, "{error}");
@@ -73,29 +73,29 @@ async fn each(framing: Framing) -> Result<(), Failed> {
     Ok(())
 }
 
-pub fn each_rtu() -> Result<(), Failed> {
-    on_a_runtime(each(Framing::Rtu))
+pub fn each_fault_over_rtu() -> Result<(), Failed> {
+    block_on(check_each_fault(Framing::Rtu))
 }
 
-pub fn each_tcp() -> Result<(), Failed> {
-    on_a_runtime(async {
-        each(Framing::Tcp).await?;
-        let mut server = Server::start(Framing::Tcp);
-        let link = server.link(PATIENCE).await;
-        server.faults(&["reset"]);
+pub fn each_fault_over_tcp() -> Result<(), Failed> {
+    block_on(async {
+        check_each_fault(Framing::Tcp).await?;
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        let link = server.open_client(REPLY_TIMEOUT).await;
+        server.set_faults(&["reset"]);
         let lost = link.write(60, &[7]).await.unwrap_err();
         assert!(matches!(lost, ModbusError::Lost { .. }), "{lost:?}");
         assert!(lost.may_have_arrived());
         assert_eq!(link.read(RegisterSpace::Holding, 60, 1).await?, [7]);
-        assert_eq!(server.writes().len(), 1);
+        assert_eq!(server.received_writes().len(), 1);
         Ok(())
     })
 }
 
-pub fn spaces() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let server = Server::start(Framing::Tcp);
-        let link = server.link(PATIENCE).await;
+pub fn address_spaces_are_separate() -> Result<(), Failed> {
+    block_on(async {
+        let server = PymodbusServer::start(Framing::Tcp);
+        let link = server.open_client(REPLY_TIMEOUT).await;
         let bits = [0, 1, 1, 0, 1, 1, 0, 1, 1, 0, 1];
         assert_eq!(link.read(RegisterSpace::Coil, 0, 11).await?, bits);
         assert_eq!(link.read(RegisterSpace::Discrete, 1, 10).await?, bits[1..]);
@@ -106,12 +106,12 @@ pub fn spaces() -> Result<(), Failed> {
 }
 
 /// Over TCP, a hold waits neither for a slow reply nor for queued requests.
-pub fn a_hold_overtakes() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Tcp);
-        let link = server.link(Duration::from_secs(20)).await;
+pub fn hold_overtakes_pending_requests() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        let link = server.open_client(Duration::from_secs(20)).await;
         let hold = link.urgent(70, &[1])?;
-        server.faults(&["delay:15"]);
+        server.set_faults(&["delay:15"]);
         let begun = Instant::now();
         let (slow, queued, ()) = tokio::join!(
             link.read(RegisterSpace::Input, 0, 4),
@@ -128,19 +128,19 @@ pub fn a_hold_overtakes() -> Result<(), Failed> {
         assert!(matches!(queued, Err(ModbusError::HoldActive { .. })), "{queued:?}");
         // Well below the 15 s of the reply.
         assert!(begun.elapsed() < Duration::from_secs(8));
-        assert_eq!(server.writes(), [(70, vec![1])]);
+        assert_eq!(server.received_writes(), [(70, vec![1])]);
         assert_eq!(link.read(RegisterSpace::Holding, 70, 1).await?, [1]);
         Ok(())
     })
 }
 
-pub fn a_server_that_goes_and_comes_back() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Tcp);
-        let link = server.link(PATIENCE).await;
-        server.value(5);
+pub fn server_restart_is_survived() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        let link = server.open_client(REPLY_TIMEOUT).await;
+        server.set_value(5);
         assert_eq!(link.read(RegisterSpace::Input, 0, 1).await?, [5]);
-        assert_eq!(server.requests(), 1);
+        assert_eq!(server.request_count(), 1);
         drop(server);
         let gone = link.read(RegisterSpace::Input, 0, 1).await.unwrap_err();
         assert!(!gone.may_have_arrived(), "{gone:?}");

@@ -10,79 +10,82 @@ use tokio_modbus::Slave;
 use tokio_modbus::client::{Reader, rtu};
 use tokio_serial::SerialPortBuilderExt;
 
-use super::server::{Server, on_a_runtime};
+use super::server::{PymodbusServer, block_on};
 
-const PATIENCE: Duration = Duration::from_millis(1500);
-const LATE: &str = "delay:2.6";
+const REPLY_TIMEOUT: Duration = Duration::from_millis(1500);
+const LATE_REPLY_FAULT: &str = "delay:2.6";
 
 /// Shows that the test can fail: after a timeout, tokio-modbus's RTU client takes the old reply for the new one.
-pub fn of_a_plain_client() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Rtu);
-        let LinkConfig::Serial { path, baud } = server.at() else {
+pub fn plain_client_takes_a_late_reply() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Rtu);
+        let LinkConfig::Serial { path, baud } = server.link_config() else {
             return Err("no serial line".into());
         };
         let stream = tokio_serial::new(path.display().to_string(), baud).open_native_async()?;
         let mut plain = rtu::attach_slave(stream, Slave(1));
-        server.value(111);
+        server.set_value(111);
         assert_eq!(plain.read_input_registers(0, 4).await??, [111; 4]);
-        server.faults(&[LATE]);
-        assert!(timeout(PATIENCE, plain.read_input_registers(0, 4)).await.is_err());
-        server.value(222);
-        sleep(2 * PATIENCE).await;
+        server.set_faults(&[LATE_REPLY_FAULT]);
+        assert!(timeout(REPLY_TIMEOUT, plain.read_input_registers(0, 4)).await.is_err());
+        server.set_value(222);
+        sleep(2 * REPLY_TIMEOUT).await;
         assert_eq!(plain.read_input_registers(0, 4).await??, [111; 4], "no hazard any more?");
         Ok(())
     })
 }
 
-async fn is_fresh_after_a_late_one(framing: Framing, pause: Duration) -> Result<(Server, ModbusClient), Failed> {
-    let mut server = Server::start(framing);
-    let link = server.link(PATIENCE).await;
-    server.value(111);
+async fn is_fresh_after_a_late_one(
+    framing: Framing,
+    pause: Duration,
+) -> Result<(PymodbusServer, ModbusClient), Failed> {
+    let mut server = PymodbusServer::start(framing);
+    let link = server.open_client(REPLY_TIMEOUT).await;
+    server.set_value(111);
     assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [111; 4]);
-    server.faults(&[LATE]);
+    server.set_faults(&[LATE_REPLY_FAULT]);
     let late = link.read(RegisterSpace::Input, 0, 4).await.unwrap_err();
     assert!(matches!(late, ModbusError::Timeout { .. }), "{late}");
-    server.value(222);
+    server.set_value(222);
     sleep(pause).await;
     assert_eq!(link.read(RegisterSpace::Input, 0, 4).await?, [222; 4]);
     Ok((server, link))
 }
 
-pub fn not_of_ours_rtu() -> Result<(), Failed> {
-    on_a_runtime(is_fresh_after_a_late_one(Framing::Rtu, 2 * PATIENCE)).map(drop)
+pub fn own_client_rejects_a_late_reply_over_rtu() -> Result<(), Failed> {
+    block_on(is_fresh_after_a_late_one(Framing::Rtu, 2 * REPLY_TIMEOUT)).map(drop)
 }
 
-pub fn not_of_ours_tcp() -> Result<(), Failed> {
-    on_a_runtime(is_fresh_after_a_late_one(Framing::Tcp, 2 * PATIENCE)).map(drop)
+pub fn own_client_rejects_a_late_reply_over_tcp() -> Result<(), Failed> {
+    block_on(is_fresh_after_a_late_one(Framing::Tcp, 2 * REPLY_TIMEOUT)).map(drop)
 }
 
 /// The next request does not wait for the late reply: the link checks that the line is clear.
 pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
-    on_a_runtime(async {
+    block_on(async {
         let (mut server, link) = is_fresh_after_a_late_one(Framing::Rtu, Duration::ZERO).await?;
         // A late confirmation of a write: the write was executed once, and the repeated write is a new one.
-        server.faults(&[LATE]);
+        server.set_faults(&[LATE_REPLY_FAULT]);
         let late = link.write(50, &[1]).await.unwrap_err();
         assert!(late.may_have_arrived(), "{late}");
         link.write(50, &[2]).await?;
-        assert_eq!(server.writes(), [(50, vec![1]), (50, vec![2])]);
+        assert_eq!(server.received_writes(), [(50, vec![1]), (50, vec![2])]);
         Ok(())
     })
 }
 
 /// Only one register, so that all replies have the same shape. The line is then kept quiet for the same time again.
-pub fn not_where_nothing_tells_replies_apart() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Rtu);
+pub fn identical_requests_reject_a_late_reply() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Rtu);
         let one = RegisterRange { space: RegisterSpace::Input, first: 0, last: 0 };
         let allowed = AccessList { read: vec![one], write: Vec::new() };
-        let link = server.link_to(PATIENCE, allowed).await;
-        server.value(111);
-        server.faults(&[LATE]);
+        let link = server.open_client_with_access(REPLY_TIMEOUT, allowed).await;
+        server.set_value(111);
+        server.set_faults(&[LATE_REPLY_FAULT]);
         let late = link.read(RegisterSpace::Input, 0, 1).await.unwrap_err();
         assert!(matches!(late, ModbusError::Timeout { .. }), "{late}");
-        server.value(222);
+        server.set_value(222);
         assert_eq!(link.read(RegisterSpace::Input, 0, 1).await?, [222]);
         Ok(())
     })

@@ -16,36 +16,36 @@ use crate::support::pymodbus;
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 60;
-        thermometer::tcp,
-        thermometer::rtu,
-        thermometer::away,
-        thermometer::none,
+        thermometer::thermometer_over_tcp,
+        thermometer::thermometer_over_rtu,
+        thermometer::thermometer_lost_during_a_run,
+        thermometer::run_without_thermometer,
     ]
-    .and(trials![Pool::Waiting, 0;
-        words::are_pymodbus_s,
-        hazard::of_a_plain_client,
-        hazard::not_of_ours_rtu,
-        hazard::not_of_ours_tcp,
+    .with(trials![Pool::Waiting, 0;
+        words::number_types_agree_with_pymodbus,
+        hazard::plain_client_takes_a_late_reply,
+        hazard::own_client_rejects_a_late_reply_over_rtu,
+        hazard::own_client_rejects_a_late_reply_over_tcp,
         hazard::not_even_while_it_is_owed,
-        hazard::not_where_nothing_tells_replies_apart,
-        faults::each_rtu,
-        faults::each_tcp,
-        faults::spaces,
-        faults::a_hold_overtakes,
-        faults::a_server_that_goes_and_comes_back,
-        window::lines,
-        window::hold,
-        sensor::tcp,
-        sensor::rtu,
-        sensor::spoilt,
-        thermometer::checked,
+        hazard::identical_requests_reject_a_late_reply,
+        faults::each_fault_over_rtu,
+        faults::each_fault_over_tcp,
+        faults::address_spaces_are_separate,
+        faults::hold_overtakes_pending_requests,
+        faults::server_restart_is_survived,
+        window::line_window_executes_lines,
+        window::line_window_hold,
+        sensor::sensor_over_tcp,
+        sensor::sensor_over_rtu,
+        sensor::corrupted_replies_are_rejected,
+        thermometer::check_reads_the_thermometer,
     ])
     // A share of the requests must meet its timeout.
-    .and(trials![Pool::Alone, 10;
-        schedules::rtu,
-        schedules::tcp,
-        window::refusals,
-        window::heartbeat,
+    .with(trials![Pool::Alone, 10;
+        schedules::schedules_over_rtu,
+        schedules::schedules_over_tcp,
+        window::line_window_refusals,
+        window::line_window_heartbeat,
     ])
-    .requires(pymodbus::missing)
+    .requires(pymodbus::missing_pymodbus)
 }

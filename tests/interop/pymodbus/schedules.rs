@@ -9,14 +9,14 @@ use rand::{Rng, RngExt};
 
 use testing::population::population;
 
-use super::server::{Server, on_a_runtime};
+use super::server::{PymodbusServer, block_on};
 
 const FULL_SCHEDULES: u64 = 150;
-const STEPS: u64 = 4;
-const PATIENCE: Duration = Duration::from_millis(40);
+const STEPS_PER_SCHEDULE: u64 = 4;
+const REPLY_TIMEOUT: Duration = Duration::from_millis(40);
 
 /// A fault for two of five requests; the delays are around the timeout, and up to five times longer.
-fn fault(draw: &mut impl Rng, framing: Framing) -> String {
+fn random_fault(draw: &mut impl Rng, framing: Framing) -> String {
     let faults = ["drop", "exception:6", "unit", "function", "address", "fewer", "more", "short", "double"];
     match draw.random_range(0..36) {
         index @ 0..9 => faults[index].to_owned(),
@@ -31,37 +31,37 @@ fn fault(draw: &mut impl Rng, framing: Framing) -> String {
 
 /// Results of the writes, and number of good answers.
 #[derive(Default)]
-struct Tally {
+struct RequestCounts {
     /// Value of each write, whether it was confirmed (`Some`), and whether it may have arrived.
     writes: Vec<(u16, Option<bool>)>,
-    good: usize,
-    bad: usize,
+    success_count: usize,
+    error_count: usize,
 }
 
-async fn step(
-    (server, link): (&mut Server, &ModbusClient),
+async fn run_step(
+    (server, link): (&mut PymodbusServer, &ModbusClient),
     (framing, seed, step): (Framing, u64, u64),
-    tally: &mut Tally,
+    tally: &mut RequestCounts,
 ) {
     let mut draw = seeded_stream(seed, &[step]);
-    let mark = (1 + seed * STEPS + step) as u16;
-    server.value(mark);
-    let drawn: Vec<String> = (0..4).map(|_| fault(&mut draw, framing)).collect();
-    server.faults(&drawn.iter().map(String::as_str).collect::<Vec<_>>());
+    let mark = (1 + seed * STEPS_PER_SCHEDULE + step) as u16;
+    server.set_value(mark);
+    let drawn: Vec<String> = (0..4).map(|_| random_fault(&mut draw, framing)).collect();
+    server.set_faults(&drawn.iter().map(String::as_str).collect::<Vec<_>>());
     let place = format!("seed {seed}, step {step}: {drawn:?}");
     let ended = match draw.random_range(0..5) {
         0..3 => {
             let read = link.read(RegisterSpace::Input, 0, 4).await;
             read.map(|words| assert_eq!(words, [mark; 4], "stale: {place}"))
         }
-        3 => wrote(link.write(60, &[mark]).await, mark, tally),
-        _ => wrote(link.write_without_echo(70, &[mark]).await, mark, tally),
+        3 => record_write(link.write(60, &[mark]).await, mark, tally),
+        _ => record_write(link.write_without_echo(70, &[mark]).await, mark, tally),
     };
-    let count = if ended.is_ok() { &mut tally.good } else { &mut tally.bad };
+    let count = if ended.is_ok() { &mut tally.success_count } else { &mut tally.error_count };
     *count += 1;
 }
 
-fn wrote(ended: Result<(), ModbusError>, mark: u16, tally: &mut Tally) -> Result<(), ModbusError> {
+fn record_write(ended: Result<(), ModbusError>, mark: u16, tally: &mut RequestCounts) -> Result<(), ModbusError> {
     let fate = match &ended {
         Ok(()) => Some(true),
         Err(error) if error.may_have_arrived() => None,
@@ -71,18 +71,18 @@ fn wrote(ended: Result<(), ModbusError>, mark: u16, tally: &mut Tally) -> Result
     ended
 }
 
-fn schedules(framing: Framing) -> Result<(), Failed> {
+fn run_schedules(framing: Framing) -> Result<(), Failed> {
     let schedules = population(FULL_SCHEDULES);
-    on_a_runtime(async {
-        let mut server = Server::start(framing);
-        let link = server.link(PATIENCE).await;
-        let mut tally = Tally::default();
+    block_on(async {
+        let mut server = PymodbusServer::start(framing);
+        let link = server.open_client(REPLY_TIMEOUT).await;
+        let mut tally = RequestCounts::default();
         for seed in 0..schedules {
-            for count in 0..STEPS {
-                step((&mut server, &link), (framing, seed, count), &mut tally).await;
+            for count in 0..STEPS_PER_SCHEDULE {
+                run_step((&mut server, &link), (framing, seed, count), &mut tally).await;
             }
         }
-        let arrived = server.writes();
+        let arrived = server.received_writes();
         let times = |mark| arrived.iter().filter(|(_, words)| *words == [mark]).count();
         for (mark, fate) in &tally.writes {
             match fate {
@@ -94,23 +94,23 @@ fn schedules(framing: Framing) -> Result<(), Failed> {
         let unknown = tally.writes.iter().filter(|(_, fate)| fate.is_none()).count();
         println!(
             "{} good, {} bad; {} writes, {unknown} of unknown fate, {} arrived",
-            tally.good,
-            tally.bad,
+            tally.success_count,
+            tally.error_count,
             tally.writes.len(),
             arrived.len()
         );
         // A link that always fails or a server that never fails would make the test meaningless.
         let share = |full: u64| (full * schedules / FULL_SCHEDULES) as usize;
-        assert!(tally.good > share(100) && tally.bad > share(100));
+        assert!(tally.success_count > share(100) && tally.error_count > share(100));
         assert!(unknown > share(10) && arrived.len() > share(50));
         Ok(())
     })
 }
 
-pub fn rtu() -> Result<(), Failed> {
-    schedules(Framing::Rtu)
+pub fn schedules_over_rtu() -> Result<(), Failed> {
+    run_schedules(Framing::Rtu)
 }
 
-pub fn tcp() -> Result<(), Failed> {
-    schedules(Framing::Tcp)
+pub fn schedules_over_tcp() -> Result<(), Failed> {
+    run_schedules(Framing::Tcp)
 }

@@ -11,9 +11,9 @@ use link::clock::HostClock;
 use link::modbus::Framing;
 use machine::record::reading::ReadingFlag;
 
-use super::server::{Server, on_a_runtime};
+use super::server::{PymodbusServer, block_on};
 
-const MAP: &str = r#"
+const REGISTER_MAP: &str = r#"
 timeout_s = 1.5
 rate_hz = 1000
 unit = 1
@@ -26,8 +26,8 @@ status = [{ register = 100, bit = 1, means = "no-echo" }]
 const RANGE_MM: [f64; 2] = [-100.0, 100.0];
 
 /// Address of the server as keys of a machine file.
-pub fn keys(server: &Server) -> String {
-    match server.at() {
+pub fn sensor_keys(server: &PymodbusServer) -> String {
+    match server.link_config() {
         LinkConfig::Serial { path, baud } => {
             format!("serial = \"{}\"\nbaud = {baud}\nparity = \"none\"", path.display())
         }
@@ -35,9 +35,9 @@ pub fn keys(server: &Server) -> String {
     }
 }
 
-async fn driver(server: &Server) -> ModbusSensorDriver {
-    let at = keys(server);
-    let config: ModbusSensorConfig = toml::from_str(&format!("{at}\n{MAP}")).unwrap();
+async fn open_driver(server: &PymodbusServer) -> ModbusSensorDriver {
+    let at = sensor_keys(server);
+    let config: ModbusSensorConfig = toml::from_str(&format!("{at}\n{REGISTER_MAP}")).unwrap();
     let sensor = serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": RANGE_MM
     }));
@@ -46,7 +46,7 @@ async fn driver(server: &Server) -> ModbusSensorDriver {
 }
 
 /// Checks that each sample has the measurement of its index; the index advances by the number of missing samples.
-fn place(samples: &[Sample], first: u32) -> u32 {
+fn check_samples(samples: &[Sample], first: u32) -> u32 {
     let mut place = first;
     for sample in samples {
         place += sample.missing + 1;
@@ -59,11 +59,11 @@ fn place(samples: &[Sample], first: u32) -> u32 {
     place
 }
 
-async fn measures(framing: Framing) -> Result<(), Failed> {
-    const COUNT: u32 = 600;
-    let mut server = Server::start(framing);
-    let mut driver = driver(&server).await;
-    server.sense(5.0, COUNT);
+async fn check_measures(framing: Framing) -> Result<(), Failed> {
+    const SAMPLE_COUNT: u32 = 600;
+    let mut server = PymodbusServer::start(framing);
+    let mut driver = open_driver(&server).await;
+    server.start_sensor(5.0, SAMPLE_COUNT);
     let prepared = driver.prepare().await?;
     assert!(prepared.rate_hz > 5.0, "{prepared:?}");
     driver.discard_old_samples().await?;
@@ -71,7 +71,7 @@ async fn measures(framing: Framing) -> Result<(), Failed> {
     loop {
         let sample = driver.next().await?;
         match sample.flag {
-            ReadingFlag::Stale if server.sensed() == COUNT => break,
+            ReadingFlag::Stale if server.sample_count() == SAMPLE_COUNT => break,
             // A server without processor time measures nothing, either.
             ReadingFlag::Stale => {}
             _ => samples.push(sample),
@@ -81,37 +81,37 @@ async fn measures(framing: Framing) -> Result<(), Failed> {
     let empty = samples.iter().take_while(|sample| sample.value_mm.is_none()).count();
     let before = (um / 37.0).round() as u32 - 1 - u32::try_from(empty)?;
     let gaps: u32 = samples.iter().skip(1).map(|sample| sample.missing).sum();
-    assert_eq!(place(&samples[1..], before + 1), COUNT);
-    println!("{} samples, {gaps} missing of {COUNT} from {} on", samples.len(), before + 1);
+    assert_eq!(check_samples(&samples[1..], before + 1), SAMPLE_COUNT);
+    println!("{} samples, {gaps} missing of {SAMPLE_COUNT} from {} on", samples.len(), before + 1);
     assert!(samples.len() > 20, "{}", samples.len());
     Ok(())
 }
 
-pub fn tcp() -> Result<(), Failed> {
-    on_a_runtime(measures(Framing::Tcp))
+pub fn sensor_over_tcp() -> Result<(), Failed> {
+    block_on(check_measures(Framing::Tcp))
 }
 
-pub fn rtu() -> Result<(), Failed> {
-    on_a_runtime(measures(Framing::Rtu))
+pub fn sensor_over_rtu() -> Result<(), Failed> {
+    block_on(check_measures(Framing::Rtu))
 }
 
 /// A reply that is late, cut or of another unit is a stale sample; the next sample is valid again. A sensor without
 /// its registers is refused.
-pub fn spoilt() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Rtu);
-        let mut driver = driver(&server).await;
-        server.sense(20.0, 100_000);
+pub fn corrupted_replies_are_rejected() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Rtu);
+        let mut driver = open_driver(&server).await;
+        server.start_sensor(20.0, 100_000);
         driver.prepare().await?;
         for fault in ["drop", "short", "unit", "corrupt", "delay:2.2", "fewer"] {
             driver.discard_old_samples().await?;
-            server.faults(&[fault]);
+            server.set_faults(&[fault]);
             let stale = driver.next().await?;
             assert_eq!((stale.flag, stale.value_mm), (ReadingFlag::Stale, None), "{fault}");
             let sample = driver.next().await?;
             assert_ne!(sample.flag, ReadingFlag::Stale, "after {fault}");
         }
-        server.faults(&["exception:2"]);
+        server.set_faults(&["exception:2"]);
         let refused = driver.next().await.unwrap_err();
         assert!(matches!(refused, SensorError::Modbus(_)), "{refused}");
         assert!(refused.remedy().contains("register map"), "{}", refused.remedy());

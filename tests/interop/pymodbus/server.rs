@@ -5,31 +5,31 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
-use super::pymodbus::python;
+use super::pymodbus::python_with_pymodbus;
 use link::modbus::{AccessList, DeviceSettings, Framing, ModbusClient, ModbusLine, RegisterRange, RegisterSpace};
 use link::{HostPort, LinkConfig, Pty, create_pty};
 
-pub fn script(name: &str) -> PathBuf {
+pub fn peer_script(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/pymodbus").join(name)
 }
 
-pub struct Server {
+pub struct PymodbusServer {
     child: Child,
     stdin: ChildStdin,
     stdout: BufReader<ChildStdout>,
-    at: LinkConfig,
+    link_config: LinkConfig,
     /// Joins two pseudo-terminals: each side opens its own path.
     bridge: Option<tokio::task::JoinHandle<()>>,
 }
 
-impl Server {
+impl PymodbusServer {
     /// Call inside a tokio runtime.
     pub fn start(framing: Framing) -> Self {
         match framing {
             Framing::Tcp => {
                 let mut server = Self::spawn(&["tcp"], LinkConfig::Tcp(HostPort::local(1)), None);
-                let port = server.answer().parse().expect("a port");
-                server.at = LinkConfig::Tcp(HostPort::local(port));
+                let port = server.read_answer().parse().expect("a port");
+                server.link_config = LinkConfig::Tcp(HostPort::local(port));
                 server
             }
             Framing::Rtu => {
@@ -41,15 +41,15 @@ impl Server {
                     let _ = tokio::io::copy_bidirectional(near, far).await;
                 });
                 let mut server = Self::spawn(&["rtu", &path], at, Some(bridge));
-                server.answer();
+                server.read_answer();
                 server
             }
         }
     }
 
     fn spawn(arguments: &[&str], at: LinkConfig, bridge: Option<tokio::task::JoinHandle<()>>) -> Self {
-        let mut child = Command::new(python().unwrap())
-            .arg(script("server.py"))
+        let mut child = Command::new(python_with_pymodbus().unwrap())
+            .arg(peer_script("server.py"))
             .args(arguments)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -58,52 +58,52 @@ impl Server {
             .unwrap();
         let stdin = child.stdin.take().unwrap();
         let stdout = BufReader::new(child.stdout.take().unwrap());
-        Self { child, stdin, stdout, at, bridge }
+        Self { child, stdin, stdout, link_config: at, bridge }
     }
 
-    pub fn at(&self) -> LinkConfig {
-        self.at.clone()
+    pub fn link_config(&self) -> LinkConfig {
+        self.link_config.clone()
     }
 
-    fn answer(&mut self) -> String {
+    fn read_answer(&mut self) -> String {
         let mut line = String::new();
         self.stdout.read_line(&mut line).unwrap();
         line.trim().to_owned()
     }
 
-    fn tell(&mut self, command: &str) -> String {
+    fn send_command(&mut self, command: &str) -> String {
         writeln!(self.stdin, "{command}").unwrap();
-        self.answer()
+        self.read_answer()
     }
 
     /// Sets the content of the registers.
-    pub fn value(&mut self, value: u16) {
-        assert_eq!(self.tell(&format!("value {value}")), "true");
+    pub fn set_value(&mut self, value: u16) {
+        assert_eq!(self.send_command(&format!("value {value}")), "true");
     }
 
-    pub fn faults(&mut self, faults: &[&str]) {
-        assert_eq!(self.tell(&format!("faults {}", faults.join(" "))), "true");
+    pub fn set_faults(&mut self, faults: &[&str]) {
+        assert_eq!(self.send_command(&format!("faults {}", faults.join(" "))), "true");
     }
 
-    pub fn writes(&mut self) -> Vec<(u16, Vec<u16>)> {
-        serde_json::from_str(&self.tell("writes")).unwrap()
+    pub fn received_writes(&mut self) -> Vec<(u16, Vec<u16>)> {
+        serde_json::from_str(&self.send_command("writes")).unwrap()
     }
 
     /// Takes `count` measurements, one every `ms`.
-    pub fn sense(&mut self, ms: f64, count: u32) {
-        assert_eq!(self.tell(&format!("sense {ms} {count}")), "true");
+    pub fn start_sensor(&mut self, ms: f64, count: u32) {
+        assert_eq!(self.send_command(&format!("sense {ms} {count}")), "true");
     }
 
     /// Number of measurements so far.
-    pub fn sensed(&mut self) -> u32 {
-        self.tell("sensed").parse().unwrap()
+    pub fn sample_count(&mut self) -> u32 {
+        self.send_command("sensed").parse().unwrap()
     }
 
-    pub fn requests(&mut self) -> u64 {
-        self.tell("requests").parse().unwrap()
+    pub fn request_count(&mut self) -> u64 {
+        self.send_command("requests").parse().unwrap()
     }
 
-    pub async fn link(&self, timeout: Duration) -> ModbusClient {
+    pub async fn open_client(&self, timeout: Duration) -> ModbusClient {
         let all = |space| RegisterRange { space, first: 0, last: 99 };
         let allowed = AccessList {
             read: vec![
@@ -114,17 +114,17 @@ impl Server {
             ],
             write: vec![RegisterRange { space: RegisterSpace::Holding, first: 50, last: 99 }],
         };
-        self.link_to(timeout, allowed).await
+        self.open_client_with_access(timeout, allowed).await
     }
 
-    pub async fn link_to(&self, timeout: Duration, allowed: AccessList) -> ModbusClient {
-        ModbusClient::open(ModbusLine::with_defaults(self.at()), DeviceSettings { unit: 1, timeout, allowed })
+    pub async fn open_client_with_access(&self, timeout: Duration, allowed: AccessList) -> ModbusClient {
+        ModbusClient::open(ModbusLine::with_defaults(self.link_config()), DeviceSettings { unit: 1, timeout, allowed })
             .await
             .unwrap()
     }
 }
 
-impl Drop for Server {
+impl Drop for PymodbusServer {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -135,7 +135,7 @@ impl Drop for Server {
 }
 
 /// Runs a trial on a separate runtime; the bridge needs a thread while the trial talks to the server.
-pub fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
+pub fn block_on<T>(trial: impl Future<Output = T>) -> T {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
     runtime.block_on(trial)
 }

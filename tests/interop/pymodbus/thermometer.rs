@@ -12,16 +12,16 @@ use machine::record::reading::Reading;
 use trued::setup::{self, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun, RunState};
 
-use super::server::{Server, on_a_runtime};
+use super::server::{PymodbusServer, block_on};
 
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
-const STALE_S: f64 = 3.0;
+const MAX_AGE_S: f64 = 3.0;
 
 /// The built-in machine with a thermometer at this server: tenths of a degree above -5 °C.
-fn machine(server: &Server) -> MachineFile {
-    let at = super::sensor::keys(server);
+fn machine(server: &PymodbusServer) -> MachineFile {
+    let at = super::sensor::sensor_keys(server);
     let text = format!(
-        "{MACHINE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {STALE_S}\n[thermometer.modbus]\n{at}\n\
+        "{MACHINE}\n[[thermometer]]\nname = \"bed\"\nstale_s = {MAX_AGE_S}\n[thermometer.modbus]\n{at}\n\
          unit = 1\ntimeout_s = 1.0\n\
          value = {{ register = 3, type = \"i16\", scale_c = 0.1, offset_c = -5.0 }}\n"
     );
@@ -29,7 +29,10 @@ fn machine(server: &Server) -> MachineFile {
 }
 
 /// A run on the simulated machine; `with` is called with the number of each reading before the next touch.
-async fn run(file: &MachineFile, mut with: impl FnMut(usize)) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
+async fn run_measurement(
+    file: &MachineFile,
+    mut with: impl FnMut(usize),
+) -> (Vec<Reading>, Vec<String>, BTreeMap<String, f64>) {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::plan_header(file, "self-calibration", Some(1)).unwrap();
@@ -60,73 +63,73 @@ async fn run(file: &MachineFile, mut with: impl FnMut(usize)) -> (Vec<Reading>, 
     (readings, told.collect(), measured.temperatures_c.into())
 }
 
-fn bed(reading: &Reading) -> Option<f64> {
+fn bed_temperature_c(reading: &Reading) -> Option<f64> {
     reading.temperatures_c.get("bed")
 }
 
 /// Waits until the independently polled thermometer has a new value or is stale.
-fn wait() {
-    std::thread::sleep(Duration::from_secs_f64(1.5 * STALE_S));
+fn wait_one_period() {
+    std::thread::sleep(Duration::from_secs_f64(1.5 * MAX_AGE_S));
 }
 
-async fn carried(framing: Framing) -> Result<(), Failed> {
-    let mut server = Server::start(framing);
-    server.value(262);
+async fn check_temperatures_stored(framing: Framing) -> Result<(), Failed> {
+    let mut server = PymodbusServer::start(framing);
+    server.set_value(262);
     let file = machine(&server);
-    let (readings, told, means) = run(&file, |count| {
+    let (readings, told, means) = run_measurement(&file, |count| {
         if count == 30 {
-            server.value(274);
-            wait();
+            server.set_value(274);
+            wait_one_period();
         }
     })
     .await;
     // 26.2 - 5.0 and 27.4 - 5.0.
     for (number, reading) in readings.iter().enumerate() {
         let expected = if number < 30 { 21.2 } else { 22.4 };
-        let said = bed(reading).ok_or_else(|| format!("reading {number} has none"))?;
+        let said = bed_temperature_c(reading).ok_or_else(|| format!("reading {number} has none"))?;
         assert!((said - expected).abs() < 1e-9, "reading {number}: {said}");
     }
-    let all: Vec<f64> = readings.iter().filter_map(bed).collect();
+    let all: Vec<f64> = readings.iter().filter_map(bed_temperature_c).collect();
     assert!((means["bed"] - all.iter().sum::<f64>() / all.len() as f64).abs() < 1e-9, "{means:?}");
     assert!(means.contains_key("spindle") && readings.len() > 60, "{means:?} {}", readings.len());
     assert!(told.iter().all(|text| !text.contains("thermometer")), "{told:?}");
     Ok(())
 }
 
-pub fn tcp() -> Result<(), Failed> {
-    on_a_runtime(carried(Framing::Tcp))
+pub fn thermometer_over_tcp() -> Result<(), Failed> {
+    block_on(check_temperatures_stored(Framing::Tcp))
 }
 
-pub fn rtu() -> Result<(), Failed> {
-    on_a_runtime(carried(Framing::Rtu))
+pub fn thermometer_over_rtu() -> Result<(), Failed> {
+    block_on(check_temperatures_stored(Framing::Rtu))
 }
 
 /// Silent, invalid, and valid again: reported once, and no reading has an outdated value.
-pub fn away() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Tcp);
-        server.value(262);
+pub fn thermometer_lost_during_a_run() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        server.set_value(262);
         let file = machine(&server);
-        let (readings, told, means) = run(&file, |count| match count {
+        let (readings, told, means) = run_measurement(&file, |count| match count {
             20 => {
-                server.faults(&["drop"; 500]);
-                wait();
-                wait();
+                server.set_faults(&["drop"; 500]);
+                wait_one_period();
+                wait_one_period();
             }
             // 850 °C.
             30 => {
-                server.faults(&[]);
-                server.value(8550);
-                wait();
+                server.set_faults(&[]);
+                server.set_value(8550);
+                wait_one_period();
             }
             40 => {
-                server.value(300);
-                wait();
+                server.set_value(300);
+                wait_one_period();
             }
             _ => {}
         })
         .await;
-        let numbers = |from: usize, to: usize| readings[from..to].iter().map(bed);
+        let numbers = |from: usize, to: usize| readings[from..to].iter().map(bed_temperature_c);
         assert!(numbers(0, 20).all(|said| said.is_some_and(|c| (c - 21.2).abs() < 1e-9)));
         assert!(numbers(20, 40).all(|said| said.is_none()));
         let rest = readings.len() - 40;
@@ -143,17 +146,17 @@ pub fn away() -> Result<(), Failed> {
 }
 
 /// A thermometer that never answers delays no touch: the readings equal those of a run without it.
-pub fn none() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Tcp);
-        server.faults(&["drop"; 2000]);
+pub fn run_without_thermometer() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        server.set_faults(&["drop"; 2000]);
         let file = machine(&server);
-        let (readings, told, means) = run(&file, |_| {}).await;
-        assert!(readings.iter().all(|reading| bed(reading).is_none()));
+        let (readings, told, means) = run_measurement(&file, |_| {}).await;
+        assert!(readings.iter().all(|reading| bed_temperature_c(reading).is_none()));
         assert_eq!(means.keys().collect::<Vec<_>>(), ["spindle"]);
         assert_eq!(told.iter().filter(|text| text.contains("does not reply")).count(), 1, "{told:?}");
         let plain = MachineFile::parse("machine.toml", MACHINE.to_owned()).unwrap();
-        let (without, ..) = run(&plain, |_| {}).await;
+        let (without, ..) = run_measurement(&plain, |_| {}).await;
         let places = |all: &[Reading]| -> Vec<(u32, Position)> {
             all.iter().map(|reading| (reading.step, reading.position.clone())).collect()
         };
@@ -163,17 +166,17 @@ pub fn none() -> Result<(), Failed> {
 }
 
 /// Result of `trued check` for a register of pymodbus.
-pub fn checked() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut server = Server::start(Framing::Tcp);
-        server.value(262);
+pub fn check_reads_the_thermometer() -> Result<(), Failed> {
+    block_on(async {
+        let mut server = PymodbusServer::start(Framing::Tcp);
+        server.set_value(262);
         let file = machine(&server);
         let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await?;
         let began = Instant::now();
         let mut said = Vec::new();
         for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {
-            server.value(value);
-            server.faults(&[faults]);
+            server.set_value(value);
+            server.set_faults(&[faults]);
             let all = devices.thermometers.read_once().await;
             let (entry, answer) = all.into_iter().find(|(entry, _)| entry.name == "bed").unwrap();
             said.push(match answer {

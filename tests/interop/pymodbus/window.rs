@@ -10,38 +10,38 @@ use serde_json::Value;
 use simulator::Speed;
 use trued::setup::{self, MachineFile};
 
-use super::pymodbus::python;
-use super::server::script;
+use super::pymodbus::python_with_pymodbus;
+use super::server::peer_script;
 
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 /// `trued simulate`, ended with the trial.
-struct Simulator {
+struct SimulatorProcess {
     child: Child,
     folder: tempfile::TempDir,
     wire: &'static str,
-    at: String,
+    address: String,
 }
 
-impl Drop for Simulator {
+impl Drop for SimulatorProcess {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-fn machine(wire: &str) -> String {
+fn machine_file(wire: &str) -> String {
     let wire = if wire == "tcp" { "tcp" } else { "pty" };
     assert!(MACHINE.contains("wire = \"memory\"\n"));
     MACHINE.replace("wire = \"memory\"\n", &format!("speaks = \"modbus\"\nwire = \"{wire}\"\n"))
 }
 
-impl Simulator {
+impl SimulatorProcess {
     fn start(wire: &'static str, speed: &str) -> Result<Self, Failed> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("machine.toml");
-        std::fs::write(&file, machine(wire))?;
+        std::fs::write(&file, machine_file(wire))?;
         let mut child = Command::new(env!("CARGO_BIN_EXE_trued"))
             .args(["simulate", "--speed", speed, "--machine"])
             .arg(&file)
@@ -51,14 +51,14 @@ impl Simulator {
         let mut said = String::new();
         BufReader::new(child.stdout.take().ok_or("no output")?).read_line(&mut said)?;
         let at = said.trim().trim_start_matches("127.0.0.1:").to_owned();
-        Ok(Self { child, folder, wire, at })
+        Ok(Self { child, folder, wire, address: at })
     }
 
     /// The lines that `trial` prints, without the last one, which confirms the documented behaviour.
-    fn plays(&self, trial: &str, input: &str) -> Result<Vec<String>, Failed> {
-        let mut client = Command::new(python().ok_or("no python")?)
-            .arg(script("window.py"))
-            .args([self.wire, &self.at, trial])
+    fn play_trial(&self, trial: &str, input: &str) -> Result<Vec<String>, Failed> {
+        let mut client = Command::new(python_with_pymodbus().ok_or("no python")?)
+            .arg(peer_script("window.py"))
+            .args([self.wire, &self.address, trial])
             .current_dir(self.folder.path())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -79,11 +79,11 @@ impl Simulator {
 }
 
 /// Two touches, compared with the same motions on the world itself without a control.
-pub fn lines() -> Result<(), Failed> {
-    const LINES: &str = "G21 G90 G94\nG53 G0 X50.5\nG53 G0 Z235\nN7 G38.3 Z170 F3000\n\
+pub fn line_window_executes_lines() -> Result<(), Failed> {
+    const TRIAL_PROGRAM: &str = "G21 G90 G94\nG53 G0 X50.5\nG53 G0 Z235\nN7 G38.3 Z170 F3000\n\
                          N7 G38.3 X40 F60\nG53 G1 X50.5 F300\nG53 G0 Z235\nG53 G0 X0\n\
                          N9 G38.3 Z215 F60\nG53 G1 Z235 F300\n";
-    let file = MachineFile::parse("machine.toml", machine("tcp")).map_err(|e| e.to_string())?;
+    let file = MachineFile::parse("machine.toml", machine_file("tcp")).map_err(|e| e.to_string())?;
     let mut world = setup::build_world(&file).map_err(|error| error.to_string())?;
     let to = |axis: Axis, mm: f64| Position::new().with(axis, mm);
     world.travel(&to(Axis::X, 50.5), Speed::Rapid);
@@ -96,9 +96,9 @@ pub fn lines() -> Result<(), Failed> {
     let second = world.probe(&to(Axis::Z, 215.0), 60.0, 9).contact.ok_or("nothing is there")?;
     assert!(missed.contact.is_none());
     for wire in ["tcp", "rtu"] {
-        let told = Simulator::start(wire, "fast")?.plays("lines", LINES)?;
+        let told = SimulatorProcess::start(wire, "fast")?.play_trial("lines", TRIAL_PROGRAM)?;
         let told: Vec<Value> = told.iter().map(|line| serde_json::from_str(line)).collect::<Result<_, _>>()?;
-        assert_eq!(told.len(), LINES.lines().count(), "{wire}");
+        assert_eq!(told.len(), TRIAL_PROGRAM.lines().count(), "{wire}");
         let latches = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2];
         let counted: Vec<_> = told.iter().map(|status| status["latches"].clone()).collect();
         assert_eq!(counted, latches, "{wire}");
@@ -119,21 +119,21 @@ pub fn lines() -> Result<(), Failed> {
     Ok(())
 }
 
-fn each_wire(trial: &str) -> Result<(), Failed> {
+fn check_each_wire(trial: &str) -> Result<(), Failed> {
     for wire in ["tcp", "rtu"] {
-        Simulator::start(wire, "real")?.plays(trial, "")?;
+        SimulatorProcess::start(wire, "real")?.play_trial(trial, "")?;
     }
     Ok(())
 }
 
-pub fn refusals() -> Result<(), Failed> {
-    each_wire("refusals")
+pub fn line_window_refusals() -> Result<(), Failed> {
+    check_each_wire("refusals")
 }
 
-pub fn hold() -> Result<(), Failed> {
-    each_wire("hold")
+pub fn line_window_hold() -> Result<(), Failed> {
+    check_each_wire("hold")
 }
 
-pub fn heartbeat() -> Result<(), Failed> {
-    each_wire("heartbeat")
+pub fn line_window_heartbeat() -> Result<(), Failed> {
+    check_each_wire("heartbeat")
 }

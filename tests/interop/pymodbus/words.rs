@@ -6,14 +6,14 @@ use std::process::Command;
 use libtest_mimic::Failed;
 use link::modbus::value::NumberFormat;
 
-use super::pymodbus::python;
-use super::server::script;
+use super::pymodbus::python_with_pymodbus;
+use super::server::peer_script;
 
-type Words = BTreeMap<String, BTreeMap<String, Vec<(f64, Vec<u16>)>>>;
+type RegisterWords = BTreeMap<String, BTreeMap<String, Vec<(f64, Vec<u16>)>>>;
 
-pub fn are_pymodbus_s() -> Result<(), Failed> {
-    let output = Command::new(python().ok_or("no python")?).arg(script("words.py")).output()?;
-    let all: Words = serde_json::from_slice(&output.stdout)?;
+pub fn number_types_agree_with_pymodbus() -> Result<(), Failed> {
+    let output = Command::new(python_with_pymodbus().ok_or("no python")?).arg(peer_script("words.py")).output()?;
+    let all: RegisterWords = serde_json::from_slice(&output.stdout)?;
     let mut count = 0;
     for (kind, orders) in &all {
         for (order, values) in orders {

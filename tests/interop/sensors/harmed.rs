@@ -4,40 +4,40 @@ use devices::sensors::{Sample, SensorDriver};
 use libtest_mimic::Failed;
 use machine::record::reading::ReadingFlag;
 
-use super::on_a_runtime;
-use super::peer::{FRAMES, Peer, TEXT};
+use super::block_on;
+use super::peer::{BYTE_FRAME_KEYS, PythonSensor, TEXT_LINE_KEYS};
 
 /// Counter and micrometres of all samples sent completely; numbers of skipped and corrupted samples.
-type Sent = (Vec<(u64, Option<i64>)>, (u64, u64));
+type SentSamples = (Vec<(u64, Option<i64>)>, (u64, u64));
 
-const COUNT: usize = 3000;
+const SAMPLE_COUNT: usize = 3000;
 /// Number of silent periods that ends a trial; the script's own silence is shorter.
-const SILENT: usize = 10;
+const SILENT_PERIODS: usize = 10;
 
-fn um(sample: &Sample) -> Option<i64> {
+fn distance_um(sample: &Sample) -> Option<i64> {
     sample.value_mm.map(|mm| (mm * 1000.0).round() as i64)
 }
 
-async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
-    let mut peer = Peer::start(form);
-    let mut driver = peer.driver(keys).await;
+async fn check_counted_losses(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
+    let mut peer = PythonSensor::start(form);
+    let mut driver = peer.open_driver(keys).await;
     driver.prepare().await?;
-    let _: u64 = peer.tell("quiet").await;
+    let _: u64 = peer.send_command("quiet").await;
     // Samples sent earlier are read and discarded.
     tokio::time::sleep(std::time::Duration::from_millis(200)).await;
     driver.discard_old_samples().await?;
 
-    let command = format!("harm {seed} {COUNT}");
-    let (sent, samples) = tokio::join!(peer.tell::<Sent>(&command), until_silent(&mut driver));
+    let command = format!("harm {seed} {SAMPLE_COUNT}");
+    let (sent, samples) = tokio::join!(peer.send_command::<SentSamples>(&command), read_until_silent(&mut driver));
     let (whole, (skipped, spoilt)) = sent;
     let samples = samples?;
-    let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count() - SILENT;
+    let stale = samples.iter().filter(|sample| sample.flag == ReadingFlag::Stale).count() - SILENT_PERIODS;
     assert!(stale > 0, "seed {seed} has no silence");
     let samples: Vec<_> = samples.into_iter().filter(|sample| sample.flag != ReadingFlag::Stale).collect();
     // The first line may have begun before the driver listened.
     let first = whole.len() - samples.len();
     assert!(first <= 1, "{} of {} came", samples.len(), whole.len());
-    let came: Vec<_> = samples.iter().map(um).collect();
+    let came: Vec<_> = samples.iter().map(distance_um).collect();
     let said: Vec<_> = whole.iter().skip(first).map(|(_, um)| *um).collect();
     assert_eq!(came, said);
     let flagged = samples.iter().filter(|sample| sample.flag == ReadingFlag::Range).count();
@@ -55,9 +55,9 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     Ok(())
 }
 
-async fn until_silent(driver: &mut impl SensorDriver) -> Result<Vec<Sample>, Failed> {
+async fn read_until_silent(driver: &mut impl SensorDriver) -> Result<Vec<Sample>, Failed> {
     let (mut samples, mut silent) = (Vec::new(), 0);
-    while samples.len() < SILENT || silent < SILENT {
+    while samples.len() < SILENT_PERIODS || silent < SILENT_PERIODS {
         let sample = driver.next().await?;
         silent = if sample.flag == ReadingFlag::Stale { silent + 1 } else { 0 };
         samples.push(sample);
@@ -65,37 +65,37 @@ async fn until_silent(driver: &mut impl SensorDriver) -> Result<Vec<Sample>, Fai
     Ok(samples)
 }
 
-pub fn lines() -> Result<(), Failed> {
-    on_a_runtime(async {
+pub fn damaged_text_lines() -> Result<(), Failed> {
+    block_on(async {
         for seed in [1, 2] {
-            counted("text", TEXT, seed).await?;
+            check_counted_losses("text", TEXT_LINE_KEYS, seed).await?;
         }
         Ok(())
     })
 }
 
-pub fn frames() -> Result<(), Failed> {
-    on_a_runtime(async {
+pub fn damaged_byte_frames() -> Result<(), Failed> {
+    block_on(async {
         for seed in [1, 2] {
-            counted("frames", FRAMES, seed).await?;
+            check_counted_losses("frames", BYTE_FRAME_KEYS, seed).await?;
         }
         Ok(())
     })
 }
 
-pub fn asked() -> Result<(), Failed> {
-    on_a_runtime(async {
-        let peer = Peer::start("asked");
-        let mut driver = peer.patient(&format!("request = \"M0\\r\"\n{TEXT}")).await;
+pub fn damaged_polled_lines() -> Result<(), Failed> {
+    block_on(async {
+        let peer = PythonSensor::start("asked");
+        let mut driver = peer.open_patient_driver(&format!("request = \"M0\\r\"\n{TEXT_LINE_KEYS}")).await;
         assert!(driver.prepare().await?.rate_hz > 10.0);
         driver.discard_old_samples().await?;
-        let mut last = um(&driver.next().await?).unwrap();
+        let mut last = distance_um(&driver.next().await?).unwrap();
         for _ in 0..500 {
             let sample = driver.next().await?;
             assert_eq!((sample.flag, sample.missing), (ReadingFlag::None, 0));
             // The sequence of the script's `um`.
             let next = (last + 8000 + 37) % 16_001 - 8000;
-            assert_eq!(um(&sample), Some(next));
+            assert_eq!(distance_um(&sample), Some(next));
             last = next;
         }
         Ok(())

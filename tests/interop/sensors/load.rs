@@ -9,14 +9,14 @@ use devices::sensors::{SensorDriver, SensorError};
 use libtest_mimic::Failed;
 use machine::record::reading::ReadingFlag;
 
-use super::on_a_runtime;
-use super::peer::{Peer, TEXT};
+use super::block_on;
+use super::peer::{PythonSensor, TEXT_LINE_KEYS};
 
 /// Threads that compute until dropped.
-struct Load(Arc<AtomicBool>);
+struct ProcessorLoad(Arc<AtomicBool>);
 
-impl Load {
-    fn begin() -> Self {
+impl ProcessorLoad {
+    fn start() -> Self {
         let on = Arc::new(AtomicBool::new(true));
         for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
             let on = on.clone();
@@ -32,7 +32,7 @@ impl Load {
     }
 }
 
-impl Drop for Load {
+impl Drop for ProcessorLoad {
     fn drop(&mut self) {
         self.0.store(false, Ordering::Relaxed);
     }
@@ -47,18 +47,18 @@ pub fn nothing_is_lost_for_60_s() -> Result<(), Failed> {
 }
 
 fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
-    on_a_runtime(async {
-        let mut peer = Peer::start("text");
-        let mut driver = peer.driver(TEXT).await;
+    block_on(async {
+        let mut peer = PythonSensor::start("text");
+        let mut driver = peer.open_driver(TEXT_LINE_KEYS).await;
         driver.prepare().await?;
-        let _: u64 = peer.tell("quiet").await;
+        let _: u64 = peer.send_command("quiet").await;
         tokio::time::sleep(Duration::from_millis(200)).await;
         driver.discard_old_samples().await?;
-        let load = Load::begin();
+        let load = ProcessorLoad::start();
         let over = AtomicBool::new(false);
         let command = format!("steady {seconds}");
         let script = async {
-            let sent = peer.tell::<u32>(&command).await;
+            let sent = peer.send_command::<u32>(&command).await;
             over.store(true, Ordering::Relaxed);
             sent
         };

@@ -11,20 +11,20 @@ use simulator::SensorOutput;
 use simulator::sensors::serial::{OutputFormat, REQUEST_KEY, data_sheet, serve_on_demand};
 use testing::population::population;
 
-use super::peer::sensor;
+use super::peer::sensor_description;
 
 /// Number of samples at each dwell point.
-const SAMPLES: u32 = 100;
-const FULL_POINTS: u64 = 18_000;
+const SAMPLES_PER_POINT: u32 = 100;
+const FULL_POINT_COUNT: u64 = 18_000;
 /// A leak of all samples would be ten times this limit: a sample has 32 bytes, and nine tenths of them come after
 /// the first check of the memory.
-fn bound_kb(points: u64) -> u64 {
-    points * u64::from(SAMPLES) * 32 * 9 / 10 / 1024 / 10
+fn memory_limit_kb(points: u64) -> u64 {
+    points * u64::from(SAMPLES_PER_POINT) * 32 * 9 / 10 / 1024 / 10
 }
 
 const PAGE_KB: u64 = 4;
 
-fn resident_kb() -> u64 {
+fn resident_memory_kb() -> u64 {
     let text = std::fs::read_to_string("/proc/self/statm").unwrap();
     text.split(' ').nth(1).unwrap().parse::<u64>().unwrap() * PAGE_KB
 }
@@ -40,24 +40,25 @@ pub fn is_flat() -> Result<(), Failed> {
         let keys = format!("serial = \"memory\"\n{REQUEST_KEY}{}", data_sheet(OutputFormat::Text));
         let config: SerialConfig = toml::from_str(&keys)?;
         let flow = serve_on_demand(OutputFormat::Text, Box::new(sense));
-        let driver = SerialDriver::from_stream(flow, config, &sensor(), Arc::new(HostClock::start()), 1000.0);
+        let driver =
+            SerialDriver::from_stream(flow, config, &sensor_description(), Arc::new(HostClock::start()), 1000.0);
         let sensor = Sensor::spawn("laser", driver);
         sensor.prepare().await?;
         let (mut before, mut expected) = (0, 1);
-        let points = population(FULL_POINTS);
+        let points = population(FULL_POINT_COUNT);
         for point in 0..points {
-            for sample in sensor.read_samples(SAMPLES).await? {
+            for sample in sensor.read_samples(SAMPLES_PER_POINT).await? {
                 expected += 1;
                 let um = sample.value_mm.map(|mm| (mm * 1000.0).round() as u32);
                 assert_eq!(um, Some(expected % 1000));
             }
             if point == points / 10 {
-                before = resident_kb();
+                before = resident_memory_kb();
             }
         }
-        let after = resident_kb();
+        let after = resident_memory_kb();
         println!("{before} kB after 1 in 10, {after} kB at the end");
-        assert!(after < before + bound_kb(points), "{before} kB became {after} kB");
+        assert!(after < before + memory_limit_kb(points), "{before} kB became {after} kB");
         Ok(())
     })
 }

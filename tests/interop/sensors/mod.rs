@@ -10,23 +10,23 @@ mod peer;
 use crate::support::harness::{Pool, Trials, is_command, trials};
 
 /// Runs a trial on a separate runtime.
-fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
+fn block_on<T>(trial: impl Future<Output = T>) -> T {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
     runtime.block_on(trial)
 }
 
-fn missing() -> Option<&'static str> {
+fn missing_python() -> Option<&'static str> {
     (!is_command(peer::PYTHON)).then_some("python3 is missing")
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 0;
-        harmed::lines,
-        harmed::frames,
-        harmed::asked,
+        harmed::damaged_text_lines,
+        harmed::damaged_byte_frames,
+        harmed::damaged_polled_lines,
     ]
-    .and(trials![Pool::Alone, 12; load::nothing_is_lost_for_10_s])
-    .and(trials![Pool::Alone, 62; load::nothing_is_lost_for_60_s].ignored())
-    .requires(missing)
-    .and(trials![Pool::Alone, 5; memory::is_flat])
+    .with(trials![Pool::Alone, 12; load::nothing_is_lost_for_10_s])
+    .with(trials![Pool::Alone, 62; load::nothing_is_lost_for_60_s].ignored())
+    .requires(missing_python)
+    .with(trials![Pool::Alone, 5; memory::is_flat])
 }

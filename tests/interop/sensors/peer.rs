@@ -11,7 +11,7 @@ use link::clock::HostClock;
 use machine::record::sensor::Sensor;
 use serde::de::DeserializeOwned;
 
-pub const TEXT: &str = r##"
+pub const TEXT_LINE_KEYS: &str = r##"
 [line]
 end = "\r\n"
 prefix = "#"
@@ -21,7 +21,7 @@ counter = { column = 1, round = 1000 }
 value = { column = 2, scale_mm = 0.001, codes = [{ is = "ERR", means = "no-echo" }] }
 "##;
 
-pub const FRAMES: &str = r#"
+pub const BYTE_FRAME_KEYS: &str = r#"
 [frame]
 sync = [0x7E, 0x81]
 length = 5
@@ -38,14 +38,14 @@ codes = [{ is = -8388608, means = "no-echo" }]
 
 pub const PYTHON: &str = "python3";
 
-pub struct Peer {
+pub struct PythonSensor {
     child: Child,
     stdin: ChildStdin,
     stdout: Option<BufReader<ChildStdout>>,
     pub path: String,
 }
 
-impl Peer {
+impl PythonSensor {
     pub fn start(form: &str) -> Self {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/sensor/sender.py");
         let mut child =
@@ -57,24 +57,24 @@ impl Peer {
         Self { child, stdin, stdout: Some(stdout), path: path.trim().to_owned() }
     }
 
-    pub async fn driver(&self, keys: &str) -> SerialDriver {
-        self.waiting(0.3, keys).await
+    pub async fn open_driver(&self, keys: &str) -> SerialDriver {
+        self.open_driver_with_timeout(0.3, keys).await
     }
 
     /// The driver with a timeout of 30 s.
-    pub async fn patient(&self, keys: &str) -> SerialDriver {
-        self.waiting(30.0, keys).await
+    pub async fn open_patient_driver(&self, keys: &str) -> SerialDriver {
+        self.open_driver_with_timeout(30.0, keys).await
     }
 
-    async fn waiting(&self, timeout_s: f64, keys: &str) -> SerialDriver {
+    async fn open_driver_with_timeout(&self, timeout_s: f64, keys: &str) -> SerialDriver {
         let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
         let config: SerialConfig = toml::from_str(&keys).unwrap();
         let clock = Arc::new(HostClock::start());
-        SerialDriver::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
+        SerialDriver::open(config, &sensor_description(), clock, SharedPorts::default()).await.unwrap()
     }
 
     /// Sends a command and waits for its answer, which comes when it is done.
-    pub async fn tell<T: DeserializeOwned>(&mut self, command: &str) -> T {
+    pub async fn send_command<T: DeserializeOwned>(&mut self, command: &str) -> T {
         writeln!(self.stdin, "{command}").unwrap();
         let mut stdout = self.stdout.take().unwrap();
         let read = move || {
@@ -88,14 +88,14 @@ impl Peer {
     }
 }
 
-impl Drop for Peer {
+impl Drop for PythonSensor {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-pub fn sensor() -> Sensor {
+pub fn sensor_description() -> Sensor {
     serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1], "range_mm": [-10, 10]
     }))

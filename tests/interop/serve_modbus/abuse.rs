@@ -7,10 +7,10 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
 use super::modbus_client::{ModbusClient, RUN, STATE};
-use crate::support::machine_shop::{MODBUS, MachineShop};
+use crate::support::machine_shop::{MODBUS_SECTION, MachineShop};
 
 /// Reads all input registers as fast as possible.
-fn flood(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
+fn flood_with_requests(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
     stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     let mut answer = [0; 9 + 2 * 120];
     while !end.load(Ordering::Relaxed) {
@@ -20,11 +20,11 @@ fn flood(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
     }
 }
 
-pub fn of_all_kinds() {
-    let shop = MachineShop::with_serve(MODBUS);
-    let machine = shop.machine();
-    let calm = shop.json(&["run", "self-calibration", "--json", "--machine", &machine]);
-    let daemon = shop.serve("fast");
+pub fn abuse_of_all_kinds_stops_no_cycle() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    let machine = shop.machine_path();
+    let calm = shop.run_json(&["run", "self-calibration", "--json", "--machine", &machine]);
+    let daemon = shop.start_daemon("fast");
     let mut client = ModbusClient::new(daemon.modbus_port());
     let exceptions = [
         ("discrete 0 1", 1),
@@ -37,16 +37,16 @@ pub fn of_all_kinds() {
         ("coils 18 1 1", 2),
     ];
     for (request, code) in exceptions {
-        assert_eq!(client.ask(request), format!("exception {code}"), "{request}");
+        assert_eq!(client.request(request), format!("exception {code}"), "{request}");
     }
-    raw(daemon.modbus_port());
+    malformed_frames_are_rejected(daemon.modbus_port());
     assert!(!daemon.log().contains("panicked"));
     let (end, answers) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU32::new(0)));
     let floods: Vec<_> = (0..4)
         .map(|_| {
             let stream = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
             let (end, answers) = (end.clone(), answers.clone());
-            std::thread::spawn(move || flood(stream, &end, &answers))
+            std::thread::spawn(move || flood_with_requests(stream, &end, &answers))
         })
         .collect();
     // Silent connections, incomplete requests, noise: more than there are connection slots.
@@ -63,15 +63,15 @@ pub fn of_all_kinds() {
             stream
         })
         .collect();
-    client.enable();
-    client.press(11);
-    client.until(|status| status[STATE] == 1 && status[RUN] == 2);
+    client.set_enable();
+    client.press_coil(11);
+    client.poll_until(|status| status[STATE] == 1 && status[RUN] == 2);
     end.store(true, Ordering::Relaxed);
     floods.into_iter().for_each(|flood| flood.join().unwrap());
     drop(silent);
     println!("{} requests answered beside the run", answers.load(Ordering::Relaxed));
     assert!(answers.load(Ordering::Relaxed) > 1000);
-    let disturbed = shop.json(&["show", "2", "--json"]);
+    let disturbed = shop.run_json(&["show", "2", "--json"]);
     let text = disturbed.to_string();
     for parameter in calm["parameters"].as_array().unwrap() {
         assert!(text.contains(&parameter["value"].to_string()), "{parameter} is not in {text}");
@@ -79,7 +79,7 @@ pub fn of_all_kinds() {
 }
 
 /// Requests that pymodbus would not send, and the answer's function and exception code.
-fn raw(port: u16) {
+fn malformed_frames_are_rejected(port: u16) {
     let cases: [(&[u8], u8); 4] =
         [(&[4, 0, 0, 0, 0], 3), (&[4, 0, 0, 0, 126], 3), (&[0x55, 1, 2], 1), (&[1, 0, 0, 0, 0], 3)];
     for (pdu, code) in cases {
@@ -112,24 +112,24 @@ fn raw(port: u16) {
     }
 }
 
-pub fn strangers() {
-    let shop = MachineShop::with_serve(MODBUS);
-    shop.change("allow = [\"127.0.0.1\"]", "allow = [\"127.0.0.2\"]");
-    let daemon = shop.serve("fast");
+pub fn other_addresses_are_refused() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    shop.replace_in_machine("allow = [\"127.0.0.1\"]", "allow = [\"127.0.0.2\"]");
+    let daemon = shop.start_daemon("fast");
     let mut stranger = ModbusClient::new(daemon.modbus_port());
-    assert_eq!(stranger.ask("input 0 1"), "lost");
-    assert_eq!(stranger.ask("coil 11 1"), "lost");
-    let mut known = ModbusClient::from(daemon.modbus_port(), "127.0.0.2");
-    assert_eq!(known.status()[STATE], 1);
-    assert_eq!(known.numbers("bits 11 1")[0], 0);
+    assert_eq!(stranger.request("input 0 1"), "lost");
+    assert_eq!(stranger.request("coil 11 1"), "lost");
+    let mut known = ModbusClient::connect_from(daemon.modbus_port(), "127.0.0.2");
+    assert_eq!(known.read_status()[STATE], 1);
+    assert_eq!(known.request_registers("bits 11 1")[0], 0);
     assert!(daemon.log().contains("the connection from 127.0.0.1 is refused"));
 }
 
 /// A control that was switched off repeatedly: all connection slots are used, each with its last request answered,
 /// none closed. The next connection still gets a slot, and an active client keeps its slot.
-pub fn left_behind() {
-    let shop = MachineShop::with_serve(MODBUS);
-    let daemon = shop.serve("fast");
+pub fn abandoned_connections_are_closed() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    let daemon = shop.start_daemon("fast");
     let mut busy = ModbusClient::new(daemon.modbus_port());
     let left: Vec<TcpStream> = (0..15)
         .map(|_| {
@@ -141,7 +141,7 @@ pub fn left_behind() {
         })
         .collect();
     // All connections are recent: no slot is free.
-    assert_eq!(busy.status()[STATE], 1);
+    assert_eq!(busy.read_status()[STATE], 1);
     let mut early = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
     early.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     let _ = early.write_all(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]);
@@ -152,10 +152,10 @@ pub fn left_behind() {
     }
     for _ in 0..25 {
         std::thread::sleep(Duration::from_millis(100));
-        assert_eq!(busy.status()[STATE], 1);
+        assert_eq!(busy.read_status()[STATE], 1);
     }
     let mut next = ModbusClient::new(daemon.modbus_port());
-    assert_eq!(next.status()[STATE], 1);
-    assert_eq!(busy.status()[STATE], 1);
+    assert_eq!(next.read_status()[STATE], 1);
+    assert_eq!(busy.read_status()[STATE], 1);
     drop(left);
 }

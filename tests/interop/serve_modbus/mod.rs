@@ -10,21 +10,21 @@ use crate::support::pymodbus;
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 50;
-        stops::by_sigterm,
-        starts::captures,
-        stops::by_a_coil,
-        starts::a_cycle,
-        abuse::of_all_kinds,
+        stops::sigterm_stops_a_cycle,
+        starts::started_run_is_captured,
+        stops::coil_stops_a_cycle,
+        starts::coil_starts_a_cycle,
+        abuse::abuse_of_all_kinds_stops_no_cycle,
     ]
-    .and(trials![Pool::Waiting, 0;
-        starts::refusals,
-        starts::stale,
-        abuse::left_behind,
-        abuse::strangers,
-        stops::by_a_fault,
-        stops::position_lost,
-        stops::elsewhere,
-        stops::at_once,
+    .with(trials![Pool::Waiting, 0;
+        starts::refused_starts,
+        starts::stale_heartbeat_refuses_a_start,
+        abuse::abandoned_connections_are_closed,
+        abuse::other_addresses_are_refused,
+        stops::fault_stops_a_cycle,
+        stops::lost_position_is_reported,
+        stops::run_started_elsewhere_is_stopped,
+        stops::stop_before_the_first_motion,
     ])
-    .requires(pymodbus::missing)
+    .requires(pymodbus::missing_pymodbus)
 }

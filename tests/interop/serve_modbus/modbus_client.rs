@@ -1,6 +1,6 @@
 //! pymodbus as the Modbus client.
 
-use crate::support::pymodbus::python;
+use crate::support::pymodbus::python_with_pymodbus;
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::sleep;
@@ -14,13 +14,13 @@ pub const RUN: usize = 6;
 pub const ACCEPTED: usize = 7;
 pub const REFUSED: usize = 8;
 pub const REFUSAL: usize = 9;
-const PATIENCE: Duration = Duration::from_secs(300);
+const STATUS_TIMEOUT: Duration = Duration::from_secs(300);
 
 pub struct ModbusClient {
     child: Child,
     requests: ChildStdin,
     answers: BufReader<ChildStdout>,
-    beat: u16,
+    heartbeat: u16,
 }
 
 impl Drop for ModbusClient {
@@ -32,80 +32,80 @@ impl Drop for ModbusClient {
 
 impl ModbusClient {
     pub fn new(port: u16) -> Self {
-        Self::from(port, "127.0.0.1")
+        Self::connect_from(port, "127.0.0.1")
     }
 
-    pub fn from(port: u16, address: &str) -> Self {
+    pub fn connect_from(port: u16, address: &str) -> Self {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/pymodbus/client.py");
-        let mut command = Command::new(python().unwrap());
+        let mut command = Command::new(python_with_pymodbus().unwrap());
         command.args([script, &port.to_string(), address]);
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let requests = child.stdin.take().unwrap();
         let answers = BufReader::new(child.stdout.take().unwrap());
-        let mut client = Self { child, requests, answers, beat: 0 };
-        assert_eq!(client.answer(), "ok", "no connection");
+        let mut client = Self { child, requests, answers, heartbeat: 0 };
+        assert_eq!(client.read_answer(), "ok", "no connection");
         client
     }
 
-    fn answer(&mut self) -> String {
+    fn read_answer(&mut self) -> String {
         let mut line = String::new();
         self.answers.read_line(&mut line).unwrap();
         line.trim().to_owned()
     }
 
-    pub fn ask(&mut self, request: &str) -> String {
+    pub fn request(&mut self, request: &str) -> String {
         writeln!(self.requests, "{request}").unwrap();
-        self.answer()
+        self.read_answer()
     }
 
-    pub fn numbers(&mut self, request: &str) -> Vec<u16> {
-        let said = self.ask(request);
+    pub fn request_registers(&mut self, request: &str) -> Vec<u16> {
+        let said = self.request(request);
         let numbers = said.split_whitespace().map(str::parse).collect::<Result<_, _>>();
         numbers.unwrap_or_else(|_| panic!("{request}: {said}"))
     }
 
     /// Reads the first registers and updates the heartbeat.
-    pub fn status(&mut self) -> Vec<u16> {
-        self.beat = self.beat.wrapping_add(1);
-        let beat = self.beat;
-        assert_eq!(self.ask(&format!("register 0 {beat}")), "ok");
-        self.numbers("input 0 16")
+    pub fn read_status(&mut self) -> Vec<u16> {
+        self.heartbeat = self.heartbeat.wrapping_add(1);
+        let beat = self.heartbeat;
+        assert_eq!(self.request(&format!("register 0 {beat}")), "ok");
+        self.request_registers("input 0 16")
     }
 
     /// Waits until the registers satisfy `right`; returns all values that were read.
-    pub fn until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
+    pub fn poll_until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
         let (started, mut seen) = (Instant::now(), Vec::new());
         loop {
-            seen.push(self.status());
+            seen.push(self.read_status());
             if right(seen.last().unwrap()) {
                 return seen;
             }
-            assert!(started.elapsed() < PATIENCE, "{:?}", seen.last());
+            assert!(started.elapsed() < STATUS_TIMEOUT, "{:?}", seen.last());
             sleep(Duration::from_millis(20));
         }
     }
 
     /// Sets key, automatic mode and door to their enabling states, with no button pressed, and updates the
     /// heartbeat.
-    pub fn enable(&mut self) {
-        assert_eq!(self.ask("coils 0 1 1 1 0 0"), "ok");
-        assert_eq!(self.ask("coils 11 0 0 0 0 0 0 0 0"), "ok");
-        self.until(|status| status[10] == 0b1111);
+    pub fn set_enable(&mut self) {
+        assert_eq!(self.request("coils 0 1 1 1 0 0"), "ok");
+        assert_eq!(self.request("coils 11 0 0 0 0 0 0 0 0"), "ok");
+        self.poll_until(|status| status[10] == 0b1111);
         sleep(Duration::from_millis(60));
     }
 
     /// Presses and releases a button.
-    pub fn press(&mut self, coil: u16) {
-        assert_eq!(self.ask(&format!("coil {coil} 1")), "ok");
-        assert_eq!(self.ask(&format!("coil {coil} 0")), "ok");
+    pub fn press_coil(&mut self, coil: u16) {
+        assert_eq!(self.request(&format!("coil {coil} 1")), "ok");
+        assert_eq!(self.request(&format!("coil {coil} 0")), "ok");
         sleep(Duration::from_millis(60));
     }
 
     /// Presses a start that must be refused; returns the reason.
-    pub fn refused(&mut self, coil: u16) -> u16 {
-        let before = self.status();
-        self.press(coil);
-        let after = self.status();
+    pub fn press_refused_coil(&mut self, coil: u16) -> u16 {
+        let before = self.read_status();
+        self.press_coil(coil);
+        let after = self.read_status();
         assert_eq!(after[REFUSED], before[REFUSED] + 1, "{after:?}");
         assert_eq!(after[ACCEPTED], before[ACCEPTED], "{after:?}");
         after[REFUSAL]

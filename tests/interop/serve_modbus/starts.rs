@@ -6,11 +6,11 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::modbus_client::{ACCEPTED, ModbusClient, PROGRESS, REFUSAL, RUN, STATE, VERDICT};
-use crate::support::machine_shop::{MODBUS, MachineShop};
+use crate::support::machine_shop::{MODBUS_SECTION, MachineShop};
 
 /// Output of `trued show`.
-fn stored(shop: &MachineShop, run: u16) -> Value {
-    shop.json(&["show", &run.to_string(), "--json"])
+fn stored_estimate(shop: &MachineShop, run: u16) -> Value {
+    shop.run_json(&["show", &run.to_string(), "--json"])
 }
 
 /// Finds `parameters` anywhere in the value.
@@ -25,46 +25,46 @@ fn parameters(value: &Value) -> Option<&Vec<Value>> {
     }
 }
 
-pub fn a_cycle() {
-    let shop = MachineShop::with_serve(MODBUS);
-    let daemon = shop.serve("fast");
+pub fn coil_starts_a_cycle() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    let daemon = shop.start_daemon("fast");
     let mut client = ModbusClient::new(daemon.modbus_port());
-    client.enable();
-    let before = client.status();
+    client.set_enable();
+    let before = client.read_status();
     assert_eq!((before[STATE], before[VERDICT], before[RUN]), (1, 0, 0), "{before:?}");
-    assert_eq!(client.ask("coil 11 1"), "ok");
-    let started = client.status();
+    assert_eq!(client.request("coil 11 1"), "ok");
+    let started = client.read_status();
     assert_eq!((started[STATE], started[ACCEPTED]), (2, 1), "{started:?}");
     // Released and pressed again while the run is active.
-    client.press(11);
-    assert_eq!(client.refused(11), 1);
-    assert_eq!(client.ask("coil 11 1"), "ok");
-    let seen = client.until(|status| status[STATE] != 2);
+    client.press_coil(11);
+    assert_eq!(client.press_refused_coil(11), 1);
+    assert_eq!(client.request("coil 11 1"), "ok");
+    let seen = client.poll_until(|status| status[STATE] != 2);
     let ended = seen.last().unwrap();
     assert_eq!((ended[STATE], ended[VERDICT], ended[RUN], ended[PROGRESS]), (1, 1, 1, 100));
     let progress: Vec<u16> = seen.iter().map(|status| status[PROGRESS]).collect();
     assert!(progress.is_sorted() && progress.iter().any(|p| (1..100).contains(p)), "{progress:?}");
     // The coil is still high.
     sleep(Duration::from_millis(300));
-    assert_eq!(client.status()[ACCEPTED], 1);
-    assert_eq!(shop.states(), ["finished"]);
-    deviations(&mut client, &shop);
+    assert_eq!(client.read_status()[ACCEPTED], 1);
+    assert_eq!(shop.run_states(), ["finished"]);
+    check_deviations(&mut client, &shop);
     // A second cycle.
-    client.enable();
-    client.press(11);
-    client.until(|status| status[STATE] == 1 && status[RUN] == 2);
+    client.set_enable();
+    client.press_coil(11);
+    client.poll_until(|status| status[STATE] == 1 && status[RUN] == 2);
     drop(client);
     assert_eq!(daemon.terminate(), 0);
-    assert_eq!(shop.states(), ["finished", "finished"]);
+    assert_eq!(shop.run_states(), ["finished", "finished"]);
 }
 
 /// Checks that the registers contain the values of the journal.
-fn deviations(client: &mut ModbusClient, shop: &MachineShop) {
-    let run = stored(shop, 1);
+fn check_deviations(client: &mut ModbusClient, shop: &MachineShop) {
+    let run = stored_estimate(shop, 1);
     let parameters = parameters(&run).expect("parameters");
-    assert_eq!(usize::from(client.status()[15]), parameters.len().min(12));
+    assert_eq!(usize::from(client.read_status()[15]), parameters.len().min(12));
     for (place, parameter) in parameters.iter().take(12).enumerate() {
-        let record = client.numbers(&format!("input {} 10", 100 + 10 * place));
+        let record = client.request_registers(&format!("input {} 10", 100 + 10 * place));
         let bytes: Vec<u8> = record[..4].iter().flat_map(|word| word.to_be_bytes()).collect();
         let symbol = String::from_utf8(bytes).unwrap();
         let expected: String = parameter["symbol"].as_str().unwrap().chars().take(8).collect();
@@ -79,75 +79,75 @@ fn deviations(client: &mut ModbusClient, shop: &MachineShop) {
     }
 }
 
-pub fn refusals() {
-    let shop = MachineShop::with_serve(MODBUS);
-    shop.change("min_interval_s = 0.0", "min_interval_s = 3600.0");
-    let daemon = shop.serve("fast");
+pub fn refused_starts() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    shop.replace_in_machine("min_interval_s = 0.0", "min_interval_s = 3600.0");
+    let daemon = shop.start_daemon("fast");
     let mut client = ModbusClient::new(daemon.modbus_port());
-    client.enable();
-    assert_eq!(client.refused(12), 4, "no cycle 2");
+    client.set_enable();
+    assert_eq!(client.press_refused_coil(12), 4, "no cycle 2");
     for (coil, why) in [(0, 5), (1, 6), (2, 7)] {
-        assert_eq!(client.ask(&format!("coil {coil} 0")), "ok");
-        assert_eq!(client.refused(11), why);
-        assert_eq!(client.ask(&format!("coil {coil} 1")), "ok");
+        assert_eq!(client.request(&format!("coil {coil} 0")), "ok");
+        assert_eq!(client.press_refused_coil(11), why);
+        assert_eq!(client.request(&format!("coil {coil} 1")), "ok");
     }
-    assert_eq!(client.ask("coil 3 1"), "ok");
-    assert_eq!(client.refused(11), 10, "stop is held down");
-    assert_eq!(client.ask("coil 3 0"), "ok");
-    assert_eq!(client.ask("coils 11 1 1"), "ok");
-    assert_eq!(client.status()[REFUSAL], 11, "two at once");
-    assert_eq!(client.ask("coils 11 0 0"), "ok");
-    client.press(4);
-    assert_eq!(client.status()[REFUSAL], 15, "nothing to acknowledge");
+    assert_eq!(client.request("coil 3 1"), "ok");
+    assert_eq!(client.press_refused_coil(11), 10, "stop is held down");
+    assert_eq!(client.request("coil 3 0"), "ok");
+    assert_eq!(client.request("coils 11 1 1"), "ok");
+    assert_eq!(client.read_status()[REFUSAL], 11, "two at once");
+    assert_eq!(client.request("coils 11 0 0"), "ok");
+    client.press_coil(4);
+    assert_eq!(client.read_status()[REFUSAL], 15, "nothing to acknowledge");
     // No run has begun so far.
-    assert_eq!(client.status()[ACCEPTED], 0);
-    client.press(11);
-    client.until(|status| status[STATE] == 1 && status[RUN] == 1);
-    assert_eq!(client.refused(11), 9, "too soon");
+    assert_eq!(client.read_status()[ACCEPTED], 0);
+    client.press_coil(11);
+    client.poll_until(|status| status[STATE] == 1 && status[RUN] == 1);
+    assert_eq!(client.press_refused_coil(11), 9, "too soon");
     let log = daemon.log().clone();
     for words in ["the external start is not enabled", "a guard is open", "less than `min_interval_s` ago"] {
         assert!(log.contains(words), "{words} in {log}");
     }
 }
 
-pub fn stale() {
-    let shop = MachineShop::with_serve(MODBUS);
-    let daemon = shop.serve("fast");
+pub fn stale_heartbeat_refuses_a_start() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    let daemon = shop.start_daemon("fast");
     let mut client = ModbusClient::new(daemon.modbus_port());
-    client.enable();
+    client.set_enable();
     sleep(Duration::from_millis(1100));
     // The heartbeat with the press is the first one after a pause.
-    assert_eq!(client.ask("coil 11 1"), "ok");
-    let status = client.numbers("input 0 16");
+    assert_eq!(client.request("coil 11 1"), "ok");
+    let status = client.request_registers("input 0 16");
     assert_eq!((status[ACCEPTED], status[REFUSAL], status[10]), (0, 8, 0), "{status:?}");
     // The heartbeat is back; a coil that rose meanwhile starts nothing.
-    client.until(|status| status[10] == 0b1111);
+    client.poll_until(|status| status[10] == 0b1111);
     sleep(Duration::from_millis(100));
-    assert_eq!(client.status()[ACCEPTED], 0);
+    assert_eq!(client.read_status()[ACCEPTED], 0);
     // The heartbeat continues at two counts per second or more.
-    let beat = client.status()[0];
+    let beat = client.read_status()[0];
     sleep(Duration::from_millis(1000));
-    assert!(client.status()[0].wrapping_sub(beat) >= 2);
+    assert!(client.read_status()[0].wrapping_sub(beat) >= 2);
 }
 
 /// Each run is captured in a separate file, from which it can be replayed.
-pub fn captures() {
-    let shop = MachineShop::with_serve(MODBUS);
-    let daemon = shop.serve_with(&["--capture", &shop.file("talk.capture")]);
+pub fn started_run_is_captured() {
+    let shop = MachineShop::with_serve(MODBUS_SECTION);
+    let daemon = shop.start_daemon_with(&["--capture", &shop.read_file("talk.capture")]);
     let mut client = ModbusClient::new(daemon.modbus_port());
-    client.enable();
+    client.set_enable();
     for run in 1..3 {
-        client.press(11);
-        client.until(|status| status[STATE] == 1 && status[RUN] == run);
+        client.press_coil(11);
+        client.poll_until(|status| status[STATE] == 1 && status[RUN] == run);
     }
     drop(client);
     assert_eq!(daemon.terminate(), 0);
-    assert!(!std::path::Path::new(&shop.file("talk-begun.capture")).exists());
+    assert!(!std::path::Path::new(&shop.read_file("talk-begun.capture")).exists());
     for run in ["1", "2"] {
-        let capture = shop.file(&format!("talk-{run}.capture"));
+        let capture = shop.read_file(&format!("talk-{run}.capture"));
         let method = "self-calibration";
-        let replay = ["run", method, "--json", "--machine", &shop.machine(), "--replay", &capture];
-        let (replayed, measured) = (shop.json(&replay), shop.json(&["show", run, "--json"]));
+        let replay = ["run", method, "--json", "--machine", &shop.machine_path(), "--replay", &capture];
+        let (replayed, measured) = (shop.run_json(&replay), shop.run_json(&["show", run, "--json"]));
         assert_eq!(Some(&replayed["parameters"]), parameters(&measured).map(|list| Value::from(list.clone())).as_ref());
     }
 }

@@ -10,28 +10,28 @@ use libtest_mimic::Failed;
 
 use crate::support::harness::{Pool, Trials, trials};
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
-const SCRIPTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketcan");
+const TRUED_PROGRAM: &str = env!("CARGO_BIN_EXE_trued");
+const SCRIPT_FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/socketcan");
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
 const LASER: &str = include_str!("../../../config/laser.toml");
 const SCENES: &str = include_str!("scenes");
-const WITHOUT: &str = include_str!("without");
+const SCENES_WITHOUT_CAN: &str = include_str!("without");
 
-const FRAMES: i64 = 10_000;
+const FRAME_COUNT: i64 = 10_000;
 /// Frames at which the counter skips, and the number of skipped counts.
-const LEFT_OUT: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
+const OMITTED_FRAMES: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
 
-const NO_CAN: &str = "the kernel of this computer does not support CAN";
+const NO_CAN_MESSAGE: &str = "the kernel of this computer does not support CAN";
 
-type Said = BTreeMap<String, String>;
+type GuestOutput = BTreeMap<String, String>;
 
-fn cache() -> Option<PathBuf> {
+fn guest_cache() -> Option<PathBuf> {
     let cache = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?.join("peers/socketcan");
     cache.join("complete").exists().then_some(cache)
 }
 
 /// A machine file whose laser has these connection keys.
-fn machine(reached: &str) -> String {
+fn machine_on_can(reached: &str) -> String {
     format!(
         "{MACHINE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
          direction = [0.0, 0.0, -1.0]\nrange_mm = [-100.0, 100.0]\n{reached}"
@@ -39,8 +39,8 @@ fn machine(reached: &str) -> String {
 }
 
 /// 24 bits, two's complement, 10 nm per count; a counter of 16 bits before the value and a status after it.
-fn on(interface: &str, timeout_s: f64) -> String {
-    machine(&format!(
+fn can_keys(interface: &str, timeout_s: f64) -> String {
+    machine_on_can(&format!(
         "[sensor.can]\ninterface = \"{interface}\"\nid = 0x181\ntimeout_s = {timeout_s:?}\n\
          order = \"big\"\nlength = 6\n\
          value = {{ byte = 2, width = 24, signed = true, scale_mm = 1e-5 }}\n\
@@ -51,7 +51,7 @@ fn on(interface: &str, timeout_s: f64) -> String {
 
 /// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points, because the
 /// guest is slow.
-fn scanning() -> String {
+fn scanning_machine() -> String {
     let memory = "speaks = \"can\"\nwire = \"memory\"\n";
     assert!(LASER.contains(memory));
     let text = LASER.replace(memory, "speaks = \"can\"\nwire = \"vcan0\"\n");
@@ -60,17 +60,17 @@ fn scanning() -> String {
 }
 
 /// On the host, whatever its kernel: refused, with advice.
-fn not_here() -> Result<(), Failed> {
+fn host_without_can_is_reported() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("machine.toml");
-    std::fs::write(&file, on("can-none", 0.1))?;
+    std::fs::write(&file, can_keys("can-none", 0.1))?;
     for words in [&["watch", "laser"][..], &["check"]] {
-        let mut command = Command::new(PROGRAM);
+        let mut command = Command::new(TRUED_PROGRAM);
         command.args(words).arg("--machine").arg(&file).arg("--state").arg(folder.path());
         let ended = command.output()?;
         let said = [ended.stderr, ended.stdout].concat();
         let said = String::from_utf8_lossy(&said);
-        let kernel = said.contains(NO_CAN) && said.contains("modprobe can can_raw");
+        let kernel = said.contains(NO_CAN_MESSAGE) && said.contains("modprobe can can_raw");
         let interface =
             said.contains("no CAN interface is named `can-none`") && said.contains("ip -brief link show type can");
         if ended.status.code() != Some(1) || !(kernel || interface) {
@@ -82,7 +82,7 @@ fn not_here() -> Result<(), Failed> {
 
 /// A log in candump's format: `count` frames at a distance of `apart` milliseconds, from the smallest to the
 /// largest value of 24 bits.
-fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
+fn candump_log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
     let mut text = String::new();
     for frame in 0..count {
         let more: i64 = left_out.iter().filter(|(at, _)| *at <= frame).map(|(_, more)| more).sum();
@@ -95,40 +95,41 @@ fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> Str
     text
 }
 
-fn missing() -> Option<&'static str> {
-    cache().is_none().then_some("the virtual machine is missing: tests/peers/socketcan/fetch")
+fn missing_guest() -> Option<&'static str> {
+    guest_cache().is_none().then_some("the virtual machine is missing: tests/peers/socketcan/fetch")
 }
 
-fn in_the_guest() -> Result<(), Failed> {
-    let cache = cache().ok_or("no virtual machine")?;
+fn scenes_in_the_guest() -> Result<(), Failed> {
+    let cache = guest_cache().ok_or("no virtual machine")?;
     let folder = tempfile::tempdir()?;
     let data = folder.path().join("data");
     std::fs::create_dir(&data)?;
     let twin = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"vcan0\"\n";
     for (name, text) in [
         ("scenes", SCENES.to_owned()),
-        ("stream.log", log(1, FRAMES, 65_000, &LEFT_OUT)),
-        ("before.log", log(1, 200, 0, &[])),
-        ("after.log", log(1, 200, 250, &[])),
-        ("without", WITHOUT.to_owned()),
-        ("half.log", log(2, 60_000, 0, &[])),
-        ("half.toml", on("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
-        ("quick.toml", on("vcan0", 0.5)),
-        ("patient.toml", on("vcan0", 30.0)),
-        ("none.toml", on("can7", 0.5)),
-        ("lo.toml", on("lo", 0.5)),
-        ("twin.toml", machine(twin)),
-        ("run.toml", scanning()),
+        ("stream.log", candump_log(1, FRAME_COUNT, 65_000, &OMITTED_FRAMES)),
+        ("before.log", candump_log(1, 200, 0, &[])),
+        ("after.log", candump_log(1, 200, 250, &[])),
+        ("without", SCENES_WITHOUT_CAN.to_owned()),
+        ("half.log", candump_log(2, 60_000, 0, &[])),
+        ("half.toml", can_keys("vcan0", 5.0).replace("[sensor.can]", "rate_hz = 1000.0\n[sensor.can]")),
+        ("quick.toml", can_keys("vcan0", 0.5)),
+        ("patient.toml", can_keys("vcan0", 30.0)),
+        ("none.toml", can_keys("can7", 0.5)),
+        ("lo.toml", can_keys("lo", 0.5)),
+        ("twin.toml", machine_on_can(twin)),
+        ("run.toml", scanning_machine()),
     ] {
         std::fs::write(data.join(name), text)?;
     }
     let image = folder.path().join("image");
-    let packed =
-        Command::new(format!("{SCRIPTS}/pack")).args([cache.as_path(), &data, Path::new(PROGRAM), &image]).output()?;
+    let packed = Command::new(format!("{SCRIPT_FOLDER}/pack"))
+        .args([cache.as_path(), &data, Path::new(TRUED_PROGRAM), &image])
+        .output()?;
     if !packed.status.success() {
         return Err(String::from_utf8_lossy(&packed.stderr).into_owned().into());
     }
-    let booted = Command::new(format!("{SCRIPTS}/boot")).args([&cache, &image]).output()?;
+    let booted = Command::new(format!("{SCRIPT_FOLDER}/boot")).args([&cache, &image]).output()?;
     let told = String::from_utf8_lossy(&booted.stdout).into_owned();
     print!("{told}");
     if !booted.status.success() {
@@ -138,16 +139,16 @@ fn in_the_guest() -> Result<(), Failed> {
         let (key, value) = line.split_once(' ')?;
         key.contains('.').then(|| (key.to_owned(), value.trim().to_owned()))
     };
-    judge(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
+    check_scene(&told.lines().filter_map(line).collect(), &told).map_err(Failed::from)
 }
 
-fn judge(said: &Said, told: &str) -> Result<(), String> {
-    let missing = LEFT_OUT.iter().map(|(_, more)| more).sum::<i64>();
+fn check_scene(said: &GuestOutput, told: &str) -> Result<(), String> {
+    let missing = OMITTED_FRAMES.iter().map(|(_, more)| more).sum::<i64>();
     let counts = [
         ("stream.status", 0),
-        ("stream.dumped", FRAMES),
-        ("stream.values", FRAMES),
-        ("stream.gaps", LEFT_OUT.len() as i64),
+        ("stream.dumped", FRAME_COUNT),
+        ("stream.values", FRAME_COUNT),
+        ("stream.gaps", OMITTED_FRAMES.len() as i64),
         ("stream.missing", missing),
         ("stream.stale", 0),
         ("down.values", 400),
@@ -187,14 +188,14 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
             return Err(format!("{symbol} is {came:?}, truly {truth}\n{told}"));
         }
     }
-    match WORDS.iter().find(|words| !told.contains(**words)) {
+    match SCENE_NAMES.iter().find(|words| !told.contains(**words)) {
         Some(words) => Err(format!("nobody said: {words}\n{told}")),
         None => Ok(()),
     }
 }
 
 /// Expected messages; output of `trued check` begins with the name of a scene.
-const WORDS: [&str; 11] = [
+const SCENE_NAMES: [&str; 11] = [
     "no CAN interface is named `can7`; available: vcan0",
     "`lo` is not a CAN interface; available: vcan0",
     "without: sensors FAILED         laser (frames 181 on CAN interface vcan0): the kernel of this computer does not support CAN",
@@ -211,5 +212,6 @@ const WORDS: [&str; 11] = [
 ];
 
 pub fn trials() -> Trials {
-    trials![Pool::Waiting, 0; not_here].and(trials![Pool::Alone, 120; in_the_guest].requires(missing))
+    trials![Pool::Waiting, 0; host_without_can_is_reported]
+        .with(trials![Pool::Alone, 120; scenes_in_the_guest].requires(missing_guest))
 }

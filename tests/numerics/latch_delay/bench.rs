@@ -7,14 +7,14 @@ use methods::{IdentifyError, Method};
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
-use crate::machine_text::{parsed, set};
+use crate::machine_text::{parse_machine_file, set_key};
 use crate::support::plan_player;
 
 /// The machine file as a table.
 #[derive(Clone)]
-pub struct World(Table);
+pub struct LatchDelayWorld(Table);
 
-impl World {
+impl LatchDelayWorld {
     pub fn with_a_round_part() -> Self {
         Self(include_str!("../../../config/simulated.toml").parse().unwrap())
     }
@@ -24,39 +24,39 @@ impl World {
     }
 
     /// Sets the value at `path`, keys joined by dots; missing tables are created.
-    pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
-        set(&mut self.0, path, value.into());
+    pub fn with_key(mut self, path: &str, value: impl Into<Value>) -> Self {
+        set_key(&mut self.0, path, value.into());
         self
     }
 
-    pub fn latched(self, delay_ms: f64, scan_ms: f64) -> Self {
-        self.with("simulated.latch.delay_ms", delay_ms).with("simulated.latch.scan_ms", scan_ms)
+    pub fn with_latch_delay(self, delay_ms: f64, scan_ms: f64) -> Self {
+        self.with_key("simulated.latch.delay_ms", delay_ms).with_key("simulated.latch.scan_ms", scan_ms)
     }
 
-    pub fn file(&self, seed: u64) -> MachineFile {
-        let seeded = self.clone().with("simulated.seed", seed as i64);
-        parsed(&seeded.0)
+    pub fn machine_file(&self, seed: u64) -> MachineFile {
+        let seeded = self.clone().with_key("simulated.seed", seed as i64);
+        parse_machine_file(&seeded.0)
     }
 
-    pub fn header(&self) -> (Box<dyn Method>, Plan) {
-        setup::plan_header(&self.file(1), "latch-delay", None).unwrap()
+    pub fn method_and_header(&self) -> (Box<dyn Method>, Plan) {
+        setup::plan_header(&self.machine_file(1), "latch-delay", None).unwrap()
     }
 
     /// Plan and readings when the plan is played on the world itself.
-    pub fn played(&self, seed: u64) -> (Plan, Vec<Reading>) {
-        let file = self.file(seed);
+    pub fn play_plan(&self, seed: u64) -> (Plan, Vec<Reading>) {
+        let file = self.machine_file(seed);
         let (method, header) = setup::plan_header(&file, "latch-delay", None).unwrap();
         let mut world = setup::build_world(&file).unwrap();
-        plan_player::measure(&mut world, method.as_ref(), header)
+        plan_player::measure_all_stages(&mut world, method.as_ref(), header)
     }
 
     pub fn estimate(&self, seed: u64) -> Estimate {
-        let (plan, readings) = self.played(seed);
-        identified(&plan, &readings).unwrap_or_else(|error| panic!("seed {seed}: {error}"))
+        let (plan, readings) = self.play_plan(seed);
+        identify(&plan, &readings).unwrap_or_else(|error| panic!("seed {seed}: {error}"))
     }
 }
 
-pub fn identified(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn identify(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let method = methods::configure_method("latch-delay", plan.settings.clone()).unwrap();
     method.identify(plan, readings)
 }
@@ -67,11 +67,11 @@ pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
 }
 
 /// Whether the parameter's interval contains the true value.
-pub fn covers(estimate: &Estimate, symbol: &str, truth: f64) -> bool {
+pub fn is_covered(estimate: &Estimate, symbol: &str, truth: f64) -> bool {
     let parameter = parameter(estimate, symbol);
     (parameter.value - truth).abs() <= parameter.expanded
 }
 
-pub fn says(lines: &[String], words: &str) -> bool {
+pub fn contains_text(lines: &[String], words: &str) -> bool {
     lines.iter().any(|line| line.contains(words))
 }

@@ -3,43 +3,43 @@
 use machine::record::plan::{Plan, Stage};
 use methods::{MethodRefusal, NextStage, PositionSource};
 
-use super::bench::World;
+use super::bench::LatchDelayWorld;
 
 /// The whole plan from nominal positions.
-fn planned(world: &World) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
-    let (method, plan) = world.header();
+fn plan_stages(world: &LatchDelayWorld) -> Result<(Plan, Vec<Stage>), MethodRefusal> {
+    let (method, plan) = world.method_and_header();
     methods::plan_nominal_stages(method.as_ref(), plan)
 }
 
-fn refused(world: &World, words: &str) {
-    let refused = planned(world).unwrap_err();
+fn assert_refused(world: &LatchDelayWorld, words: &str) {
+    let refused = plan_stages(world).unwrap_err();
     assert!(refused.reason.contains(words), "{}", refused.reason);
     assert!(!refused.remedy.is_empty());
 }
 
-fn with(key: &str, value: impl Into<toml::Value>) -> World {
-    World::with_a_round_part().with(key, value)
+fn world_with_key(key: &str, value: impl Into<toml::Value>) -> LatchDelayWorld {
+    LatchDelayWorld::with_a_round_part().with_key(key, value)
 }
 
 #[test]
-fn settings_that_measure_nothing_are_refused() {
-    refused(&with("method.latch-delay.touches", 2), "touches = 2 at each feed");
-    refused(&with("method.latch-delay.direction_deg", 400.0), "direction_deg is outside");
-    refused(&with("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times the measuring feed");
-    refused(&with("method.latch-delay.fast_feed_mm_min", -1.0), "at least 2 times the measuring feed");
-    refused(&with("method.latch-delay.fast_feed_mm_min", 1e9), "rapid rate of the axes, 20000 mm/min");
-    refused(&with("probe.search_feed_mm_min", 40.0), "at least 2 times the measuring feed");
-    refused(&with("artefact.axis", vec![1.0, 0.0, 0.0]), "upright");
-    refused(&with("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
+fn useless_settings_are_refused() {
+    assert_refused(&world_with_key("method.latch-delay.touches", 2), "touches = 2 at each feed");
+    assert_refused(&world_with_key("method.latch-delay.direction_deg", 400.0), "direction_deg is outside");
+    assert_refused(&world_with_key("method.latch-delay.fast_feed_mm_min", 45.0), "at least 2 times the measuring feed");
+    assert_refused(&world_with_key("method.latch-delay.fast_feed_mm_min", -1.0), "at least 2 times the measuring feed");
+    assert_refused(&world_with_key("method.latch-delay.fast_feed_mm_min", 1e9), "rapid rate of the axes, 20000 mm/min");
+    assert_refused(&world_with_key("probe.search_feed_mm_min", 40.0), "at least 2 times the measuring feed");
+    assert_refused(&world_with_key("artefact.axis", vec![1.0, 0.0, 0.0]), "upright");
+    assert_refused(&world_with_key("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
 }
 
 /// The acceleration distance of a fast touch is part of the touch, which is not longer than the overtravel: a
 /// stated fast feed that needs more is refused, a default one is lowered.
 #[test]
 fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
-    let weak = || with("axes.Y.acceleration_per_s2", 20.0);
-    refused(&weak().with("method.latch-delay.fast_feed_mm_min", 300.0), "overtravel");
-    let (plan, _) = planned(&weak()).unwrap();
+    let weak = || world_with_key("axes.Y.acceleration_per_s2", 20.0);
+    assert_refused(&weak().with_key("method.latch-delay.fast_feed_mm_min", 300.0), "overtravel");
+    let (plan, _) = plan_stages(&weak()).unwrap();
     let fast = plan.steps.iter().map(|step| step.feed_mm_min).skip(1).fold(0.0, f64::max);
     assert!((60.0..300.0).contains(&fast), "{fast}");
     // With 20 mm/s² and the part 2 mm nearer than stated, the feed is reached before contact.
@@ -50,8 +50,8 @@ fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
 }
 
 #[test]
-fn both_feeds_touch_one_place_in_turns() {
-    let (plan, stages) = planned(&World::with_a_round_part()).unwrap();
+fn feeds_alternate_at_one_position() {
+    let (plan, stages) = plan_stages(&LatchDelayWorld::with_a_round_part()).unwrap();
     assert_eq!(stages.iter().map(|stage| stage.steps.len()).collect::<Vec<_>>(), [1, 24]);
     assert!(plan.steps.iter().all(|step| step.from == plan.steps[0].from && step.to == plan.steps[0].to));
     let feeds: Vec<f64> = plan.steps.iter().map(|step| step.feed_mm_min).collect();
@@ -61,7 +61,7 @@ fn both_feeds_touch_one_place_in_turns() {
 /// The part is nearer than the start of its touches.
 #[test]
 fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
-    let (method, mut plan) = World::with_a_round_part().header();
+    let (method, mut plan) = LatchDelayWorld::with_a_round_part().method_and_header();
     let NextStage::Stage { stage, new_steps } = method.next_stage(&plan, &[], PositionSource::Nominal).unwrap() else {
         panic!("a search")
     };

@@ -15,21 +15,21 @@ mod models;
 
 use estimation::nonlinear::minimise_squares;
 use estimation::schur::{BlockRows, factorise};
-use file::{Dataset, read};
+use file::{Dataset, read_dataset};
 use models::{MODELS, Model};
 
 /// The data have so many digits that the residuals (1e-13 of values near 1) are mostly rounding errors of double
 /// precision: their sum of squares, and with it the standard deviations, has three digits.
-const ROUNDED_AWAY: &str = "Lanczos1";
+const DATASET_WITHOUT_RESIDUALS: &str = "Lanczos1";
 
-struct Found {
+struct CorrectDigits {
     /// Digits of the worst parameter, of the worst standard deviation, of the residual sum of squares.
-    digits: [f64; 3],
+    least_digits: [f64; 3],
     factors: usize,
 }
 
 /// Solves with the first `own` unknowns eliminated. The sigma of the readings is unknown: 1 for each.
-fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Found, String> {
+fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<CorrectDigits, String> {
     let unknowns = dataset.parameters.len();
     // The common unknowns come first.
     let turned = |b: &[f64], by: usize| -> Vec<f64> { [&b[by..], &b[..by]].concat() };
@@ -47,23 +47,23 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         }
         vec![rows]
     };
-    let found =
-        minimise_squares(turned(&dataset.starts[start], own), rows, residuals).map_err(|error| error.to_string())?;
+    let found = minimise_squares(turned(&dataset.start_values[start], own), rows, residuals)
+        .map_err(|error| error.to_string())?;
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.y.len() - unknowns) as f64).sqrt();
     // Linearised at the solution, because so many digits are required.
     let covariance = factorise(rows(&found.x)).0.covariance();
     let deviations: Vec<f64> = (0..unknowns).map(|j| scale * covariance[(j, j)].sqrt()).collect();
     let digits = [
-        digits(&turned(&found.x, unknowns - own), &dataset.parameters),
-        digits(&turned(&deviations, unknowns - own), &dataset.deviations),
-        digits(&[squares], &[dataset.squares]),
+        correct_digits(&turned(&found.x, unknowns - own), &dataset.parameters),
+        correct_digits(&turned(&deviations, unknowns - own), &dataset.standard_deviations),
+        correct_digits(&[squares], &[dataset.residual_sum_of_squares]),
     ];
-    Ok(Found { digits, factors: found.jacobian_count })
+    Ok(CorrectDigits { least_digits: digits, factors: found.jacobian_count })
 }
 
 /// Smallest number of correct digits, by the log relative error; 11 digits are certified.
-fn digits(found: &[f64], certified: &[f64]) -> f64 {
+fn correct_digits(found: &[f64], certified: &[f64]) -> f64 {
     assert_eq!(found.len(), certified.len());
     let each = found.iter().zip(certified).map(|(f, c)| -((f - c) / c).abs().log10());
     // A NaN counts as zero digits.
@@ -71,15 +71,15 @@ fn digits(found: &[f64], certified: &[f64]) -> f64 {
 }
 
 #[test]
-fn all_54_cases_to_six_digits_and_more_dense_and_eliminated() {
+fn all_54_cases_have_at_least_six_digits_dense_and_eliminated() {
     let mut short = Vec::new();
     let mut least = [11.0_f64; 3];
     println!("problem    start  eliminated  parameters  deviations  squares  Jacobians");
     for (name, model) in MODELS {
-        let dataset = read(name);
+        let dataset = read_dataset(name);
         for (start, own) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
             let case = format!("{name:<10} {:>5} {own:>11}", start + 1);
-            let Found { digits, factors } = match solve(&dataset, model, start, own) {
+            let CorrectDigits { least_digits: digits, factors } = match solve(&dataset, model, start, own) {
                 Ok(found) => found,
                 Err(why) => {
                     short.push(format!("{case}: {why}"));
@@ -88,16 +88,16 @@ fn all_54_cases_to_six_digits_and_more_dense_and_eliminated() {
             };
             let [parameters, deviations, squares] = digits;
             println!("{case} {parameters:>11.1} {deviations:>11.1} {squares:>8.1} {factors:>10}");
-            let wanted = if name == ROUNDED_AWAY { [7.0, 2.0, 2.0] } else { [7.0, 6.5, 9.0] };
+            let wanted = if name == DATASET_WITHOUT_RESIDUALS { [7.0, 2.0, 2.0] } else { [7.0, 6.5, 9.0] };
             if digits.iter().zip(wanted).any(|(digits, wanted)| *digits < wanted) {
                 short.push(format!("{case}: {digits:.1?} digits"));
             }
-            if name != ROUNDED_AWAY {
+            if name != DATASET_WITHOUT_RESIDUALS {
                 least = std::array::from_fn(|k| least[k].min(digits[k]));
             }
         }
     }
-    println!("least but for {ROUNDED_AWAY}: {least:.1?}");
+    println!("least but for {DATASET_WITHOUT_RESIDUALS}: {least:.1?}");
     assert!(short.is_empty(), "\n{}", short.join("\n"));
 }
 
@@ -117,10 +117,10 @@ fn the_table_is_complete() {
 
 /// Compares the analytic Jacobians with central differences at the second starting point.
 #[test]
-fn jacobians_agree_with_differences() {
+fn jacobians_agree_with_finite_differences() {
     for (name, model) in MODELS {
-        let dataset = read(name);
-        let b = &dataset.starts[1];
+        let dataset = read_dataset(name);
+        let b = &dataset.start_values[1];
         for x in &dataset.x {
             let (value, gradient) = model(b, x);
             for j in 0..b.len() {

@@ -6,8 +6,8 @@ use machine::{Axis, Position};
 use planning::{BallApproach, BallTask, TouchAccess};
 use trued::setup::{MachineFile, plan_header};
 
-use super::program::{Place, Rendered};
-use super::sabotage::{Act, Lines, Window, changed};
+use super::program::{RenderedPlan, StepLines};
+use super::sabotage::{LineRange, ProgramLines, Sabotage, change_words};
 
 pub const SAMBA: &str = include_str!("../../../config/samba.toml");
 /// B, C, S in degrees.
@@ -20,28 +20,28 @@ const INDEXATIONS: [[f64; 3]; 6] = [
     [90.0, 90.0, 90.0],
 ];
 /// Uncertainty of the ball positions in the slow touches, mm.
-const FOUND_WITHIN: f64 = 0.25;
+const FOUND_WITHIN_MM: f64 = 0.25;
 
 /// Two stages at each indexation: every accessible ball is searched for, then measured.
-pub fn rendered(dialect: &str) -> Rendered {
+pub fn render_dome(dialect: &str) -> RenderedPlan {
     let file = MachineFile::parse("samba.toml", SAMBA.to_owned()).unwrap();
     let (_, mut plan) = plan_header(&file, "samba", None).unwrap();
     let Artefact::Balls(balls) = plan.artefact.clone() else { panic!("balls") };
-    let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_WITHIN, ..balls.clone() });
+    let found = Artefact::Balls(Balls { uncertainty_mm: FOUND_WITHIN_MM, ..balls.clone() });
     let search = BallApproach::Search { uncertainty_mm: balls.uncertainty_mm, standoff_mm: 0.5 };
     let slow = BallApproach::Measure { standoff_mm: 0.5, search_mm: 1.0 };
     let mut stages = Vec::new();
     for degrees in INDEXATIONS {
         let axes = [Axis::B, Axis::C, Axis::S].into_iter().zip(degrees);
         let rotary: Position = axes.map(|(axis, at)| (axis, axis.to_mm_or_rad(at))).collect();
-        add(&mut plan, &mut stages, &balls, &rotary, (search, None));
-        add(&mut plan, &mut stages, &balls, &rotary, (slow, Some(found.clone())));
+        add_ball_steps(&mut plan, &mut stages, &balls, &rotary, (search, None));
+        add_ball_steps(&mut plan, &mut stages, &balls, &rotary, (slow, Some(found.clone())));
     }
     assert!(plan.steps.len() > 200, "{}", plan.steps.len());
-    Rendered::of(plan, stages, dialect)
+    RenderedPlan::render(plan, stages, dialect)
 }
 
-fn add(
+fn add_ball_steps(
     plan: &mut Plan,
     stages: &mut Vec<Stage>,
     balls: &Balls,
@@ -61,7 +61,7 @@ fn add(
     stages.push(Stage { id: stage, name: format!("stage {stage}"), repeat: 0, steps, found });
 }
 
-pub const BALLS: [(&str, Act); 6] = [
+pub const BALL_SABOTAGES: [(&str, Sabotage); 6] = [
     ("another ball's touch", another_ball),
     ("straight through the ball", |p, l, id| {
         let (_, opposite) = facing(p, id)?;
@@ -87,22 +87,22 @@ pub const BALLS: [(&str, Act); 6] = [
         same.then(|| after_back(p, l, id, &[inside]))
     }),
     ("S a quarter on", |p, l, id| {
-        let Place { orient, touch, .. } = oriented(p, id)?;
-        changed(l, orient?, &['R'], |r| (r + 90.0) % 360.0).then_some((orient?, touch))
+        let StepLines { orient_line: orient, touch_line: touch, .. } = step_with_spindle_orientation(p, id)?;
+        change_words(l, orient?, &['R'], |r| (r + 90.0) % 360.0).then_some((orient?, touch))
     }),
     ("S left out", |p, l, id| {
-        let Place { orient, touch, .. } = oriented(p, id)?;
+        let StepLines { orient_line: orient, touch_line: touch, .. } = step_with_spindle_orientation(p, id)?;
         l.remove(orient?);
         Some((orient? - 1, touch - 1))
     }),
 ];
 
 /// The first step of the same indexation: there the spindle turns.
-fn oriented(p: &Rendered, id: u32) -> Option<Place> {
-    (0..=id).rev().map(|id| p.place(id)).find(|place| place.orient.is_some())
+fn step_with_spindle_orientation(p: &RenderedPlan, id: u32) -> Option<StepLines> {
+    (0..=id).rev().map(|id| p.lines_of_step(id)).find(|place| place.orient_line.is_some())
 }
 
-fn step(p: &Rendered, id: u32) -> Option<&Step> {
+fn step(p: &RenderedPlan, id: u32) -> Option<&Step> {
     p.plan.steps.iter().find(|step| step.id == id)
 }
 
@@ -111,20 +111,20 @@ fn ball_of(step: &Step) -> Option<&str> {
 }
 
 /// All lines of the other ball's step, with the number of this step.
-fn another_ball(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
+fn another_ball(p: &RenderedPlan, l: &mut ProgramLines, id: u32) -> Option<LineRange> {
     let other = step(p, id + 5).filter(|other| other.stage == step(p, id).unwrap().stage)?;
     let differs = ball_of(other) != ball_of(step(p, id)?);
-    let (own, theirs) = (p.place(id), p.place(id + 5));
+    let (own, theirs) = (p.lines_of_step(id), p.lines_of_step(id + 5));
     let renamed = |line: &String| line.replacen(&format!("N{} ", id + 5), &format!("N{id} "), 1);
-    let lines: Lines = l[theirs.first..=theirs.last].iter().map(renamed).collect();
+    let lines: ProgramLines = l[theirs.first_line..=theirs.last_line].iter().map(renamed).collect();
     let count = lines.len();
-    l.splice(own.first..=own.last, lines);
-    differs.then_some((own.first, own.first + count - 1))
+    l.splice(own.first_line..=own.last_line, lines);
+    differs.then_some((own.first_line, own.first_line + count - 1))
 }
 
 /// Start positions of two touches that face each other across the ball, at the same height: this step and the
 /// second next.
-fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
+fn facing(p: &RenderedPlan, id: u32) -> Option<([f64; 3], [f64; 3])> {
     let (one, other) = (step(p, id)?, step(p, id + 2)?);
     let along = (0..3).map(|i| one.normal[i] * other.normal[i]).sum::<f64>();
     let level = one.normal[2].abs() < 1e-9;
@@ -135,8 +135,8 @@ fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
 
 /// Inserts guarded moves through these positions after the back-off; the last one must be refused, or an earlier
 /// one.
-fn after_back(p: &Rendered, l: &mut Lines, id: u32, places: &[[f64; 3]]) -> Window {
-    let at = p.place(id).back + 1;
+fn after_back(p: &RenderedPlan, l: &mut ProgramLines, id: u32, places: &[[f64; 3]]) -> LineRange {
+    let at = p.lines_of_step(id).back_off_line + 1;
     for (k, [x, y, z]) in places.iter().enumerate() {
         l.insert(at + k, format!("N{id} G38.3 X{x:.4} Y{y:.4} Z{z:.4} F300"));
     }

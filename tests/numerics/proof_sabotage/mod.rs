@@ -8,41 +8,41 @@ mod sabotage;
 use machine::record::artefact::Artefact;
 use machine::{Axis, Position};
 use planning::proof::ProofRefusal;
-use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
+use program::{GRBLHAL, LINUXCNC, RenderedPlan, SIMULATED};
 
 /// Seed for the drawn steps.
 const SEED: u64 = 20_250_314;
 
-fn with(file: &str, from: &str, to: &str) -> String {
+fn with_replacement(file: &str, from: &str, to: &str) -> String {
     assert!(file.contains(from), "{from}");
     file.replacen(from, to, 1)
 }
 
-fn settings(file: &str, settings: &str) -> String {
+fn with_settings(file: &str, settings: &str) -> String {
     if file.contains("[method.self-calibration]\n") && !file.contains("# [method.self-calibration]") {
         let head = "[method.self-calibration]\n";
-        return with(file, head, &format!("{head}{settings}\n"));
+        return with_replacement(file, head, &format!("{head}{settings}\n"));
     }
     format!("{file}\n[method.self-calibration]\n{settings}\n")
 }
 
 /// Name, machine file, dialect.
-fn programs() -> Vec<(&'static str, String, &'static str)> {
-    let table_side = with(SIMULATED, "V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Y-Z-S-t");
-    let sure = with(SIMULATED, "uncertainty_mm = 2.0", "uncertainty_mm = 0.2");
+fn methods_and_machines() -> Vec<(&'static str, String, &'static str)> {
+    let table_side = with_replacement(SIMULATED, "V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-X-F-Y-Z-S-t");
+    let sure = with_replacement(SIMULATED, "uncertainty_mm = 2.0", "uncertainty_mm = 0.2");
     let post = "[[keepout]]\nname = \"post\"\nmin_mm = [180, 150, -50]\nmax_mm = [250, 250, 400]\n";
     let fenced = format!("{SIMULATED}\n{post}");
     let clamp = "[[solid]]\nname = \"clamp\"\non = \"table\"\nfrom_mm = [70, -10, 0]\nto_mm = [110, 10, 130]\n";
     let clamped = format!("{SIMULATED}\n{clamp}");
-    let mirrored = with(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
+    let mirrored = with_replacement(SIMULATED, "[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
     vec![
         ("simulated, grbl", SIMULATED.to_owned(), "grbl"),
         ("simulated, linuxcnc", SIMULATED.to_owned(), "linuxcnc"),
-        ("follow", settings(SIMULATED, "spindle = \"follow\""), "linuxcnc"),
-        ("heights", settings(SIMULATED, "positions = 12\nheights_mm = [20, 80]"), "grbl"),
-        ("not located", settings(&sure, "locate = false"), "linuxcnc"),
-        ("far off", settings(SIMULATED, "standoff_mm = 1.5\nsearch_mm = 3.0"), "grbl"),
-        ("close by", settings(SIMULATED, "standoff_mm = 0.2\nsearch_mm = 0.4"), "grbl"),
+        ("follow", with_settings(SIMULATED, "spindle = \"follow\""), "linuxcnc"),
+        ("heights", with_settings(SIMULATED, "positions = 12\nheights_mm = [20, 80]"), "grbl"),
+        ("not located", with_settings(&sure, "locate = false"), "linuxcnc"),
+        ("far off", with_settings(SIMULATED, "standoff_mm = 1.5\nsearch_mm = 3.0"), "grbl"),
+        ("close by", with_settings(SIMULATED, "standoff_mm = 0.2\nsearch_mm = 0.4"), "grbl"),
         ("linuxcnc", LINUXCNC.to_owned(), "linuxcnc"),
         ("linuxcnc in grbl", LINUXCNC.to_owned(), "grbl"),
         ("grblhal", GRBLHAL.to_owned(), "grbl"),
@@ -55,25 +55,25 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
 }
 
 /// The programs of [`programs`], and two that measure balls.
-fn rendered() -> Vec<(String, Rendered)> {
-    let round = programs()
+fn render_all() -> Vec<(String, RenderedPlan)> {
+    let round = methods_and_machines()
         .into_iter()
-        .map(|(name, file, dialect)| (name.to_owned(), Rendered::new(&file, "self-calibration", dialect)));
-    let balls = ["linuxcnc", "grbl-m19"].map(|dialect| (format!("balls, {dialect}"), balls::rendered(dialect)));
+        .map(|(name, file, dialect)| (name.to_owned(), RenderedPlan::new(&file, "self-calibration", dialect)));
+    let balls = ["linuxcnc", "grbl-m19"].map(|dialect| (format!("balls, {dialect}"), balls::render_dome(dialect)));
     round.chain(balls).collect()
 }
 
 /// A position high above the middle, with all axes at zero.
-fn parked(rendered: &Rendered) -> Position {
+fn parking_position(rendered: &RenderedPlan) -> Position {
     let axes = rendered.plan.machine.axes.iter();
     axes.map(|(axis, spec)| (*axis, if *axis == Axis::Z { spec.max } else { 0.0 })).collect()
 }
 
 #[test]
 fn no_program_as_rendered_is_refused() {
-    let samba = Rendered::new(balls::SAMBA, "samba", "grbl-m19");
-    for (name, rendered) in rendered().into_iter().chain([("samba".to_owned(), samba)]) {
-        for stands in [None, Some(parked(&rendered))] {
+    let samba = RenderedPlan::new(balls::SAMBA, "samba", "grbl-m19");
+    for (name, rendered) in render_all().into_iter().chain([("samba".to_owned(), samba)]) {
+        for stands in [None, Some(parking_position(&rendered))] {
             let proof =
                 rendered.prove(&rendered.lines, stands.as_ref()).unwrap_or_else(|refusal| panic!("{name}: {refusal}"));
             assert_eq!(proof.steps.len(), rendered.plan.steps.len(), "{name}");
@@ -88,7 +88,7 @@ fn no_program_as_rendered_is_refused() {
 }
 
 /// splitmix64.
-fn drawn(seed: u64) -> u64 {
+fn draw_number(seed: u64) -> u64 {
     let mut z = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -97,10 +97,10 @@ fn drawn(seed: u64) -> u64 {
 
 /// Modifies `rendered` at a drawn step to which the modification applies; returns the refusal, and the expected
 /// window of its line.
-fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, String)> {
+fn sabotage_once(rendered: &RenderedPlan, act: sabotage::Sabotage, seed: u64) -> Option<(u32, String)> {
     let steps = rendered.plan.steps.len() as u64 - 2;
     (0..20).find_map(|attempt| {
-        let id = (drawn(seed + 1000 * attempt) % steps) as u32;
+        let id = (draw_number(seed + 1000 * attempt) % steps) as u32;
         let mut lines = rendered.lines.clone();
         let (low, high) = act(rendered, &mut lines, id)?;
         // For example, a touch from above has no Y to swap with X.
@@ -122,17 +122,17 @@ fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, Str
 fn every_sabotage_is_refused_and_its_line_named() {
     let mut count = 0;
     let mut unseen = Vec::new();
-    for (number, (name, rendered)) in rendered().into_iter().enumerate() {
+    for (number, (name, rendered)) in render_all().into_iter().enumerate() {
         let of_balls = matches!(rendered.plan.artefact, Artefact::Balls(_));
-        let more: &[_] = if of_balls { &balls::BALLS } else { &[] };
-        let all = sabotage::ALL.iter().chain(&sabotage::MORE).chain(more);
+        let more: &[_] = if of_balls { &balls::BALL_SABOTAGES } else { &[] };
+        let all = sabotage::SABOTAGES.iter().chain(&sabotage::EXTRA_SABOTAGES).chain(more);
         for (kind, (what, act)) in all.enumerate() {
             // Each kind in every third program; those of balls in both.
             if !of_balls && (number + kind) % 3 != 0 {
                 continue;
             }
             let seed = SEED + 100 * number as u64 + kind as u64;
-            let Some((step, wrong)) = spoil(&rendered, *act, seed) else { continue };
+            let Some((step, wrong)) = sabotage_once(&rendered, *act, seed) else { continue };
             count += 1;
             if !wrong.is_empty() {
                 unseen.push(format!("{name}, step {step}, {what}: {wrong}"));

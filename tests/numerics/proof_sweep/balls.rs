@@ -6,35 +6,38 @@ use rayon::prelude::*;
 
 use testing::population::population;
 
-use super::bodies::{Bench, Sampled, Seen, apart};
-use super::{Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict};
+use super::bodies::{RandomMachine, SampledBodies, SampledBody, least_distance};
+use super::{
+    Axes, COARSE_SPACING_MM, FINE_SPACING_MM, GUARDED_CLEARANCE_MM, Point, ProofCounts, RandomNumbers, Topology,
+    length, map_point_back, proof_result, subtract,
+};
 
 /// Clearance of a move, without the artefact's uncertainty: balls and stems may be touched by the stylus in a
 /// guarded move.
-fn need(guarded: bool, tool: usize) -> f64 {
+fn required_distance_mm(guarded: bool, tool: usize) -> f64 {
     match (guarded, tool) {
         (false, _) => MIN_UNGUARDED_CLEARANCE_MM,
-        (true, 2) => GUARDED_MM,
+        (true, 2) => GUARDED_CLEARANCE_MM,
         (true, _) => 0.0,
     }
 }
 
-struct Move {
-    bench: Bench,
+struct RandomMove {
+    bench: RandomMachine,
     from: Axes,
     to: Axes,
     guarded: bool,
 }
 
-impl Move {
+impl RandomMove {
     fn new(number: u64) -> Self {
-        let mut dice = Dice(number.wrapping_mul(0x2545_F491_4F6C_DD1D).wrapping_add(77));
-        let kind = if number.is_multiple_of(2) { Kind::Trunnion } else { Kind::Head };
-        let bench = Bench::new(&mut dice, kind);
-        let [b, c] = [dice.written(-40.0, 40.0), dice.written(-180.0, 180.0)];
+        let mut dice = RandomNumbers(number.wrapping_mul(0x2545_F491_4F6C_DD1D).wrapping_add(77));
+        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
+        let bench = RandomMachine::new(&mut dice, kind);
+        let [b, c] = [dice.uniform_rounded(-40.0, 40.0), dice.uniform_rounded(-180.0, 180.0)];
         let mut place = |low: f64, b: f64, c: f64| {
-            let tip = [dice.between(-90.0, 90.0), dice.between(-90.0, 90.0), dice.between(low, 130.0)];
-            bench.linear_for(tip, b, c)
+            let tip = [dice.uniform(-90.0, 90.0), dice.uniform(-90.0, 90.0), dice.uniform(low, 130.0)];
+            bench.linear_axes_for(tip, b, c)
         };
         let from = place(20.0, b, c);
         let mut to = place(20.0, b, c);
@@ -47,20 +50,20 @@ impl Move {
     }
 
     /// Smallest distance of all pairs minus their required clearance, and where it occurs.
-    fn slack(&self, spacing: f64, stride: f64, (low, high): (f64, f64)) -> (f64, f64, bool) {
+    fn least_slack(&self, spacing: f64, stride: f64, (low, high): (f64, f64)) -> (f64, f64, bool) {
         let Self { bench, from, to, guarded } = self;
-        let Seen { stylus, balls } = bench.seen(spacing);
+        let SampledBodies { stylus, balls } = bench.sample_bodies(spacing);
         let way = (0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>().sqrt();
         let turn = (to[3] - from[3]).abs() + (to[4] - from[4]).abs();
         let count = ((way + 3.0 * turn) * (high - low) / stride).ceil().max(1.0) as usize;
         let (mut least, mut met) = ((f64::INFINITY, 0.0), false);
         for step in 0..=count {
             let share = low + (high - low) * step as f64 / count as f64;
-            let at = bench.at(*from, *to, share);
+            let at = bench.poses_at(*from, *to, share);
             for (tool, body) in stylus.iter().enumerate() {
-                let keep = need(*guarded, tool) + bench.uncertainty;
+                let keep = required_distance_mm(*guarded, tool) + bench.uncertainty;
                 for work in balls.iter().flatten() {
-                    let apart = apart(&at, [body, work], [0.0; 3], least.0 + keep);
+                    let apart = least_distance(&at, [body, work], [0.0; 3], least.0 + keep);
                     met |= apart <= 0.0;
                     if apart - keep < least.0 {
                         least = (apart - keep, share);
@@ -71,25 +74,25 @@ impl Move {
         (least.0, least.1, met)
     }
 
-    fn look(number: u64, dialect: &Dialect) -> Count {
+    fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
         let case = Self::new(number);
         let plan = case.bench.plan([[900.0, 0.0, 0.0, 0.0, 0.0]; 2], [1.0, 0.0, 0.0]);
-        let refused = match verdict(&plan, (case.from, case.to), case.guarded, dialect) {
+        let refused = match proof_result(&plan, (case.from, case.to), case.guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
             RefusalReason::IncompleteStep(_) => false,
             other => panic!("{other}"),
         };
-        let (mut least, at, mut met) = case.slack(COARSE, 2.0, (0.0, 1.0));
-        if least > 0.0 && least < 2.0 * COARSE {
+        let (mut least, at, mut met) = case.least_slack(COARSE_SPACING_MM, 2.0, (0.0, 1.0));
+        if least > 0.0 && least < 2.0 * COARSE_SPACING_MM {
             let window = ((at - 0.03).max(0.0), (at + 0.03).min(1.0));
-            let (closer, _, meets) = case.slack(FINE / 2.0, 0.1, window);
+            let (closer, _, meets) = case.least_slack(FINE_SPACING_MM / 2.0, 0.1, window);
             (least, met) = (least.min(closer), met || meets);
         }
         let missed = u32::from(least < -1e-3 && !refused);
         if missed > 0 {
             eprintln!("move {number}: {least:.4} mm too near, and the proof lets it pass");
         }
-        Count {
+        ProofCounts {
             refused: u32::from(refused),
             collisions: u32::from(met),
             conservative: u32::from(refused && least > 0.0),
@@ -99,11 +102,11 @@ impl Move {
 }
 
 #[test]
-fn random_moves_among_balls_no_missed_collision() {
+fn proof_misses_no_collision_of_random_moves_among_balls() {
     let moves = population(3_000);
     let dialect = Dialect::from_name("grbl").unwrap();
-    let all = (0..moves).into_par_iter().map(|number| Move::look(number, &dialect));
-    let count = all.reduce(Count::default, Count::plus);
+    let all = (0..moves).into_par_iter().map(|number| RandomMove::check_proof(number, &dialect));
+    let count = all.reduce(ProofCounts::default, ProofCounts::add);
     println!("{moves} moves among balls: {count:?}");
     assert_eq!(count.missed, 0);
     assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");
@@ -112,9 +115,9 @@ fn random_moves_among_balls_no_missed_collision() {
 }
 
 /// A touch of one ball, aimed slightly off its centre.
-struct Touch {
-    bench: Bench,
-    meant: usize,
+struct RandomTouch {
+    bench: RandomMachine,
+    target_ball: usize,
     from: Axes,
     to: Axes,
     normal: Point,
@@ -123,80 +126,80 @@ struct Touch {
 }
 
 /// Distance of the trigger after contact, mm; braking from 30 mm/min takes less than a micrometre.
-const PRE_TRAVEL: f64 = 0.1;
-const STEPS: usize = 80;
+const PRE_TRAVEL_MM: f64 = 0.1;
+const STEPS_PER_TOUCH: usize = 80;
 
-impl Touch {
+impl RandomTouch {
     fn new(number: u64) -> Self {
-        let mut dice = Dice(number.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(5));
-        let kind = if number.is_multiple_of(2) { Kind::Trunnion } else { Kind::Head };
-        let bench = Bench::new(&mut dice, kind);
-        let meant = dice.between(0.0, bench.balls.len() as f64) as usize;
-        let [b, c] = [dice.written(-60.0, 60.0), dice.written(-180.0, 180.0)];
+        let mut dice = RandomNumbers(number.wrapping_mul(0xD134_2543_DE82_EF95).wrapping_add(5));
+        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
+        let bench = RandomMachine::new(&mut dice, kind);
+        let meant = dice.uniform(0.0, bench.balls.len() as f64) as usize;
+        let [b, c] = [dice.uniform_rounded(-60.0, 60.0), dice.uniform_rounded(-180.0, 180.0)];
         let here = [0.0, 0.0, 0.0, b, c];
         let table = bench.kind.table(here);
-        let way = [dice.between(-1.0, 1.0), dice.between(-1.0, 1.0), dice.between(-0.3, 1.0)];
+        let way = [dice.uniform(-1.0, 1.0), dice.uniform(-1.0, 1.0), dice.uniform(-0.3, 1.0)];
         let normal = way.map(|x| x / length(way));
-        let ((centre, radius), (_, tip)) = (bench.balls[meant][0].bound(), bench.stylus[0].bound());
-        let aside: Point = std::array::from_fn(|_| dice.between(-0.5, 0.5));
+        let ((centre, radius), (_, tip)) = (bench.balls[meant][0].bounding_sphere(), bench.stylus[0].bounding_sphere());
+        let aside: Point = std::array::from_fn(|_| dice.uniform(-0.5, 0.5));
         // Directions of the machine frame, expressed in the table's.
-        let turned = |p: Point| minus(unmapped(&table, p), unmapped(&table, [0.0; 3]));
+        let turned = |p: Point| subtract(map_point_back(&table, p), map_point_back(&table, [0.0; 3]));
         let out = turned(normal);
         let mut place = |low: f64, high: f64| {
-            let far = radius + tip + dice.between(low, high);
-            bench.linear_for(std::array::from_fn(|i| centre[i] + far * out[i] + aside[i]), b, c)
+            let far = radius + tip + dice.uniform(low, high);
+            bench.linear_axes_for(std::array::from_fn(|i| centre[i] + far * out[i] + aside[i]), b, c)
         };
         let (from, to) = (place(0.3, 1.6), place(-2.0, -0.2));
         let shifts = (0..24).map(|k| {
-            let p: Point = std::array::from_fn(|_| dice.between(-1.0, 1.0));
-            let full = if k % 4 == 0 { dice.between(0.0, 1.0) } else { 1.0 };
+            let p: Point = std::array::from_fn(|_| dice.uniform(-1.0, 1.0));
+            let full = if k % 4 == 0 { dice.uniform(0.0, 1.0) } else { 1.0 };
             p.map(|x| x * full * bench.uncertainty / length(p))
         });
         let shifts = shifts.collect();
-        Self { bench, meant, from, to, normal, shifts }
+        Self { bench, target_ball: meant, from, to, normal, shifts }
     }
 
     /// Whether the touch is safe if the ball has this shift.
-    fn is_well(&self, Seen { stylus, balls }: &Seen, shift: Point) -> bool {
-        let own = &balls[self.meant];
+    fn is_well(&self, SampledBodies { stylus, balls }: &SampledBodies, shift: Point) -> bool {
+        let own = &balls[self.target_ball];
         let length_mm = length(std::array::from_fn(|i| self.to[i] - self.from[i]));
-        let gap = |tool: usize, work: &Sampled, share: f64| {
-            apart(&self.bench.at(self.from, self.to, share), [&stylus[tool], work], shift, 1.0)
+        let gap = |tool: usize, work: &SampledBody, share: f64| {
+            least_distance(&self.bench.poses_at(self.from, self.to, share), [&stylus[tool], work], shift, 1.0)
         };
-        let shares = (0..=STEPS).map(|k| k as f64 / STEPS as f64);
+        let shares = (0..=STEPS_PER_TOUCH).map(|k| k as f64 / STEPS_PER_TOUCH as f64);
         let Some(contact) = shares.clone().find(|share| gap(0, &own[0], *share) <= 3e-3) else {
             return false;
         };
-        let stop = contact + PRE_TRAVEL / length_mm - 1.0 / STEPS as f64;
+        let stop = contact + PRE_TRAVEL_MM / length_mm - 1.0 / STEPS_PER_TOUCH as f64;
         contact > 0.0
             && shares.filter(|share| *share <= stop).all(|share| {
                 gap(0, &own[1], share) > 0.0
                     && gap(1, &own[0], share) > 0.0
                     && gap(1, &own[1], share) > 0.0
-                    && own.iter().all(|work| gap(2, work, share) > GUARDED_MM)
+                    && own.iter().all(|work| gap(2, work, share) > GUARDED_CLEARANCE_MM)
             })
     }
 
     /// Whether all other balls and stems, at all positions within their uncertainty, stay clear during the whole
     /// touch.
-    fn passes_the_others(&self, Seen { stylus, balls }: &Seen) -> bool {
-        let Self { bench, meant, .. } = self;
+    fn avoids_other_balls(&self, SampledBodies { stylus, balls }: &SampledBodies) -> bool {
+        let Self { bench, target_ball: meant, .. } = self;
         let others = balls.iter().enumerate().filter(|(k, _)| k != meant);
-        let others: Vec<&Sampled> = others.flat_map(|(_, ball)| ball).collect();
-        let keep = GUARDED_MM + bench.uncertainty;
-        (0..=STEPS / 4).all(|k| {
-            let at = bench.at(self.from, self.to, 4.0 * k as f64 / STEPS as f64);
+        let others: Vec<&SampledBody> = others.flat_map(|(_, ball)| ball).collect();
+        let keep = GUARDED_CLEARANCE_MM + bench.uncertainty;
+        (0..=STEPS_PER_TOUCH / 4).all(|k| {
+            let at = bench.poses_at(self.from, self.to, 4.0 * k as f64 / STEPS_PER_TOUCH as f64);
             stylus.iter().all(|tool| {
                 let far = keep + 1.0;
-                others.iter().all(|work| apart(&at, [tool, work], [0.0; 3], far) > keep - 1e-3)
+                others.iter().all(|work| least_distance(&at, [tool, work], [0.0; 3], far) > keep - 1e-3)
             })
         })
     }
 
-    fn look(number: u64, dialect: &Dialect) -> Count {
+    fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
         let case = Self::new(number);
         let plan = case.bench.plan([case.from, case.to], case.normal);
-        let refused = match verdict(&plan, (case.from, case.to), true, dialect) {
+        let refused = match proof_result(&plan, (case.from, case.to), true, dialect) {
             RefusalReason::IncompleteStep(_) => false,
             RefusalReason::ClearanceTooSmall { .. }
             | RefusalReason::TouchWithoutContact
@@ -204,13 +207,13 @@ impl Touch {
             | RefusalReason::WrongContactSide { .. } => true,
             other => panic!("{other}"),
         };
-        let seen = case.bench.seen(1.0);
+        let seen = case.bench.sample_bodies(1.0);
         let is_well = |shift: &Point| case.is_well(&seen, *shift);
-        let well = case.passes_the_others(&seen) && case.shifts.iter().all(is_well);
+        let well = case.avoids_other_balls(&seen) && case.shifts.iter().all(is_well);
         if !well && !refused {
             eprintln!("touch {number} is not well, and the proof lets it pass");
         }
-        Count {
+        ProofCounts {
             refused: u32::from(refused),
             collisions: u32::from(!well),
             conservative: u32::from(refused && well),
@@ -220,11 +223,11 @@ impl Touch {
 }
 
 #[test]
-fn random_touches_of_balls_none_that_goes_wrong() {
+fn proof_misses_no_wrong_random_touch_of_balls() {
     let touches = population(1_000);
     let dialect = Dialect::from_name("grbl").unwrap();
-    let all = (0..touches).into_par_iter().map(|number| Touch::look(number, &dialect));
-    let count = all.reduce(Count::default, Count::plus);
+    let all = (0..touches).into_par_iter().map(|number| RandomTouch::check_proof(number, &dialect));
+    let count = all.reduce(ProofCounts::default, ProofCounts::add);
     println!("{touches} touches: {count:?}");
     assert_eq!(count.missed, 0);
     // Twenty-four positions of a ball may miss its worst one.

@@ -5,7 +5,9 @@ use std::cell::OnceCell;
 use machine::record::plan::Plan;
 use serde_json::json;
 
-use super::{Axes, Dice, Kind, Matrix, Point, Solid, between, length, mapped, minus, unmapped};
+use super::{
+    Axes, Matrix, Point, RandomNumbers, Solid, Topology, length, map_point, map_point_back, relative_pose, subtract,
+};
 
 /// A rod with flat ends, or a ball, with its distance function.
 #[derive(Clone)]
@@ -19,57 +21,57 @@ impl Body {
         Body::Rod(Solid { from, to, radius: Some(radius) })
     }
 
-    pub fn bound(&self) -> (Point, f64) {
+    pub fn bounding_sphere(&self) -> (Point, f64) {
         match self {
             Body::Ball(centre, radius) => (*centre, *radius),
-            Body::Rod(solid) => (solid.middle(), solid.bound()),
+            Body::Rod(solid) => (solid.middle(), solid.bounding_radius()),
         }
     }
 
     /// Points, and a radius about each, that cover its surface, or nearly.
-    fn points(&self, spacing: f64) -> (Vec<Point>, f64) {
+    fn surface_points(&self, spacing: f64) -> (Vec<Point>, f64) {
         match self {
             Body::Ball(centre, radius) => (vec![*centre], *radius),
-            Body::Rod(solid) => (solid.surface(spacing), 0.0),
+            Body::Rod(solid) => (solid.surface_points(spacing), 0.0),
         }
     }
 
     fn distance(&self, p: Point) -> f64 {
         match self {
-            Body::Ball(centre, radius) => length(minus(p, *centre)) - radius,
+            Body::Ball(centre, radius) => length(subtract(p, *centre)) - radius,
             Body::Rod(solid) => solid.distance(p),
         }
     }
 }
 
 /// A body with its points, which are computed once, when another body comes near.
-pub struct Sampled<'a> {
+pub struct SampledBody<'a> {
     body: &'a Body,
     spacing: f64,
     points: OnceCell<(Vec<Point>, f64)>,
 }
 
-impl<'a> Sampled<'a> {
+impl<'a> SampledBody<'a> {
     pub fn new(body: &'a Body, spacing: f64) -> Self {
         Self { body, spacing, points: OnceCell::new() }
     }
 
     /// The smallest of these distances over its points.
-    fn least(&self, of: impl Fn(Point) -> f64) -> f64 {
-        let (points, radius) = self.points.get_or_init(|| self.body.points(self.spacing));
+    fn least_value(&self, of: impl Fn(Point) -> f64) -> f64 {
+        let (points, radius) = self.points.get_or_init(|| self.body.surface_points(self.spacing));
         points.iter().map(|p| of(*p)).fold(f64::INFINITY, f64::min) - radius
     }
 }
 
 /// All bodies of a bench, sampled.
-pub struct Seen<'a> {
-    pub stylus: [Sampled<'a>; 3],
-    pub balls: Vec<[Sampled<'a>; 2]>,
+pub struct SampledBodies<'a> {
+    pub stylus: [SampledBody<'a>; 3],
+    pub balls: Vec<[SampledBody<'a>; 2]>,
 }
 
 /// Bodies in the frames of the spindle and of the table.
-pub struct Bench {
-    pub kind: Kind,
+pub struct RandomMachine {
+    pub kind: Topology,
     /// Ball, stem and body of the probe.
     pub stylus: [Body; 3],
     /// Each ball with its stem.
@@ -78,42 +80,42 @@ pub struct Bench {
     pub uncertainty: f64,
 }
 
-pub const TIP: Point = [0.0, 0.0, -100.0];
+pub const STYLUS_TIP: Point = [0.0, 0.0, -100.0];
 
-impl Bench {
-    pub fn new(dice: &mut Dice, kind: Kind) -> Self {
-        let [x, y, z] = TIP;
-        let stem = dice.written(30.0, 60.0);
+impl RandomMachine {
+    pub fn new(dice: &mut RandomNumbers, kind: Topology) -> Self {
+        let [x, y, z] = STYLUS_TIP;
+        let stem = dice.uniform_rounded(30.0, 60.0);
         let high = |h: f64| [x, y, z + h];
         let stylus = [
-            Body::Ball(TIP, dice.written(1.0, 4.0)),
-            Body::rod(TIP, high(stem), dice.written(0.5, 1.0)),
-            Body::rod(high(stem), high(stem + 30.0), dice.written(8.0, 25.0)),
+            Body::Ball(STYLUS_TIP, dice.uniform_rounded(1.0, 4.0)),
+            Body::rod(STYLUS_TIP, high(stem), dice.uniform_rounded(0.5, 1.0)),
+            Body::rod(high(stem), high(stem + 30.0), dice.uniform_rounded(8.0, 25.0)),
         ];
-        let count = dice.between(2.0, 5.0) as usize;
+        let count = dice.uniform(2.0, 5.0) as usize;
         let (mut balls, mut stems) = (Vec::new(), Vec::new());
         for _ in 0..count {
-            let place = |dice: &mut Dice| dice.written(-80.0, 80.0);
-            let centre = [place(dice), place(dice), dice.written(20.0, 90.0)];
-            let radius = dice.written(5.0, 13.0);
-            let lean = |dice: &mut Dice| dice.written(-0.7, 0.7);
+            let place = |dice: &mut RandomNumbers| dice.uniform_rounded(-80.0, 80.0);
+            let centre = [place(dice), place(dice), dice.uniform_rounded(20.0, 90.0)];
+            let radius = dice.uniform_rounded(5.0, 13.0);
+            let lean = |dice: &mut RandomNumbers| dice.uniform_rounded(-0.7, 0.7);
             let way = [lean(dice), lean(dice), -1.0];
-            let long = dice.written(20.0, 70.0) / length(way);
+            let long = dice.uniform_rounded(20.0, 70.0) / length(way);
             let foot = std::array::from_fn(|i| centre[i] + long * way[i]);
-            let stem = Body::rod(centre, foot, dice.written(1.0, 0.4 * radius));
+            let stem = Body::rod(centre, foot, dice.uniform_rounded(1.0, 0.4 * radius));
             balls.push([Body::Ball(centre, radius), stem]);
             stems.push(way);
         }
-        Self { kind, stylus, balls, stems, uncertainty: dice.written(0.0, 1.0) }
+        Self { kind, stylus, balls, stems, uncertainty: dice.uniform_rounded(0.0, 1.0) }
     }
 
     pub fn plan(&self, [from, to]: [Axes; 2], normal: Point) -> Plan {
         let rod = |body: &Body| match body {
-            Body::Rod(Solid { from, to, radius }) => (radius.unwrap(), length(minus(*to, *from))),
+            Body::Rod(Solid { from, to, radius }) => (radius.unwrap(), length(subtract(*to, *from))),
             Body::Ball(_, radius) => (*radius, 0.0),
         };
         let balls = self.balls.iter().zip(&self.stems).enumerate().map(|(k, (ball, way))| {
-            let ((centre, radius), (stem, long)) = (ball[0].bound(), rod(&ball[1]));
+            let ((centre, radius), (stem, long)) = (ball[0].bounding_sphere(), rod(&ball[1]));
             json!({"id": k.to_string(), "centre_mm": centre, "radius_mm": radius, "stem": way,
                 "stem_radius_mm": stem, "stem_length_mm": long})
         });
@@ -122,7 +124,7 @@ impl Bench {
             (self.stylus.each_ref().map(rod), |[x, y, z, b, c]: Axes| json!({"X": x, "Y": y, "Z": z, "B": b, "C": c}));
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
-            "machine": {"name": "m", "topology": self.kind.topology(), "tool_mm": TIP,
+            "machine": {"name": "m", "topology": self.kind.topology(), "tool_mm": STYLUS_TIP,
                 "axes": self.kind.axes()},
             "probe": {"ball_radius_mm": ball.0, "stem_radius_mm": stem.0, "stem_length_mm": stem.1,
                 "body_radius_mm": body.0, "body_length_mm": body.1},
@@ -133,33 +135,33 @@ impl Bench {
         .unwrap()
     }
 
-    pub fn seen(&self, spacing: f64) -> Seen<'_> {
-        let sampled = |body| Sampled::new(body, spacing);
+    pub fn sample_bodies(&self, spacing: f64) -> SampledBodies<'_> {
+        let sampled = |body| SampledBody::new(body, spacing);
         let balls = self.balls.iter().map(|ball| ball.each_ref().map(sampled)).collect();
-        Seen { stylus: self.stylus.each_ref().map(sampled), balls }
+        SampledBodies { stylus: self.stylus.each_ref().map(sampled), balls }
     }
 
-    pub fn at(&self, from: Axes, to: Axes, share: f64) -> [Matrix; 2] {
+    pub fn poses_at(&self, from: Axes, to: Axes, share: f64) -> [Matrix; 2] {
         let axes = std::array::from_fn(|i| from[i] + share * (to[i] - from[i]));
         [self.kind.spindle(axes), self.kind.table(axes)]
     }
 
     /// Position of the tip in the table's frame.
     pub fn tip(&self, at: &[Matrix; 2]) -> Point {
-        unmapped(&at[1], mapped(&at[0], TIP))
+        map_point_back(&at[1], map_point(&at[0], STYLUS_TIP))
     }
 
     /// Linear axis positions for a tip position (table frame), which is linear in them.
-    pub fn linear_for(&self, tip: Point, b: f64, c: f64) -> Axes {
-        let tip_at = |axes: Axes| self.tip(&self.at(axes, axes, 0.0));
+    pub fn linear_axes_for(&self, tip: Point, b: f64, c: f64) -> Axes {
+        let tip_at = |axes: Axes| self.tip(&self.poses_at(axes, axes, 0.0));
         let zero = tip_at([0.0, 0.0, 0.0, b, c]);
         let unit = |k: usize| {
             let mut axes = [0.0, 0.0, 0.0, b, c];
             axes[k] = 1.0;
-            minus(tip_at(axes), zero)
+            subtract(tip_at(axes), zero)
         };
         // The three directions are orthonormal.
-        let off = minus(tip, zero);
+        let off = subtract(tip, zero);
         let dot = |k: usize| (0..3).map(|i| unit(k)[i] * off[i]).sum::<f64>();
         [dot(0), dot(1), dot(2), b, c].map(|value| (value * 1e4).round() / 1e4)
     }
@@ -167,16 +169,16 @@ impl Bench {
 
 /// Distance of a body of the stylus from one of the artefact, the latter shifted by `shift` (table frame);
 /// distances of `far` or more are not computed exactly.
-pub fn apart(at: &[Matrix; 2], [tool, work]: [&Sampled; 2], shift: Point, far: f64) -> f64 {
-    let (to_table, to_tool) = (between(&at[0], &at[1]), between(&at[1], &at[0]));
-    let to_table = |p: Point| minus(mapped(&to_table, p), shift);
-    let to_tool = |p: Point| mapped(&to_tool, std::array::from_fn(|i| p[i] + shift[i]));
-    let ((a, reach), (b, other)) = (tool.body.bound(), work.body.bound());
-    let loose = length(minus(to_table(a), b)) - reach - other;
+pub fn least_distance(at: &[Matrix; 2], [tool, work]: [&SampledBody; 2], shift: Point, far: f64) -> f64 {
+    let (to_table, to_tool) = (relative_pose(&at[0], &at[1]), relative_pose(&at[1], &at[0]));
+    let to_table = |p: Point| subtract(map_point(&to_table, p), shift);
+    let to_tool = |p: Point| map_point(&to_tool, std::array::from_fn(|i| p[i] + shift[i]));
+    let ((a, reach), (b, other)) = (tool.body.bounding_sphere(), work.body.bounding_sphere());
+    let loose = length(subtract(to_table(a), b)) - reach - other;
     if loose > far {
         return loose;
     }
-    let there = tool.least(|p| work.body.distance(to_table(p)));
-    let back = work.least(|p| tool.body.distance(to_tool(p)));
+    let there = tool.least_value(|p| work.body.distance(to_table(p)));
+    let back = work.least_value(|p| tool.body.distance(to_tool(p)));
     there.min(back)
 }

@@ -19,46 +19,46 @@ use testing::population::population;
 pub type Matrix = [[f64; 4]; 4];
 pub type Point = [f64; 3];
 
-pub fn times(a: &Matrix, b: &Matrix) -> Matrix {
+pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-pub fn moved([x, y, z]: Point) -> Matrix {
+pub fn translation([x, y, z]: Point) -> Matrix {
     [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
 }
 
 /// Rotation about the line through `at` parallel to X, Y or Z (0, 1, 2), degrees, right-handed.
-pub fn turned(axis: usize, at: Point, degrees: f64) -> Matrix {
+pub fn rotation(axis: usize, at: Point, degrees: f64) -> Matrix {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-    let mut turn = moved([0.0; 3]);
+    let mut turn = translation([0.0; 3]);
     (turn[i][i], turn[i][j], turn[j][i], turn[j][j]) = (cos, -sin, sin, cos);
-    times(&moved(at), &times(&turn, &moved(at.map(|x| -x))))
+    multiply(&translation(at), &multiply(&turn, &translation(at.map(|x| -x))))
 }
 
-fn mapped(m: &Matrix, p: Point) -> Point {
+fn map_point(m: &Matrix, p: Point) -> Point {
     std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
 }
 
 /// Applies the inverse of a rigid matrix to `p`.
-pub fn unmapped(m: &Matrix, p: Point) -> Point {
+pub fn map_point_back(m: &Matrix, p: Point) -> Point {
     let off: Point = std::array::from_fn(|i| p[i] - m[i][3]);
     std::array::from_fn(|i| m[0][i] * off[0] + m[1][i] * off[1] + m[2][i] * off[2])
 }
 
 /// Transformation from one frame into another: maps points of `from` to coordinates of `into`, both rigid.
-fn between(from: &Matrix, into: &Matrix) -> Matrix {
-    let origin = unmapped(into, [0.0; 3]);
-    let mut back = moved(origin);
+fn relative_pose(from: &Matrix, into: &Matrix) -> Matrix {
+    let origin = map_point_back(into, [0.0; 3]);
+    let mut back = translation(origin);
     (0..3).for_each(|i| (0..3).for_each(|j| back[i][j] = into[j][i]));
-    times(&back, from)
+    multiply(&back, from)
 }
 
 pub fn length(p: Point) -> f64 {
     (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt()
 }
 
-pub fn minus(a: Point, b: Point) -> Point {
+pub fn subtract(a: Point, b: Point) -> Point {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
@@ -74,8 +74,8 @@ impl Solid {
         std::array::from_fn(|i| (self.from[i] + self.to[i]) / 2.0)
     }
 
-    pub fn bound(&self) -> f64 {
-        (length(minus(self.to, self.from)) / 2.0).hypot(self.radius.unwrap_or(0.0))
+    pub fn bounding_radius(&self) -> f64 {
+        (length(subtract(self.to, self.from)) / 2.0).hypot(self.radius.unwrap_or(0.0))
     }
 
     /// Distance of a point from the solid, 0 inside.
@@ -87,27 +87,27 @@ impl Solid {
             };
             return length([beyond(0), beyond(1), beyond(2)]);
         };
-        let axis = minus(self.to, self.from);
+        let axis = subtract(self.to, self.from);
         let height = length(axis);
-        let off = minus(p, self.from);
+        let off = subtract(p, self.from);
         let along = (0..3).map(|i| off[i] * axis[i]).sum::<f64>() / height;
         let out = (length(off).powi(2) - along * along).max(0.0).sqrt();
         (-along).max(along - height).max(0.0).hypot((out - radius).max(0.0))
     }
 
     /// Points of the surface, such that every surface point is within `spacing` of one of them.
-    fn surface(&self, spacing: f64) -> Vec<Point> {
+    fn surface_points(&self, spacing: f64) -> Vec<Point> {
         match self.radius {
-            None => self.of_box(spacing),
-            Some(radius) => self.of_cylinder(radius, spacing),
+            None => self.box_points(spacing),
+            Some(radius) => self.cylinder_points(radius, spacing),
         }
     }
 
-    fn of_box(&self, spacing: f64) -> Vec<Point> {
+    fn box_points(&self, spacing: f64) -> Vec<Point> {
         let mut points = Vec::new();
         for face in 0..3 {
             let (i, j) = ((face + 1) % 3, (face + 2) % 3);
-            let size = minus(self.to, self.from);
+            let size = subtract(self.to, self.from);
             let counts = [i, j].map(|k| (size[k].abs() / spacing).ceil().max(1.0) as usize);
             for (a, b) in (0..=counts[0]).flat_map(|a| (0..=counts[1]).map(move |b| (a, b))) {
                 for side in [self.from[face], self.to[face]] {
@@ -122,8 +122,8 @@ impl Solid {
         points
     }
 
-    fn of_cylinder(&self, radius: f64, spacing: f64) -> Vec<Point> {
-        let axis = minus(self.to, self.from);
+    fn cylinder_points(&self, radius: f64, spacing: f64) -> Vec<Point> {
+        let axis = subtract(self.to, self.from);
         let height = length(axis);
         let unit: Point = axis.map(|x| x / height);
         let other = if unit[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
@@ -167,32 +167,32 @@ type Axes = [f64; 5];
 /// Two machines, written out by hand. ISO 841: an axis that carries the workpiece moves by minus the command;
 /// `reversed` inverts that.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+enum Topology {
     /// `w-C-B-F-Y-X-Z-t`: trunnion, C reversed; B turns about (5, 0, −20), C about (0, 3, 0).
     Trunnion,
     /// `w-C-Y-F-X-Z-B-t`: the table moves with Y, the head turns about (0, 0, 150), B reversed.
     Head,
 }
 
-impl Kind {
+impl Topology {
     fn topology(self) -> &'static str {
         match self {
-            Kind::Trunnion => "w-C-B-F-Y-X-Z-t",
-            Kind::Head => "w-C-Y-F-X-Z-B-t",
+            Topology::Trunnion => "w-C-B-F-Y-X-Z-t",
+            Topology::Head => "w-C-Y-F-X-Z-B-t",
         }
     }
 
     fn table(self, [_, y, _, b, c]: Axes) -> Matrix {
         match self {
-            Kind::Trunnion => times(&turned(1, [5.0, 0.0, -20.0], -b), &turned(2, [0.0, 3.0, 0.0], c)),
-            Kind::Head => times(&moved([0.0, -y, 0.0]), &turned(2, [0.0; 3], -c)),
+            Topology::Trunnion => multiply(&rotation(1, [5.0, 0.0, -20.0], -b), &rotation(2, [0.0, 3.0, 0.0], c)),
+            Topology::Head => multiply(&translation([0.0, -y, 0.0]), &rotation(2, [0.0; 3], -c)),
         }
     }
 
     fn spindle(self, [x, y, z, b, _]: Axes) -> Matrix {
         match self {
-            Kind::Trunnion => moved([x, y, z]),
-            Kind::Head => times(&moved([x, 0.0, z]), &turned(1, [0.0, 0.0, 150.0], -b)),
+            Topology::Trunnion => translation([x, y, z]),
+            Topology::Head => multiply(&translation([x, 0.0, z]), &rotation(1, [0.0, 0.0, 150.0], -b)),
         }
     }
 
@@ -201,8 +201,8 @@ impl Kind {
         let linear = json!({"min": -1000.0, "max": 1000.0});
         let turn = |positive: &str, point: Point| json!({"min": -720.0, "max": 720.0, "positive": positive, "point_mm": point});
         let (b, c) = match self {
-            Kind::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
-            Kind::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
+            Topology::Trunnion => (turn("iso", [5.0, 0.0, -20.0]), turn("reversed", [0.0, 3.0, 0.0])),
+            Topology::Head => (turn("reversed", [0.0, 0.0, 150.0]), turn("iso", [0.0; 3])),
         };
         json!({"X": linear, "Y": linear, "Z": linear, "B": b, "C": c})
     }
@@ -227,10 +227,10 @@ impl Kind {
 }
 
 /// splitmix64.
-struct Dice(u64);
+struct RandomNumbers(u64);
 
-impl Dice {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
+impl RandomNumbers {
+    fn uniform(&mut self, low: f64, high: f64) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -239,15 +239,15 @@ impl Dice {
     }
 
     /// A value with the resolution of the text.
-    fn written(&mut self, low: f64, high: f64) -> f64 {
-        (self.between(low, high) * 1e4).round() / 1e4
+    fn uniform_rounded(&mut self, low: f64, high: f64) -> f64 {
+        (self.uniform(low, high) * 1e4).round() / 1e4
     }
 
     fn solid(&mut self, centre: [(f64, f64); 3]) -> Solid {
-        let middle = centre.map(|(low, high)| self.written(low, high));
-        let mut half: Point = std::array::from_fn(|_| self.written(4.0, 35.0));
-        let radius = (self.between(0.0, 1.0) < 0.5).then(|| self.written(3.0, 30.0));
-        if radius.is_some() && self.between(0.0, 1.0) < 0.3 {
+        let middle = centre.map(|(low, high)| self.uniform_rounded(low, high));
+        let mut half: Point = std::array::from_fn(|_| self.uniform_rounded(4.0, 35.0));
+        let radius = (self.uniform(0.0, 1.0) < 0.5).then(|| self.uniform_rounded(3.0, 30.0));
+        if radius.is_some() && self.uniform(0.0, 1.0) < 0.3 {
             // Thin along Z, as stems and tables are.
             (half[0], half[1]) = (0.0, 0.0);
         }
@@ -256,8 +256,8 @@ impl Dice {
     }
 }
 
-struct Case {
-    kind: Kind,
+struct RandomMove {
+    kind: Topology,
     solids: [Solid; 3],
     from: Axes,
     to: Axes,
@@ -265,20 +265,20 @@ struct Case {
     guarded: bool,
 }
 
-impl Case {
+impl RandomMove {
     fn new(number: u64) -> Self {
-        let mut dice = Dice(number.wrapping_mul(0x5851_F42D_4C95_7F2D));
-        let kind = if number.is_multiple_of(2) { Kind::Trunnion } else { Kind::Head };
+        let mut dice = RandomNumbers(number.wrapping_mul(0x5851_F42D_4C95_7F2D));
+        let kind = if number.is_multiple_of(2) { Topology::Trunnion } else { Topology::Head };
         let tool = dice.solid([(-20.0, 20.0), (-20.0, 20.0), (-60.0, 60.0)]);
         let work = dice.solid([(-70.0, 70.0), (-70.0, 70.0), (-40.0, 60.0)]);
         let post = dice.solid([(-150.0, 150.0), (-150.0, 150.0), (-100.0, 150.0)]);
         let mut place = || -> Axes {
             [
-                dice.written(-110.0, 110.0),
-                dice.written(-110.0, 110.0),
-                dice.written(0.0, 180.0),
-                dice.written(-60.0, 60.0),
-                dice.written(-180.0, 180.0),
+                dice.uniform_rounded(-110.0, 110.0),
+                dice.uniform_rounded(-110.0, 110.0),
+                dice.uniform_rounded(0.0, 180.0),
+                dice.uniform_rounded(-60.0, 60.0),
+                dice.uniform_rounded(-180.0, 180.0),
             ]
         };
         let (from, mut to) = (place(), place());
@@ -289,20 +289,20 @@ impl Case {
         Self { kind, solids: [tool, work, post], from, to, guarded: number % 6 == 3 }
     }
 
-    fn at(&self, share: f64) -> [Matrix; 3] {
+    fn poses_at(&self, share: f64) -> [Matrix; 3] {
         let axes = std::array::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]));
-        [self.kind.spindle(axes), self.kind.table(axes), moved([0.0; 3])]
+        [self.kind.spindle(axes), self.kind.table(axes), translation([0.0; 3])]
     }
 
     /// Required clearance of the move, mm.
-    fn need(&self) -> f64 {
-        if self.guarded { GUARDED_MM } else { MIN_UNGUARDED_CLEARANCE_MM }
+    fn required_distance_mm(&self) -> f64 {
+        if self.guarded { GUARDED_CLEARANCE_MM } else { MIN_UNGUARDED_CLEARANCE_MM }
     }
 
     /// Whether the proof refuses the move.
     fn proof_refuses(&self, dialect: &Dialect) -> bool {
         let plan = self.kind.plan(&self.solids);
-        match verdict(&plan, (self.from, self.to), self.guarded, dialect) {
+        match proof_result(&plan, (self.from, self.to), self.guarded, dialect) {
             RefusalReason::ClearanceTooSmall { .. } => true,
             // The move itself was accepted.
             RefusalReason::IncompleteStep(_) => false,
@@ -312,8 +312,8 @@ impl Case {
 
     /// Smallest distance of a sampled surface point from the other solid, over all pairs and steps; distances above
     /// `far` may be left out.
-    fn sampled(&self, spacing: f64, stride: f64, far: f64, window: (f64, f64)) -> (f64, f64) {
-        let surfaces = self.solids.each_ref().map(|solid| solid.surface(spacing));
+    fn sampled_distances(&self, spacing: f64, stride: f64, far: f64, window: (f64, f64)) -> (f64, f64) {
+        let surfaces = self.solids.each_ref().map(|solid| solid.surface_points(spacing));
         let way = (0..3).map(|i| (self.to[i] - self.from[i]).powi(2)).sum::<f64>().sqrt();
         // A rotation of one degree moves a point at 230 mm by about 4 mm.
         let turn = (self.to[3] - self.from[3]).abs() + (self.to[4] - self.from[4]).abs();
@@ -321,9 +321,9 @@ impl Case {
         let mut best = (f64::INFINITY, 0.0);
         for step in 0..=count {
             let share = window.0 + (window.1 - window.0) * step as f64 / count as f64;
-            let at = self.at(share);
+            let at = self.poses_at(share);
             for (a, b) in [(0, 1), (0, 2), (1, 2)] {
-                let distance = self.apart(&at, &surfaces, a, b, far);
+                let distance = self.least_distance(&at, &surfaces, a, b, far);
                 if distance < best.0 {
                     best = (distance, share);
                 }
@@ -335,15 +335,15 @@ impl Case {
         best
     }
 
-    fn apart(&self, at: &[Matrix; 3], surfaces: &[Vec<Point>; 3], a: usize, b: usize, far: f64) -> f64 {
-        let centre = |i: usize| mapped(&at[i], self.solids[i].middle());
-        let reach = self.solids[a].bound() + self.solids[b].bound();
-        if length(minus(centre(a), centre(b))) - reach > far {
+    fn least_distance(&self, at: &[Matrix; 3], surfaces: &[Vec<Point>; 3], a: usize, b: usize, far: f64) -> f64 {
+        let centre = |i: usize| map_point(&at[i], self.solids[i].middle());
+        let reach = self.solids[a].bounding_radius() + self.solids[b].bounding_radius();
+        if length(subtract(centre(a), centre(b))) - reach > far {
             return f64::INFINITY;
         }
         let one_way = |from: usize, into: usize| {
-            let to_other = between(&at[from], &at[into]);
-            let seen = |p: &Point| self.solids[into].distance(mapped(&to_other, *p));
+            let to_other = relative_pose(&at[from], &at[into]);
+            let seen = |p: &Point| self.solids[into].distance(map_point(&to_other, *p));
             let distances = surfaces[from].iter().map(seen);
             distances.fold(f64::INFINITY, f64::min)
         };
@@ -351,15 +351,15 @@ impl Case {
     }
 }
 
-const LETTERS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
+const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 fn position(axes: Axes) -> Position {
-    LETTERS.iter().zip(axes).map(|(axis, value)| (*axis, axis.to_mm_or_rad(value))).collect()
+    AXES.iter().zip(axes).map(|(axis, value)| (*axis, axis.to_mm_or_rad(value))).collect()
 }
 
 /// Reason for which a program of one move is refused; the program is never complete.
-fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
-    let words: Vec<String> = LETTERS.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
+fn proof_result(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> RefusalReason {
+    let words: Vec<String> = AXES.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
     // The first guarded move may start at the current position: it follows a dwell.
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
@@ -378,20 +378,20 @@ fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Diale
 }
 
 #[derive(Default, Clone, Copy, Debug)]
-struct Count {
+struct ProofCounts {
     refused: u32,
     collisions: u32,
     conservative: u32,
     missed: u32,
 }
 
-const COARSE: f64 = 6.0;
-const FINE: f64 = 0.8;
+const COARSE_SPACING_MM: f64 = 6.0;
+const FINE_SPACING_MM: f64 = 0.8;
 /// Clearance of guarded moves from all bodies except the artefact, mm.
-const GUARDED_MM: f64 = 0.5;
+const GUARDED_CLEARANCE_MM: f64 = 0.5;
 
-impl Count {
-    fn plus(self, other: Self) -> Self {
+impl ProofCounts {
+    fn add(self, other: Self) -> Self {
         Self {
             refused: self.refused + other.refused,
             collisions: self.collisions + other.collisions,
@@ -401,23 +401,23 @@ impl Count {
     }
 }
 
-fn look(number: u64, dialect: &Dialect) -> Count {
-    let case = Case::new(number);
+fn check_proof(number: u64, dialect: &Dialect) -> ProofCounts {
+    let case = RandomMove::new(number);
     let refused = case.proof_refuses(dialect);
-    let need = case.need();
-    let far = need + 2.0 * COARSE;
-    let (mut least, at) = case.sampled(COARSE, 3.0, far, (0.0, 1.0));
+    let need = case.required_distance_mm();
+    let far = need + 2.0 * COARSE_SPACING_MM;
+    let (mut least, at) = case.sampled_distances(COARSE_SPACING_MM, 3.0, far, (0.0, 1.0));
     if least > need && least < far {
         // Between the coarse points: a fine check at the smallest distance.
         let window = ((at - 0.03).max(0.0), (at + 0.03).min(1.0));
-        least = least.min(case.sampled(FINE, 0.3, far, window).0);
+        least = least.min(case.sampled_distances(FINE_SPACING_MM, 0.3, far, window).0);
     }
     let seen = least < need - 1e-3;
     let missed = u32::from(seen && !refused);
     if missed > 0 {
         eprintln!("move {number}: a point comes within {least:.4} mm, and the proof lets it pass");
     }
-    Count {
+    ProofCounts {
         refused: u32::from(refused),
         collisions: u32::from(least <= 0.0),
         conservative: u32::from(refused && least > need),
@@ -426,10 +426,13 @@ fn look(number: u64, dialect: &Dialect) -> Count {
 }
 
 #[test]
-fn random_moves_no_missed_collision() {
+fn proof_misses_no_collision_of_random_moves() {
     let moves = population(10_000);
     let dialect = Dialect::from_name("grbl").unwrap();
-    let count = (0..moves).into_par_iter().map(|number| look(number, &dialect)).reduce(Count::default, Count::plus);
+    let count = (0..moves)
+        .into_par_iter()
+        .map(|number| check_proof(number, &dialect))
+        .reduce(ProofCounts::default, ProofCounts::add);
     println!("{moves} moves: {count:?}");
     assert_eq!(count.missed, 0);
     assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");

@@ -10,49 +10,49 @@ use planning::gcode::{Dialect, ProgramHeader};
 use planning::proof::{ProofRequest, StageSteps, prove_programs};
 use planning::{BlockStart, ConfirmedDirections, SafeHeights, end_position, touch_block};
 
-use super::{Matrix, Point, Solid, between, mapped, moved, times, turned};
+use super::{Matrix, Point, Solid, map_point, multiply, relative_pose, rotation, translation};
 
-const STARTS: u64 = 500;
+const START_COUNT: u64 = 500;
 /// Distance between two checks, mm: of points on one body, and along a path.
-const SPACING: f64 = 5.0;
-const STRIDE: f64 = 0.25;
+const POINT_SPACING_MM: f64 = 5.0;
+const MOVE_STRIDE_MM: f64 = 0.25;
 /// Travel of X, Y, Z, mm; at its ends a limit switch stops the machine, and with it the run.
-const TRAVEL: [[f64; 2]; 3] = [[-250.0, 250.0], [-250.0, 250.0], [-50.0, 450.0]];
+const TRAVEL_MM: [[f64; 2]; 3] = [[-250.0, 250.0], [-250.0, 250.0], [-50.0, 450.0]];
 
 /// Acceleration of X, Y and Z, mm/s².
-const ACCELERATION: f64 = 2000.0;
+const ACCELERATION_MM_S2: f64 = 2000.0;
 
 /// X, Y, Z in mm, B and C in degrees.
 type Axes = [f64; 5];
 
 /// A body of the tool: points, and a radius about each.
-struct Part {
-    felt: bool,
+struct ProbePart {
+    triggers_probe: bool,
     points: Vec<Point>,
     radius: f64,
 }
 
 /// `config/simulated.toml`, written out by hand.
-struct World {
-    tool: Vec<Part>,
+struct TrueMachine {
+    tool: Vec<ProbePart>,
     part: Solid,
     table: Solid,
     cradle: Solid,
 }
 
-impl World {
+impl TrueMachine {
     fn new() -> Self {
         let upright =
             |from: f64, to: f64, radius| Solid { from: [0.0, 0.0, from], to: [0.0, 0.0, to], radius: Some(radius) };
         let stem = (0..=95).map(|z| [0.0, 0.0, f64::from(z) - 120.0]).collect();
         let solid = |solid: Solid| {
-            let (points, radius) = (solid.surface(SPACING), 0.0);
-            Part { felt: false, points, radius }
+            let (points, radius) = (solid.surface_points(POINT_SPACING_MM), 0.0);
+            ProbePart { triggers_probe: false, points, radius }
         };
         Self {
             tool: vec![
-                Part { felt: true, points: vec![[0.0, 0.0, -120.0]], radius: 3.0 },
-                Part { felt: true, points: stem, radius: 1.5 },
+                ProbePart { triggers_probe: true, points: vec![[0.0, 0.0, -120.0]], radius: 3.0 },
+                ProbePart { triggers_probe: true, points: stem, radius: 1.5 },
                 solid(upright(-25.0, 0.0, 20.0)),
                 solid(upright(0.0, 150.0, 50.0)),
             ],
@@ -63,18 +63,18 @@ impl World {
     }
 
     /// Distance to the nearest body, of the stylus and of the other tool bodies.
-    fn gaps(&self, [x, y, z, b, c]: Axes) -> [f64; 2] {
-        let spindle = moved([x, y, z]);
-        let swung: Matrix = turned(1, [0.0; 3], -b);
-        let table = times(&swung, &turned(2, [0.0; 3], -c));
+    fn distances_mm(&self, [x, y, z, b, c]: Axes) -> [f64; 2] {
+        let spindle = translation([x, y, z]);
+        let swung: Matrix = rotation(1, [0.0; 3], -b);
+        let table = multiply(&swung, &rotation(2, [0.0; 3], -c));
         let obstacles = [(&self.part, table), (&self.table, table), (&self.cradle, swung)];
         let mut gaps = [f64::INFINITY; 2];
         for (obstacle, frame) in obstacles {
-            let seen = between(&spindle, &frame);
+            let seen = relative_pose(&spindle, &frame);
             for part in &self.tool {
-                let gap = &mut gaps[usize::from(!part.felt)];
+                let gap = &mut gaps[usize::from(!part.triggers_probe)];
                 for point in &part.points {
-                    *gap = gap.min(obstacle.distance(mapped(&seen, *point)) - part.radius);
+                    *gap = gap.min(obstacle.distance(map_point(&seen, *point)) - part.radius);
                 }
             }
         }
@@ -84,7 +84,7 @@ impl World {
 
 /// Result of a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum End {
+enum WalkEnd {
     ConfirmedDirections,
     /// The stylus touched a body on a guarded move.
     GuardedContact,
@@ -94,12 +94,12 @@ enum End {
     Refused,
 }
 
-fn axes(position: &Position) -> Axes {
+fn axes_of(position: &Position) -> Axes {
     [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C].map(|axis| axis.to_mm_or_deg(position.get_or_zero(axis)))
 }
 
 /// First share of a straight path at which `free` is not positive: by steps no longer than the free distance.
-fn first(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
+fn first_contact_share(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
     let at = |share: f64| std::array::from_fn(|i| way[0][i] + share * (way[1][i] - way[0][i]));
     let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
     // No point of the table is farther than 300 mm from the axes.
@@ -114,67 +114,67 @@ fn first(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
         if share >= 1.0 || length == 0.0 {
             return None;
         }
-        share = (share + gap.max(STRIDE) / length).min(1.0);
+        share = (share + gap.max(MOVE_STRIDE_MM) / length).min(1.0);
     }
 }
 
 /// The true motion of the machine.
-struct Walk<'a> {
-    world: &'a World,
-    off: Point,
-    wrong: Vec<String>,
+struct SimulatedWalk<'a> {
+    world: &'a TrueMachine,
+    start_error: Point,
+    violations: Vec<String>,
 }
 
-impl Walk<'_> {
-    fn truly(&self, believed: &Position) -> Axes {
-        let mut axes = axes(believed);
-        (0..3).for_each(|i| axes[i] += self.off[i]);
+impl SimulatedWalk<'_> {
+    fn true_axes(&self, believed: &Position) -> Axes {
+        let mut axes = axes_of(believed);
+        (0..3).for_each(|i| axes[i] += self.start_error[i]);
         axes
     }
 
     /// Position of the machine after braking from a contact at this share of the path.
-    fn at_rest(&self, way: [Axes; 2], share: f64, feed_mm_min: f64) -> Axes {
+    fn stopping_axes(&self, way: [Axes; 2], share: f64, feed_mm_min: f64) -> Axes {
         let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
-        let brakes = (feed_mm_min / 60.0).powi(2) / 2.0 / ACCELERATION;
+        let brakes = (feed_mm_min / 60.0).powi(2) / 2.0 / ACCELERATION_MM_S2;
         let end = (share + brakes / super::length(linear)).min(1.0);
         std::array::from_fn(|i| way[0][i] + end * (way[1][i] - way[0][i]))
     }
 
     /// `Some`: the run ends here.
-    fn go(&mut self, from: &Position, motion: &Motion) -> Option<End> {
+    fn execute_motion(&mut self, from: &Position, motion: &Motion) -> Option<WalkEnd> {
         let to = end_position([motion], from);
-        let mut way = [self.truly(from), self.truly(&to)];
+        let mut way = [self.true_axes(from), self.true_axes(&to)];
         let mut beyond = false;
-        for (to, [low, high]) in way[1].iter_mut().zip(TRAVEL) {
+        for (to, [low, high]) in way[1].iter_mut().zip(TRAVEL_MM) {
             beyond |= !(low - 0.01..=high + 0.01).contains(to);
             *to = to.clamp(low, high);
         }
         let said = |what: &str| format!("{what} on {motion:?} from {way:?}");
         let (unguarded, other) = (said("the stylus met something"), said("another body met something"));
-        let met = first(way, |at| self.world.gaps(at)[0]);
+        let met = first_contact_share(way, |at| self.world.distances_mm(at)[0]);
         match (motion, met) {
             (Motion::Guarded { feed_mm_min, .. } | Motion::Probe { feed_mm_min, .. }, Some(share)) => {
-                way[1] = self.at_rest(way, share, *feed_mm_min);
+                way[1] = self.stopping_axes(way, share, *feed_mm_min);
             }
             (Motion::BackOff { .. }, _) | (_, None) => {}
-            (_, Some(_)) => self.wrong.push(unguarded),
+            (_, Some(_)) => self.violations.push(unguarded),
         }
-        if first(way, |at| self.world.gaps(at)[1]).is_some() {
-            self.wrong.push(other);
+        if first_contact_share(way, |at| self.world.distances_mm(at)[1]).is_some() {
+            self.violations.push(other);
         }
         let met = met.is_some() && !matches!(motion, Motion::BackOff { .. });
         match (motion, met, beyond) {
             (Motion::Probe { .. }, true, _) => None,
-            (_, true, _) => Some(End::GuardedContact),
-            (_, false, true) => Some(End::AtLimit),
-            (Motion::Probe { .. }, false, _) => Some(End::NoContact),
+            (_, true, _) => Some(WalkEnd::GuardedContact),
+            (_, false, true) => Some(WalkEnd::AtLimit),
+            (Motion::Probe { .. }, false, _) => Some(WalkEnd::NoContact),
             _ => None,
         }
     }
 }
 
 /// A pseudo-random number from 0 to 1.
-fn drawn(seed: u64, number: u64) -> f64 {
+fn uniform_draw(seed: u64, number: u64) -> f64 {
     let mut z = (seed * 64 + number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -183,19 +183,20 @@ fn drawn(seed: u64, number: u64) -> f64 {
 
 /// Position that the control reports, and the true offset of X, Y and Z from it. Every fifth offset is at most 3
 /// mm. The true position is free of collisions.
-fn start(world: &World, seed: u64) -> (Position, Point) {
+fn random_start(world: &TrueMachine, seed: u64) -> (Position, Point) {
     (0..)
         .find_map(|attempt| {
-            let draw = |number| drawn(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
+            let draw = |number| uniform_draw(seed, 8 * (attempt % 7) + number) + 0.137 * (attempt / 7) as f64;
             let draw = |number| draw(number).fract();
             let most = if seed.is_multiple_of(5) { 3.0 } else { 300.0 };
             let off: Point = std::array::from_fn(|i| most * (2.0 * draw(i as u64) - 1.0));
-            let within = |i: usize| TRAVEL[i][0] + draw(3 + i as u64) * (TRAVEL[i][1] - TRAVEL[i][0]);
+            let within = |i: usize| TRAVEL_MM[i][0] + draw(3 + i as u64) * (TRAVEL_MM[i][1] - TRAVEL_MM[i][0]);
             let believed: Point = std::array::from_fn(within);
-            let c = 360.0 * drawn(seed, 63) - 180.0;
+            let c = 360.0 * uniform_draw(seed, 63) - 180.0;
             let truly: Point = std::array::from_fn(|i| believed[i] + off[i]);
-            let inside = (0..3).all(|i| (TRAVEL[i][0]..=TRAVEL[i][1]).contains(&truly[i]));
-            let free = inside && world.gaps([truly[0], truly[1], truly[2], 0.0, c]).iter().all(|gap| *gap > 0.5);
+            let inside = (0..3).all(|i| (TRAVEL_MM[i][0]..=TRAVEL_MM[i][1]).contains(&truly[i]));
+            let free =
+                inside && world.distances_mm([truly[0], truly[1], truly[2], 0.0, c]).iter().all(|gap| *gap > 0.5);
             let position = [Axis::X, Axis::Y, Axis::Z].into_iter().zip(believed).collect::<Position>();
             let position = position.with(Axis::B, 0.0).with(Axis::C, c.to_radians());
             free.then_some((position.with(Axis::S, 0.0), off))
@@ -204,7 +205,7 @@ fn start(world: &World, seed: u64) -> (Position, Point) {
 }
 
 /// The steps that locate the part.
-fn locating() -> Plan {
+fn locating_plan() -> Plan {
     let text = include_str!("../../../config/simulated.toml").to_owned();
     let file = trued::setup::MachineFile::parse("simulated.toml", text).unwrap();
     let (method, mut plan) = trued::setup::plan_header(&file, "self-calibration", None).unwrap();
@@ -216,7 +217,7 @@ fn locating() -> Plan {
 }
 
 /// The stage as a run plans it from the position that the control reports.
-fn blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
+fn locating_blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
     let clearance = SafeHeights::above_plan_artefact(plan).unwrap();
     let (mut stands, mut confirmed) = (believed.clone(), ConfirmedDirections::default());
     let mut blocks = Vec::new();
@@ -243,15 +244,15 @@ fn blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
     prove_programs(&request).is_ok().then_some(blocks)
 }
 
-fn run(world: &World, plan: &Plan, seed: u64) -> (End, Point, Vec<String>) {
-    let (believed, off) = start(world, seed);
-    let Some(blocks) = blocks(plan, &believed) else { return (End::Refused, off, Vec::new()) };
-    let mut walk = Walk { world, off, wrong: Vec::new() };
+fn run_start(world: &TrueMachine, plan: &Plan, seed: u64) -> (WalkEnd, Point, Vec<String>) {
+    let (believed, off) = random_start(world, seed);
+    let Some(blocks) = locating_blocks(plan, &believed) else { return (WalkEnd::Refused, off, Vec::new()) };
+    let mut walk = SimulatedWalk { world, start_error: off, violations: Vec::new() };
     let (mut stands, mut confirmed) = (believed, ConfirmedDirections::default());
     let mut end = None;
     'run: for (block, step) in blocks.iter().zip(&plan.steps) {
         for motion in &block.motions {
-            if let Some(ended) = walk.go(&stands, motion) {
+            if let Some(ended) = walk.execute_motion(&stands, motion) {
                 end = Some(ended);
                 break 'run;
             }
@@ -259,20 +260,22 @@ fn run(world: &World, plan: &Plan, seed: u64) -> (End, Point, Vec<String>) {
         }
         confirmed = confirmed.after_step(step);
         if confirmed.is_all() {
-            end = Some(End::ConfirmedDirections);
+            end = Some(WalkEnd::ConfirmedDirections);
             break;
         }
     }
-    (end.unwrap(), off, walk.wrong)
+    (end.unwrap(), off, walk.violations)
 }
 
 #[test]
 fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     use rayon::prelude::*;
-    let (world, plan) = (World::new(), locating());
-    let ends: Vec<_> = (0..STARTS).into_par_iter().map(|seed| run(&world, &plan, seed)).collect();
-    let count = |end: End| ends.iter().filter(|(is, ..)| *is == end).count();
-    for end in [End::ConfirmedDirections, End::GuardedContact, End::NoContact, End::AtLimit, End::Refused] {
+    let (world, plan) = (TrueMachine::new(), locating_plan());
+    let ends: Vec<_> = (0..START_COUNT).into_par_iter().map(|seed| run_start(&world, &plan, seed)).collect();
+    let count = |end: WalkEnd| ends.iter().filter(|(is, ..)| *is == end).count();
+    for end in
+        [WalkEnd::ConfirmedDirections, WalkEnd::GuardedContact, WalkEnd::NoContact, WalkEnd::AtLimit, WalkEnd::Refused]
+    {
         println!("{end:?}: {}", count(end));
     }
     let bad: Vec<_> = ends.iter().flat_map(|(.., bad)| bad).collect();
@@ -280,10 +283,10 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     for (end, off, _) in &ends {
         let most = off.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
         // A touch begins 2.5 mm before the stated position of the part, and ends as far beyond it.
-        assert!(*end != End::ConfirmedDirections || most < 2.6, "confirmed, but off by {off:?}");
-        assert!(*end != End::NoContact || most > 1.9, "not found, but off by {off:?} only");
+        assert!(*end != WalkEnd::ConfirmedDirections || most < 2.6, "confirmed, but off by {off:?}");
+        assert!(*end != WalkEnd::NoContact || most > 1.9, "not found, but off by {off:?} only");
     }
-    assert!(count(End::ConfirmedDirections) > 20 && count(End::GuardedContact) > 50);
+    assert!(count(WalkEnd::ConfirmedDirections) > 20 && count(WalkEnd::GuardedContact) > 50);
     // Starts at which the assumed position is beside a body.
-    assert!(count(End::Refused) < ends.len() / 5, "{} of {} refused", count(End::Refused), ends.len());
+    assert!(count(WalkEnd::Refused) < ends.len() / 5, "{} of {} refused", count(WalkEnd::Refused), ends.len());
 }

@@ -18,9 +18,9 @@ use crate::support::proven_block::proven_block;
 
 /// The built-in machine of the method, changed.
 #[derive(Clone)]
-pub struct World(Table);
+pub struct SambaWorld(Table);
 
-impl World {
+impl SambaWorld {
     pub fn as_built_in() -> Self {
         Self(include_str!("../../../config/samba.toml").parse().unwrap())
     }
@@ -29,23 +29,23 @@ impl World {
     pub fn inside_the_model() -> Self {
         let mut world = Self::as_built_in();
         for axis in ["X", "Y", "Z", "B", "C"] {
-            world = world.with(&format!("axes.{axis}.error_motion_um"), 0.0);
+            world = world.with_key(&format!("axes.{axis}.error_motion_um"), 0.0);
         }
         world
-            .with("machine.drift_um_per_h", 0.0)
-            .with("probe.lobing_um", 0.0)
-            .with("simulated.ball_form_um", 0.0)
-            .with("method.samba.monte_carlo_trials", 100)
+            .with_key("machine.drift_um_per_h", 0.0)
+            .with_key("probe.lobing_um", 0.0)
+            .with_key("simulated.ball_form_um", 0.0)
+            .with_key("method.samba.monte_carlo_trials", 100)
     }
 
     /// Sets the value at `path`, keys joined by dots; missing tables are created.
-    pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
+    pub fn with_key(mut self, path: &str, value: impl Into<Value>) -> Self {
         let (tables, key) = path.rsplit_once('.').unwrap();
         self.table(tables).insert(key.to_owned(), value.into());
         self
     }
 
-    pub fn without(mut self, key: &str) -> Self {
+    pub fn without_key(mut self, key: &str) -> Self {
         self.0.remove(key);
         self
     }
@@ -58,7 +58,7 @@ impl World {
     }
 
     /// Adds an entry to `[[simulated.NAME]]`.
-    pub fn and(mut self, name: &str, entry: &str) -> Self {
+    pub fn with_entry(mut self, name: &str, entry: &str) -> Self {
         let list = self.table("simulated").entry(name).or_insert_with(|| Value::Array(Vec::new()));
         list.as_array_mut().unwrap().push(Value::Table(entry.parse().unwrap()));
         self
@@ -71,32 +71,37 @@ impl World {
         })
     }
 
-    pub fn file(&self, seed: u64) -> MachineFile {
-        let seeded = self.clone().with("simulated.seed", seed as i64);
+    pub fn machine_file(&self, seed: u64) -> MachineFile {
+        let seeded = self.clone().with_key("simulated.seed", seed as i64);
         MachineFile::parse("world.toml", toml::to_string(&seeded.0).unwrap()).unwrap()
     }
 }
 
-pub struct Measured {
+pub struct MeasuredRun {
     pub plan: Plan,
     pub readings: Vec<Reading>,
     pub estimate: Estimate,
     errors: Table,
     /// Drift of the table in the middle of the measurement, mm, and the true stylus.
-    crept: [f64; 3],
+    creep_mm: [f64; 3],
     pub stylus_mm: [f64; 3],
 }
 
-impl Measured {
-    pub fn of(file: &MachineFile, method: &dyn Method, plan: Plan, readings: Vec<Reading>) -> Result<Self, Failed> {
+impl MeasuredRun {
+    pub fn identify(
+        file: &MachineFile,
+        method: &dyn Method,
+        plan: Plan,
+        readings: Vec<Reading>,
+    ) -> Result<Self, RunFailed> {
         let estimate =
-            method.identify(&plan, &readings).map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
+            method.identify(&plan, &readings).map_err(|error| RunFailed(format!("{error}; {}", error.remedy())))?;
         let text: Table = file.text().parse().unwrap();
         let errors = text["simulated"]["errors"].as_table().unwrap().clone();
         let world = setup::build_world(file).unwrap();
-        let crept = world.true_drift_mm(mid_run(&plan, &readings));
+        let crept = world.true_drift_mm(middle_of_run_s(&plan, &readings));
         let stylus_mm = world.true_stylus_mm();
-        Ok(Self { plan, readings, estimate, errors, crept, stylus_mm })
+        Ok(Self { plan, readings, estimate, errors, creep_mm: crept, stylus_mm })
     }
 
     pub fn parameter(&self, symbol: &str) -> &Parameter {
@@ -106,8 +111,8 @@ impl Measured {
 
     /// Estimate minus true value in the middle of the measurement, in the unit of both; `key` as in
     /// `[simulated.errors]`. A drift of the table in one direction appears as a spindle offset in the other.
-    pub fn error(&self, symbol: &str, key: &str) -> f64 {
-        let [x, y, _] = self.crept;
+    pub fn error_in_u(&self, symbol: &str, key: &str) -> f64 {
+        let [x, y, _] = self.creep_mm;
         let since = match symbol {
             "EX0S" => -1e3 * x,
             "EY0S" => -1e3 * y,
@@ -119,13 +124,13 @@ impl Measured {
     /// Estimate minus true stylus, mm.
     pub fn stylus_error_mm(&self) -> [f64; 3] {
         let value = |k: usize| self.parameter(["tool_x", "tool_y", "tool_z"][k]).value;
-        let since = |k: usize| if k == 2 { -self.crept[2] } else { 0.0 };
+        let since = |k: usize| if k == 2 { -self.creep_mm[2] } else { 0.0 };
         std::array::from_fn(|k| value(k) - self.stylus_mm[k] - since(k))
     }
 }
 
 /// Mean time of the touches that the estimate uses.
-fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
+fn middle_of_run_s(plan: &Plan, readings: &[Reading]) -> f64 {
     let fast: BTreeSet<u32> = plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
     let slow = readings.iter().filter(|reading| !fast.contains(&reading.step));
     let times: Vec<f64> = slow.map(|reading| reading.t_s).collect();
@@ -133,14 +138,14 @@ fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
 }
 
 /// The reason of a run that failed, as text.
-pub struct Failed(pub String);
+pub struct RunFailed(pub String);
 
-pub struct Bench {
+pub struct RunBench {
     journal: Journal,
     _folder: tempfile::TempDir,
 }
 
-impl Bench {
+impl RunBench {
     pub fn new() -> Self {
         let memory = std::path::Path::new("/dev/shm");
         let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() };
@@ -148,28 +153,33 @@ impl Bench {
         Self { journal: Journal::open(folder.path()).unwrap(), _folder: folder }
     }
 
-    pub fn measure(&self, seed: u64, world: &World) -> Measured {
-        self.try_measure(seed, world).unwrap_or_else(|Failed(why)| panic!("seed {seed}: {why}"))
+    pub fn measure(&self, seed: u64, world: &SambaWorld) -> MeasuredRun {
+        self.try_measure(seed, world).unwrap_or_else(|RunFailed(why)| panic!("seed {seed}: {why}"))
     }
 
-    pub fn try_measure(&self, seed: u64, world: &World) -> Result<Measured, Failed> {
-        let file = world.file(seed);
-        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+    pub fn try_measure(&self, seed: u64, world: &SambaWorld) -> Result<MeasuredRun, RunFailed> {
+        let file = world.machine_file(seed);
+        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let (plan, readings) = runtime.block_on(self.run(&file, method.as_ref(), header))?;
-        Measured::of(&file, method.as_ref(), plan, readings)
+        MeasuredRun::identify(&file, method.as_ref(), plan, readings)
     }
 
     /// Measures the first stages only.
-    pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
-        let file = world.file(seed);
-        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| Failed(e.to_string()))?;
+    pub fn run_first_stages(&self, seed: u64, world: &SambaWorld, stages: usize) -> Result<Vec<Reading>, RunFailed> {
+        let file = world.machine_file(seed);
+        let (method, header) = setup::plan_header(&file, "samba", None).map_err(|e| RunFailed(e.to_string()))?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let method = Beginning { method, stages };
+        let method = FirstStages { method, stages };
         Ok(runtime.block_on(self.run(&file, &method, header))?.1)
     }
 
-    async fn run(&self, file: &MachineFile, method: &dyn Method, plan: Plan) -> Result<(Plan, Vec<Reading>), Failed> {
+    async fn run(
+        &self,
+        file: &MachineFile,
+        method: &dyn Method,
+        plan: Plan,
+    ) -> Result<(Plan, Vec<Reading>), RunFailed> {
         let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
         let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin_run(&new).await.unwrap();
@@ -177,18 +187,18 @@ impl Bench {
         let mut run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
         let ended = run.execute().await;
         let Run { plan, readings, .. } = run;
-        let why = |error: RunError| Failed(format!("{error}; {}", error.remedy()));
+        let why = |error: RunError| RunFailed(format!("{error}; {}", error.remedy()));
         ended.map(|()| (plan, readings)).map_err(why)
     }
 }
 
 /// A method that ends after this number of stages.
-struct Beginning {
+struct FirstStages {
     method: Box<dyn Method>,
     stages: usize,
 }
 
-impl Method for Beginning {
+impl Method for FirstStages {
     fn settings(&self) -> serde_json::Value {
         self.method.settings()
     }
@@ -203,15 +213,15 @@ impl Method for Beginning {
 }
 
 /// One method for many worlds that differ in their truth only: its design is made once.
-pub struct Series {
-    world: World,
+pub struct RunSeries {
+    world: SambaWorld,
     method: Box<dyn Method>,
     header: Plan,
 }
 
-impl Series {
-    pub fn of(world: World) -> Self {
-        let (method, header) = setup::plan_header(&world.file(0), "samba", None).unwrap();
+impl RunSeries {
+    pub fn new(world: SambaWorld) -> Self {
+        let (method, header) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
         Self { world, method, header }
     }
 
@@ -222,22 +232,26 @@ impl Series {
     }
 
     /// Measures as a run does, over the same wire, without proof and journal.
-    pub fn measure(&self, seed: u64) -> Result<Measured, Failed> {
-        let file = self.world.file(seed);
+    pub fn measure(&self, seed: u64) -> Result<MeasuredRun, RunFailed> {
+        let file = self.world.machine_file(seed);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-        let touched = touch_all(&file, self.method.as_ref(), self.header.clone());
+        let touched = play_all_touches(&file, self.method.as_ref(), self.header.clone());
         let (plan, readings) = runtime.block_on(touched)?;
-        Measured::of(&file, self.method.as_ref(), plan, readings)
+        MeasuredRun::identify(&file, self.method.as_ref(), plan, readings)
     }
 }
 
-async fn touch_all(file: &MachineFile, method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Reading>), Failed> {
+async fn play_all_touches(
+    file: &MachineFile,
+    method: &dyn Method,
+    mut plan: Plan,
+) -> Result<(Plan, Vec<Reading>), RunFailed> {
     let devices = setup::open_devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
     let mut stands = devices.controller.prepare().await.unwrap().position;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
         let next = method.next_stage(&plan, &done, PositionSource::Measured(&readings));
-        let next = next.map_err(|refused| Failed(format!("{refused}; {}", refused.remedy)))?;
+        let next = next.map_err(|refused| RunFailed(format!("{refused}; {}", refused.remedy)))?;
         let NextStage::Stage { stage, new_steps } = next else { return Ok((plan, readings)) };
         plan.steps.extend(new_steps);
         let clearance = match &stage.found {
@@ -250,7 +264,7 @@ async fn touch_all(file: &MachineFile, method: &dyn Method, mut plan: Plan) -> R
             stands = end_position(&block.motions, &stands);
             let block = proven_block(file, &devices, &block);
             let outcome = devices.controller.execute(block).await;
-            let outcome = outcome.map_err(|error| Failed(error.to_string()))?;
+            let outcome = outcome.map_err(|error| RunFailed(error.to_string()))?;
             readings.push(Reading {
                 step: step.id,
                 repeat: stage.repeat,
@@ -267,7 +281,7 @@ async fn touch_all(file: &MachineFile, method: &dyn Method, mut plan: Plan) -> R
 }
 
 /// `matrix`⁻¹·`right`.
-pub fn solve(matrix: &faer::Mat<f64>, right: &faer::Col<f64>) -> faer::Col<f64> {
+pub fn solve_linear(matrix: &faer::Mat<f64>, right: &faer::Col<f64>) -> faer::Col<f64> {
     use faer::linalg::solvers::Solve;
     matrix.partial_piv_lu().solve(right)
 }

@@ -1,21 +1,21 @@
 //! Coverage of the stated uncertainty (METHODS section 6), with sources outside of the model that are declared by
 //! their size: thirteen parameters and the stylus, compared with the truth in the middle of the measurement.
 
-use super::bench::{self, Measured, World};
-use super::played::Played;
-use super::{SYMBOLS, small_budget};
+use super::bench::{self, MeasuredRun, SambaWorld};
+use super::played::PlayedSeries;
+use super::{SYMBOLS_AND_KEYS, with_small_sources};
 use testing::population::{count_bound, population, ratio_bounds};
 
-const STYLUS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
+const STYLUS_SYMBOLS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
 
 /// Name and deviation from the true value, each in the unit of its parameter.
-fn deviations(measured: &Measured) -> Vec<(&'static str, f64)> {
-    let machine = SYMBOLS.iter().map(|(symbol, key)| (*symbol, measured.error(symbol, key)));
-    machine.chain(STYLUS.into_iter().zip(measured.stylus_error_mm())).collect()
+fn deviations(measured: &MeasuredRun) -> Vec<(&'static str, f64)> {
+    let machine = SYMBOLS_AND_KEYS.iter().map(|(symbol, key)| (*symbol, measured.error_in_u(symbol, key)));
+    machine.chain(STYLUS_SYMBOLS.into_iter().zip(measured.stylus_error_mm())).collect()
 }
 
 /// χ² of the deviations with the stated covariance.
-fn chi2(measured: &Measured) -> f64 {
+fn chi2(measured: &MeasuredRun) -> f64 {
     let off = deviations(measured);
     let covariance = &measured.estimate.covariance;
     let at = |name| covariance.symbols.iter().position(|symbol| symbol == name).unwrap();
@@ -23,22 +23,22 @@ fn chi2(measured: &Measured) -> f64 {
     let u: Vec<f64> = places.iter().map(|i| covariance.rows[*i][*i].sqrt()).collect();
     let scaled = faer::Col::from_fn(off.len(), |i| off[i].1 / u[i]);
     let matrix = faer::Mat::from_fn(off.len(), off.len(), |i, j| covariance.rows[places[i]][places[j]] / (u[i] * u[j]));
-    let solved = bench::solve(&matrix, &scaled);
+    let solved = bench::solve_linear(&matrix, &scaled);
     scaled.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// All draws are normally distributed, except the rounding of single touches: the sum over the worlds has a χ²
 /// distribution. Almost no world may be reported as a misfit, in either direction.
-fn covers(name: &str, world: World) {
-    const FULL: u64 = 200;
-    let seeds = population(FULL);
-    let worlds = Played::of(world).measure(0..seeds);
+fn check_coverage(name: &str, world: SambaWorld) {
+    const FULL_POPULATION: u64 = 200;
+    let seeds = population(FULL_POPULATION);
+    let worlds = PlayedSeries::new(world).measure(0..seeds);
     let dof = (16 * seeds) as f64;
     let mean = worlds.iter().map(chi2).sum::<f64>() / dof;
     let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
     let (low, high) = (low / dof, high / dof);
     let told = |what: &str| {
-        let says = |m: &&Measured| m.estimate.warnings.iter().any(|line| line.contains(what));
+        let says = |m: &&MeasuredRun| m.estimate.warnings.iter().any(|line| line.contains(what));
         worlds.iter().filter(says).count() as u64
     };
     let (above, below) = (told("does not explain"), told("scatter less"));
@@ -46,48 +46,53 @@ fn covers(name: &str, world: World) {
     println!("{name}: mean of χ²/16 {mean:.3}, within [{low:.3}, {high:.3}]; residuals {left:.3}");
     println!("{name}: {above} called a misfit, {below} too good, of {seeds}");
     for (k, (name, _)) in deviations(&worlds[0]).into_iter().enumerate() {
-        let square = |m: &Measured| (deviations(m)[k].1 / m.parameter(name).u).powi(2);
+        let square = |m: &MeasuredRun| (deviations(m)[k].1 / m.parameter(name).u).powi(2);
         let mean = worlds.iter().map(square).sum::<f64>() / seeds as f64;
         println!("  {name}: {:.3} u", mean.sqrt());
     }
     assert!((low..high).contains(&mean), "{name}: {mean}");
-    let misfits = count_bound(seeds, FULL, (0.01, 3));
+    let misfits = count_bound(seeds, FULL_POPULATION, (0.01, 3));
     assert!(above <= misfits && below <= misfits, "{name}: {above} above, {below} below");
 }
 
 #[test]
 fn u_is_true_on_the_built_in_machine_with_all_its_sources() {
-    covers("as shipped", World::as_built_in());
+    check_coverage("as shipped", SambaWorld::as_built_in());
 }
 
 #[test]
 fn u_is_true_on_a_poor_machine() {
-    let mut world =
-        small_budget(World::as_built_in()).with("machine.drift_um_per_h", 10.0).with("probe.lobing_um", 1.5);
+    let mut world = with_small_sources(SambaWorld::as_built_in())
+        .with_key("machine.drift_um_per_h", 10.0)
+        .with_key("probe.lobing_um", 1.5);
     for axis in ["X", "Y", "Z"] {
-        world = world.with(&format!("axes.{axis}.error_motion_um"), 1.5);
+        world = world.with_key(&format!("axes.{axis}.error_motion_um"), 1.5);
     }
     for axis in ["B", "C"] {
-        world = world.with(&format!("axes.{axis}.error_motion_um"), 1.0);
+        world = world.with_key(&format!("axes.{axis}.error_motion_um"), 1.0);
     }
-    covers("poor", world);
+    check_coverage("poor", world);
 }
 
-type Change = fn(World, bool) -> World;
+type WorldChange = fn(SambaWorld, bool) -> SambaWorld;
 
-fn axes(world: World, key: &str, axes: &[&str], value: f64) -> World {
-    axes.iter().fold(world, |world, axis| world.with(&format!("axes.{axis}.{key}"), value))
+fn set_for_axes(world: SambaWorld, key: &str, axes: &[&str], value: f64) -> SambaWorld {
+    axes.iter().fold(world, |world, axis| world.with_key(&format!("axes.{axis}.{key}"), value))
 }
 
 /// The sources that can be declared, by their name in the budget, each with its switch; a declared repeatability,
 /// and a certificate without any uncertainty, cannot be zero.
-const SOURCES: [(&str, Change); 8] = [
-    ("repeatability of a touch", |w, on| w.with("probe.repeatability_um", if on { 1.0 } else { 0.05 })),
-    ("resolution", |w, on| axes(w, "resolution_um", &["X", "Y", "Z"], if on { 3.0 } else { 0.0 })),
-    ("probe lobing", |w, on| w.with("probe.lobing_um", if on { 3.0 } else { 0.0 })),
-    ("error motions of X, Y and Z", |w, on| axes(w, "error_motion_um", &["X", "Y", "Z"], if on { 1.0 } else { 0.0 })),
-    ("error motions of rotary axes", |w, on| axes(w, "error_motion_um", &["B", "C"], if on { 1.0 } else { 0.0 })),
-    ("thermal drift", |w, on| w.with("machine.drift_um_per_h", if on { 10.0 } else { 0.0 })),
+const SOURCES: [(&str, WorldChange); 8] = [
+    ("repeatability of a touch", |w, on| w.with_key("probe.repeatability_um", if on { 1.0 } else { 0.05 })),
+    ("resolution", |w, on| set_for_axes(w, "resolution_um", &["X", "Y", "Z"], if on { 3.0 } else { 0.0 })),
+    ("probe lobing", |w, on| w.with_key("probe.lobing_um", if on { 3.0 } else { 0.0 })),
+    ("error motions of X, Y and Z", |w, on| {
+        set_for_axes(w, "error_motion_um", &["X", "Y", "Z"], if on { 1.0 } else { 0.0 })
+    }),
+    ("error motions of rotary axes", |w, on| {
+        set_for_axes(w, "error_motion_um", &["B", "C"], if on { 1.0 } else { 0.0 })
+    }),
+    ("thermal drift", |w, on| w.with_key("machine.drift_um_per_h", if on { 10.0 } else { 0.0 })),
     ("certified length", |w, on| w.with_bar("u_mm", if on { 0.002 } else { 1e-7 })),
     ("temperature of the certified length", |w, on| w.with_bar("u_temperature_k", if on { 5.0 } else { 0.0 })),
 ];
@@ -96,20 +101,20 @@ const SOURCES: [(&str, Change); 8] = [
 /// together, and approximately for each of them.
 #[test]
 fn each_budget_line_is_the_scatter_of_its_source_alone() {
-    const FULL: u64 = 60;
-    let seeds = population(FULL);
-    let one = ratio_bounds(seeds, FULL, (0.7, 1.3));
-    let all_of_source = ratio_bounds(seeds, FULL, (0.8, 1.2));
-    let all = small_budget(World::as_built_in()).with("simulated.ball_form_um", 0.0);
-    let usual = Played::of(all.clone()).measure(0..1).remove(0);
+    const FULL_POPULATION: u64 = 60;
+    let seeds = population(FULL_POPULATION);
+    let one = ratio_bounds(seeds, FULL_POPULATION, (0.7, 1.3));
+    let all_of_source = ratio_bounds(seeds, FULL_POPULATION, (0.8, 1.2));
+    let all = with_small_sources(SambaWorld::as_built_in()).with_key("simulated.ball_form_um", 0.0);
+    let usual = PlayedSeries::new(all.clone()).measure(0..1).remove(0);
     for line in &usual.parameter("EX0C").budget {
         let listed = SOURCES.iter().any(|(name, _)| *name == line.source);
         assert!(listed, "{} is not looked at", line.source);
     }
     for (name, _) in SOURCES {
         let alone = SOURCES.iter().fold(all.clone(), |w, (other, set)| set(w, *other == name));
-        let worlds = Played::of(alone).measure(0..seeds);
-        let line = |m: &Measured, symbol: &str| {
+        let worlds = PlayedSeries::new(alone).measure(0..seeds);
+        let line = |m: &MeasuredRun, symbol: &str| {
             let lines = &m.parameter(symbol).budget;
             lines.iter().find(|line| line.source == name).map_or(0.0, |line| line.u)
         };
@@ -120,7 +125,7 @@ fn each_budget_line_is_the_scatter_of_its_source_alone() {
             if weight(symbol) < 0.3 * most {
                 continue;
             }
-            let square = |m: &Measured| (deviations(m)[k].1 / line(m, symbol)).powi(2);
+            let square = |m: &MeasuredRun| (deviations(m)[k].1 / line(m, symbol)).powi(2);
             let mean = worlds.iter().map(square).sum::<f64>() / seeds as f64;
             println!("{name}: {symbol} seen {:.3} of its line", mean.sqrt());
             assert!((one.0..=one.1).contains(&mean.sqrt()), "{name}, {symbol}: {}", mean.sqrt());

@@ -9,10 +9,10 @@ mod moved;
 mod played;
 mod topologies;
 
-use bench::{Bench, Failed, Measured, Series, World};
+use bench::{MeasuredRun, RunBench, RunFailed, RunSeries, SambaWorld};
 use testing::population::{count_bound, population};
 
-const SYMBOLS: [(&str, &str); 13] = [
+const SYMBOLS_AND_KEYS: [(&str, &str); 13] = [
     ("EA0B", "EA0B_urad"),
     ("EC0B", "EC0B_urad"),
     ("EX0C", "EX0C_um"),
@@ -29,27 +29,27 @@ const SYMBOLS: [(&str, &str); 13] = [
 ];
 
 /// χ² of the thirteen parameters against the true values, with the stated covariance.
-fn chi2(measured: &Measured) -> f64 {
+fn chi2(measured: &MeasuredRun) -> f64 {
     let covariance = &measured.estimate.covariance;
-    let at: Vec<usize> = SYMBOLS
+    let at: Vec<usize> = SYMBOLS_AND_KEYS
         .iter()
         .map(|(symbol, _)| {
             let place = covariance.symbols.iter().position(|name| name == symbol);
             place.unwrap_or_else(|| panic!("{symbol} has no covariance"))
         })
         .collect();
-    let off = faer::Col::from_fn(at.len(), |i| measured.error(SYMBOLS[i].0, SYMBOLS[i].1));
+    let off = faer::Col::from_fn(at.len(), |i| measured.error_in_u(SYMBOLS_AND_KEYS[i].0, SYMBOLS_AND_KEYS[i].1));
     let matrix = faer::Mat::from_fn(at.len(), at.len(), |i, j| covariance.rows[at[i]][at[j]]);
-    let solved = bench::solve(&matrix, &off);
+    let solved = bench::solve_linear(&matrix, &off);
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
 /// Mean of χ²/13 over the seeds.
-fn mean_chi2(seeds: std::ops::Range<u64>, series: &Series) -> f64 {
+fn mean_chi2(seeds: std::ops::Range<u64>, series: &RunSeries) -> f64 {
     let count = (seeds.end - seeds.start) as f64;
     let each = in_parallel(seeds, |seed| {
         let measured = series.measure(seed);
-        chi2(&measured.unwrap_or_else(|Failed(why)| panic!("seed {seed}: {why}"))) / 13.0
+        chi2(&measured.unwrap_or_else(|RunFailed(why)| panic!("seed {seed}: {why}"))) / 13.0
     });
     each.iter().sum::<f64>() / count
 }
@@ -71,13 +71,13 @@ fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sy
 
 #[test]
 fn the_built_in_machine_is_measured_as_it_is() {
-    let world = World::as_built_in().with("method.samba.monte_carlo_trials", 100);
-    let measured = Bench::new().measure(1, &world);
+    let world = SambaWorld::as_built_in().with_key("method.samba.monte_carlo_trials", 100);
+    let measured = RunBench::new().measure(1, &world);
     assert_eq!(measured.readings.len(), measured.plan.steps.len());
     assert!(measured.estimate.warnings.is_empty(), "{:?}", measured.estimate.warnings);
-    for (symbol, key) in SYMBOLS {
+    for (symbol, key) in SYMBOLS_AND_KEYS {
         let parameter = measured.parameter(symbol);
-        let off = measured.error(symbol, key);
+        let off = measured.error_in_u(symbol, key);
         // Thirteen parameters of one machine: the largest deviation may well exceed U at k = 2.
         assert!(off.abs() < 1.7 * parameter.expanded, "{symbol} off by {off}: {parameter:?}");
         assert!(parameter.identifiable, "{symbol}");
@@ -85,18 +85,18 @@ fn the_built_in_machine_is_measured_as_it_is() {
 }
 
 /// The budget of the small design, with which 200 machines can be measured in a test.
-fn small(world: World) -> Series {
-    Series::of(small_budget(world).with("method.samba.find", "once"))
+fn small_series(world: SambaWorld) -> RunSeries {
+    RunSeries::new(with_small_sources(world).with_key("method.samba.find", "once"))
 }
 
-fn small_budget(world: World) -> World {
-    world.with("method.samba.balls", 40).with("method.samba.references", false)
+fn with_small_sources(world: SambaWorld) -> SambaWorld {
+    world.with_key("method.samba.balls", 40).with_key("method.samba.references", false)
 }
 
 #[test]
 fn u_is_true_in_worlds_inside_the_model() {
     let seeds = population(200);
-    let mean = mean_chi2(0..seeds, &small(World::inside_the_model()));
+    let mean = mean_chi2(0..seeds, &small_series(SambaWorld::inside_the_model()));
     let dof = 13.0 * seeds as f64;
     let (low, high) = estimation::coverage::chi_square_bounds(dof, 0.99).unwrap();
     println!("mean of χ²/13: {mean:.3}, within [{:.3}, {:.3}]", low / dof, high / dof);
@@ -106,24 +106,24 @@ fn u_is_true_in_worlds_inside_the_model() {
 /// Errors outside of the thirteen parameters, one at a time, large enough to matter.
 #[test]
 fn what_the_model_does_not_hold_is_flagged() {
-    let inside = World::inside_the_model;
+    let inside = SambaWorld::inside_the_model;
     let motion = "symbol = 'EXC'\nharmonic = 2\ncos_um = 5.0";
     let sag = "axis = 'B'\nlaw = 'one-minus-cos'\num = [0.0, 0.0, -10.0]";
     let worlds = [
         ("nothing", inside()),
-        ("error motion", inside().and("error_motion", motion)),
-        ("sag", inside().and("sag", sag)),
-        ("drift", inside().with("machine.drift_um_per_h", 80.0)),
+        ("error motion", inside().with_entry("error_motion", motion)),
+        ("sag", inside().with_entry("sag", sag)),
+        ("drift", inside().with_key("machine.drift_um_per_h", 80.0)),
     ];
-    const FULL: u64 = 10;
-    let seeds = population(FULL);
+    const FULL_POPULATION: u64 = 10;
+    let seeds = population(FULL_POPULATION);
     // The misfit test has a level of 1 %.
-    let false_alarms = count_bound(seeds, FULL, (0.01, 1));
+    let false_alarms = count_bound(seeds, FULL_POPULATION, (0.01, 1));
     for (name, world) in worlds {
-        let series = small(world).without_declared_drift();
+        let series = small_series(world).without_declared_drift();
         let flagged = in_parallel(0..seeds, |seed| {
             let measured = series.measure(seed);
-            let measured = measured.unwrap_or_else(|Failed(why)| panic!("{name} {seed}: {why}"));
+            let measured = measured.unwrap_or_else(|RunFailed(why)| panic!("{name} {seed}: {why}"));
             let warnings = &measured.estimate.warnings;
             println!("{name} {seed}: χ²/dof {:.2}", measured.estimate.chi2_per_dof);
             warnings.iter().any(|warning| warning.contains("does not explain"))

@@ -9,50 +9,50 @@ use rayon::prelude::*;
 use simulator::{SimulatedWorld, Speed};
 use trued::setup::{self, MachineFile};
 
-use super::bench::{self, Measured};
+use super::bench::{self, MeasuredRun};
 
 /// Additional time of each path, so that a touch takes as long as in a run with its search.
-const ON_THE_WAY_S: f64 = 2.2;
+const TIME_PER_TOUCH_S: f64 = 2.2;
 /// Retract distance away from all bodies before X, Y or a rotary axis moves.
-const AWAY_MM: f64 = 40.0;
+const RETRACT_MM: f64 = 40.0;
 
 /// One plan for many worlds that differ in their truth only.
-pub struct Played {
-    world: bench::World,
+pub struct PlayedSeries {
+    world: bench::SambaWorld,
     method: Box<dyn Method>,
     plan: Plan,
 }
 
-impl Played {
-    pub fn of(world: bench::World) -> Self {
+impl PlayedSeries {
+    pub fn new(world: bench::SambaWorld) -> Self {
         // The balls are at their planned positions, within the reach of a touch without a search.
         let world = world
-            .with("simulated.centre_offset_mm", vec![0.0, 0.0])
-            .with("simulated.ball_offset_mm", 0.05)
-            .with("method.samba.monte_carlo_trials", 100);
-        let (method, plan) = setup::plan_header(&world.file(0), "samba", None).unwrap();
+            .with_key("simulated.centre_offset_mm", vec![0.0, 0.0])
+            .with_key("simulated.ball_offset_mm", 0.05)
+            .with_key("method.samba.monte_carlo_trials", 100);
+        let (method, plan) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
         let (plan, _) = methods::plan_nominal_stages(method.as_ref(), plan).unwrap();
         Self { world, method, plan }
     }
 
     /// Measurements in the order of the seeds.
-    pub fn measure(&self, seeds: std::ops::Range<u64>) -> Vec<Measured> {
-        seeds.into_par_iter().map(|seed| self.one(&self.world.file(seed))).collect()
+    pub fn measure(&self, seeds: std::ops::Range<u64>) -> Vec<MeasuredRun> {
+        seeds.into_par_iter().map(|seed| self.measure_one(&self.world.machine_file(seed))).collect()
     }
 
-    fn one(&self, file: &MachineFile) -> Measured {
+    fn measure_one(&self, file: &MachineFile) -> MeasuredRun {
         let mut world = setup::build_world(file).unwrap();
         let slow = self.plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
         let readings = slow.map(|step| touch(&mut world, step)).collect();
-        let measured = Measured::of(file, self.method.as_ref(), self.plan.clone(), readings);
+        let measured = MeasuredRun::identify(file, self.method.as_ref(), self.plan.clone(), readings);
         measured.unwrap_or_else(|failed| panic!("{}", failed.0))
     }
 }
 
 fn touch(world: &mut SimulatedWorld, step: &Step) -> Reading {
     let linear = |position: &Position| position.filter_axes(Axis::is_linear);
-    let high = |z: f64| Position::new().with(Axis::Z, z + AWAY_MM);
-    world.dwell(ON_THE_WAY_S);
+    let high = |z: f64| Position::new().with(Axis::Z, z + RETRACT_MM);
+    world.dwell(TIME_PER_TOUCH_S);
     world.travel(&high(world.position().get_or_zero(Axis::Z)), Speed::Rapid);
     world.travel(&step.from.filter_axes(|axis| axis != Axis::Z), Speed::Rapid);
     world.travel(&high(step.from.get_or_zero(Axis::Z)), Speed::Rapid);

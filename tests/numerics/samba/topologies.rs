@@ -8,12 +8,12 @@ use estimation::random::seeded_stream;
 use machine::record::estimate::{Estimate, Unit};
 use trued::setup;
 
-use super::bench::World;
+use super::bench::SambaWorld;
 use crate::touch_alone::touch_alone;
 use testing::population::{count_bound, is_full, population};
 
 /// Topology, and the rotary axes with their range in either direction.
-const MACHINES: [(&str, &[(&str, i64)]); 8] = [
+const TOPOLOGIES_AND_ORIENTATIONS: [(&str, &[(&str, i64)]); 8] = [
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360), ("S", 360)]),
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360)]),
     ("w-C-A-Y-F-X-Z-t", &[("A", 110), ("C", 360)]),
@@ -24,10 +24,10 @@ const MACHINES: [(&str, &[(&str, i64)]); 8] = [
     ("w-A-F-X-Y-Z-t", &[("A", 110)]),
 ];
 /// Maximum of each true error, in um, urad and um/m.
-const MOST_ERROR: f64 = 25.0;
+const MAX_ERROR: f64 = 25.0;
 
-fn world(topology: &str, turning: &[(&str, i64)]) -> World {
-    let mut world = World::as_built_in();
+fn world_of_topology(topology: &str, turning: &[(&str, i64)]) -> SambaWorld {
+    let mut world = SambaWorld::as_built_in();
     for axis in ["B", "C", "S"] {
         world.table("axes").remove(axis);
     }
@@ -38,24 +38,24 @@ fn world(topology: &str, turning: &[(&str, i64)]) -> World {
         };
         let spec = format!("positive = 'iso'\nmin = -{reach}.0\nmax = {reach}.0\n{motion}");
         let spec: Table = spec.parse().unwrap();
-        world = world.with(&format!("axes.{axis}"), Value::Table(spec));
+        world = world.with_key(&format!("axes.{axis}"), Value::Table(spec));
     }
     let simulated = world.table("simulated");
     simulated.remove("errors");
     simulated.remove("error_motion");
     // Cradle and headstock belong to the built-in machine.
-    let whole = world.with("machine.topology", topology).without("solid");
+    let whole = world.with_key("machine.topology", topology).without_key("solid");
     whole
-        .with("machine.drift_um_per_h", 0.0)
-        .with("simulated.centre_offset_mm", vec![0.0, 0.0])
-        .with("simulated.ball_offset_mm", 0.05)
-        .with("method.samba.balls", 48)
-        .with("method.samba.indexations", 16)
-        .with("method.samba.monte_carlo_trials", 100)
+        .with_key("machine.drift_um_per_h", 0.0)
+        .with_key("simulated.centre_offset_mm", vec![0.0, 0.0])
+        .with_key("simulated.ball_offset_mm", 0.05)
+        .with_key("method.samba.balls", 48)
+        .with_key("method.samba.indexations", 16)
+        .with_key("method.samba.monte_carlo_trials", 100)
 }
 
 /// Key of `[simulated.errors]` for a parameter.
-fn key(symbol: &str, unit: Unit) -> String {
+fn machine_file_key(symbol: &str, unit: Unit) -> String {
     let unit = match unit {
         Unit::Um => "um",
         Unit::Urad => "urad",
@@ -65,27 +65,27 @@ fn key(symbol: &str, unit: Unit) -> String {
     format!("{symbol}_{unit}")
 }
 
-fn errors_of(estimate: &Estimate) -> Vec<(String, String)> {
+fn error_symbols(estimate: &Estimate) -> Vec<(String, String)> {
     let errors = estimate.parameters.iter().filter(|p| p.symbol.starts_with('E'));
-    errors.map(|p| (p.symbol.clone(), key(&p.symbol, p.unit))).collect()
+    errors.map(|p| (p.symbol.clone(), machine_file_key(&p.symbol, p.unit))).collect()
 }
 
 /// For each error, the number of worlds in which U did not cover the true value.
-fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
-    let (method, header) = setup::plan_header(&world.file(0), "samba", None).unwrap();
+fn missed_counts(world: &SambaWorld, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
+    let (method, header) = setup::plan_header(&world.machine_file(0), "samba", None).unwrap();
     let (plan, _) = methods::plan_nominal_stages(method.as_ref(), header).unwrap();
-    let measured = |world: &World, seed: u64| {
-        let mut simulated = setup::build_world(&world.file(seed)).unwrap();
+    let measured = |world: &SambaWorld, seed: u64| {
+        let mut simulated = setup::build_world(&world.machine_file(seed)).unwrap();
         let slow = plan.steps.iter().filter(|step| !step.label.starts_with("find/"));
         let readings: Vec<_> = slow.map(|step| touch_alone(&mut simulated, step, 0)).collect();
         method.identify(&plan, &readings).unwrap()
     };
-    let errors = errors_of(&measured(world, 0));
+    let errors = error_symbols(&measured(world, 0));
     let misses = |seed: u64| -> Vec<bool> {
         let random = &mut seeded_stream(seed, &[0x746f_706f]);
-        let truth: Vec<f64> = errors.iter().map(|_| random.random_range(-MOST_ERROR..MOST_ERROR)).collect();
+        let truth: Vec<f64> = errors.iter().map(|_| random.random_range(-MAX_ERROR..MAX_ERROR)).collect();
         let table = errors.iter().zip(&truth).map(|((_, key), value)| (key.clone(), (*value).into()));
-        let world = world.clone().with("simulated.errors", Value::Table(table.collect()));
+        let world = world.clone().with_key("simulated.errors", Value::Table(table.collect()));
         let estimate = measured(&world, seed);
         let found = |symbol: &str| estimate.parameters.iter().find(|p| p.symbol == symbol).unwrap();
         let all = errors.iter().zip(&truth);
@@ -103,11 +103,11 @@ fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
 /// METHODS, section 6: 93.0 to 97.5 % of all together; and none of them below 90 %, which few worlds cannot show
 /// for so many errors.
 #[test]
-fn u_covers_on_eight_kinds_of_machine() {
+fn coverage_on_eight_topologies() {
     let worlds = population(125);
     let (mut all, mut all_missed, mut beyond) = (0, 0, Vec::new());
-    for (topology, turning) in MACHINES {
-        let found = missed(&world(topology, turning), 1..worlds + 1);
+    for (topology, turning) in TOPOLOGIES_AND_ORIENTATIONS {
+        let found = missed_counts(&world_of_topology(topology, turning), 1..worlds + 1);
         println!("{topology}: missed of {worlds}: {found:?}");
         for (symbol, missed) in found {
             all += worlds;

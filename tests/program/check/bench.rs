@@ -10,7 +10,7 @@ const WIRE: &str = "wire = \"memory\"\n";
 
 /// The built-in machine, changed.
 #[track_caller]
-pub fn machine(changes: &[(&str, &str)]) -> String {
+pub fn changed_machine(changes: &[(&str, &str)]) -> String {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
@@ -19,28 +19,28 @@ pub fn machine(changes: &[(&str, &str)]) -> String {
 }
 
 /// The machine with additional lines in `[simulated]`, and any sections that follow.
-pub fn with_truth(lines: &str) -> String {
-    machine(&[]) + "\n" + lines
+pub fn machine_with_truth(lines: &str) -> String {
+    changed_machine(&[]) + "\n" + lines
 }
 
-pub fn with_control(keys: &str, text: &str) -> String {
+pub fn machine_with_control(keys: &str, text: &str) -> String {
     assert!(text.contains(WIRE));
     text.replacen(WIRE, &format!("{keys}\n"), 1)
 }
 
 /// Checks a machine file with the simulated operator.
-pub fn checked(text: &str) -> Summary {
+pub fn run_check(text: &str) -> Summary {
     let file = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
         let mut simulated_operator = site.simulated_operator().unwrap();
-        through(&file, &site, &mut simulated_operator).await
+        check_through_operator(&file, &site, &mut simulated_operator).await
     })
 }
 
 /// Checks the machine file `told` with a simulated control that follows `true_to`; `keys` makes the `[controller]`
 /// of the first from the address of the second.
-pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
+pub fn check_against_other_machine(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
     let truth = MachineFile::parse("truth.toml", true_to.to_owned()).unwrap();
     runtime().block_on(async {
         let rehearsal = SimulatedMachine::new(&truth).unwrap();
@@ -49,11 +49,15 @@ pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> S
         let text = told.replacen(CONTROLLER, &format!("{controller}\n"), 1).replacen(WIRE, "", 1);
         let file = MachineFile::parse("machine.toml", text).unwrap();
         let site = ReopenableMachine::new(&file).unwrap();
-        through(&file, &site, &mut rehearsal.simulated_operator()).await
+        check_through_operator(&file, &site, &mut rehearsal.simulated_operator()).await
     })
 }
 
-pub async fn through(file: &MachineFile, site: &ReopenableMachine<'_>, person: &mut dyn OperatorInterface) -> Summary {
+pub async fn check_through_operator(
+    file: &MachineFile,
+    site: &ReopenableMachine<'_>,
+    person: &mut dyn OperatorInterface,
+) -> Summary {
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let mut tell = |_: &Finding| {};
@@ -65,7 +69,7 @@ pub fn runtime() -> tokio::runtime::Runtime {
 }
 
 /// Failed findings, with their remedies.
-pub fn failures(summary: &Summary) -> String {
+pub fn failure_lines(summary: &Summary) -> String {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     failed.map(|finding| format!("{finding}\n")).collect()
 }

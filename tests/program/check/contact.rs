@@ -11,22 +11,22 @@ use trued::commissioning::{
 use trued::setup::{self, MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
-use super::bench::{failures, machine, runtime, through, with_control};
+use super::bench::{changed_machine, check_through_operator, failure_lines, machine_with_control, runtime};
 use crate::support::recording_control::{self, Record, RecordingControl};
 
 /// Z at contact with the top of the part: its height, the radius of the ball and the length of the tool, mm. All
 /// are stated in `config/simulated.toml`; no planted error moves the top.
-const CONTACT_Z: f64 = 100.0 + 3.0 + 120.0;
+const CONTACT_Z_MM: f64 = 100.0 + 3.0 + 120.0;
 
 type AnswerFn = dyn FnMut(&Question, &SimulatedOperator) -> Option<Answer>;
 
 /// Answers with `answer`; other questions are answered by the simulated operator.
-struct Operator {
+struct ScriptedOperator {
     simulated_operator: SimulatedOperator,
     answer: Box<AnswerFn>,
 }
 
-impl OperatorInterface for Operator {
+impl OperatorInterface for ScriptedOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let answer = (self.answer)(question, &self.simulated_operator);
         let answer = answer.unwrap_or_else(|| self.simulated_operator.answer(question));
@@ -35,9 +35,9 @@ impl OperatorInterface for Operator {
 }
 
 /// World after a guarded move onto the top of the part that ended by contact, and a further `deeper` mm.
-fn in_contact(file: &MachineFile, deeper: f64) -> SimulatedWorld {
+fn world_in_contact(file: &MachineFile, deeper: f64) -> SimulatedWorld {
     let mut world = setup::build_world(file).unwrap();
-    let down = Position::new().with(Axis::Z, CONTACT_Z - 20.0);
+    let down = Position::new().with(Axis::Z, CONTACT_Z_MM - 20.0);
     assert!(world.probe(&down, 3000.0, 0).contact.is_some());
     let rest = world.position().get_or_zero(Axis::Z) - deeper;
     world.travel(&Position::new().with(Axis::Z, rest), Speed::Feed { mm_min: 60.0 });
@@ -46,7 +46,7 @@ fn in_contact(file: &MachineFile, deeper: f64) -> SimulatedWorld {
 }
 
 /// Result of a check with a control that records its lines, and the machine position before the check.
-struct Recorded {
+struct RecordedCheck {
     summary: Summary,
     record: Record,
     z_before: f64,
@@ -54,21 +54,21 @@ struct Recorded {
 }
 
 /// `keys` are inserted before `[artefact]`.
-fn recorded(
+fn run_recorded_check(
     deeper: f64,
     keys: &str,
     person: impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface>,
-) -> Recorded {
+) -> RecordedCheck {
     let file = |address: &str| {
-        let text = recording_control::machine(address)
+        let text = recording_control::machine_with_control(address)
             .replacen("kind = \"grbl\"", "kind = \"grbl\"\ndialect = \"grbl-m19\"", 1)
             .replacen("[artefact]", &format!("{keys}[artefact]"), 1);
         MachineFile::parse("machine.toml", text).unwrap()
     };
-    let world = in_contact(&file("127.0.0.1:1"), deeper);
+    let world = world_in_contact(&file("127.0.0.1:1"), deeper);
     let z_before = world.position().get_or_zero(Axis::Z);
     let world = Arc::new(Mutex::new(world));
-    let control = RecordingControl::behind(world.clone());
+    let control = RecordingControl::serve_world(world.clone());
     let file = file(&control.address());
     let stop = Stop::default();
     let mut person = person(SimulatedOperator::new(world.clone()), stop.clone());
@@ -79,34 +79,34 @@ fn recorded(
         let mut tell = |_: &Finding| {};
         Check::new(&file, &site, Pace::Fast, &journal, person.as_mut(), stop, &mut tell).run_all_parts().await
     });
-    Recorded { summary, record: control.end(), z_before, world }
+    RecordedCheck { summary, record: control.stop_and_take_record(), z_before, world }
 }
 
-fn operator(
+fn scripted_operator(
     answer: impl FnMut(&Question, &SimulatedOperator) -> Option<Answer> + 'static,
 ) -> impl FnOnce(SimulatedOperator, Stop) -> Box<dyn OperatorInterface> {
-    |simulated_operator, _| Box::new(Operator { simulated_operator, answer: Box::new(answer) })
+    |simulated_operator, _| Box::new(ScriptedOperator { simulated_operator, answer: Box::new(answer) })
 }
 
 /// The first line that moves an axis.
-fn first_motion(record: &Record) -> Option<String> {
+fn first_motion_line(record: &Record) -> Option<String> {
     let moves = |line: &String| {
         let mut words = line.split_whitespace();
         words.any(|word| matches!(word, "G0" | "G1" | "G2" | "G3") || word.starts_with("G38"))
     };
-    record.lines().into_iter().find(moves)
+    record.received_lines().into_iter().find(moves)
 }
 
-fn assert_nothing_moved(checked: &Recorded) {
-    assert_eq!(first_motion(&checked.record), None, "{}", checked.summary);
+fn assert_nothing_moved(checked: &RecordedCheck) {
+    assert_eq!(first_motion_line(&checked.record), None, "{}", checked.summary);
     let z = checked.world.lock().unwrap().position().get_or_zero(Axis::Z);
     assert_eq!(z, checked.z_before, "{}", checked.summary);
 }
 
 /// Asserts that only the retract moved the machine.
-fn assert_ended(summary: &Summary) {
+fn assert_ended_early(summary: &Summary) {
     assert_eq!(summary.count(Verdict::Failed), 1, "{summary}");
-    let failed = failures(summary);
+    let failed = failure_lines(summary);
     assert!(failed.contains("the stylus is out of contact and the probe reads open"), "{summary}");
     assert!(failed.contains("jog the machine clear at the control"), "{summary}");
     let axes = |finding: &&Finding| finding.part == CheckPart::Axes && finding.verdict == Verdict::Ok;
@@ -115,9 +115,9 @@ fn assert_ended(summary: &Summary) {
 
 pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends() {
     // Braking from 50 mm/s at 2000 mm/s² adds 0.6 mm: three steps.
-    let checked = recorded(2.0, "", operator(|_, _| None));
-    assert_ended(&checked.summary);
-    let lines = checked.record.lines();
+    let checked = run_recorded_check(2.0, "", scripted_operator(|_, _| None));
+    assert_ended_early(&checked.summary);
+    let lines = checked.record.received_lines();
     let steps: Vec<&String> = lines.iter().filter(|line| line.contains(" G1 Z")).take(3).collect();
     let number = |line: &str, letter: char| -> f64 {
         let mut words = line.split_whitespace();
@@ -127,7 +127,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends() {
         assert!((number(step, 'Z') - checked.z_before - by).abs() < 1e-3, "{lines:#?}");
         assert_eq!(number(step, 'F'), 60.0, "{lines:#?}");
     }
-    assert_eq!(first_motion(&checked.record).as_ref(), steps.first().copied(), "{lines:#?}");
+    assert_eq!(first_motion_line(&checked.record).as_ref(), steps.first().copied(), "{lines:#?}");
     let last = lines.iter().rfind(|line| line.contains(" G1 ") || line.contains("G38"));
     assert_eq!(last, steps.last().copied(), "{lines:#?}");
 }
@@ -138,20 +138,20 @@ pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
     for (keys, pressed) in
         [("wire = \"memory\"", 1.5), ("speaks = \"modbus\"\nwire = \"tcp\"", 1.5), ("speaks = \"modbus-program\"", 0.5)]
     {
-        let text = with_control(keys, &machine(&[]));
+        let text = machine_with_control(keys, &changed_machine(&[]));
         let file = MachineFile::parse("machine.toml", text).unwrap();
         let summary = runtime().block_on(async {
             let site = ReopenableMachine::new(&file).unwrap();
             let simulated_operator = site.simulated_operator().unwrap();
-            simulated_operator.move_axis_by_hand(Axis::Z, CONTACT_Z - pressed - 450.0);
-            let mut person = Operator { simulated_operator, answer: Box::new(|_, _| None) };
-            through(&file, &site, &mut person).await
+            simulated_operator.move_axis_by_hand(Axis::Z, CONTACT_Z_MM - pressed - 450.0);
+            let mut person = ScriptedOperator { simulated_operator, answer: Box::new(|_, _| None) };
+            check_through_operator(&file, &site, &mut person).await
         });
-        assert_ended(&summary);
+        assert_ended_early(&summary);
     }
 }
 
-pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
+pub fn nothing_moves_while_the_stylus_stays_in_contact() {
     let asked = Arc::new(Mutex::new(0));
     let count = asked.clone();
     let answer = move |question: &Question, _: &SimulatedOperator| match question {
@@ -162,30 +162,30 @@ pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
         Question::StylusState(_) => Some(Answer::No),
         _ => None,
     };
-    let checked = recorded(0.0, "", operator(answer));
+    let checked = run_recorded_check(0.0, "", scripted_operator(answer));
     assert_eq!(*asked.lock().unwrap(), 1, "{}", checked.summary);
     assert_nothing_moved(&checked);
-    assert!(failures(&checked.summary).contains("the probe reads closed"), "{}", checked.summary);
+    assert!(failure_lines(&checked.summary).contains("the probe reads closed"), "{}", checked.summary);
     assert_eq!(checked.summary.count(Verdict::Failed), 1, "{}", checked.summary);
 }
 
 pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
-    let checked = recorded(0.0, "", |_, _| Box::new(NoOperator));
+    let checked = run_recorded_check(0.0, "", |_, _| Box::new(NoOperator));
     assert_nothing_moved(&checked);
-    let failed = failures(&checked.summary);
+    let failed = failure_lines(&checked.summary);
     assert!(failed.contains("the probe reads closed"), "{}", checked.summary);
     assert!(failed.contains("run `trued check` on a terminal"), "{}", checked.summary);
 }
 
 pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
-    let checked = recorded(0.0, "", |simulated_operator, stop| {
+    let checked = run_recorded_check(0.0, "", |simulated_operator, stop| {
         let answer = move |question: &Question, _: &SimulatedOperator| {
             if matches!(question, Question::RetractDirection { .. }) {
                 stop.halt().trigger();
             }
             None
         };
-        Box::new(Operator { simulated_operator, answer: Box::new(answer) })
+        Box::new(ScriptedOperator { simulated_operator, answer: Box::new(answer) })
     });
     assert_nothing_moved(&checked);
     assert!(checked.summary.stopped && !checked.summary.held, "{}", checked.summary);
@@ -206,7 +206,7 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     };
     // The gap to the ball is 2.5 mm.
     let post = "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";
-    let checked = recorded(0.0, post, operator(answer));
+    let checked = run_recorded_check(0.0, post, scripted_operator(answer));
     assert_nothing_moved(&checked);
     let results = results.lock().unwrap();
     let [None, Some(refused)] = results.as_slice() else { panic!("{results:?}") };

@@ -13,26 +13,26 @@ use crate::support::harness::{Pool, Trials, trials};
 use std::sync::Mutex;
 use std::thread;
 
-use bench::{against, checked, failures, machine, with_control};
-use mistakes::{MISTAKES, Mistake};
+use bench::{changed_machine, check_against_other_machine, failure_lines, machine_with_control, run_check};
+use mistakes::{MACHINE_MISTAKES, Mistake};
 use trued::commissioning::{Summary, Verdict};
 use trued::setup::Pace;
 
 /// All mistakes, the longest first: those of the links wait for a timeout.
-fn all() -> impl Iterator<Item = &'static Mistake> {
-    links::MISTAKES.iter().chain(sensor_mistakes::MISTAKES).chain(MISTAKES)
+fn all_mistakes() -> impl Iterator<Item = &'static Mistake> {
+    links::LINK_MISTAKES.iter().chain(sensor_mistakes::SENSOR_MISTAKES).chain(MACHINE_MISTAKES)
 }
 
 /// Number of parallel checks. Most of them wait; more would be late on a small computer, and lateness is itself a
 /// finding.
-const WORKERS: usize = 6;
+const WORKER_COUNT: usize = 6;
 
 /// Each mistake with the summary of its check.
-fn each() -> Vec<(&'static Mistake, Summary)> {
-    let (rows, done) = (Mutex::new(all()), Mutex::new(Vec::new()));
+fn check_each_mistake() -> Vec<(&'static Mistake, Summary)> {
+    let (rows, done) = (Mutex::new(all_mistakes()), Mutex::new(Vec::new()));
     let next = || rows.lock().unwrap().next();
     thread::scope(|scope| {
-        for _ in 0..WORKERS {
+        for _ in 0..WORKER_COUNT {
             scope.spawn(|| {
                 while let Some(row) = next() {
                     let summary = (row.check)();
@@ -45,7 +45,7 @@ fn each() -> Vec<(&'static Mistake, Summary)> {
 }
 
 /// Failures whose text is repeated by another failure of the summary, alone or within a sentence.
-fn named_twice(summary: &Summary) -> Vec<&str> {
+fn findings_named_twice(summary: &Summary) -> Vec<&str> {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     let whats: Vec<&str> = failed.map(|finding| finding.what.as_str()).collect();
     let is_repeated = |what: &&str| whats.iter().filter(|other| other.contains(*what)).count() > 1;
@@ -54,16 +54,16 @@ fn named_twice(summary: &Summary) -> Vec<&str> {
 
 fn each_planted_mistake_is_named_and_no_other() {
     let mut wrong = Vec::new();
-    for (row, summary) in each() {
-        let failed = failures(&summary);
+    for (row, summary) in check_each_mistake() {
+        let failed = failure_lines(&summary);
         println!("--- {}\n{failed}", row.name);
         if !failed.contains(row.phrase) {
             wrong.push(format!("{}: not named (`{}`):\n{summary}", row.name, row.phrase));
         }
-        for what in named_twice(&summary) {
+        for what in findings_named_twice(&summary) {
             wrong.push(format!("{}: `{what}` is named twice:\n{summary}", row.name));
         }
-        for other in all().filter(|other| other.phrase != row.phrase) {
+        for other in all_mistakes().filter(|other| other.phrase != row.phrase) {
             if failed.contains(other.phrase) {
                 wrong.push(format!("{}: `{}` is said:\n{summary}", row.name, other.phrase));
             }
@@ -74,7 +74,7 @@ fn each_planted_mistake_is_named_and_no_other() {
 
 /// A jog beyond the travel limits of the control would end in an alarm.
 fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
-    let summary = links::short_travel();
+    let summary = links::check_short_travel();
     let jogged = |axis: &str| {
         let mut findings = summary.findings.iter();
         findings.any(|finding| finding.what.starts_with(&format!("{axis} +1 mm")))
@@ -84,7 +84,7 @@ fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
     assert!(text.contains("X: the limits differ from the limits of the control"), "{text}");
 }
 
-fn a_sound_machine_passes_whatever_it_speaks() {
+fn sound_machine_passes_with_each_control() {
     let controls = [
         "wire = \"memory\"",
         "wire = \"pty\"",
@@ -93,7 +93,7 @@ fn a_sound_machine_passes_whatever_it_speaks() {
         "speaks = \"modbus-program\"",
     ];
     thread::scope(|scope| {
-        let check = |keys| scope.spawn(move || (keys, checked(&with_control(keys, &machine(&[])))));
+        let check = |keys| scope.spawn(move || (keys, run_check(&machine_with_control(keys, &changed_machine(&[])))));
         let all: Vec<_> = controls.into_iter().map(check).collect();
         for one in all {
             let (keys, summary) = one.join().unwrap();
@@ -120,11 +120,11 @@ fn a_sound_machine_passes_whatever_it_speaks() {
 }
 
 /// As in an operator's machine file: the program itself simulates nothing.
-fn a_sound_control_elsewhere_passes() {
+fn sound_control_in_another_process_passes() {
     for keys in ["wire = \"pty\"", "speaks = \"modbus\""] {
-        let truth = with_control(keys, &machine(&[]));
+        let truth = machine_with_control(keys, &changed_machine(&[]));
         let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
-        let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
+        let summary = check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, dialect);
         assert_eq!(summary.count(Verdict::Failed), 0, "{keys}\n{summary}");
     }
 }
@@ -132,18 +132,18 @@ fn a_sound_control_elsewhere_passes() {
 /// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe with the same scatter at every feed,
 /// declared in the file, is not reported as a PLC.
 fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
-    let poor = machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
-    let summary = checked(&poor);
+    let poor = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
+    let summary = run_check(&poor);
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     assert!(summary.to_string().contains("the control latches contacts itself"), "{summary}");
 }
 
 /// Twelve touches at each feed scatter by more than the declared value, but within the bound for so few touches.
 fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
-    let poorer = machine(&[("repeatability_um = 0.5", "repeatability_um = 0.6")]);
-    let truth = with_control("wire = \"pty\"", &poorer);
+    let poorer = changed_machine(&[("repeatability_um = 0.5", "repeatability_um = 0.6")]);
+    let truth = machine_with_control("wire = \"pty\"", &poorer);
     let dialect = |keys| keys + "\ndialect = \"grbl-m19\"";
-    let summary = against(&machine(&[]), &truth, Pace::Fast, dialect);
+    let summary = check_against_other_machine(&changed_machine(&[]), &truth, Pace::Fast, dialect);
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     let told = summary.to_string();
     let line = told.lines().find(|line| line.contains("the touches have a standard deviation of")).unwrap();
@@ -157,7 +157,7 @@ fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
 }
 
 /// The touches of a check are stored as a run of latch-delay.
-fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
+fn touches_of_check_are_stored_as_a_latch_delay_run() {
     let folder = tempfile::tempdir().unwrap();
     let trued = |arguments: &[&str]| {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_trued"));
@@ -177,31 +177,31 @@ pub fn trials() -> Trials {
         each_planted_mistake_is_named_and_no_other,
         regress_an_axis_beyond_the_controls_limits_is_not_jogged,
     ]
-    .and(trials![Pool::Waiting, 0;
-        a_sound_machine_passes_whatever_it_speaks,
-        a_sound_control_elsewhere_passes,
+    .with(trials![Pool::Waiting, 0;
+        sound_machine_passes_with_each_control,
+        sound_control_in_another_process_passes,
         a_probe_that_scatters_as_a_scan_does_is_no_scan,
         scatter_that_few_touches_may_show_is_told_with_its_bound,
-        its_touches_stand_in_the_journal_as_a_run_of_latch_delay,
-        people::without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at,
-        people::whoever_says_no_sees_nothing_move,
-        people::with_a_probe_that_nobody_deflects_nothing_may_move,
+        touches_of_check_are_stored_as_a_latch_delay_run,
+        people::without_operator_nothing_moves_and_unchecked_parts_are_listed,
+        people::a_refusal_by_the_operator_prevents_motion,
+        people::no_motion_before_the_probe_was_deflected,
         people::where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for,
         people::whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back,
-        people::regress_a_stop_while_nothing_moves_leaves_no_hold,
+        people::regress_a_stop_at_rest_leaves_no_hold,
         people::a_machine_that_was_moved_by_hand_is_not_jogged,
         contact::a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends,
         contact::a_stylus_in_contact_is_led_out_whatever_the_control_speaks,
-        contact::a_person_who_leaves_the_stylus_in_contact_sees_nothing_move,
+        contact::nothing_moves_while_the_stylus_stays_in_contact,
         contact::without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named,
         contact::a_stop_while_the_direction_is_asked_for_moves_nothing,
         contact::a_retract_towards_a_declared_body_is_refused_and_asked_for_again,
         program::without_a_machine_file_the_simulated_machine_is_checked_by_itself,
-        program::a_mistake_ends_it_with_1_and_json_tells_it_as_data,
-        program::with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang,
+        program::a_mistake_exits_with_1_and_is_in_the_json_output,
+        program::real_control_without_terminal_neither_moves_nor_hangs,
         program::regress_a_control_that_refuses_its_settings_is_a_failure,
-        program::ctrl_c_holds_the_machine_and_ends_it_with_5,
-        sensors::sound_sensors_are_called_sound,
-        sensors::a_thermometer_that_answers_passes,
+        program::ctrl_c_holds_the_machine_and_exits_with_5,
+        sensors::sound_sensors_pass,
+        sensors::answering_thermometer_passes,
     ])
 }

@@ -9,18 +9,18 @@ use trued::commissioning::{
 use trued::setup::{MachineFile, Pace, ReopenableMachine};
 use trued::store::Journal;
 
-use super::bench::{failures, machine, runtime, through};
+use super::bench::{changed_machine, check_through_operator, failure_lines, runtime};
 use crate::support::recording_control::{self, RecordingControl};
 
-fn file() -> MachineFile {
-    MachineFile::parse("machine.toml", machine(&[])).unwrap()
+fn machine_file() -> MachineFile {
+    MachineFile::parse("machine.toml", changed_machine(&[])).unwrap()
 }
 
-pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
-    let file = file();
+pub fn without_operator_nothing_moves_and_unchecked_parts_are_listed() {
+    let file = machine_file();
     let summary = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
-        through(&file, &site, &mut NoOperator).await
+        check_through_operator(&file, &site, &mut NoOperator).await
     });
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
     for part in [CheckPart::Probe, CheckPart::Axes, CheckPart::Hold] {
@@ -31,14 +31,14 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
 }
 
 /// Refuses every motion; keeps the questions.
-struct Careful {
+struct RefusingOperator {
     simulated_operator: SimulatedOperator,
-    asked: Vec<Question>,
+    questions: Vec<Question>,
 }
 
-impl OperatorInterface for Careful {
+impl OperatorInterface for RefusingOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
-        self.asked.push(question.clone());
+        self.questions.push(question.clone());
         let answer = match question {
             Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. } => Answer::No,
             other => self.simulated_operator.answer(other),
@@ -47,13 +47,14 @@ impl OperatorInterface for Careful {
     }
 }
 
-pub fn whoever_says_no_sees_nothing_move() {
-    let file = file();
+pub fn a_refusal_by_the_operator_prevents_motion() {
+    let file = machine_file();
     let (summary, asked) = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
-        let mut person = Careful { simulated_operator: site.simulated_operator().unwrap(), asked: Vec::new() };
-        let summary = through(&file, &site, &mut person).await;
-        (summary, person.asked)
+        let mut person =
+            RefusingOperator { simulated_operator: site.simulated_operator().unwrap(), questions: Vec::new() };
+        let summary = check_through_operator(&file, &site, &mut person).await;
+        (summary, person.questions)
     });
     assert!(!asked.iter().any(|question| matches!(question, Question::ObservedJog { .. })), "{asked:?}");
     let may = asked.iter().filter(|question| matches!(question, Question::AllowJog { .. }));
@@ -62,38 +63,39 @@ pub fn whoever_says_no_sees_nothing_move() {
 }
 
 /// Agrees to everything, except where `but` gives another answer.
-struct Otherwise<'a> {
+struct OperatorWithException<'a> {
     simulated_operator: &'a mut SimulatedOperator,
-    but: fn(&Question) -> Option<Answer>,
-    moves: usize,
+    exception: fn(&Question) -> Option<Answer>,
+    motion_count: usize,
 }
 
-impl OperatorInterface for Otherwise<'_> {
+impl OperatorInterface for OperatorWithException<'_> {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let may = matches!(question, Question::AllowJog { .. } | Question::AllowHold(_) | Question::AllowAction { .. });
-        self.moves += usize::from(may);
-        let answer = (self.but)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
+        self.motion_count += usize::from(may);
+        let answer = (self.exception)(question).unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
     }
 }
 
 /// Summary, number of questions for permission to move, and the simulated operator.
-fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, SimulatedOperator) {
-    let file = file();
+fn check_with_exception(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, SimulatedOperator) {
+    let file = machine_file();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
         let mut simulated_operator = site.simulated_operator().unwrap();
-        let mut person = Otherwise { simulated_operator: &mut simulated_operator, but, moves: 0 };
-        let summary = through(&file, &site, &mut person).await;
-        let moves = person.moves;
+        let mut person =
+            OperatorWithException { simulated_operator: &mut simulated_operator, exception: but, motion_count: 0 };
+        let summary = check_through_operator(&file, &site, &mut person).await;
+        let moves = person.motion_count;
         (summary, moves, simulated_operator)
     })
 }
 
-pub fn with_a_probe_that_nobody_deflects_nothing_may_move() {
+pub fn no_motion_before_the_probe_was_deflected() {
     let but =
         |question: &Question| matches!(question, Question::StylusState(StylusState::Deflected)).then_some(Answer::No);
-    let (summary, moves, _) = otherwise(but);
+    let (summary, moves, _) = check_with_exception(but);
     assert_eq!(moves, 0, "{summary}");
     assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
 }
@@ -105,9 +107,10 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
     let checked = |answer: Option<Answer>| {
         runtime().block_on(async {
             let site = ReopenableMachine::new(&file).unwrap();
-            let mut asked = Asked { simulated_operator: site.simulated_operator().unwrap(), answer, asked: 0 };
-            let summary = through(&file, &site, &mut asked).await;
-            assert_eq!((asked.asked, summary.count(Verdict::Failed)), (1, 0), "{summary}");
+            let mut asked =
+                OneAnswerOperator { simulated_operator: site.simulated_operator().unwrap(), answer, question_count: 0 };
+            let summary = check_through_operator(&file, &site, &mut asked).await;
+            assert_eq!((asked.question_count, summary.count(Verdict::Failed)), (1, 0), "{summary}");
             summary.to_string()
         })
     };
@@ -119,16 +122,16 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
 
 /// Gives this answer to the question whether the probe is in the spindle; without an answer, that of the simulated
 /// operator.
-struct Asked {
+struct OneAnswerOperator {
     simulated_operator: SimulatedOperator,
     answer: Option<Answer>,
-    asked: usize,
+    question_count: usize,
 }
 
-impl OperatorInterface for Asked {
+impl OperatorInterface for OneAnswerOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let mounted = matches!(question, Question::StylusState(StylusState::Mounted));
-        self.asked += usize::from(mounted);
+        self.question_count += usize::from(mounted);
         let told = self.answer.filter(|_| mounted);
         let answer = told.unwrap_or_else(|| self.simulated_operator.answer(question));
         Box::pin(std::future::ready(answer))
@@ -137,7 +140,7 @@ impl OperatorInterface for Asked {
 
 pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
     let but = |question: &Question| matches!(question, Question::ObservedJog { .. }).then_some(Answer::NoOperator);
-    let (summary, moves, mut simulated_operator) = otherwise(but);
+    let (summary, moves, mut simulated_operator) = check_with_exception(but);
     assert_eq!(moves, 1, "{summary}");
     assert!(summary.to_string().contains("the axis was not moved back"), "{summary}");
     let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
@@ -146,9 +149,9 @@ pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
 }
 
 /// Ends the check when it requests the deflection of the stylus.
-struct Leaving(Stop);
+struct StoppingOperator(Stop);
 
-impl OperatorInterface for Leaving {
+impl OperatorInterface for StoppingOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         if let Question::StylusState(_) = question {
             self.0.halt().trigger();
@@ -157,27 +160,27 @@ impl OperatorInterface for Leaving {
     }
 }
 
-pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
+pub fn regress_a_stop_at_rest_leaves_no_hold() {
     let control = RecordingControl::start();
-    let text = recording_control::machine(&control.address());
+    let text = recording_control::machine_with_control(&control.address());
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let summary = runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
         let (folder, stop) = (tempfile::tempdir().unwrap(), Stop::default());
         let journal = Journal::open(folder.path()).unwrap();
-        let (mut person, mut tell) = (Leaving(stop.clone()), |_: &Finding| {});
+        let (mut person, mut tell) = (StoppingOperator(stop.clone()), |_: &Finding| {});
         Check::new(&file, &site, Pace::Fast, &journal, &mut person, stop, &mut tell).run_all_parts().await
     });
     assert!(summary.stopped && summary.count(Verdict::Failed) == 0, "{summary}");
     assert!(!summary.to_string().contains("held"), "{summary}");
-    let sent = control.end().lines().concat();
+    let sent = control.stop_and_take_record().received_lines().concat();
     assert!(sent.contains("$I") && !sent.contains('!'), "{sent}");
 }
 
 /// Moves another axis by hand before the jog is allowed.
-struct Clumsy(SimulatedOperator);
+struct ClumsyOperator(SimulatedOperator);
 
-impl OperatorInterface for Clumsy {
+impl OperatorInterface for ClumsyOperator {
     fn wait_for_answer<'a>(&'a mut self, question: &'a Question) -> AnswerFuture<'a> {
         let Self(simulated_operator) = self;
         let answer = simulated_operator.answer(question);
@@ -189,13 +192,13 @@ impl OperatorInterface for Clumsy {
 }
 
 pub fn a_machine_that_was_moved_by_hand_is_not_jogged() {
-    let file = file();
+    let file = machine_file();
     runtime().block_on(async {
         let site = ReopenableMachine::new(&file).unwrap();
-        let mut person = Clumsy(site.simulated_operator().unwrap());
-        let summary = through(&file, &site, &mut person).await;
+        let mut person = ClumsyOperator(site.simulated_operator().unwrap());
+        let summary = check_through_operator(&file, &site, &mut person).await;
         let told = "X +1 mm: the machine was moved by hand: Y is at 0.500, not at 0.000";
-        assert!(failures(&summary).contains(told), "{summary}");
+        assert!(failure_lines(&summary).contains(told), "{summary}");
         assert_eq!(summary.count(Verdict::Failed), 1, "nothing after it: {summary}");
         let jog = Jog { axis: Axis::X, by: 1.0, feed_per_min: 60.0 };
         let moved = person.0.answer(&Question::ObservedJog { jog, visible_motion: String::new() });

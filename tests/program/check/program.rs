@@ -10,11 +10,11 @@ use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpListener;
 use trued::setup::{MachineFile, Pace, SimulatedMachine};
 
-use super::bench::{machine, runtime, with_truth};
+use super::bench::{changed_machine, machine_with_truth, runtime};
 
-struct Shop(TempDir);
+struct CheckWorkspace(TempDir);
 
-impl Shop {
+impl CheckWorkspace {
     fn new(text: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("machine.toml"), text).unwrap();
@@ -36,23 +36,23 @@ impl Shop {
     }
 }
 
-fn text(bytes: &[u8]) -> String {
+fn utf8_text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
 }
 
 pub fn without_a_machine_file_the_simulated_machine_is_checked_by_itself() {
-    let shop = Shop::new("");
+    let shop = CheckWorkspace::new("");
     let output = shop.command(&[]).output().unwrap();
-    let said = text(&output.stdout);
-    assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
+    let said = utf8_text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{said}{}", utf8_text(&output.stderr));
     assert!(said.contains("Summary for a support request:\n\ntrued "), "{said}");
     assert!(said.contains("check of `simulated five-axis machine`\ncontrol: Grbl 1.1f"), "{said}");
 }
 
-pub fn a_mistake_ends_it_with_1_and_json_tells_it_as_data() {
-    let shop = Shop::new(&with_truth("[simulated.wiring]\nprobe = \"inverted\"\n"));
+pub fn a_mistake_exits_with_1_and_is_in_the_json_output() {
+    let shop = CheckWorkspace::new(&machine_with_truth("[simulated.wiring]\nprobe = \"inverted\"\n"));
     let output = shop.check(&["--json"]);
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "{}", utf8_text(&output.stderr));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["machine"], "simulated five-axis machine");
     let findings = summary["findings"].as_array().unwrap();
@@ -62,12 +62,15 @@ pub fn a_mistake_ends_it_with_1_and_json_tells_it_as_data() {
     assert!(failed[0]["remedy"].is_string(), "{summary:#}");
 }
 
-pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() {
-    let truth = MachineFile::parse("truth.toml", machine(&[])).unwrap();
+pub fn real_control_without_terminal_neither_moves_nor_hangs() {
+    let truth = MachineFile::parse("truth.toml", changed_machine(&[])).unwrap();
     let runtime = runtime();
     let served = runtime.block_on(async { SimulatedMachine::new(&truth)?.serve(Pace::Fast) }).unwrap();
     let keys = format!("{}\ndialect = \"grbl-m19\"\n", served.controller_toml());
-    let shop = Shop::new(&machine(&[("kind = \"simulated\"\n", keys.as_str()), ("wire = \"memory\"\n", "")]));
+    let shop = CheckWorkspace::new(&changed_machine(&[
+        ("kind = \"simulated\"\n", keys.as_str()),
+        ("wire = \"memory\"\n", ""),
+    ]));
     let (done, answered) = std::sync::mpsc::channel();
     std::thread::scope(|scope| {
         scope.spawn(|| done.send(shop.check(&[])).unwrap());
@@ -80,9 +83,9 @@ pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() 
                 }
             }
         });
-        let said = text(&output.stdout);
-        assert_eq!(output.status.code(), Some(0), "{said}{}", text(&output.stderr));
-        assert!(text(&output.stderr).contains("standard input is not a terminal"));
+        let said = utf8_text(&output.stdout);
+        assert_eq!(output.status.code(), Some(0), "{said}{}", utf8_text(&output.stderr));
+        assert!(utf8_text(&output.stderr).contains("standard input is not a terminal"));
         assert!(
             said.contains(
                 "axes    not checked    the probe input was not tested, because no operator is \
@@ -100,16 +103,19 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
         let runtime = runtime();
         let (address, control) = runtime.block_on(async {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-            (listener.local_addr().unwrap(), without_settings(listener, refusals))
+            (listener.local_addr().unwrap(), serve_control_without_settings(listener, refusals))
         });
         let keys = format!("kind = \"grbl\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n");
-        let shop = Shop::new(&machine(&[("kind = \"simulated\"\n", keys.as_str()), ("wire = \"memory\"\n", "")]));
+        let shop = CheckWorkspace::new(&changed_machine(&[
+            ("kind = \"simulated\"\n", keys.as_str()),
+            ("wire = \"memory\"\n", ""),
+        ]));
         let output = std::thread::scope(|scope| {
             let checked = scope.spawn(|| shop.check(&[]));
             runtime.block_on(control);
             checked.join().unwrap()
         });
-        let said = text(&output.stdout);
+        let said = utf8_text(&output.stdout);
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains("1 failed"), "{said}");
         let failed = said.lines().find(|line| line.contains("FAILED")).unwrap();
@@ -118,8 +124,8 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
 }
 
 /// The simulated control; it rejects the first `refusals` requests of `$$`.
-async fn without_settings(listener: TcpListener, mut refusals: usize) {
-    let file = MachineFile::parse("truth.toml", machine(&[])).unwrap();
+async fn serve_control_without_settings(listener: TcpListener, mut refusals: usize) {
+    let file = MachineFile::parse("truth.toml", changed_machine(&[])).unwrap();
     let world = Arc::new(Mutex::new(trued::setup::build_world(&file).unwrap()));
     let mut firmware = Firmware::new(world, SimulatedGrblOptions::of(&file.machine, Pace::Fast));
     let (stream, _) = listener.accept().await.unwrap();
@@ -156,8 +162,8 @@ async fn without_settings(listener: TcpListener, mut refusals: usize) {
     served.unwrap();
 }
 
-pub fn ctrl_c_holds_the_machine_and_ends_it_with_5() {
-    let shop = Shop::new(&machine(&[]));
+pub fn ctrl_c_holds_the_machine_and_exits_with_5() {
+    let shop = CheckWorkspace::new(&changed_machine(&[]));
     let mut check = shop.command(&["--speed", "real"]).spawn().unwrap();
     let mut lines = BufReader::new(check.stdout.take().unwrap()).lines().map(Result::unwrap);
     // The next axis is moving, a second there and a second back.

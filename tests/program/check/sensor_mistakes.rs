@@ -8,167 +8,184 @@ use trued::commissioning::Summary;
 use super::bench::runtime;
 use super::mistakes::Mistake;
 use super::sensors::{
-    BYTES, LINE, MAP, RATE_HZ, at_a_thermometer, bytes, counts, file, frame, frames, hearing, line, looked_at,
-    near_frame, on_a_line, on_can, on_modbus, sound, sound_frame, too_fast, with_a_deaf_port, with_thermometer,
-    without_sampler,
+    BYTE_FRAME_KEYS, MODBUS_MAP_KEYS, RATE_HZ, TEXT_LINE_KEYS, byte_frame, can_frame, check_on_can, check_on_modbus,
+    check_on_serial_line, check_thermometer, check_with_silent_port, check_without_sampler, distance_counts,
+    garbled_at_wrong_baud_rate, machine_with_sensor, machine_with_thermometer, near_frame, open_sound_bus,
+    receiver_of_events, receiver_of_frames, run_check, sound_frame, text_line,
 };
 
-const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
+const fn mistake(name: &'static str, check: fn() -> Summary, phrase: &'static str) -> Mistake {
     Mistake { name, check, phrase }
 }
 
-const LEAPS: &str = "increments its sample counter by more than one between most samples";
-const SILENT: &str = "no data from the sensor within";
+const COUNTER_LEAPS_TEXT: &str = "increments its sample counter by more than one between most samples";
+const SILENT_SENSOR_TEXT: &str = "no data from the sensor within";
 
 /// Each row has words that occur for no other mistake.
-pub const MISTAKES: &[Mistake] = &[
-    row(
+pub const SENSOR_MISTAKES: &[Mistake] = &[
+    mistake(
         "CAN: another bit rate",
-        || on_can(&[], || hearing(vec![CanEvent::BusErrors("bit stuffing error".to_owned())])),
+        || check_on_can(&[], || receiver_of_events(vec![CanEvent::BusErrors("bit stuffing error".to_owned())])),
         "no frame 181 was received on `can0`, and the bus has errors: bit stuffing error",
     ),
-    row(
+    mistake(
         "CAN: the controller has given up",
-        || on_can(&[], || hearing(vec![CanEvent::BusOff("bus off".to_owned())])),
+        || check_on_can(&[], || receiver_of_events(vec![CanEvent::BusOff("bus off".to_owned())])),
         "the CAN controller of `can0` is bus-off",
     ),
-    row(
+    mistake(
         "CAN: a kernel without it",
         || {
             let none = || Err(CanError::NoKernelSupport { source: io::Error::other("no such family") });
-            on_can(&[], none)
+            check_on_can(&[], none)
         },
         "the kernel of this computer does not support CAN",
     ),
-    row(
+    mistake(
         "CAN: the interface is down",
-        || on_can(&[], || hearing(vec![CanEvent::Down("Network is down".to_owned())])),
+        || check_on_can(&[], || receiver_of_events(vec![CanEvent::Down("Network is down".to_owned())])),
         "the CAN interface `can0` is down",
     ),
-    row(
+    mistake(
         "CAN: another identifier",
-        || on_can(&[], || hearing(vec![CanEvent::ForeignId(CanId::new(0x182, false).unwrap())])),
+        || check_on_can(&[], || receiver_of_events(vec![CanEvent::ForeignId(CanId::new(0x182, false).unwrap())])),
         "no frame 181 was received on `can0`, only frames with other identifiers: 182",
     ),
-    row("CAN: a sensor that is off", || on_can(&[], || hearing(Vec::new())), SILENT),
-    row("CAN: the bytes the other way", || on_can(&[("order = \"big\"", "order = \"little\"")], sound), LEAPS),
-    row(
+    mistake("CAN: a sensor that is off", || check_on_can(&[], || receiver_of_events(Vec::new())), SILENT_SENSOR_TEXT),
+    mistake(
+        "CAN: the bytes the other way",
+        || check_on_can(&[("order = \"big\"", "order = \"little\"")], open_sound_bus),
+        COUNTER_LEAPS_TEXT,
+    ),
+    mistake(
         "CAN: a scale too large, near zero",
-        || on_can(&[("1e-5", "5e-4")], || frames(near_frame)),
+        || check_on_can(&[("1e-5", "5e-4")], || receiver_of_frames(near_frame)),
         "the machine file states noise_um = 0.5",
     ),
-    row(
+    mistake(
         "CAN: what does not measure",
-        || on_can(&[], || frames(|number| frame(number, RATE_HZ, number, 123_450))),
+        || check_on_can(&[], || receiver_of_frames(|number| can_frame(number, RATE_HZ, number, 123_450))),
         "reports exactly the same value in every sample",
     ),
-    row(
+    mistake(
         "CAN: a counter that is none",
-        || on_can(&[], || frames(|number| frame(number, RATE_HZ, 7, counts(number, 1.2345)))),
+        || {
+            check_on_can(&[], || {
+                receiver_of_frames(|number| can_frame(number, RATE_HZ, 7, distance_counts(number, 1.2345)))
+            })
+        },
         "the counter of the received samples never changes",
     ),
-    row(
+    mistake(
         "CAN: a counter of another thing",
         || {
             fn of_thirds(number: u64) -> CanFrame {
-                frame(number, RATE_HZ, 3 * number, counts(number, 1.2345))
+                can_frame(number, RATE_HZ, 3 * number, distance_counts(number, 1.2345))
             }
-            on_can(&[], || frames(of_thirds))
+            check_on_can(&[], || receiver_of_frames(of_thirds))
         },
-        LEAPS,
+        COUNTER_LEAPS_TEXT,
     ),
-    row(
+    mistake(
         "CAN: samples that are lost",
         || {
             fn lossy(number: u64) -> CanFrame {
                 sound_frame(number + number / 10)
             }
-            on_can(&[], || frames(lossy))
+            check_on_can(&[], || receiver_of_frames(lossy))
         },
         "loses samples: ",
     ),
-    row(
+    mistake(
         "CAN: half the rate",
         || {
             fn slow(number: u64) -> CanFrame {
-                frame(number, 500.0, number, counts(number, 1.2345))
+                can_frame(number, 500.0, number, distance_counts(number, 1.2345))
             }
-            on_can(&[], || frames(slow))
+            check_on_can(&[], || receiver_of_frames(slow))
         },
         "sends 500 samples/s; the machine file states rate_hz = 1000",
     ),
-    row(
+    mistake(
         "CAN: frames of another length",
         || {
             fn short(number: u64) -> CanFrame {
                 let whole = sound_frame(number);
                 CanFrame::new(whole.t_s, whole.id, &whole.data()[..4])
             }
-            on_can(&[], || frames(short))
+            check_on_can(&[], || receiver_of_frames(short))
         },
         "the frame has 4 bytes, but the layout needs 6",
     ),
-    row(
+    mistake(
         "serial: another baud rate, text",
-        || on_a_line(LINE, |number| too_fast(line(number))),
+        || check_on_serial_line(TEXT_LINE_KEYS, |number| garbled_at_wrong_baud_rate(text_line(number))),
         "mostly noise instead of lines of text",
     ),
-    row(
+    mistake(
         "serial: another baud rate, bytes",
-        || on_a_line(BYTES, |number| too_fast(bytes(number))),
+        || check_on_serial_line(BYTE_FRAME_KEYS, |number| garbled_at_wrong_baud_rate(byte_frame(number))),
         "no valid frame in the received bytes: `",
     ),
-    row(
+    mistake(
         "serial: text where the number is",
-        || on_a_line(LINE, |number| format!("M0,READY,{:04}\r\n", number % 10_000).into_bytes()),
+        || check_on_serial_line(TEXT_LINE_KEYS, |number| format!("M0,READY,{:04}\r\n", number % 10_000).into_bytes()),
         "the received lines do not match the layout: `M0,READY",
     ),
-    row(
+    mistake(
         "serial: another line's end",
         || {
-            let cut = |number| String::from_utf8(line(number)).unwrap().replace("\r\n", "\r");
-            on_a_line(LINE, move |number| cut(number).into_bytes())
+            let cut = |number| String::from_utf8(text_line(number)).unwrap().replace("\r\n", "\r");
+            check_on_serial_line(TEXT_LINE_KEYS, move |number| cut(number).into_bytes())
         },
         "\\rM0,+01.",
     ),
-    row(
+    mistake(
         "serial: a counter that is none",
         || {
-            let stands = |number| line(number)[..13].iter().copied().chain(*b"0007\r\n").collect();
-            on_a_line(LINE, stands)
+            let stands = |number| text_line(number)[..13].iter().copied().chain(*b"0007\r\n").collect();
+            check_on_serial_line(TEXT_LINE_KEYS, stands)
         },
         "the counter of the received samples never changes",
     ),
-    row("serial: a sensor that is off", || on_a_line(LINE, |_| Vec::new()), SILENT),
-    row(
+    mistake(
+        "serial: a sensor that is off",
+        || check_on_serial_line(TEXT_LINE_KEYS, |_| Vec::new()),
+        SILENT_SENSOR_TEXT,
+    ),
+    mistake(
         "serial: a port that is not there",
         || {
             let at = "[sensor.serial]\nserial = \"/dev/trued-laser\"\n";
-            runtime().block_on(looked_at(&file(&format!("{at}{LINE}"))))
+            runtime().block_on(run_check(&machine_with_sensor(&format!("{at}{TEXT_LINE_KEYS}"))))
         },
         "/dev/trued-laser does not exist",
     ),
-    row(
+    mistake(
         "Modbus: another unit",
-        || with_a_deaf_port(|address| file(&format!("[sensor.modbus]\ntcp = \"{address}\"\nunit = 7\n{MAP}"))),
+        || {
+            check_with_silent_port(|address| {
+                machine_with_sensor(&format!("[sensor.modbus]\ntcp = \"{address}\"\nunit = 7\n{MODBUS_MAP_KEYS}"))
+            })
+        },
         "compare `unit`, baud rate and parity of [sensor.modbus]",
     ),
-    row(
+    mistake(
         "Modbus: registers that it has not",
-        || on_modbus(&[("register = 2", "register = 40")], 200.0),
+        || check_on_modbus(&[("register = 2", "register = 40")], 200.0),
         "reading input registers 1 to 41:",
     ),
-    row(
+    mistake(
         "Modbus: holding registers",
-        || on_modbus(&[("counter", "space = \"holding\"\ncounter")], 200.0),
+        || check_on_modbus(&[("counter", "space = \"holding\"\ncounter")], 200.0),
         "exception 1 (illegal function)",
     ),
-    row("Modbus: what does not measure", || on_modbus(&[], 0.1), "the registers of the sensor never change"),
-    row("thermometer: another scale", || at_a_thermometer("1e-3"), "the temperature 2150.0 °C is not plausible"),
-    row(
+    mistake("Modbus: what does not measure", || check_on_modbus(&[], 0.1), "the registers of the sensor never change"),
+    mistake("thermometer: another scale", || check_thermometer("1e-3"), "the temperature 2150.0 °C is not plausible"),
+    mistake(
         "thermometer: nobody answers",
-        || with_a_deaf_port(|address| with_thermometer(address, "0.1")),
+        || check_with_silent_port(|address| machine_with_thermometer(address, "0.1")),
         "for the thermometer: the keys of [thermometer.modbus]",
     ),
-    row("LinuxCNC: no sampler", without_sampler, "the sampler at 127.0.0.1:1 is not reachable"),
+    mistake("LinuxCNC: no sampler", check_without_sampler, "the sampler at 127.0.0.1:1 is not reachable"),
 ];

@@ -16,35 +16,35 @@ use trued::commissioning::{NoOperator, Summary};
 use trued::setup::machine_file::SensorConnection;
 use trued::setup::{MachineFile, ReopenableMachine};
 
-use super::bench::{machine, runtime, through};
+use super::bench::{changed_machine, check_through_operator, runtime};
 
 const NOISE_UM: f64 = 0.5;
 pub const RATE_HZ: f64 = 1000.0;
 const COUNTS_PER_MM: f64 = 1e5;
 
 /// The built-in machine with a laser that has these connection keys.
-pub fn file(connection: &str) -> MachineFile {
+pub fn machine_with_sensor(connection: &str) -> MachineFile {
     let text = format!(
         "{}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\ndirection = [0.0, 0.0, -1.0]\n\
          range_mm = [-10.0, 10.0]\nnoise_um = {NOISE_UM:?}\n{connection}",
-        machine(&[])
+        changed_machine(&[])
     );
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
 /// Checks without an operator: nothing moves.
-pub async fn looked_at(file: &MachineFile) -> Summary {
-    through(file, &ReopenableMachine::new(file).unwrap(), &mut NoOperator).await
+pub async fn run_check(file: &MachineFile) -> Summary {
+    check_through_operator(file, &ReopenableMachine::new(file).unwrap(), &mut NoOperator).await
 }
 
 /// Counts of a sample at `mm`, with 0.3 µm of noise.
-pub fn counts(number: u64, mm: f64) -> i32 {
+pub fn distance_counts(number: u64, mm: f64) -> i32 {
     (mm * COUNTS_PER_MM) as i32 + (number * 37 % 101) as i32 - 50
 }
 
 // CAN: counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first.
 
-const SHEET: &str = r#"
+const CAN_LAYOUT_KEYS: &str = r#"
 interface = "can0"
 id = 0x181
 order = "big"
@@ -54,7 +54,7 @@ counter = { byte = 0, width = 16 }
 status = [{ byte = 5, bit = 0, means = "no-echo" }]
 "#;
 
-pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> CanFrame {
+pub fn can_frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> CanFrame {
     let [.., high, low] = count.to_be_bytes();
     let [_, first, second, third] = counts.to_be_bytes();
     let data = [high, low, first, second, third, 0];
@@ -64,37 +64,37 @@ pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> CanFrame {
 
 /// A bus in this process, and the machine file's description of the sensor's frames.
 #[derive(Debug)]
-struct Bus {
-    sheet: String,
-    hears: fn() -> Result<CanReceiver, CanError>,
+struct TestBus {
+    layout_keys: String,
+    open_receiver: fn() -> Result<CanReceiver, CanError>,
 }
 
-impl SensorConfig for Bus {
+impl SensorConfig for TestBus {
     fn describe_address(&self) -> String {
         "frames 181 on CAN interface can0".to_owned()
     }
 
     fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, _: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
-            let config: can::CanConfig = toml::from_str(&self.sheet).unwrap();
-            Ok(config.spawn_sensor((self.hears)()?, sensor, clock, None))
+            let config: can::CanConfig = toml::from_str(&self.layout_keys).unwrap();
+            Ok(config.spawn_sensor((self.open_receiver)()?, sensor, clock, None))
         })
     }
 }
 
-pub fn on_can(told: &[(&str, &str)], hears: fn() -> Result<CanReceiver, CanError>) -> Summary {
+pub fn check_on_can(told: &[(&str, &str)], hears: fn() -> Result<CanReceiver, CanError>) -> Summary {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
     };
-    let sheet = told.iter().fold(SHEET.to_owned(), change);
-    let mut file = file(&format!("rate_hz = {RATE_HZ:?}\n[sensor.simulated]\n"));
-    file.sensors[0].connection = SensorConnection::Real(Arc::new(Bus { sheet, hears }));
-    runtime().block_on(looked_at(&file))
+    let sheet = told.iter().fold(CAN_LAYOUT_KEYS.to_owned(), change);
+    let mut file = machine_with_sensor(&format!("rate_hz = {RATE_HZ:?}\n[sensor.simulated]\n"));
+    file.sensors[0].connection = SensorConnection::Real(Arc::new(TestBus { layout_keys: sheet, open_receiver: hears }));
+    runtime().block_on(run_check(&file))
 }
 
 /// These frames, each with its number from 0 on, as fast as they are read.
-pub fn frames(frame: fn(u64) -> CanFrame) -> Result<CanReceiver, CanError> {
+pub fn receiver_of_frames(frame: fn(u64) -> CanFrame) -> Result<CanReceiver, CanError> {
     let mut number = 0;
     let next = move || {
         number += 1;
@@ -104,19 +104,19 @@ pub fn frames(frame: fn(u64) -> CanFrame) -> Result<CanReceiver, CanError> {
 }
 
 pub fn sound_frame(number: u64) -> CanFrame {
-    frame(number, RATE_HZ, number, counts(number, 1.2345))
+    can_frame(number, RATE_HZ, number, distance_counts(number, 1.2345))
 }
 
 pub fn near_frame(number: u64) -> CanFrame {
-    frame(number, RATE_HZ, number, counts(number, 0.1))
+    can_frame(number, RATE_HZ, number, distance_counts(number, 0.1))
 }
 
-pub fn sound() -> Result<CanReceiver, CanError> {
-    frames(sound_frame)
+pub fn open_sound_bus() -> Result<CanReceiver, CanError> {
+    receiver_of_frames(sound_frame)
 }
 
 /// A bus with exactly these events.
-pub fn hearing(said: Vec<CanEvent>) -> Result<CanReceiver, CanError> {
+pub fn receiver_of_events(said: Vec<CanEvent>) -> Result<CanReceiver, CanError> {
     let (say, heard) = mpsc::channel(8);
     for heard in said {
         say.try_send(heard).unwrap();
@@ -128,32 +128,32 @@ pub fn hearing(said: Vec<CanEvent>) -> Result<CanReceiver, CanError> {
 
 // A serial line: `M0,` the distance in mm and a counter of four digits.
 
-pub const LINE: &str = "[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\ncolumns = 3\n\
+pub const TEXT_LINE_KEYS: &str = "[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\ncolumns = 3\n\
                     value = { column = 2, scale_mm = 1.0 }\ncounter = { column = 3, round = 10000 }\n";
-pub const BYTES: &str = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
+pub const BYTE_FRAME_KEYS: &str = "[sensor.serial.frame]\nsync = [0xAA, 0x55]\nlength = 5\norder = \"big\"\n\
                      value = { byte = 0, width = 24, signed = true, scale_mm = 1e-5 }\n\
                      counter = { byte = 3, width = 16 }\n";
 
-pub fn line(number: u64) -> Vec<u8> {
-    let mm = f64::from(counts(number, 1.2345)) / COUNTS_PER_MM;
+pub fn text_line(number: u64) -> Vec<u8> {
+    let mm = f64::from(distance_counts(number, 1.2345)) / COUNTS_PER_MM;
     format!("M0,{mm:+09.5},{:04}\r\n", number % 10_000).into_bytes()
 }
 
-pub fn bytes(number: u64) -> Vec<u8> {
-    let [_, first, second, third] = counts(number, 1.2345).to_be_bytes();
+pub fn byte_frame(number: u64) -> Vec<u8> {
+    let [_, first, second, third] = distance_counts(number, 1.2345).to_be_bytes();
     let [.., high, low] = number.to_be_bytes();
     vec![0xAA, 0x55, first, second, third, high, low]
 }
 
 /// Period of the lines.
-const PERIOD: Duration = Duration::from_millis(2);
+const SAMPLE_PERIOD: Duration = Duration::from_millis(2);
 
 /// A device on a pseudo-terminal that sends this data without requests, and its description in a machine file.
-pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
+pub fn check_on_serial_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
     runtime().block_on(async {
         let mut pty = link::create_pty().unwrap();
         let at = format!("[sensor.serial]\nserial = \"{}\"\nbaud = 9600\ntimeout_s = 2.0\n", pty.path);
-        let file = file(&(at + keys));
+        let file = machine_with_sensor(&(at + keys));
         let device = async {
             for number in 0.. {
                 let said = says(number);
@@ -161,102 +161,106 @@ pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
                 if pty.device.write_all(&said).await.is_err() {
                     break;
                 }
-                tokio::time::sleep(PERIOD).await;
+                tokio::time::sleep(SAMPLE_PERIOD).await;
             }
             std::future::pending::<()>().await;
         };
         tokio::select! {
-            summary = looked_at(&file) => summary,
+            summary = run_check(&file) => summary,
             () = device => unreachable!("it ends with the check"),
         }
     })
 }
 
 /// Bytes sent at 115 200 baud as received at 9600 baud.
-pub fn too_fast(said: Vec<u8>) -> Vec<u8> {
+pub fn garbled_at_wrong_baud_rate(said: Vec<u8>) -> Vec<u8> {
     link::decode_at_baud(&said.repeat(12), 115_200, 9600)
 }
 
 // Modbus: the simulated sensor. Input registers 0 status, 1 counter, 2 and 3 the distance in 10 nm, low word first.
 
-pub const MAP: &str = "counter = { register = 1, type = \"u16\" }\n\
+pub const MODBUS_MAP_KEYS: &str = "counter = { register = 1, type = \"u16\" }\n\
                    value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 1e-5 }\n";
 
-pub fn on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
+pub fn check_on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
     let mut number = 0;
     let sense = move || {
         number += 1;
-        SensorOutput::Distance(f64::from(counts(number, 1.2345)) / COUNTS_PER_MM)
+        SensorOutput::Distance(f64::from(distance_counts(number, 1.2345)) / COUNTS_PER_MM)
     };
     let measures = SampleTiming::AtFixedRate;
     let (at, _) = serve_on_tcp(measures, Box::new(sense), rate_hz).unwrap();
-    let map = told.iter().fold(MAP.to_owned(), |map, (old, new)| {
+    let map = told.iter().fold(MODBUS_MAP_KEYS.to_owned(), |map, (old, new)| {
         assert!(map.contains(old), "{old}");
         map.replacen(old, new, 1)
     });
-    runtime().block_on(looked_at(&file(&format!("[sensor.modbus]\ntcp = \"{at}\"\n{map}"))))
+    runtime().block_on(run_check(&machine_with_sensor(&format!("[sensor.modbus]\ntcp = \"{at}\"\n{map}"))))
 }
 
 /// The built-in machine with an additional thermometer at `at`.
-pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
+pub fn machine_with_thermometer(at: &str, scale_c: &str) -> MachineFile {
     let text = format!(
         "{}\n[[thermometer]]\nname = \"bed\"\n[thermometer.modbus]\ntcp = \"{at}\"\n\
          value = {{ register = 2, type = \"i32\", order = \"cdab\", scale_c = {scale_c} }}\n",
-        machine(&[])
+        changed_machine(&[])
     );
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
 /// Checks a device whose register value is 21.5 in units of 1e-5.
-pub fn at_a_thermometer(scale_c: &str) -> Summary {
+pub fn check_thermometer(scale_c: &str) -> Summary {
     let sense = Box::new(|| SensorOutput::Distance(21.5));
     let (at, _) = serve_on_tcp(SampleTiming::AtFixedRate, sense, 10.0).unwrap();
-    runtime().block_on(looked_at(&with_thermometer(&at.to_string(), scale_c)))
+    runtime().block_on(run_check(&machine_with_thermometer(&at.to_string(), scale_c)))
 }
 
 /// A port that accepts connections and sends nothing.
-pub fn with_a_deaf_port(check: impl Fn(&str) -> MachineFile) -> Summary {
+pub fn check_with_silent_port(check: impl Fn(&str) -> MachineFile) -> Summary {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let file = check(&listener.local_addr().unwrap().to_string());
-    let summary = runtime().block_on(looked_at(&file));
+    let summary = runtime().block_on(run_check(&file));
     drop(listener);
     summary
 }
 
 /// LinuxCNC without a server for the axis positions.
-pub fn without_sampler() -> Summary {
+pub fn check_without_sampler() -> Summary {
     let folder = tempfile::tempdir().unwrap();
-    with_a_deaf_port(|address| {
+    check_with_silent_port(|address| {
         let control = format!(
             "kind = \"linuxcnc\"\ntcp = \"{address}\"\nprogram_dir = {:?}\n\
              sampler = {{ tcp = \"127.0.0.1:1\" }}\n",
             folder.path()
         );
         let changes = [("kind = \"simulated\"\n", control.as_str()), ("wire = \"memory\"\n", "")];
-        MachineFile::parse("machine.toml", machine(&changes)).unwrap()
+        MachineFile::parse("machine.toml", changed_machine(&changes)).unwrap()
     })
 }
 
 /// Sound sensors on every kind of connection.
-pub fn sound_sensors_are_called_sound() {
+pub fn sound_sensors_pass() {
     let slow = "rate_hz = 500.0\n";
     for (name, summary) in [
-        ("CAN", on_can(&[], sound)),
-        ("text", on_a_line(LINE, line)),
-        ("bytes", on_a_line(BYTES, bytes)),
-        ("Modbus", on_modbus(&[], 200.0)),
-        ("in memory", runtime().block_on(looked_at(&file(&format!("{slow}[sensor.simulated]\nrate_hz = 500.0\n"))))),
+        ("CAN", check_on_can(&[], open_sound_bus)),
+        ("text", check_on_serial_line(TEXT_LINE_KEYS, text_line)),
+        ("bytes", check_on_serial_line(BYTE_FRAME_KEYS, byte_frame)),
+        ("Modbus", check_on_modbus(&[], 200.0)),
+        (
+            "in memory",
+            runtime()
+                .block_on(run_check(&machine_with_sensor(&format!("{slow}[sensor.simulated]\nrate_hz = 500.0\n")))),
+        ),
     ] {
-        let failed = super::bench::failures(&summary);
+        let failed = super::bench::failure_lines(&summary);
         assert!(failed.is_empty(), "{name}: {failed}");
         let told = summary.to_string();
         assert!(told.contains("sensors ok             laser ("), "{name}: {told}");
     }
 }
 
-pub fn a_thermometer_that_answers_passes() {
-    let summary = at_a_thermometer("1e-5");
-    assert!(super::bench::failures(&summary).is_empty(), "{summary}");
+pub fn answering_thermometer_passes() {
+    let summary = check_thermometer("1e-5");
+    assert!(super::bench::failure_lines(&summary).is_empty(), "{summary}");
     let told = summary.to_string();
     assert!(told.contains("thermometer bed (127.0.0.1:") && told.contains("): 21.50 °C"), "{told}");
     // The built-in thermometer, which measures the simulated machine.

@@ -3,50 +3,51 @@
 
 use serde_json::json;
 
-use super::resume::{ended, found, resume, resume_command};
-use super::{MachineShop, changed, estimate, stderr, tells, with_control};
+use super::resume::{resume, resume_command, run_to_end, value_and_u};
+use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, stderr, with_changes};
 use crate::support::grbl_control::GrblControl;
 
 /// Error motions of `config/ball-plate.toml`, µm and µrad.
-const TRUTH: [(&str, f64); 5] = [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
+const TRUE_PARAMETERS: [(&str, f64); 5] =
+    [("EXC_c2", 1.2), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EAC_c2", 3.0), ("ECC_c1", 6.0)];
 
 /// Amplitudes of harmonics: symbol, order, hypot of cosine and sine part.
-const AMPLITUDES: [(&str, usize, f64); 3] =
+const FIGURE_AMPLITUDES: [(&str, usize, f64); 3] =
     [("EXC_spectrum", 2, 1.264_911), ("EYC_spectrum", 3, 1.0), ("ECC_spectrum", 1, 6.708_204)];
 
 /// One revolution, with fewer harmonics than the built-in machine.
-fn machine() -> String {
+fn small_machine() -> String {
     let file = include_str!("../../../config/ball-plate.toml");
     let short = [
         ("both_directions = true", "both_directions = false\nmonte_carlo_trials = 100"),
         ("drift_um_per_h = 5.0", "drift_um_per_h = 0.5"),
     ];
-    changed(file, &short)
+    with_changes(file, &short)
 }
 
 /// µm and µrad: the step at an interruption is fitted, which increases U only slightly.
 const MAX_EXPANDED: f64 = 3.0;
 
 pub fn a_run_that_is_killed_and_stopped_goes_on() {
-    let bench = GrblControl::start(&machine());
+    let bench = GrblControl::start(&small_machine());
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-    let shop = MachineShop::new(&with_control(&machine(), &control));
-    let run = shop.command(&["run", "ball-plate", "--json", "--machine", &shop.machine()]);
+    let shop = MachineShop::new(&machine_with_control(&small_machine(), &control));
+    let run = shop.trued_command(&["run", "ball-plate", "--json", "--machine", &shop.machine_path()]);
     // The search has 30 touches, the reference 5, each stop 30.
-    ended(&bench, run, "N210 G38.3", "KILL");
-    let (held, _) = ended(&bench, resume_command(&shop), "N700 G38.3", "INT");
+    run_to_end(&bench, run, "N210 G38.3", "KILL");
+    let (held, _) = run_to_end(&bench, resume_command(&shop), "N700 G38.3", "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    tells(&held, &["the run was halted on request", " resume 1`"]);
-    let estimate = estimate(&resume(&shop));
-    for (symbol, truth) in TRUTH {
-        let (value, expanded) = found(&estimate, symbol);
+    assert_output_has(&held, &["the run was halted on request", " resume 1`"]);
+    let estimate = estimate_json(&resume(&shop));
+    for (symbol, truth) in TRUE_PARAMETERS {
+        let (value, expanded) = value_and_u(&estimate, symbol);
         println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
         // One of five seeds: the error is below three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
         assert!(expanded < MAX_EXPANDED, "{symbol} {value} ± {expanded}");
     }
     assert!(estimate["parameters"][0]["symbol"] == "EXC_range");
-    for (symbol, order, truth) in AMPLITUDES {
+    for (symbol, order, truth) in FIGURE_AMPLITUDES {
         let functions = estimate["functions"].as_array().unwrap();
         let spectrum = functions.iter().find(|f| f["symbol"] == symbol).unwrap();
         assert_eq!((&spectrum["figure"], &spectrum["x"][order - 1]), (&json!("spectrum"), &json!(order as f64)));
@@ -54,5 +55,5 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
         println!("{symbol} {order} {value:.3} ± {:.3}, truly {truth:.3}", 2.0 * u);
         assert!((value - truth).abs() < 3.0 * u && u > 0.0, "{symbol} {order} {value}, u {u}");
     }
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }

@@ -2,52 +2,52 @@
 
 use serde_json::Value;
 
-use super::{MachineShop, changed, estimate, figures, machine, stderr};
+use super::{MachineShop, estimate_json, result_values, simulated_machine, stderr, with_changes};
 
 /// Runs `trued run` with these arguments; its standard output is JSON.
-fn run(shop: &MachineShop, more: &[&str]) -> std::process::Output {
-    let file = shop.file("machine.toml");
+fn run_with_arguments(shop: &MachineShop, more: &[&str]) -> std::process::Output {
+    let file = shop.read_file("machine.toml");
     let arguments = ["run", "self-calibration", "--json", "--machine", &file];
-    shop.command(&[&arguments[..], more].concat()).output().unwrap()
+    shop.trued_command(&[&arguments[..], more].concat()).output().unwrap()
 }
 
-pub fn a_captured_run_replays_to_the_same_figures_without_the_machine() {
+pub fn captured_run_replays_to_the_same_result() {
     for wire in ["wire = \"memory\"", "wire = \"pty\""] {
-        let shop = MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", wire)]));
-        let capture = shop.file("a.capture");
-        let measured = run(&shop, &["--capture", &capture]);
+        let shop = MachineShop::new(&with_changes(&simulated_machine(), &[("wire = \"memory\"", wire)]));
+        let capture = shop.read_file("a.capture");
+        let measured = run_with_arguments(&shop, &["--capture", &capture]);
         assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
         // The machine file now describes another machine: the result must be that of the capture.
-        let text = std::fs::read_to_string(shop.file("machine.toml")).unwrap();
+        let text = std::fs::read_to_string(shop.read_file("machine.toml")).unwrap();
         let other = text.replace("seed = 1", "seed = 2");
         assert_ne!(text, other);
-        std::fs::write(shop.file("machine.toml"), other).unwrap();
-        let unlike = run(&shop, &[]);
-        assert!(figures(&unlike) != figures(&measured), "the test could not fail");
-        let replayed = run(&shop, &["--replay", &capture]);
+        std::fs::write(shop.read_file("machine.toml"), other).unwrap();
+        let unlike = run_with_arguments(&shop, &[]);
+        assert!(result_values(&unlike) != result_values(&measured), "the test could not fail");
+        let replayed = run_with_arguments(&shop, &["--replay", &capture]);
         assert_eq!(replayed.status.code(), Some(0), "{}", stderr(&replayed));
-        let same = figures(&replayed) == figures(&measured);
+        let same = result_values(&replayed) == result_values(&measured);
         assert!(same, "{wire}: a replay gives something else");
-        assert!(estimate(&replayed)["parameters"].is_array());
+        assert!(estimate_json(&replayed)["parameters"].is_array());
         // The journal holds the two measured runs.
-        let runs = shop.command(&["runs", "--json"]).output().unwrap();
+        let runs = shop.trued_command(&["runs", "--json"]).output().unwrap();
         let runs: serde_json::Value = serde_json::from_slice(&runs.stdout).unwrap();
         assert_eq!(runs.as_array().map(Vec::len), Some(2), "{runs}");
     }
 }
 
 pub fn a_capture_that_does_not_fit_is_told_in_words() {
-    let shop = MachineShop::new(&machine());
-    let capture = shop.file("a.capture");
-    let measured = run(&shop, &["--capture", &capture]);
+    let shop = MachineShop::new(&simulated_machine());
+    let capture = shop.read_file("a.capture");
+    let measured = run_with_arguments(&shop, &["--capture", &capture]);
     assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
-    let again = run(&shop, &["--capture", &capture]);
+    let again = run_with_arguments(&shop, &["--capture", &capture]);
     assert!(stderr(&again).contains("a capture is never overwritten"), "{}", stderr(&again));
 
     let text = std::fs::read_to_string(&capture).unwrap();
     let refused = |spoilt: &str, words: &[&str]| {
-        std::fs::write(shop.file("b.capture"), spoilt).unwrap();
-        let replayed = run(&shop, &["--replay", &shop.file("b.capture")]);
+        std::fs::write(shop.read_file("b.capture"), spoilt).unwrap();
+        let replayed = run_with_arguments(&shop, &["--replay", &shop.read_file("b.capture")]);
         assert_eq!(replayed.status.code(), Some(1), "{}", stderr(&replayed));
         for word in words {
             assert!(stderr(&replayed).contains(word), "{word}: {}", stderr(&replayed));
@@ -68,22 +68,22 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
     refused(&text[..at], &["the replay ended", "the capture has no", command, "nothing"]);
     refused(&text[..text.len() / 2], &["b.capture, line", "the last line has no line end"]);
     refused(&text.replacen(" 1 < ok", " 1 < \\ok", 1), &["b.capture, line", "unknown escape"]);
-    let none = run(&shop, &["--replay", &shop.file("none")]);
+    let none = run_with_arguments(&shop, &["--replay", &shop.read_file("none")]);
     assert!(stderr(&none).contains("No such file"), "{}", stderr(&none));
 }
 
 /// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of `tests/peers/linuxcnc`,
 /// its estimate as printed then, and the machine file. The true axis was at 50 and -30 µm.
-pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
+pub fn stored_capture_of_linuxcnc_replays_to_its_estimate() {
     let data = |name: &str| {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
         std::fs::read_to_string(format!("{folder}{name}")).unwrap()
     };
     let shop = MachineShop::new(&data("machine.toml"));
     let replay = |talk: &str| {
-        let capture = shop.file("a.capture");
+        let capture = shop.read_file("a.capture");
         std::fs::write(&capture, talk).unwrap();
-        run(&shop, &["--replay", &capture])
+        run_with_arguments(&shop, &["--replay", &capture])
     };
     let talk = data("self-calibration.capture");
     let replayed = replay(&talk);
@@ -93,7 +93,7 @@ pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
         let one = |one: &Value| (one["symbol"].as_str().unwrap().to_owned(), one["value"].as_f64().unwrap());
         all.map(one).collect()
     };
-    let (then, now) = (serde_json::from_str(&data("estimate.json")).unwrap(), estimate(&replayed));
+    let (then, now) = (serde_json::from_str(&data("estimate.json")).unwrap(), estimate_json(&replayed));
     let (then, now) = (parameters(&then), parameters(&now));
     assert_eq!(then.len(), now.len());
     for ((symbol, then), (same, now)) in then.iter().zip(&now) {

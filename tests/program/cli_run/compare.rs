@@ -2,32 +2,32 @@
 
 use serde_json::Value;
 
-use super::{MachineShop, estimate, machine, stderr, tells};
+use super::{MachineShop, assert_output_has, estimate_json, simulated_machine, stderr};
 
-fn number(of: &Value, key: &str) -> f64 {
+fn json_number(of: &Value, key: &str) -> f64 {
     of[key].as_f64().unwrap_or(f64::INFINITY)
 }
 
 /// Another seed is another machine; the numerical tests check the agreement.
 pub fn two_runs_are_compared() {
-    let shop = MachineShop::new(&machine());
-    let first = estimate(&shop.run());
-    shop.change("seed = 1", "seed = 2");
-    let second = estimate(&shop.run());
-    let compared = estimate(&shop.trued(&["compare", "1", "2", "--json"]));
+    let shop = MachineShop::new(&simulated_machine());
+    let first = estimate_json(&shop.run_cycle());
+    shop.replace_in_machine("seed = 1", "seed = 2");
+    let second = estimate_json(&shop.run_cycle());
+    let compared = estimate_json(&shop.run_trued(&["compare", "1", "2", "--json"]));
     let common = compared["common_sources"].as_array().unwrap();
     assert!(common.contains(&"probe lobing".into()) && !common.contains(&"resolution".into()));
     assert_eq!(compared["besides"][0], "the machine file was changed between the runs");
     let differences = compared["differences"].as_array().unwrap();
     assert_eq!(differences.len(), first["parameters"].as_array().unwrap().len());
-    let value = |of: &Value| number(&of["parameters"][0], "value");
+    let value = |of: &Value| json_number(&of["parameters"][0], "value");
     let difference = &differences[0];
-    assert!((number(difference, "by") - (value(&second) - value(&first))).abs() < 1e-9);
-    let expected = number(difference, "by").abs() / number(difference, "U");
-    assert!((number(difference, "E_n") - expected).abs() < 1e-9 && expected > 0.0);
+    assert!((json_number(difference, "by") - (value(&second) - value(&first))).abs() < 1e-9);
+    let expected = json_number(difference, "by").abs() / json_number(difference, "U");
+    assert!((json_number(difference, "E_n") - expected).abs() < 1e-9 && expected > 0.0);
     let functions = compared["functions"].as_array().unwrap();
     assert!(functions.iter().any(|function| function["symbol"] == "EXC"));
-    let table = shop.trued(&["compare", "1", "2"]);
+    let table = shop.run_trued(&["compare", "1", "2"]);
     let table = String::from_utf8(table.stdout).unwrap();
     for words in ["EX0C", "E_n", "EXC ", "common sources of uncertainty: ", "probe lobing", "at 0°"] {
         assert!(table.contains(words), "{words} in {table}");
@@ -35,18 +35,18 @@ pub fn two_runs_are_compared() {
 }
 
 pub fn what_is_no_comparison_is_refused_with_the_way_on() {
-    let shop = MachineShop::new(&machine());
-    estimate(&shop.run());
+    let shop = MachineShop::new(&simulated_machine());
+    estimate_json(&shop.run_cycle());
     let refused = |other: &str| {
-        let output = shop.trued(&["compare", "1", other]);
+        let output = shop.run_trued(&["compare", "1", other]);
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         output
     };
-    tells(&refused("7"), &["the journal has no run 7", "→"]);
-    estimate(&shop.trued(&["run", "latch-delay", "--json", "--machine", &shop.machine()]));
-    tells(&refused("2"), &["run 2 by latch-delay", "choose two runs with common parameters"]);
+    assert_output_has(&refused("7"), &["the journal has no run 7", "→"]);
+    estimate_json(&shop.run_trued(&["run", "latch-delay", "--json", "--machine", &shop.machine_path()]));
+    assert_output_has(&refused("2"), &["run 2 by latch-delay", "choose two runs with common parameters"]);
     // A run compared with itself: no differences.
-    let same = shop.trued(&["compare", "1", "1"]);
+    let same = shop.run_trued(&["compare", "1", "1"]);
     let same = String::from_utf8(same.stdout).unwrap();
     assert!(!same.contains("differs") && same.contains("parameters agree"), "{same}");
 }

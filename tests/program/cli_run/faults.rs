@@ -5,27 +5,27 @@ use std::process::{Command, Stdio};
 
 use simulator::faulty_wire::{FaultyWire, WireDirection, WireFault};
 
-use super::{MachineShop, machine, stderr, with_control};
+use super::{MachineShop, machine_with_control, simulated_machine, stderr};
 
-fn with_fault(fault: &str) -> MachineShop {
-    MachineShop::new(&format!("{}\n[[simulated.fault]]\n{fault}\n", machine()))
+fn shop_with_fault(fault: &str) -> MachineShop {
+    MachineShop::new(&format!("{}\n[[simulated.fault]]\n{fault}\n", simulated_machine()))
 }
 
 pub fn regress_a_hold_pressed_at_the_machine_ends_the_run_with_its_reason() {
-    let shop = with_fault("kind = \"hold\"\nat_line = 120\n");
-    let run = shop.run();
+    let shop = shop_with_fault("kind = \"hold\"\nat_line = 120\n");
+    let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     let told = "error: held at the machine: the control reports Hold:0\n  → the run sends nothing more";
     assert!(stderr(&run).contains(told), "{}", stderr(&run));
-    assert_eq!(shop.states(), ["held"]);
+    assert_eq!(shop.run_states(), ["held"]);
     let kept = shop.exported_steps();
     assert!(!kept.is_empty() && kept.iter().copied().eq(0..kept.len() as u32), "{kept:?}");
 }
 
 pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
     for (fault, known) in [("kind = \"hodl\"", "hold"), ("kind = \"hold\"\nline = 3", "at_line")] {
-        let shop = with_fault(fault);
-        let refused = shop.run();
+        let shop = shop_with_fault(fault);
+        let refused = shop.run_cycle();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         let told = stderr(&refused);
         assert!(told.contains("simulated.fault") && told.contains(known), "{told}");
@@ -34,7 +34,7 @@ pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
 }
 
 /// A seed whose first fault is a cut in the middle of the run, after `from` lines.
-fn cut_after(from: u64) -> u64 {
+fn check_cut_link(from: u64) -> u64 {
     let first = |seed: u64, direction: WireDirection| {
         FaultyWire::for_rehearsal(seed).schedule(direction).next().expect("it never ends")
     };
@@ -46,10 +46,10 @@ fn cut_after(from: u64) -> u64 {
 }
 
 pub fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
-    let shop = MachineShop::new(&machine());
-    let seed = cut_after(60).to_string();
+    let shop = MachineShop::new(&simulated_machine());
+    let seed = check_cut_link(60).to_string();
     let mut simulator = Command::new(env!("CARGO_BIN_EXE_trued"))
-        .args(["simulate", "--machine", &shop.file("machine.toml"), "--faults", &seed])
+        .args(["simulate", "--machine", &shop.read_file("machine.toml"), "--faults", &seed])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
@@ -57,13 +57,13 @@ pub fn regress_a_wire_that_is_cut_leaves_a_held_run_and_says_what_it_did() {
     let mut path = String::new();
     BufReader::new(simulator.stdout.take().unwrap()).read_line(&mut path).unwrap();
     let control = format!("kind = \"grbl\"\nserial = \"{}\"", path.trim());
-    let client = MachineShop::new(&with_control(&machine(), &control));
-    let run = client.run();
+    let client = MachineShop::new(&machine_with_control(&simulated_machine(), &control));
+    let run = client.run_cycle();
     simulator.kill().unwrap();
     let told = String::from_utf8(simulator.wait_with_output().unwrap().stderr).unwrap();
     assert_eq!(run.status.code(), Some(5), "{}{told}", stderr(&run));
     assert!(stderr(&run).contains("is lost"), "{}", stderr(&run));
-    assert_eq!(client.states(), ["held"]);
+    assert_eq!(client.run_states(), ["held"]);
     assert!(!client.exported_steps().is_empty());
     assert!(told.contains("ToDevice, line ") && told.contains(": Cut"), "{told}");
 }

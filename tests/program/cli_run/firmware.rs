@@ -13,22 +13,22 @@ use tokio::net::{TcpListener, TcpStream};
 use trued::setup::Pace;
 use trued::setup::{self, MachineFile};
 
-pub struct Control {
+pub struct RecordedGrbl {
     pub address: SocketAddr,
-    heard: Receiver<Vec<u8>>,
+    received: Receiver<Vec<u8>>,
     server: JoinHandle<String>,
     /// All bytes received so far.
     pub bytes: Vec<u8>,
     pub world: Arc<Mutex<SimulatedWorld>>,
 }
 
-impl Control {
+impl RecordedGrbl {
     /// The machine of `file` for one client.
     pub fn start(file: &str) -> Self {
-        Self::at(file, Pace::Real)
+        Self::start_at_pace(file, Pace::Real)
     }
 
-    pub fn at(file: &str, pace: Pace) -> Self {
+    pub fn start_at_pace(file: &str, pace: Pace) -> Self {
         let file = MachineFile::parse("machine.toml", file.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
         let firmware = Firmware::new(world.clone(), SimulatedGrblOptions::of(&file.machine, pace));
@@ -40,51 +40,51 @@ impl Control {
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 listening.send(listener.local_addr().unwrap()).unwrap();
                 let (client, _) = listener.accept().await.unwrap();
-                serve(firmware, client, tell).await
+                serve_client(firmware, client, tell).await
             })
         });
-        Self { address: address.recv().unwrap(), heard, server, bytes: Vec::new(), world }
+        Self { address: address.recv().unwrap(), received: heard, server, bytes: Vec::new(), world }
     }
 
     /// Waits until `words` have been received.
     pub fn wait_for(&mut self, words: &str) {
-        while !self.text().contains(words) {
-            let more = self.heard.recv();
-            self.bytes.extend(more.unwrap_or_else(|_| panic!("no {words} in {}", self.text())));
+        while !self.heard_text().contains(words) {
+            let more = self.received.recv();
+            self.bytes.extend(more.unwrap_or_else(|_| panic!("no {words} in {}", self.heard_text())));
         }
     }
 
     /// Waits until the status has been requested `count` more times; each request was answered before the next.
     pub fn wait_for_queries(&mut self, count: usize) {
         let queries = |bytes: &[u8]| bytes.iter().filter(|byte| **byte == b'?').count();
-        self.bytes.extend(self.heard.try_iter().flatten());
+        self.bytes.extend(self.received.try_iter().flatten());
         let enough = queries(&self.bytes) + count;
         while queries(&self.bytes) < enough {
-            self.bytes.extend(self.heard.recv().unwrap());
+            self.bytes.extend(self.received.recv().unwrap());
         }
     }
 
     /// Whether a line of a step has been received by now.
     pub fn has_moved(&mut self) -> bool {
-        self.bytes.extend(self.heard.try_iter().flatten());
-        self.text().contains("N0 ")
+        self.bytes.extend(self.received.try_iter().flatten());
+        self.heard_text().contains("N0 ")
     }
 
-    fn text(&self) -> String {
+    fn heard_text(&self) -> String {
         String::from_utf8_lossy(&self.bytes).into_owned()
     }
 
     /// After the client has disconnected: all bytes that it sent, and the status of the control.
     pub fn end(mut self) -> (Vec<u8>, String) {
-        self.bytes.extend(self.heard.iter().flatten());
+        self.bytes.extend(self.received.iter().flatten());
         (self.bytes, self.server.join().unwrap())
     }
 }
 
 /// Forwards the client's bytes until it disconnects; then requests the status.
-async fn serve(mut firmware: Firmware, client: TcpStream, tell: Sender<Vec<u8>>) -> String {
+async fn serve_client(mut firmware: Firmware, client: TcpStream, tell: Sender<Vec<u8>>) -> String {
     let (near, far) = tokio::io::duplex(4096);
-    let (served, ()) = tokio::join!(firmware.serve(far), pass_on(client, near, tell));
+    let (served, ()) = tokio::join!(firmware.serve(far), forward_bytes(client, near, tell));
     served.unwrap();
     let (mut near, far) = tokio::io::duplex(4096);
     let ask = async move {
@@ -98,7 +98,7 @@ async fn serve(mut firmware: Firmware, client: TcpStream, tell: Sender<Vec<u8>>)
     tokio::join!(firmware.serve(far), ask).1
 }
 
-async fn pass_on(client: TcpStream, control: DuplexStream, tell: Sender<Vec<u8>>) {
+async fn forward_bytes(client: TcpStream, control: DuplexStream, tell: Sender<Vec<u8>>) {
     let (mut from_client, mut to_client) = client.into_split();
     let (mut from_control, mut to_control) = tokio::io::split(control);
     let requests = async move {

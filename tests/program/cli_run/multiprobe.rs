@@ -4,13 +4,14 @@
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Output, Stdio};
 
-use super::resume::{found, resume_command};
-use super::stops::signal;
-use super::{MachineShop, changed, estimate, stderr};
+use super::resume::{resume_command, value_and_u};
+use super::stops::send_signal;
+use super::{MachineShop, estimate_json, stderr, with_changes};
 use crate::support::person;
 
 /// Error motions of `config/multiprobe.toml`, µm and µrad.
-const TRUTH: [(&str, f64); 5] = [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
+const TRUE_PARAMETERS: [(&str, f64); 5] =
+    [("EXC_c2", 1.2), ("EXC_s2", -0.4), ("EYC_s3", 0.8), ("EZC_c1", -0.7), ("EBC_s3", 4.0)];
 
 /// Four mountings, few stops.
 fn machine() -> String {
@@ -23,12 +24,12 @@ fn machine() -> String {
         ("samples = 4", "samples = 1"),
         ("drift_um_per_h = 2.0", "drift_um_per_h = 0.1"),
     ];
-    changed(file, &short)
+    with_changes(file, &short)
 }
 
 /// Ends the run by a signal or by `KILL` after it has printed each of `words` in order.
-fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
-    let command = person::confirms(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
+fn run_to_end(mut command: Command, words: &[&str], name: &str) -> Output {
+    let command = person::confirm_prompts(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
     let mut heard = String::new();
@@ -38,7 +39,7 @@ fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
             assert_ne!(told.read_line(&mut heard).unwrap(), 0, "ended before {word}: {heard}");
         }
     }
-    signal(&run, name);
+    send_signal(&run, name);
     told.read_to_string(&mut heard).unwrap();
     let mut output = run.wait_with_output().unwrap();
     output.stderr = heard.into_bytes();
@@ -47,29 +48,29 @@ fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
 
 pub fn a_run_that_is_killed_and_stopped_goes_on() {
     let shop = MachineShop::new(&machine());
-    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
-    drop(ended(shop.command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
-    let resumed = ended(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
+    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
+    drop(run_to_end(shop.trued_command(&run), &["mounting 2 of 4", "collision check passed"], "KILL"));
+    let resumed = run_to_end(resume_command(&shop), &["mounting 3 of 4", "Turn the artefact"], "INT");
     assert_eq!(resumed.status.code(), Some(5), "{}", stderr(&resumed));
     let compared = ["the references agree", "remounted after the last reading"];
     assert!(compared.iter().any(|words| stderr(&resumed).contains(words)), "{}", stderr(&resumed));
     let mut last = resume_command(&shop);
-    let last = person::confirms(&mut last).output().unwrap();
-    let estimate = estimate(&last);
-    for (symbol, truth) in TRUTH {
-        let (value, expanded) = found(&estimate, symbol);
+    let last = person::confirm_prompts(&mut last).output().unwrap();
+    let estimate = estimate_json(&last);
+    for (symbol, truth) in TRUE_PARAMETERS {
+        let (value, expanded) = value_and_u(&estimate, symbol);
         println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
         // One of five seeds: the error is below three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
     }
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }
 
 pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
-    let far = changed(&machine(), &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")]);
+    let far = with_changes(&machine(), &[("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]")]);
     let shop = MachineShop::new(&far);
-    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
-    let run = ended(shop.command(&run), &["centring, once more", "Centre the artefact"], "INT");
+    let run = ["run", "multiprobe", "--json", "--machine", &shop.machine_path()];
+    let run = run_to_end(shop.trued_command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     // The table orientation after whole revolutions, opposite to that of the artefact.
     let told = stderr(&run);

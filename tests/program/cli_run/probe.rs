@@ -8,16 +8,16 @@ use planning::gcode::Dialect;
 use trued::setup::MachineFile;
 use trued::setup::Pace;
 
-use super::firmware::Control;
-use super::{MachineShop, changed, machine, stderr, with_control};
+use super::firmware::RecordedGrbl;
+use super::{MachineShop, machine_with_control, simulated_machine, stderr, with_changes};
 
-fn over(control: &Control, file: &str) -> MachineShop {
+fn shop_with_control(control: &RecordedGrbl, file: &str) -> MachineShop {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    MachineShop::new(&with_control(file, &address))
+    MachineShop::new(&machine_with_control(file, &address))
 }
 
 /// Starts a run and waits until it requests the deflection of the stylus.
-fn waiting(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
+fn start_waiting_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut told = BufReader::new(run.stderr.take().unwrap());
@@ -29,14 +29,14 @@ fn waiting(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     (run, told)
 }
 
-fn by_hand() -> String {
-    changed(&machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
+fn machine_without_probe_input() -> String {
+    with_changes(&simulated_machine(), &[("ball_radius_mm", "live_check = \"person\"\nball_radius_mm")])
 }
 
-pub fn nothing_moves_before_a_person_has_deflected_the_stylus() {
-    let mut control = Control::at(&machine(), Pace::Fast);
-    let shop = over(&control, &by_hand());
-    let (mut run, mut told) = waiting(&shop);
+pub fn no_motion_before_the_stylus_was_deflected_by_hand() {
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let shop = shop_with_control(&control, &machine_without_probe_input());
+    let (mut run, mut told) = start_waiting_run(&shop);
     control.wait_for_queries(20);
     assert!(!control.has_moved(), "moved before the stylus was deflected");
     control.world.lock().unwrap().set_stylus_deflected(true);
@@ -47,26 +47,26 @@ pub fn nothing_moves_before_a_person_has_deflected_the_stylus() {
     told.read_to_string(&mut rest).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(0), "{rest}");
     assert!(rest.contains("the probe works\n"), "{rest}");
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }
 
 pub fn a_stop_is_heard_while_a_person_is_waited_for() {
-    let mut control = Control::at(&machine(), Pace::Fast);
-    let shop = over(&control, &by_hand());
-    let (run, _told) = waiting(&shop);
+    let mut control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let shop = shop_with_control(&control, &machine_without_probe_input());
+    let (run, _told) = start_waiting_run(&shop);
     let kill = format!("kill -TERM {}", run.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     let ended = run.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(5));
     assert!(!control.has_moved(), "moved without a live probe");
-    assert_eq!(shop.states(), ["held"]);
+    assert_eq!(shop.run_states(), ["held"]);
 }
 
-pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
-    let far = changed(&machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
+pub fn missing_first_contact_names_a_dead_probe() {
+    let far = with_changes(&simulated_machine(), &[("centre_offset_mm", "centre_offset_mm = [-20.0, 0.0] #")]);
     // The first touch is on the flank.
     let far = far + "z_reference = false\n";
-    let run = MachineShop::new(&far).run();
+    let run = MachineShop::new(&far).run_cycle();
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
     assert!(stderr(&run).contains("the first touch reached its end without contact"), "{}", stderr(&run));
     assert!(stderr(&run).contains("the probe may not work"), "{}", stderr(&run));
@@ -74,16 +74,16 @@ pub fn a_first_touch_that_meets_nothing_may_be_a_dead_probe() {
 
 pub fn probe_and_clamps_are_switched_as_declared() {
     let clamp = "clamp = { close = \"M65 P3\", open = \"M64 P3\", wait_s = 0.1 }";
-    let file = changed(
-        &machine(),
+    let file = with_changes(
+        &simulated_machine(),
         &[
             ("ball_radius_mm", "on = \"M64 P1\"\noff = \"M65 P1\"\nsettle_s = 0.2\nball_radius_mm"),
             ("[axes.C]", &format!("[axes.C]\n{clamp}")),
         ],
     );
-    let control = Control::at(&machine(), Pace::Fast);
-    let shop = over(&control, &file);
-    let run = shop.run();
+    let control = RecordedGrbl::start_at_pace(&simulated_machine(), Pace::Fast);
+    let shop = shop_with_control(&control, &file);
+    let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     let (mut bytes, _) = control.end();
     // Status requests can occur between the bytes of lines.
@@ -102,10 +102,10 @@ pub fn probe_and_clamps_are_switched_as_declared() {
 }
 
 pub fn a_word_that_cannot_switch_a_probe_is_refused_before_anything_is_opened() {
-    let file = changed(&machine(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
+    let file = with_changes(&simulated_machine(), &[("ball_radius_mm", "on = \"M3 S500\"\nball_radius_mm")]);
     let shop = MachineShop::new(&file);
-    let run = shop.run();
+    let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("[probe] on = \"M3 S500\""), "{}", stderr(&run));
-    assert_eq!(shop.states(), [] as [String; 0]);
+    assert_eq!(shop.run_states(), [] as [String; 0]);
 }

@@ -1,15 +1,17 @@
 //! A probe is qualified, and later runs with it subtract its map.
 
-use super::{MachineShop, changed, estimate, tells};
+use super::{MachineShop, assert_output_has, estimate_json, with_changes};
 
 /// The same probe in the same machine; two directions fewer per revolution than the orders of the map need are not
 /// enough.
-const SMALL: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
+const SMALL_SETTINGS: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
 
-pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
-    let ball =
-        changed(include_str!("../../../config/probe-qualification.toml"), &[("azimuths = 24\nrepeats = 3", SMALL)]);
-    let part = changed(
+pub fn later_run_subtracts_the_map_of_its_own_probe() {
+    let ball = with_changes(
+        include_str!("../../../config/probe-qualification.toml"),
+        &[("azimuths = 24\nrepeats = 3", SMALL_SETTINGS)],
+    );
+    let part = with_changes(
         include_str!("../../../config/simulated.toml"),
         &[
             (
@@ -23,17 +25,17 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
     let shop = MachineShop::new(&ball);
     let own = shop.path("part.toml");
     std::fs::write(&own, &part).unwrap();
-    let run = || shop.trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);
+    let run = || shop.run_trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);
 
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
-    tells(
+    assert_output_has(
         &refused,
         &["qualified_within_days requires a qualification", "run probe-qualification` with a precision sphere"],
     );
 
-    estimate(&shop.trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine()]));
-    let later = estimate(&run());
+    estimate_json(&shop.run_trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine_path()]));
+    let later = estimate_json(&run());
     let gauge = later["gauge"].to_string();
     assert!(gauge.contains("is subtracted: orders 3, 4, 5, 6; order 2 is included"), "{gauge}");
     assert_eq!(later["priors"].as_array().unwrap().len(), 1);
@@ -41,5 +43,5 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
     std::fs::write(&own, part.replace("50 mm, ball 6 mm", "a new one")).unwrap();
     let refused = run();
     assert_eq!(refused.status.code(), Some(1));
-    tells(&refused, &["the qualification was made with a probe, stylus or machine that differs"]);
+    assert_output_has(&refused, &["the qualification was made with a probe, stylus or machine that differs"]);
 }

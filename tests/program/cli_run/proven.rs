@@ -2,17 +2,17 @@
 
 use serde_json::Value;
 
-use super::{MachineShop, changed, estimate, machine, stderr, tells};
+use super::{MachineShop, assert_output_has, estimate_json, simulated_machine, stderr, with_changes};
 
 /// A clamp on the table, in the path of the first approach and lower than the part.
-const CLAMP: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
+const CLAMP_SECTION: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
                      from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
 
-pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
-    let shop = MachineShop::new(&machine());
-    let file = shop.file("machine.toml");
+pub fn regress_plan_states_the_least_clearance_and_program_is_complete() {
+    let shop = MachineShop::new(&simulated_machine());
+    let file = shop.read_file("machine.toml");
     let plan = ["plan", "self-calibration", "--machine", &file];
-    let program = shop.trued(&[&plan[..], &["--gcode", "grbl"]].concat());
+    let program = shop.run_trued(&[&plan[..], &["--gcode", "grbl"]].concat());
     assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
     // The ball's radius minus the stem's, minus the overtravel of the ball after contact.
     let proven = "motions; smallest clearance 1.35 mm between stylus stem and artefact, line 52, step 1 \
@@ -23,35 +23,35 @@ pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     assert!(text.starts_with('(') && !text.contains("proven"));
     let touch = text.lines().nth(51).unwrap();
     assert!(touch.starts_with("N1 G38.3 X"), "{touch}");
-    let words = shop.trued(&plan);
+    let words = shop.run_trued(&plan);
     assert!(String::from_utf8_lossy(&words.stdout).contains(proven));
 }
 
 pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
-    let shop = MachineShop::new(&(machine() + CLAMP));
-    let file = shop.file("machine.toml");
-    let plan = shop.trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
+    let shop = MachineShop::new(&(simulated_machine() + CLAMP_SECTION));
+    let file = shop.read_file("machine.toml");
+    let plan = shop.run_trued(&["plan", "self-calibration", "--machine", &file, "--gcode", "grbl"]);
     assert_eq!(plan.status.code(), Some(1));
     assert!(plan.stdout.is_empty());
     let why = "step 1 (locate/P000), line 51: stylus ball would come within 0.000 mm of clamp";
     assert!(stderr(&plan).contains(why), "{}", stderr(&plan));
-    let run = shop.run();
+    let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     let stage = "the collision check refuses stage `locate the part`: step 1 (locate/P000), line 51: stylus \
         ball";
-    tells(&run, &[stage, "nothing has moved", "[[solid]]"]);
-    assert_eq!(shop.states(), ["failed"]);
+    assert_output_has(&run, &[stage, "nothing has moved", "[[solid]]"]);
+    assert_eq!(shop.run_states(), ["failed"]);
     assert!(shop.exported_steps().is_empty());
 }
 
 /// The machine file states neither stylus nor solids: the run is measured all the same, and the report names what
 /// was not checked.
-pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at() {
-    let bare = changed(&machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
+pub fn regress_report_draws_clearances_and_lists_unchecked_bodies() {
+    let bare = with_changes(&simulated_machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
     let shop = MachineShop::new(&bare);
-    assert!(estimate(&shop.run())["parameters"].is_array());
-    let report = shop.file("report.html");
-    let shown = shop.trued(&["show", "1", "--report", &report]);
+    assert!(estimate_json(&shop.run_cycle())["parameters"].is_array());
+    let report = shop.read_file("report.html");
+    let shown = shop.run_trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let page = std::fs::read_to_string(report).unwrap();
     let (_, proven) = page.split_once("Collision check before the motions").expect("the section");
@@ -61,6 +61,6 @@ pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at(
     }
     let touches = shop.exported_steps().len();
     assert_eq!(proven.matches("<circle").count(), touches, "a mark for each touch");
-    let events = shop.trued(&["show", "1", "--json"]);
+    let events = shop.run_trued(&["show", "1", "--json"]);
     assert!(serde_json::from_slice::<Value>(&events.stdout).is_ok());
 }

@@ -4,16 +4,16 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{MachineShop, estimate, machine, stderr, tells, with_control};
+use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, simulated_machine, stderr};
 use crate::support::grbl_control::GrblControl;
 
 pub fn regress_exported_readings_identify_to_the_stored_bytes() {
-    let shop = MachineShop::new(&machine());
-    let run = shop.run();
+    let shop = MachineShop::new(&simulated_machine());
+    let run = shop.run_cycle();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     assert_eq!(shop.exported_steps().len(), 69);
-    let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
-    let again = shop.trued(&[
+    let file = |name: &str| shop.read_file(&format!("export/run-1-{name}"));
+    let again = shop.run_trued(&[
         "identify",
         "self-calibration",
         "--json",
@@ -29,7 +29,7 @@ pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     let run = String::from_utf8(run.stdout).unwrap();
     assert_eq!(stored.trim(), run.trim(), "the stored estimate is not what was printed");
     assert_eq!(String::from_utf8(again.stdout).unwrap(), run);
-    let shown = shop.trued(&["show", "1", "--json"]);
+    let shown = shop.run_trued(&["show", "1", "--json"]);
     assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
 }
 
@@ -46,9 +46,9 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
         "stylus_offset_um",
     ];
     let is_taken_out = |line: &&str| !sources.iter().any(|key| line.starts_with(key));
-    let silent: String = machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+    let silent: String = simulated_machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
     let shop = MachineShop::new(&silent);
-    let estimate = estimate(&shop.run());
+    let estimate = estimate_json(&shop.run_cycle());
     let found = &estimate["parameters"][0];
     assert_eq!(found["symbol"], "EX0C");
     let expanded = found["U"].as_f64().unwrap();
@@ -65,11 +65,11 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
         "error motions of C",
     ];
     assert_eq!(assumed.collect::<Vec<_>>(), wanted);
-    let report = shop.file("report.html");
-    assert!(shop.trued(&["show", "1", "--report", &report]).status.success());
+    let report = shop.read_file("report.html");
+    assert!(shop.run_trued(&["show", "1", "--report", &report]).status.success());
     let report = std::fs::read_to_string(report).unwrap();
     assert!(report.contains("probe lobing (assumed)"), "{report}");
-    let plan = shop.trued(&["plan", "self-calibration", "--machine", &shop.machine()]);
+    let plan = shop.run_trued(&["plan", "self-calibration", "--machine", &shop.machine_path()]);
     let plan = String::from_utf8(plan.stdout).unwrap();
     assert!(plan.contains("assumed") && plan.contains("axes.X.backlash_um"), "{plan}");
 }
@@ -77,8 +77,8 @@ pub fn what_nobody_has_declared_is_assumed_and_marked() {
 pub fn regress_two_heights_find_the_tilts_of_the_axis() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";
-    let file = machine().replace("[simulated.errors]", errors) + settings;
-    let estimate = estimate(&MachineShop::new(&file).run());
+    let file = simulated_machine().replace("[simulated.errors]", errors) + settings;
+    let estimate = estimate_json(&MachineShop::new(&file).run_cycle());
     for (symbol, truth) in [("EA0C", 40.0), ("EB0C", -25.0)] {
         let found = estimate["parameters"].as_array().unwrap();
         let found = found.iter().find(|p| p["symbol"] == symbol).unwrap();
@@ -90,30 +90,30 @@ pub fn regress_two_heights_find_the_tilts_of_the_axis() {
 }
 
 pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
-    let follows = machine() + "spindle = \"follow\"\n";
+    let follows = simulated_machine() + "spindle = \"follow\"\n";
     let bench = GrblControl::start(&follows);
     // A plain grbl has no word to orient the spindle.
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-    let shop = MachineShop::new(&with_control(&follows, &control));
-    let refused = shop.run();
+    let shop = MachineShop::new(&machine_with_control(&follows, &control));
+    let refused = shop.run_cycle();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    tells(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
-    assert_eq!(shop.states(), ["failed"]);
+    assert_output_has(&refused, &["no template `orient`", "nothing has moved", "spindle = \"fixed\""]);
+    assert_eq!(shop.run_states(), ["failed"]);
     assert!(shop.exported_steps().is_empty());
 }
 
 pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
-    let shop = MachineShop::new(&machine());
-    let first = shop.run();
-    let tight = machine() + "[tolerance]\nEX0C_um = 1.0\n";
-    std::fs::write(shop.file("tight.toml"), tight).unwrap();
-    let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    let shop = MachineShop::new(&simulated_machine());
+    let first = shop.run_cycle();
+    let tight = simulated_machine() + "[tolerance]\nEX0C_um = 1.0\n";
+    std::fs::write(shop.read_file("tight.toml"), tight).unwrap();
+    let again = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, first.stdout, "{}", stderr(&again));
-    let tight = shop.file("tight.toml");
-    let judged = shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
+    let tight = shop.read_file("tight.toml");
+    let judged = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
     // The axis is 50 µm off: far beyond the tolerance of 1 µm.
     assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
-    let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
+    let journal = trued::store::Journal::open(Path::new(&shop.read_file("state"))).unwrap();
     let stored = journal.load_run(trued::store::RunId(1)).unwrap();
     let verdicts: Vec<_> = stored.estimates.iter().map(|e| e.estimate.verdict).collect();
     use machine::record::estimate::Verdict;

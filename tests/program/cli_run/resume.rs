@@ -7,8 +7,10 @@ use std::process::{Output, Stdio};
 
 use serde_json::{Value, json};
 
-use super::stops::signal;
-use super::{MachineShop, changed, estimate, machine, stderr, tells, with_control};
+use super::stops::send_signal;
+use super::{
+    MachineShop, assert_output_has, estimate_json, machine_with_control, simulated_machine, stderr, with_changes,
+};
 use crate::support::grbl_control::GrblControl;
 
 /// True position of the C axis of the built-in machine, µm (drift changes it by less than 0.5 µm).
@@ -16,28 +18,36 @@ const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 
 /// A run on `bench` that is ended when it sends `words` (several in order, separated by commas): by a signal, or by
 /// `KILL`.
-fn stopped(bench: &GrblControl, command: std::process::Command, words: &str, name: &str) -> Output {
-    ended(bench, command, words, name).0
+fn stop_at(bench: &GrblControl, command: std::process::Command, words: &str, name: &str) -> Output {
+    run_to_end(bench, command, words, name).0
 }
 
 /// Like [`stopped`], with all bytes that the run has sent.
-pub fn ended(bench: &GrblControl, mut command: std::process::Command, words: &str, name: &str) -> (Output, String) {
+pub fn run_to_end(
+    bench: &GrblControl,
+    mut command: std::process::Command,
+    words: &str,
+    name: &str,
+) -> (Output, String) {
     bench.stop_at(&words.split(", ").collect::<Vec<_>>());
     let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     bench.wait(&mut run);
-    signal(&run, name);
-    let (ended, heard) = (run.wait_with_output().unwrap(), bench.heard());
+    send_signal(&run, name);
+    let (ended, heard) = (run.wait_with_output().unwrap(), bench.received_text());
     // A held control stays held until a person resets it; a killed run held nothing.
     bench.reset();
     (ended, heard)
 }
 
-fn shop(bench: &GrblControl) -> MachineShop {
-    MachineShop::new(&with_control(&machine(), &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address)))
+fn shop_with_control(bench: &GrblControl) -> MachineShop {
+    MachineShop::new(&machine_with_control(
+        &simulated_machine(),
+        &format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address),
+    ))
 }
 
 pub fn resume_command(shop: &MachineShop) -> std::process::Command {
-    shop.command(&["resume", "1", "--acknowledge", "Ada", "--json"])
+    shop.trued_command(&["resume", "1", "--acknowledge", "Ada", "--json"])
 }
 
 pub fn resume(shop: &MachineShop) -> Output {
@@ -45,18 +55,18 @@ pub fn resume(shop: &MachineShop) -> Output {
 }
 
 /// Value and U of a parameter.
-pub fn found(estimate: &Value, symbol: &str) -> (f64, f64) {
+pub fn value_and_u(estimate: &Value, symbol: &str) -> (f64, f64) {
     let all = estimate["parameters"].as_array().unwrap();
     let one = all.iter().find(|parameter| parameter["symbol"] == symbol).unwrap();
     (one["value"].as_f64().unwrap(), one["U"].as_f64().unwrap())
 }
 
 /// Compares the resumed estimate with the truth and with an uninterrupted run on the same machine.
-fn agrees(resumed: &Value) {
-    let whole = estimate(&MachineShop::new(&machine()).run());
+fn assert_near_truth(resumed: &Value) {
+    let whole = estimate_json(&MachineShop::new(&simulated_machine()).run_cycle());
     for (symbol, truth) in TRUTH_UM {
-        let (value, expanded) = found(resumed, symbol);
-        let (uninterrupted, u_whole) = found(&whole, symbol);
+        let (value, expanded) = value_and_u(resumed, symbol);
+        let (uninterrupted, u_whole) = value_and_u(&whole, symbol);
         // One seed: the error is below three standard uncertainties.
         let most = 1.5 * expanded;
         assert!((value - truth).abs() < most, "{symbol}: {value} ± {expanded}");
@@ -69,7 +79,7 @@ fn agrees(resumed: &Value) {
 
 /// Error motions of C that the machine does not have: 8 µm along X in the eighth harmonic, which is at its maximum
 /// at all eight positions.
-fn eighth_harmonic() -> Value {
+fn eighth_harmonic_prior() -> Value {
     let degrees: Vec<f64> = (0..=72).map(|i| 5.0 * f64::from(i)).collect();
     let values: Vec<f64> = degrees.iter().map(|deg| 8.0 * (8.0 * deg).to_radians().cos()).collect();
     json!({
@@ -85,25 +95,25 @@ fn eighth_harmonic() -> Value {
 }
 
 /// Known error motions are stored with the run: they are used again by a resumed run and by a new identification.
-pub fn a_resumed_run_takes_as_known_what_it_began_with() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    std::fs::write(shop.path("motions.json"), eighth_harmonic().to_string()).unwrap();
+pub fn resumed_run_keeps_its_priors() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    std::fs::write(shop.path("motions.json"), eighth_harmonic_prior().to_string()).unwrap();
     let mut run = shop.run_command();
-    run.args(["--with", &shop.file("motions.json")]);
-    stopped(&bench, run, "N25 G38.3", "INT");
-    let resumed = estimate(&resume(&shop));
-    let again = shop.json(&["identify", "self-calibration", "--run", "1", "--json"]);
+    run.args(["--with", &shop.read_file("motions.json")]);
+    stop_at(&bench, run, "N25 G38.3", "INT");
+    let resumed = estimate_json(&resume(&shop));
+    let again = shop.run_json(&["identify", "self-calibration", "--run", "1", "--json"]);
     for estimate in [&resumed, &again] {
         assert_eq!(estimate["priors"].as_array().unwrap().len(), 1, "{estimate}");
-        let (value, expanded) = found(estimate, "EX0C");
+        let (value, expanded) = value_and_u(estimate, "EX0C");
         println!("EX0C {value} ± {expanded}");
         assert!((value - (TRUTH_UM[0].1 - 8.0)).abs() < 1.5 * expanded, "{value} ± {expanded}");
     }
 }
 
 /// Steps of the probing moves that were sent, in order, without duplicates.
-pub fn touched(heard: &str) -> Vec<u32> {
+pub fn touched_steps(heard: &str) -> Vec<u32> {
     let lines = heard.lines().filter(|line| line.contains("G38.3"));
     let steps = lines.filter_map(|line| line.split_once('N')?.1.split(' ').next()?.parse().ok());
     let mut steps: Vec<u32> = steps.collect();
@@ -111,28 +121,28 @@ pub fn touched(heard: &str) -> Vec<u32> {
     steps
 }
 
-pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    let held = stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
+pub fn stopped_run_resumes_with_references_and_gives_the_same_estimate() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    let held = stop_at(&bench, shop.run_command(), "N25 G38.3", "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    assert!(advised(&stderr(&held)).ends_with("resume 1"), "{}", stderr(&held));
-    assert_eq!(shop.states(), ["held"]);
-    let listed = shop.trued(&["runs"]);
-    assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&held)));
+    assert!(advice_line(&stderr(&held)).ends_with("resume 1"), "{}", stderr(&held));
+    assert_eq!(shop.run_states(), ["held"]);
+    let listed = shop.run_trued(&["runs"]);
+    assert_eq!(advice_line(&String::from_utf8_lossy(&listed.stdout)), advice_line(&stderr(&held)));
 
     // Without an acknowledgement no byte is sent to the machine.
-    let refused = shop.command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
+    let refused = shop.trued_command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    tells(&refused, &["the run was halted on request", "nothing has moved", "--acknowledge"]);
-    assert_eq!((bench.heard(), shop.exported_steps().len()), (String::new(), 25));
+    assert_output_has(&refused, &["the run was halted on request", "nothing has moved", "--acknowledge"]);
+    assert_eq!((bench.received_text(), shop.exported_steps().len()), (String::new(), 25));
 
     let resumed = resume(&shop);
-    agrees(&estimate(&resumed));
-    assert_eq!(shop.states(), ["finished"]);
+    assert_near_truth(&estimate_json(&resumed));
+    assert_eq!(shop.run_states(), ["finished"]);
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
-    let heard = bench.heard();
-    assert_eq!(touched(&heard), rest);
+    let heard = bench.received_text();
+    assert_eq!(touched_steps(&heard), rest);
     // The first approach after the stop is as slow as a search, the next is not; until three directions are
     // confirmed, all motion is slow.
     let lines = |step: &str| -> Vec<&str> {
@@ -143,16 +153,16 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let fast = |step: &str| lines(step).iter().any(|line| line.contains(" G0 "));
     assert!(!["N17 ", "N18 ", "N19 "].into_iter().any(fast) && fast("N26 "), "{heard}");
     assert_eq!(shop.exported_steps().len(), 69 + 4);
-    let told = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    let told = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();
     for words in ["held: the run was halted on request", "confirmed by Ada", "resumed after an interruption at t = "] {
         assert!(told.contains(words), "{words} in {told}");
     }
     // The gap is stored with the plan: the estimate from the journal and from files is the same.
-    let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    let again = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
-    let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
+    let file = |name: &str| shop.read_file(&format!("export/run-1-{name}"));
     let (plan, readings, machine) = (file("plan.json"), file("readings.csv"), file("machine.toml"));
-    let again = shop.trued(&[
+    let again = shop.run_trued(&[
         "identify",
         "self-calibration",
         "--json",
@@ -171,59 +181,59 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
 }
 
 /// Killed during a test, killed again while the references are measured, stopped during another test.
-pub fn a_run_survives_any_number_of_ends() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N12 G38.3", "KILL");
-    stopped(&bench, resume_command(&shop), "N7 G38.3", "KILL");
-    assert_eq!(shop.states(), ["interrupted"]);
-    let held = stopped(&bench, resume_command(&shop), "N47 G38.3", "TERM");
+pub fn run_resumes_after_any_number_of_stops() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N12 G38.3", "KILL");
+    stop_at(&bench, resume_command(&shop), "N7 G38.3", "KILL");
+    assert_eq!(shop.run_states(), ["interrupted"]);
+    let held = stop_at(&bench, resume_command(&shop), "N47 G38.3", "TERM");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
     let resumed = resume(&shop);
-    agrees(&estimate(&resumed));
-    let warnings = estimate(&resumed)["warnings"].to_string();
+    assert_near_truth(&estimate_json(&resumed));
+    let warnings = estimate_json(&resumed)["warnings"].to_string();
     assert_eq!(warnings.matches("a step was fitted").count(), 2, "{warnings}");
     assert!(warnings.contains("2 readings between interruptions"), "{warnings}");
     // 69 readings of the cycle, two references, then twice four.
     assert_eq!(shop.exported_steps().len(), 69 + 2 + 4 + 4);
-    let plan = std::fs::read_to_string(shop.file("export/run-1-plan.json")).unwrap();
+    let plan = std::fs::read_to_string(shop.read_file("export/run-1-plan.json")).unwrap();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["gaps_s"].as_array().unwrap().len(), 3);
 }
 
 /// The control is still held: no motion, and the run remains resumable.
 pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
     bench.stop_at(&["N25 G38.3"]);
     let mut run = shop.run_command().stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     bench.wait(&mut run);
-    signal(&run, "INT");
+    send_signal(&run, "INT");
     run.wait_with_output().unwrap();
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(5), "{}", stderr(&refused));
-    tells(&refused, &["not ready: Hold", "nothing has moved", " resume 1`"]);
-    assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
-    assert_eq!(shop.states(), ["held"]);
+    assert_output_has(&refused, &["not ready: Hold", "nothing has moved", " resume 1`"]);
+    assert_eq!(touched_steps(&bench.received_text()), [] as [u32; 0]);
+    assert_eq!(shop.run_states(), ["held"]);
     bench.reset();
     assert_eq!(resume(&shop).status.code(), Some(0));
 }
 
 /// The built-in machine with its part moved by 20 µm along Y.
-fn pushed() -> String {
-    changed(&machine(), &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")])
+fn machine_with_pushed_part() -> String {
+    with_changes(&simulated_machine(), &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")])
 }
 
-pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N62 G38.3", "INT");
-    bench.become_another(&pushed());
+pub fn moved_part_closes_the_run_and_keeps_its_readings() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N62 G38.3", "INT");
+    bench.replace_firmware(&machine_with_pushed_part());
     // Killed after the moved reference was read, before it was compared: it is compared all the same.
-    stopped(&bench, resume_command(&shop), "N56 G38.3", "KILL");
+    stop_at(&bench, resume_command(&shop), "N56 G38.3", "KILL");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    tells(&refused, &["(limit 3.5 µm)", "closed", "`trued identify` with --run"]);
+    assert_output_has(&refused, &["(limit 3.5 µm)", "closed", "`trued identify` with --run"]);
     let told = stderr(&refused);
     let (_, moved) = told.split_once("R4/P090 moved by +").expect("the reference is named");
     let moved: f64 = moved.split(' ').next().unwrap().parse().unwrap();
@@ -231,126 +241,128 @@ pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     for innocent in ["P000 moved", "P180 moved", "/Z moved"] {
         assert!(!stderr(&refused).contains(innocent), "{}", stderr(&refused));
     }
-    assert_eq!(shop.states(), ["closed"]);
-    assert_eq!(touched(&bench.heard()), [53, 54, 55, 56]);
+    assert_eq!(shop.run_states(), ["closed"]);
+    assert_eq!(touched_steps(&bench.received_text()), [53, 54, 55, 56]);
     assert_eq!(shop.exported_steps().len(), 62 + 3 + 4);
     let again = resume(&shop);
     assert_eq!(again.status.code(), Some(1), "{}", stderr(&again));
     assert!(stderr(&again).contains("run 1 is closed"), "{}", stderr(&again));
 
     // Test 3 lacks three touches: the remaining readings are sufficient.
-    let identified = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
-    let known = estimate(&identified);
+    let identified = shop.run_trued(&["identify", "self-calibration", "--run", "1", "--json"]);
+    let known = estimate_json(&identified);
     for (symbol, truth) in TRUTH_UM {
-        let (value, expanded) = found(&known, symbol);
+        let (value, expanded) = value_and_u(&known, symbol);
         assert!((value - truth).abs() < expanded && expanded < 3.0, "{value} ± {expanded}");
     }
     let warnings = known["warnings"].to_string();
     assert!(warnings.contains("7 of 69 steps were not measured"), "{warnings}");
-    assert_eq!(shop.states(), ["closed"]);
+    assert_eq!(shop.run_states(), ["closed"]);
 }
 
 pub fn what_too_few_readings_cannot_tell_is_named() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
-    let identified = shop.trued(&["identify", "self-calibration", "--run", "1"]);
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N25 G38.3", "INT");
+    let identified = shop.run_trued(&["identify", "self-calibration", "--run", "1"]);
     assert_eq!(identified.status.code(), Some(1), "{}", stderr(&identified));
-    tells(&identified, &["only 17 of 30 unknowns", "EYC_total(90°)", "measure the missing steps"]);
-    assert_eq!(shop.states(), ["held"]);
+    assert_output_has(&identified, &["only 17 of 30 unknowns", "EYC_total(90°)", "measure the missing steps"]);
+    assert_eq!(shop.run_states(), ["held"]);
 }
 
 pub fn without_references_a_run_is_closed() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N3 G38.3", "INT");
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N3 G38.3", "INT");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    tells(&refused, &["not all references were measured before the stop", "start a new run"]);
-    assert_eq!(shop.states(), ["closed"]);
-    assert_eq!(touched(&bench.heard()), [] as [u32; 0]);
+    assert_output_has(&refused, &["not all references were measured before the stop", "start a new run"]);
+    assert_eq!(shop.run_states(), ["closed"]);
+    assert_eq!(touched_steps(&bench.received_text()), [] as [u32; 0]);
 }
 
 pub fn another_machine_file_is_another_run() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N25 G38.3", "INT");
-    std::fs::write(shop.file("other.toml"), pushed()).unwrap();
-    let other = shop.file("other.toml");
-    let refused = shop.trued(&["resume", "1", "--acknowledge", "Ada", "--machine", &other]);
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N25 G38.3", "INT");
+    std::fs::write(shop.read_file("other.toml"), machine_with_pushed_part()).unwrap();
+    let other = shop.read_file("other.toml");
+    let refused = shop.run_trued(&["resume", "1", "--acknowledge", "Ada", "--machine", &other]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("differs from the machine file"), "{}", stderr(&refused));
-    assert!(bench.heard().is_empty());
-    assert_eq!(shop.states(), ["held"]);
+    assert!(bench.received_text().is_empty());
+    assert_eq!(shop.run_states(), ["held"]);
 }
 
 /// The cycle is measured twice; the second pass is interrupted. Its steps are distinguished from those of the first
 /// pass, and from the references after the stop.
-pub fn a_later_pass_goes_on_as_well() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
+pub fn run_resumes_in_a_later_pass() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
     let mut run = shop.run_command();
     run.args(["--repeat", "2"]);
-    stopped(&bench, run, "N68 G38.3, N25 G38.3", "INT");
+    stop_at(&bench, run, "N68 G38.3, N25 G38.3", "INT");
     let resumed = resume(&shop);
-    let known = estimate(&resumed);
+    let known = estimate_json(&resumed);
     for (symbol, truth) in TRUTH_UM {
-        let (value, expanded) = found(&known, symbol);
+        let (value, expanded) = value_and_u(&known, symbol);
         assert!((value - truth).abs() < expanded, "{symbol}: {value} ± {expanded}");
     }
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
-    assert_eq!(touched(&bench.heard()), rest);
+    assert_eq!(touched_steps(&bench.received_text()), rest);
     // Locating once, the cycle twice, then the references.
     assert_eq!(shop.exported_steps().len(), 5 + 2 * 64 + 4);
 }
 
 /// X and Z were measured, Y was not: a part that moved along Y would not be detected.
-pub fn some_of_the_references_are_not_enough() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    stopped(&bench, shop.run_command(), "N6 G38.3", "INT");
+pub fn resume_needs_all_references() {
+    let bench = GrblControl::start(&simulated_machine());
+    let shop = shop_with_control(&bench);
+    stop_at(&bench, shop.run_command(), "N6 G38.3", "INT");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     assert!(stderr(&refused).contains("not all references were measured"), "{}", stderr(&refused));
-    assert_eq!(shop.states(), ["closed"]);
+    assert_eq!(shop.run_states(), ["closed"]);
 }
 
 /// The repeatability is not declared, and only one reference was touched twice before the stop: the references are
 /// touched twice after it, and a shift of 20 µm is still detected.
-pub fn references_tell_themselves_how_they_repeat() {
-    let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
-    for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)] {
-        let bench = GrblControl::start(&machine());
+pub fn references_estimate_their_own_repeatability() {
+    let unknown = |file: &str| with_changes(file, &[("repeatability_um = 0.5", "")]);
+    for (after, state, readings) in
+        [(simulated_machine(), "finished", 69 + 8), (machine_with_pushed_part(), "closed", 18 + 8)]
+    {
+        let bench = GrblControl::start(&simulated_machine());
         let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
-        let shop = MachineShop::new(&with_control(&unknown(&machine()), &control));
-        stopped(&bench, shop.run_command(), "N18 G38.3", "INT");
-        bench.become_another(&after);
+        let shop = MachineShop::new(&machine_with_control(&unknown(&simulated_machine()), &control));
+        stop_at(&bench, shop.run_command(), "N18 G38.3", "INT");
+        bench.replace_firmware(&after);
         let resumed = resume(&shop);
-        assert_eq!(shop.states(), [state], "{}", stderr(&resumed));
+        assert_eq!(shop.run_states(), [state], "{}", stderr(&resumed));
         assert_eq!(shop.exported_steps().len(), readings);
     }
 }
 
 /// The `resume` command line in the message.
-fn advised(told: &str) -> String {
+fn advice_line(told: &str) -> String {
     let mut quoted = told.split('`').skip(1).step_by(2);
     quoted.find(|quoted| quoted.contains("resume")).unwrap_or_else(|| panic!("{told}")).to_owned()
 }
 
-pub fn a_control_that_lost_its_position_must_be_homed() {
+pub fn lost_position_requires_homing() {
     let fault = "\n[[simulated.fault]]\nkind = \"alarm\"\ncode = 1\nat_line = 150\n";
-    let shop = MachineShop::new(&(machine() + fault));
-    let ended = shop.run();
+    let shop = MachineShop::new(&(simulated_machine() + fault));
+    let ended = shop.run_cycle();
     assert_eq!(ended.status.code(), Some(5));
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    tells(&refused, &["the position is lost", "the confirmation that all axes are homed is missing"]);
-    assert_eq!(advised(&stderr(&ended)), advised(&stderr(&refused)));
-    let listed = shop.trued(&["runs"]);
-    assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&refused)));
+    assert_output_has(&refused, &["the position is lost", "the confirmation that all axes are homed is missing"]);
+    assert_eq!(advice_line(&stderr(&ended)), advice_line(&stderr(&refused)));
+    let listed = shop.run_trued(&["runs"]);
+    assert_eq!(advice_line(&String::from_utf8_lossy(&listed.stdout)), advice_line(&stderr(&refused)));
     // Run the printed command in a shell.
-    let command = advised(&stderr(&refused)).replacen("trued", env!("CARGO_BIN_EXE_trued"), 1);
+    let command = advice_line(&stderr(&refused)).replacen("trued", env!("CARGO_BIN_EXE_trued"), 1);
     let pasted = std::process::Command::new("sh").args(["-c", &command]).output().unwrap();
-    let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();
+    let shown = String::from_utf8(shop.run_trued(&["show", "1"]).stdout).unwrap();
     assert!(shown.contains("confirmed by YOUR_NAME"), "{command}: {}", stderr(&pasted));
 }

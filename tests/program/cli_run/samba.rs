@@ -6,31 +6,31 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use super::resume::{ended, found, resume, resume_command, touched};
-use super::{MachineShop, estimate, stderr, tells, with_control};
+use super::resume::{resume, resume_command, run_to_end, touched_steps, value_and_u};
+use super::{MachineShop, assert_output_has, estimate_json, machine_with_control, stderr};
 use crate::support::grbl_control::GrblControl;
 
 /// The built-in machine of the method with a small budget.
-fn machine() -> String {
+fn small_machine() -> String {
     let file = include_str!("../../../config/samba.toml");
     let budget = "balls = 30\nindexations = 10\nmonte_carlo_trials = 1000\n";
     format!("{file}\n[method.samba]\n{budget}")
 }
 
-fn shop(bench: &GrblControl) -> MachineShop {
+fn shop_with_control(bench: &GrblControl) -> MachineShop {
     let control = format!("kind = \"grbl\"\ndialect = \"grbl-m19\"\ntcp = \"{}\"", bench.address);
-    MachineShop::new(&with_control(&machine(), &control))
+    MachineShop::new(&machine_with_control(&small_machine(), &control))
 }
 
 fn run_command(shop: &MachineShop) -> Command {
-    shop.command(&["run", "samba", "--json", "--machine", &shop.file("machine.toml")])
+    shop.trued_command(&["run", "samba", "--json", "--machine", &shop.read_file("machine.toml")])
 }
 
 /// Number and label of each step of the printed plan, identical to those of a run.
-fn steps(shop: &MachineShop) -> Vec<(u32, String)> {
-    let machine = shop.file("machine.toml");
+fn steps_with_labels(shop: &MachineShop) -> Vec<(u32, String)> {
+    let machine = shop.read_file("machine.toml");
     let plan: Value =
-        serde_json::from_slice(&shop.trued(&["plan", "samba", "--json", "--machine", &machine]).stdout).unwrap();
+        serde_json::from_slice(&shop.run_trued(&["plan", "samba", "--json", "--machine", &machine]).stdout).unwrap();
     let step = |step: &Value| (step["id"].as_u64().unwrap() as u32, step["label"].as_str().unwrap().to_owned());
     plan["steps"].as_array().unwrap().iter().map(step).collect()
 }
@@ -42,16 +42,16 @@ fn with_label(steps: &[(u32, String)], begin: &str, first: u32) -> Vec<u32> {
 }
 
 /// Like [`ended`], when the program begins `step`.
-fn ended_at(bench: &GrblControl, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
-    let (output, heard) = ended(bench, command, &format!("N{step} G38.3"), signal);
-    (output, touched(&heard))
+fn end_run_at_step(bench: &GrblControl, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
+    let (output, heard) = run_to_end(bench, command, &format!("N{step} G38.3"), signal);
+    (output, touched_steps(&heard))
 }
 
 /// Killed in a search and in a slow measurement, stopped by Ctrl-C between the touches of a ball.
-pub fn a_run_over_balls_survives_kills_and_stops() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    let steps = steps(&shop);
+pub fn samba_run_survives_kills_and_stops() {
+    let bench = GrblControl::start(&small_machine());
+    let shop = shop_with_control(&bench);
+    let steps = steps_with_labels(&shop);
     let references = with_label(&steps, "reference/001/", 0);
     let (all, middle) = (steps.len() as u32, with_label(&steps, "reference/002/", 0)[0]);
     // In the middle of a ball, each time in a different stage.
@@ -60,43 +60,43 @@ pub fn a_run_over_balls_survives_kills_and_stops() {
     let last = with_label(&steps, "slow/", slow)[18];
     assert!(references.len() == 5 && last < middle, "{steps:?}");
 
-    let (_, touched) = ended_at(&bench, run_command(&shop), search, "KILL");
+    let (_, touched) = end_run_at_step(&bench, run_command(&shop), search, "KILL");
     assert_eq!(touched, (0..=search).collect::<Vec<_>>());
     assert_eq!(shop.exported_steps(), (0..search).collect::<Vec<_>>());
     // The references, and then the touch that was not recorded.
     let goes_on = |from: u32, to: u32| [references.clone(), (from..=to).collect()].concat();
-    let (_, touched) = ended_at(&bench, resume_command(&shop), slow, "KILL");
+    let (_, touched) = end_run_at_step(&bench, resume_command(&shop), slow, "KILL");
     assert_eq!(touched, goes_on(search, slow));
-    let (held, touched) = ended_at(&bench, resume_command(&shop), last, "INT");
+    let (held, touched) = end_run_at_step(&bench, resume_command(&shop), last, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
-    tells(&held, &["the run was halted on request", " resume 1`"]);
-    assert_eq!((touched, shop.states()), (goes_on(slow, last), vec!["held".to_owned()]));
+    assert_output_has(&held, &["the run was halted on request", " resume 1`"]);
+    assert_eq!((touched, shop.run_states()), (goes_on(slow, last), vec!["held".to_owned()]));
     let resumed = resume(&shop);
-    assert_eq!(super::resume::touched(&bench.heard()), goes_on(last, all - 1));
+    assert_eq!(super::resume::touched_steps(&bench.received_text()), goes_on(last, all - 1));
 
     let mut count: BTreeMap<u32, usize> = BTreeMap::new();
     shop.exported_steps().into_iter().for_each(|step| *count.entry(step).or_default() += 1);
     let once = |step: &u32| if references.contains(step) { 4 } else { 1 };
     assert!((0..all).all(|step| count.get(&step) == Some(&once(&step))), "{count:?}");
-    agrees(&estimate(&resumed));
-    stored_run_tells_the_same(&shop, &resumed);
+    assert_near_truth(&estimate_json(&resumed));
+    assert_stored_run_is_equal(&shop, &resumed);
 }
 
 /// Compares with an uninterrupted run on the same machine.
-fn agrees(resumed: &Value) {
-    let whole = estimate(&run_command(&MachineShop::new(&machine())).output().unwrap());
+fn assert_near_truth(resumed: &Value) {
+    let whole = estimate_json(&run_command(&MachineShop::new(&small_machine())).output().unwrap());
     for parameter in whole["parameters"].as_array().unwrap() {
         let symbol = parameter["symbol"].as_str().unwrap();
-        let ((value, expanded), (one_go, _)) = (found(resumed, symbol), found(&whole, symbol));
+        let ((value, expanded), (one_go, _)) = (value_and_u(resumed, symbol), value_and_u(&whole, symbol));
         assert!((value - one_go).abs() < expanded, "{symbol}: {value} and {one_go} ± {expanded}");
     }
 }
 
-fn stored_run_tells_the_same(shop: &MachineShop, resumed: &Output) {
-    let again = shop.trued(&["identify", "samba", "--run", "1", "--json"]);
+fn assert_stored_run_is_equal(shop: &MachineShop, resumed: &Output) {
+    let again = shop.run_trued(&["identify", "samba", "--run", "1", "--json"]);
     assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
-    let report = shop.file("report.html");
-    let shown = shop.trued(&["show", "1", "--report", &report]);
+    let report = shop.read_file("report.html");
+    let shown = shop.run_trued(&["show", "1", "--report", &report]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     let told = String::from_utf8(shown.stdout).unwrap();
     assert_eq!(told.matches("resumed after an interruption at t = ").count(), 3, "{told}");
@@ -106,25 +106,25 @@ fn stored_run_tells_the_same(shop: &MachineShop, resumed: &Output) {
 
 /// The first searches come before the references: the message agrees with the later behaviour.
 pub fn a_stop_before_the_references_says_that_the_run_is_over() {
-    let bench = GrblControl::start(&machine());
-    let shop = shop(&bench);
-    let (held, _) = ended_at(&bench, run_command(&shop), 3, "INT");
+    let bench = GrblControl::start(&small_machine());
+    let shop = shop_with_control(&bench);
+    let (held, _) = end_run_at_step(&bench, run_command(&shop), 3, "INT");
     assert_eq!(held.status.code(), Some(5), "{}", stderr(&held));
     let over = ["run 1 cannot be resumed", "start a new run"];
-    tells(&held, &over);
+    assert_output_has(&held, &over);
     for listed in [&["runs"][..], &["show", "1"]] {
-        let told = String::from_utf8(shop.trued(listed).stdout).unwrap();
+        let told = String::from_utf8(shop.run_trued(listed).stdout).unwrap();
         assert!(over.iter().all(|words| told.contains(words)), "{told}");
         assert!(!told.contains(" resume 1`"), "{told}");
     }
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    assert_eq!(shop.states(), ["closed"]);
+    assert_eq!(shop.run_states(), ["closed"]);
 }
 
 pub fn a_cycle_that_is_none_cannot_be_repeated() {
-    let shop = MachineShop::new(&machine());
-    let refused = shop.trued(&["run", "samba", "--repeat", "2"]);
+    let shop = MachineShop::new(&small_machine());
+    let refused = shop.run_trued(&["run", "samba", "--repeat", "2"]);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    tells(&refused, &["does not support repetitions", "omit --repeat", "balls"]);
+    assert_output_has(&refused, &["does not support repetitions", "omit --repeat", "balls"]);
 }

@@ -2,23 +2,23 @@
 
 use std::process::{Child, Command, Stdio};
 
-use super::firmware::Control;
-use super::{MachineShop, stderr, with_control};
+use super::firmware::RecordedGrbl;
+use super::{MachineShop, machine_with_control, stderr};
 use crate::support::machine_shop::with_quick_approach;
 
-pub fn signal(process: &Child, name: &str) {
+pub fn send_signal(process: &Child, name: &str) {
     let kill = format!("kill -{name} {}", process.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
 }
 
-fn machine() -> String {
-    with_quick_approach(&super::machine())
+fn slow_machine() -> String {
+    with_quick_approach(&super::simulated_machine())
 }
 
 /// A run over `control`, in the middle of its second touch: the first reading is acknowledged.
-fn in_mid_touch(control: &mut Control) -> (MachineShop, Child) {
+fn start_and_wait_for_touch(control: &mut RecordedGrbl) -> (MachineShop, Child) {
     let address = format!("kind = \"grbl\"\ntcp = \"{}\"", control.address);
-    let shop = MachineShop::new(&with_control(&machine(), &address));
+    let shop = MachineShop::new(&machine_with_control(&slow_machine(), &address));
     let mut run = shop.run_command();
     let run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     control.wait_for("N2 G38.3 Y");
@@ -26,7 +26,7 @@ fn in_mid_touch(control: &mut Control) -> (MachineShop, Child) {
 }
 
 /// Checks that each sent step follows a durable reading; returns the number of readings.
-fn all_kept(shop: &MachineShop, sent: &[u8]) -> u32 {
+fn stored_reading_count(shop: &MachineShop, sent: &[u8]) -> u32 {
     let steps = shop.exported_steps();
     let count = steps.len() as u32;
     assert!(count > 0 && steps.iter().copied().eq(0..count), "{steps:?}");
@@ -35,10 +35,10 @@ fn all_kept(shop: &MachineShop, sent: &[u8]) -> u32 {
     count
 }
 
-fn held_by(name: &str) {
-    let mut control = Control::start(&machine());
-    let (shop, run) = in_mid_touch(&mut control);
-    signal(&run, name);
+fn check_held_by_signal(name: &str) {
+    let mut control = RecordedGrbl::start(&slow_machine());
+    let (shop, run) = start_and_wait_for_touch(&mut control);
+    send_signal(&run, name);
     let ended = run.wait_with_output().unwrap();
     assert_eq!(ended.status.code(), Some(5), "{}", stderr(&ended));
     assert!(stderr(&ended).contains("error: the run was halted on request\n  → "), "{}", stderr(&ended));
@@ -50,46 +50,46 @@ fn held_by(name: &str) {
     let after: Vec<u8> = bytes[hold..].iter().copied().filter(|b| !b"!?".contains(b)).collect();
     assert!(after.is_empty(), "sent after the hold: {}", String::from_utf8_lossy(&after));
 
-    assert_eq!(shop.states(), ["held"]);
-    let kept = all_kept(&shop, &bytes);
-    let shown = shop.trued(&["show", "1"]);
+    assert_eq!(shop.run_states(), ["held"]);
+    let kept = stored_reading_count(&shop, &bytes);
+    let shown = shop.run_trued(&["show", "1"]);
     assert_eq!(shown.status.code(), Some(0), "{}", stderr(&shown));
     assert!(String::from_utf8_lossy(&shown.stdout).contains(&format!("held, {kept} readings")));
 }
 
-pub fn regress_sigint_holds_and_keeps() {
-    held_by("INT");
+pub fn regress_sigint_holds_and_keeps_the_readings() {
+    check_held_by_signal("INT");
 }
 
-pub fn regress_sigterm_holds_and_keeps() {
-    held_by("TERM");
+pub fn regress_sigterm_holds_and_keeps_the_readings() {
+    check_held_by_signal("TERM");
 }
 
 pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
-    let mut control = Control::start(&machine());
-    let (shop, mut run) = in_mid_touch(&mut control);
+    let mut control = RecordedGrbl::start(&slow_machine());
+    let (shop, mut run) = start_and_wait_for_touch(&mut control);
 
     // While the process lives, no other process can use the machine.
-    let second = shop.run();
+    let second = shop.run_cycle();
     assert_eq!(second.status.code(), Some(1), "{}", stderr(&second));
     let holder = format!("in use by process {}", run.id());
     assert!(stderr(&second).contains(&holder), "{}", stderr(&second));
-    assert_eq!(shop.states(), ["running"]);
+    assert_eq!(shop.run_states(), ["running"]);
 
     run.kill().unwrap();
     run.wait().unwrap();
     let (bytes, _) = control.end();
     // The next start on the same machine, whatever its result.
-    std::fs::write(shop.file("machine.toml"), machine()).unwrap();
-    let next = shop.run();
+    std::fs::write(shop.read_file("machine.toml"), slow_machine()).unwrap();
+    let next = shop.run_cycle();
     assert_eq!(next.status.code(), Some(0), "{}", stderr(&next));
-    assert_eq!(shop.states(), ["interrupted", "finished"]);
-    all_kept(&shop, &bytes);
+    assert_eq!(shop.run_states(), ["interrupted", "finished"]);
+    stored_reading_count(&shop, &bytes);
 }
 
 pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     use std::io::{BufRead as _, BufReader, Read as _};
-    let endless = machine().replace("trials = 1000\n", "trials = 2000000000\n");
+    let endless = slow_machine().replace("trials = 1000\n", "trials = 2000000000\n");
     let shop = MachineShop::new(&endless);
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -99,7 +99,7 @@ pub fn regress_a_stop_is_heard_while_the_identification_computes() {
         line.clear();
         assert_ne!(told.read_line(&mut line).unwrap(), 0, "ended before it identified");
     }
-    signal(&run, "TERM");
+    send_signal(&run, "TERM");
     let mut rest = String::new();
     told.read_to_string(&mut rest).unwrap();
     assert_eq!(run.wait().unwrap().code(), Some(5), "{rest}");
@@ -107,11 +107,11 @@ pub fn regress_a_stop_is_heard_while_the_identification_computes() {
     assert_eq!(shop.exported_steps().len(), 69);
 }
 
-pub fn regress_a_run_goes_on_when_nobody_reads_what_it_tells() {
-    let shop = MachineShop::new(&machine());
+pub fn regress_a_run_continues_when_its_output_is_not_read() {
+    let shop = MachineShop::new(&slow_machine());
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(run.stderr.take());
     assert_eq!(run.wait_with_output().unwrap().status.code(), Some(0));
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }

@@ -5,18 +5,18 @@ use std::process::{Child, Command, Stdio};
 
 use link::Address;
 
-use super::{MachineShop, changed, estimate, figures, machine, stderr, with_control};
+use super::{MachineShop, estimate_json, machine_with_control, result_values, simulated_machine, stderr, with_changes};
 
 /// `trued simulate`, ended with the test.
-struct Simulator {
+struct SimulatorProcess {
     process: Child,
     path: String,
 }
 
-impl Simulator {
+impl SimulatorProcess {
     fn start(shop: &MachineShop) -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_trued"))
-            .args(["simulate", "--machine", &shop.file("machine.toml")])
+            .args(["simulate", "--machine", &shop.read_file("machine.toml")])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -26,43 +26,47 @@ impl Simulator {
         Self { process, path: path.trim().to_owned() }
     }
 
-    fn client(&self) -> MachineShop {
-        MachineShop::new(&with_control(&machine(), &format!("kind = \"grbl\"\nserial = \"{}\"", self.path)))
+    fn client_shop(&self) -> MachineShop {
+        MachineShop::new(&machine_with_control(
+            &simulated_machine(),
+            &format!("kind = \"grbl\"\nserial = \"{}\"", self.path),
+        ))
     }
 }
 
-impl Drop for Simulator {
+impl Drop for SimulatorProcess {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-pub fn regress_memory_pty_and_another_process_give_the_same_figures() {
-    let shop = MachineShop::new(&machine());
-    let memory = shop.run();
-    assert!(estimate(&memory)["parameters"].is_array());
+pub fn regress_memory_pty_and_another_process_give_the_same_result() {
+    let shop = MachineShop::new(&simulated_machine());
+    let memory = shop.run_cycle();
+    assert!(estimate_json(&memory)["parameters"].is_array());
 
-    let pty = MachineShop::new(&changed(&machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run();
+    let pty =
+        MachineShop::new(&with_changes(&simulated_machine(), &[("wire = \"memory\"", "wire = \"pty\"")])).run_cycle();
     assert_eq!(pty.status.code(), Some(0), "{}", stderr(&pty));
     assert!(pty.stdout == memory.stdout, "a pty in this process gives something else");
 
-    let simulator = Simulator::start(&shop);
-    let process = simulator.client().run();
-    assert!(figures(&process) == figures(&memory), "a simulator of its own gives something else");
+    let simulator = SimulatorProcess::start(&shop);
+    let process = simulator.client_shop().run_cycle();
+    assert!(result_values(&process) == result_values(&memory), "a simulator of its own gives something else");
 }
 
 pub fn regress_a_busy_port_is_told_and_leaves_no_run() {
-    let simulator = Simulator::start(&MachineShop::new(&machine()));
-    let client = simulator.client();
+    let simulator = SimulatorProcess::start(&MachineShop::new(&simulated_machine()));
+    let client = simulator.client_shop();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let address = Address::Serial { path: simulator.path.clone(), baud: 115_200 };
     let holder = runtime.block_on(link::open_line_link(&address)).unwrap();
 
-    let refused = client.run();
+    let refused = client.run_cycle();
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
     let busy = format!("{} is in use by another program", simulator.path);
     assert!(stderr(&refused).contains(&busy), "{}", stderr(&refused));
-    assert_eq!(client.states(), [] as [String; 0]);
+    assert_eq!(client.run_states(), [] as [String; 0]);
     drop(holder);
 }

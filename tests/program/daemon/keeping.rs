@@ -8,30 +8,30 @@ use crate::support::machine_shop::MachineShop;
 use serde_json::json;
 use trued::store::{Journal, RunId};
 
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// A backup during a run is complete up to the readings of that time, and is a usable journal.
 pub fn a_copy_is_taken_in_mid_run() {
     let shop = MachineShop::new(&served_machine(""));
-    let daemon = shop.serve("real");
+    let daemon = shop.start_daemon("real");
     assert_eq!(daemon.http().start(1), 202);
     let before = daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
     let elsewhere = shop.path("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
     let copy = elsewhere.join("journal.sqlite");
-    let copied = shop.trued(&["backup", copy.to_str().unwrap()]);
-    assert_eq!(copied.status.code(), Some(0), "{}", said(&copied));
-    assert_eq!(daemon.http().machine()["state"], "running");
-    let again = shop.trued(&["backup", copy.to_str().unwrap()]);
+    let copied = shop.run_trued(&["backup", copy.to_str().unwrap()]);
+    assert_eq!(copied.status.code(), Some(0), "{}", stderr(&copied));
+    assert_eq!(daemon.http().machine_state()["state"], "running");
+    let again = shop.run_trued(&["backup", copy.to_str().unwrap()]);
     assert_eq!(again.status.code(), Some(1));
-    assert!(said(&again).contains("choose another file name"), "{}", said(&again));
+    assert!(stderr(&again).contains("choose another file name"), "{}", stderr(&again));
     assert_eq!(daemon.terminate(), 5);
     let journal = Journal::open(&elsewhere).unwrap();
     let run = journal.load_run(journal.runs().unwrap()[0].id).unwrap();
     assert!(run.readings.len() as u64 >= before["measured"].as_u64().unwrap());
-    let now = Journal::open(&shop.state()).unwrap().load_run(run.summary.id).unwrap();
+    let now = Journal::open(&shop.state_folder()).unwrap().load_run(run.summary.id).unwrap();
     assert_eq!(now.readings[..run.readings.len()], run.readings[..]);
     let missing = shop.path("no-journal");
     let nothing = std::process::Command::new(env!("CARGO_BIN_EXE_trued"))
@@ -39,45 +39,45 @@ pub fn a_copy_is_taken_in_mid_run() {
         .output()
         .unwrap();
     assert_eq!(nothing.status.code(), Some(1));
-    assert!(said(&nothing).contains("the file does not exist"), "{}", said(&nothing));
+    assert!(stderr(&nothing).contains("the file does not exist"), "{}", stderr(&nothing));
 }
 
 /// The check of `ExecStartPre`: it opens and creates nothing, and a daemon may run meanwhile.
 pub fn a_configuration_is_checked_before_it_serves() {
     let shop = MachineShop::new(&served_machine(""));
     let machine = shop.path("machine.toml").display().to_string();
-    let check = || shop.trued(&["serve", "--machine", &machine, "--check"]);
+    let check = || shop.run_trued(&["serve", "--machine", &machine, "--check"]);
     let sound = check();
-    assert_eq!(sound.status.code(), Some(0), "{}", said(&sound));
-    assert!(said(&sound).contains("cycle 1: machine time about"), "{}", said(&sound));
-    assert!(!shop.state().exists());
-    let daemon = shop.serve("fast");
+    assert_eq!(sound.status.code(), Some(0), "{}", stderr(&sound));
+    assert!(stderr(&sound).contains("cycle 1: machine time about"), "{}", stderr(&sound));
+    assert!(!shop.state_folder().exists());
+    let daemon = shop.start_daemon("fast");
     assert_eq!(check().status.code(), Some(0));
     assert_eq!(daemon.terminate(), 0);
     shop.replace_machine(&served_machine("").replace("positions = 5", "positions = 2"));
     let unsound = check();
     assert_eq!(unsound.status.code(), Some(1));
-    assert!(said(&unsound).contains("cycle 1 cannot be measured"), "{}", said(&unsound));
+    assert!(stderr(&unsound).contains("cycle 1 cannot be measured"), "{}", stderr(&unsound));
 }
 
-fn value(metrics: &str, name: &str) -> f64 {
+fn metric_value(metrics: &str, name: &str) -> f64 {
     let line = metrics.lines().find_map(|line| line.strip_prefix(name));
     line.unwrap_or_else(|| panic!("no {name} in {metrics}")).trim().parse().unwrap()
 }
 
 pub fn what_happens_is_counted() {
-    const OF: &str = "machine=\"simulated five-axis machine\"";
+    const MACHINE_LABEL: &str = "machine=\"simulated five-axis machine\"";
     let shop = MachineShop::new(&served_machine(""));
-    let daemon = shop.serve("fast");
-    let metrics = daemon.http().text("/metrics");
-    assert_eq!(value(&metrics, &format!("trued_runs_total{{{OF},outcome=\"none\"}}")), 0.0);
+    let daemon = shop.start_daemon("fast");
+    let metrics = daemon.http().get_text("/metrics");
+    assert_eq!(metric_value(&metrics, &format!("trued_runs_total{{{MACHINE_LABEL},outcome=\"none\"}}")), 0.0);
     let lines = metrics.lines().count();
     assert_eq!(daemon.http().start(1), 202);
     let ended = daemon.http().wait_for_state("waiting");
     assert_eq!(daemon.http().start(7), 409);
-    assert_eq!(daemon.http().post("acknowledge", &json!({"who": "Ada"})).0, 409);
-    let metrics = daemon.http().text("/metrics");
-    let told = |name: &str, more: &str| value(&metrics, &format!("trued_{name}{{{OF}{more}}}"));
+    assert_eq!(daemon.http().post_action("acknowledge", &json!({"who": "Ada"})).0, 409);
+    let metrics = daemon.http().get_text("/metrics");
+    let told = |name: &str, more: &str| metric_value(&metrics, &format!("trued_{name}{{{MACHINE_LABEL}{more}}}"));
     assert_eq!(told("runs_total", ",outcome=\"none\""), 1.0);
     assert_eq!(told("runs_total", ",outcome=\"held\""), 0.0);
     assert_eq!(Some(told("readings_total", "")), ended["measured"].as_f64());
@@ -88,10 +88,10 @@ pub fn what_happens_is_counted() {
     assert_eq!(told("state", ",state=\"running\""), 0.0);
     assert!(told("progress_age_seconds", "") < 60.0);
     // Each reading is at least one job of the writer.
-    let jobs = value(&metrics, "trued_journal_write_seconds_count");
+    let jobs = metric_value(&metrics, "trued_journal_write_seconds_count");
     assert!(jobs > told("readings_total", ""), "{jobs}");
     let version = format!("trued_build_info{{version=\"{}\"}}", env!("CARGO_PKG_VERSION"));
-    assert_eq!(value(&metrics, &version), 1.0);
+    assert_eq!(metric_value(&metrics, &version), 1.0);
     // Two additional outcomes with their heading, and nothing else, independent of the number of runs.
     assert_eq!(metrics.lines().count(), lines + 4);
     assert!(metrics.ends_with("# EOF\n"));
@@ -104,13 +104,13 @@ pub fn samples_go_when_their_time_is_over_and_nothing_else() {
     let page = "[http]\nlisten = \"127.0.0.1:0\"\n[[machine]]\nfile = \"machine.toml\"\n";
     std::fs::write(&file, page).unwrap();
     let arguments = ["--config", file.to_str().unwrap()];
-    let daemon = shop.serve_as(&arguments, |_| {});
+    let daemon = shop.spawn_daemon(&arguments, |_| {});
     for run in 1..=2 {
         assert_eq!(daemon.http().start(2), 202);
         daemon.http().wait_until(|now| now["state"] == "waiting" && now["run"] == run);
     }
     assert_eq!(daemon.terminate(), 0);
-    let journal = Journal::open(&shop.state()).unwrap();
+    let journal = Journal::open(&shop.state_folder()).unwrap();
     let runs = [RunId(1), RunId(2)];
     for run in runs {
         let mut sample = journal.load_run(run).unwrap().readings[0].clone();
@@ -119,9 +119,9 @@ pub fn samples_go_when_their_time_is_over_and_nothing_else() {
     }
     let [old, young] = runs.map(|run| journal.load_run(run).unwrap());
     let long_ago = "UPDATE runs SET ended = '2020-02-02T02:02:02Z' WHERE id = 1";
-    journal_rows::change(&shop.state(), long_ago);
+    journal_rows::execute_statement(&shop.state_folder(), long_ago);
     std::fs::write(&file, format!("{page}[retention]\nkeep_days = 100\n")).unwrap();
-    let daemon = shop.serve_as(&arguments, |_| {});
+    let daemon = shop.spawn_daemon(&arguments, |_| {});
     daemon.wait_for_log("run 1: the samples of 1 scans are removed");
     assert_eq!(daemon.terminate(), 0);
     let [now, still] = runs.map(|run| journal.load_run(run).unwrap());

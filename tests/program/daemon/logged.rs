@@ -14,20 +14,20 @@ use crate::support::machine_shop::MachineShop;
 use serde_json::json;
 use trued::store::{Journal, RunId};
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const ENTRY_TIMEOUT: Duration = Duration::from_secs(60);
 /// As under systemd: standard error is the journal's, and an environment variable identifies that file.
-const SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
+const JOURNALD_SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
                       mount --bind \"$0\" /run/systemd/journal && \
                       export JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) && exec \"$@\"";
 
 /// The simulated control restarts during the run.
-const RESET: &str = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n";
+const RESET_FAULT: &str = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n";
 
 /// Name and value of each field.
-type Entry = Vec<(String, String)>;
+type JournalEntry = Vec<(String, String)>;
 
 /// `NAME=value`, or the name, the value's length in eight bytes, and the value; one field per line.
-fn entry(mut bytes: &[u8]) -> Entry {
+fn parse_entry(mut bytes: &[u8]) -> JournalEntry {
     let mut fields = Vec::new();
     while let Some(end) = bytes.iter().position(|byte| *byte == b'\n') {
         let (line, rest) = (String::from_utf8(bytes[..end].to_vec()).unwrap(), &bytes[end + 1..]);
@@ -43,42 +43,43 @@ fn entry(mut bytes: &[u8]) -> Entry {
     fields
 }
 
-fn field<'a>(entry: &'a [(String, String)], name: &str) -> Option<&'a str> {
+fn entry_field<'a>(entry: &'a [(String, String)], name: &str) -> Option<&'a str> {
     entry.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
 }
 
 #[derive(Clone)]
-struct Journald(Arc<Mutex<Vec<Entry>>>);
+struct JournalReceiver(Arc<Mutex<Vec<JournalEntry>>>);
 
-impl Journald {
-    fn at(socket: UnixDatagram) -> Self {
+impl JournalReceiver {
+    fn receive_at(socket: UnixDatagram) -> Self {
         let heard = Self(Arc::default());
         let keeps = heard.clone();
         std::thread::spawn(move || {
             let mut buffer = vec![0; 1 << 16];
             while let Ok(count) = socket.recv(&mut buffer) {
-                keeps.0.lock().unwrap().push(entry(&buffer[..count]));
+                keeps.0.lock().unwrap().push(parse_entry(&buffer[..count]));
             }
         });
         heard
     }
 
     /// Waits for the entry whose message starts with `words`.
-    fn until(&self, words: &str) -> Entry {
+    fn wait_for_entry(&self, words: &str) -> JournalEntry {
         let began = Instant::now();
         loop {
             let all = self.0.lock().unwrap().clone();
-            let begins = |entry: &&Entry| field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words));
+            let begins =
+                |entry: &&JournalEntry| entry_field(entry, "MESSAGE").is_some_and(|said| said.starts_with(words));
             if let Some(entry) = all.iter().find(begins) {
                 return entry.clone();
             }
-            assert!(began.elapsed() < PATIENCE, "no {words} in {all:?}");
+            assert!(began.elapsed() < ENTRY_TIMEOUT, "no {words} in {all:?}");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 }
 
-fn may_mount() -> bool {
+fn can_mount() -> bool {
     let mounts = Command::new("unshare")
         .args(["--mount", "sh", "-c", "mount -t tmpfs none /run"])
         .stderr(Stdio::null())
@@ -90,77 +91,80 @@ fn may_mount() -> bool {
 }
 
 /// Starts the daemon with a separate journald socket.
-fn serve(shop: &MachineShop, speed: &str) -> (DaemonProcess, Journald) {
+fn start_daemon(shop: &MachineShop, speed: &str) -> (DaemonProcess, JournalReceiver) {
     let folder = shop.path("journald");
     std::fs::create_dir(&folder).unwrap();
-    let journald = Journald::at(UnixDatagram::bind(folder.join("socket")).unwrap());
+    let journald = JournalReceiver::receive_at(UnixDatagram::bind(folder.join("socket")).unwrap());
     let mut command = Command::new("unshare");
-    command.args(["--mount", "sh", "-c", SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
+    command.args(["--mount", "sh", "-c", JOURNALD_SCRIPT]).arg(&folder).arg(env!("CARGO_BIN_EXE_trued"));
     command.args(["serve", "--speed", speed, "--machine"]).arg(shop.path("machine.toml"));
-    let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
+    let child = command.arg("--state").arg(shop.state_folder()).stderr(Stdio::piped()).spawn().unwrap();
     let daemon = DaemonProcess { child, log: Arc::default() };
-    let page = journald.until("the page is at http://127.0.0.1:");
+    let page = journald.wait_for_entry("the page is at http://127.0.0.1:");
     // Nothing is written to standard error if journald is connected.
-    let message = field(&page, "MESSAGE").unwrap();
+    let message = entry_field(&page, "MESSAGE").unwrap();
     daemon.log.lock().unwrap().push_str(&format!("{message}\n"));
-    journald.until("ready");
+    journald.wait_for_entry("ready");
     (daemon, journald)
 }
 
 /// Each step in the run's journal has a log entry with the number of its run and the type of the step.
 pub fn each_step_is_found_by_its_run() {
-    if !may_mount() {
+    if !can_mount() {
         println!("skipped, for this is not root");
         return;
     }
     let shop = MachineShop::new(&served_machine(""));
-    let (daemon, journald) = serve(&shop, "fast");
+    let (daemon, journald) = start_daemon(&shop, "fast");
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_for_state("waiting");
     assert_eq!(daemon.terminate(), 0);
-    let readings = Journal::open(&shop.state()).unwrap().load_run(RunId(1)).unwrap().readings;
+    let readings = Journal::open(&shop.state_folder()).unwrap().load_run(RunId(1)).unwrap().readings;
     let measured: BTreeSet<String> = readings.iter().map(|one| one.step.to_string()).collect();
     assert!(measured.len() > 10);
     let all = journald.0.lock().unwrap().clone();
-    let steps = all.iter().filter(|entry| field(entry, "TRUED_RUN") == Some("1"));
-    let steps = steps.filter_map(|entry| Some((field(entry, "TRUED_STEP")?, entry)));
+    let steps = all.iter().filter(|entry| entry_field(entry, "TRUED_RUN") == Some("1"));
+    let steps = steps.filter_map(|entry| Some((entry_field(entry, "TRUED_STEP")?, entry)));
     let mut told = BTreeSet::new();
     for (step, entry) in steps {
-        assert_eq!(field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
+        assert_eq!(entry_field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
         // Informational: below the daemon's regular messages.
-        assert_eq!(field(entry, "PRIORITY"), Some("6"), "{entry:?}");
+        assert_eq!(entry_field(entry, "PRIORITY"), Some("6"), "{entry:?}");
         told.insert(step.to_owned());
     }
     assert!(told.is_superset(&measured), "{told:?} {measured:?}");
 }
 
 /// Syslog priorities.
-const ERR: Option<&str> = Some("3");
-const NOTICE: Option<&str> = Some("5");
+const PRIORITY_ERR: Option<&str> = Some("3");
+const PRIORITY_NOTICE: Option<&str> = Some("5");
 
 /// A hold comes from the thread of the page and is found by the number of the run that it held; it is not a fault.
 pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
-    if !may_mount() {
+    if !can_mount() {
         println!("skipped, for this is not root");
         return;
     }
-    let told = |entry: &Entry| {
-        let [run, priority] = ["TRUED_RUN", "PRIORITY"].map(|name| field(entry, name));
+    let told = |entry: &JournalEntry| {
+        let [run, priority] = ["TRUED_RUN", "PRIORITY"].map(|name| entry_field(entry, name));
         (run.map(str::to_owned), priority.map(str::to_owned))
     };
     let is = |run: Option<&str>, priority: Option<&str>| (run.map(str::to_owned), priority.map(str::to_owned));
     let shop = MachineShop::new(&served_machine(""));
-    let (daemon, journald) = serve(&shop, "real");
+    let (daemon, journald) = start_daemon(&shop, "real");
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_until(|standing| standing["measured"].as_u64().unwrap() > 0);
-    assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
-    assert_eq!(told(&journald.until("hold requested by an unnamed person at the page")), is(Some("1"), NOTICE));
-    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), NOTICE));
-    assert_eq!(told(&journald.until("ready")), is(None, NOTICE));
-    let shop = MachineShop::new(&served_machine("").replacen("[serve]", &format!("{RESET}[serve]"), 1));
-    let (daemon, journald) = serve(&shop, "fast");
+    assert_eq!(daemon.http().post_action("hold", &json!({})).0, 202);
+    assert_eq!(
+        told(&journald.wait_for_entry("hold requested by an unnamed person at the page")),
+        is(Some("1"), PRIORITY_NOTICE)
+    );
+    assert_eq!(told(&journald.wait_for_entry("run 1: ")), is(Some("1"), PRIORITY_NOTICE));
+    assert_eq!(told(&journald.wait_for_entry("ready")), is(None, PRIORITY_NOTICE));
+    let shop = MachineShop::new(&served_machine("").replacen("[serve]", &format!("{RESET_FAULT}[serve]"), 1));
+    let (daemon, journald) = start_daemon(&shop, "fast");
     assert_eq!(daemon.http().start(1), 202);
     daemon.http().wait_for_state("held");
-    assert_eq!(told(&journald.until("run 1: ")), is(Some("1"), ERR));
-    assert_eq!(told(&journald.until("run 1 begins")), is(Some("1"), NOTICE));
+    assert_eq!(told(&journald.wait_for_entry("run 1: ")), is(Some("1"), PRIORITY_ERR));
+    assert_eq!(told(&journald.wait_for_entry("run 1 begins")), is(Some("1"), PRIORITY_NOTICE));
 }

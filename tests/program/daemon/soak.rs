@@ -9,50 +9,50 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 /// Maximum growth of memory after the first tenth of the runs.
-const GROWTH_KIB: u64 = 5 * 1024;
-const IDLE_KIB: u64 = 40 * 1024;
-const ALLOCATED_KIB: u64 = 16 * 1024;
+const MAX_GROWTH_KIB: u64 = 5 * 1024;
+const MAX_IDLE_KIB: u64 = 40 * 1024;
+const MAX_ALLOCATED_KIB: u64 = 16 * 1024;
 /// Maximum load while idle, share of a core.
-const IDLE_LOAD: f64 = 0.01;
+const MAX_IDLE_LOAD: f64 = 0.01;
 
-pub fn fifty_runs_need_no_more_than_five() {
-    soak(50, 5);
+pub fn memory_of_fifty_runs_is_that_of_five() {
+    check_memory_growth(50, 5);
 }
 
-pub fn five_hundred_runs_need_no_more_than_fifty() {
-    soak(500, 20);
+pub fn memory_of_five_hundred_runs_is_that_of_fifty() {
+    check_memory_growth(500, 20);
 }
 
-fn soak(runs: u64, readers: usize) {
+fn check_memory_growth(runs: u64, readers: usize) {
     let shop = MachineShop::new(&served_machine(""));
-    let daemon = shop.serve("fast");
+    let daemon = shop.start_daemon("fast");
     let listeners: Vec<Listener> = (0..readers).map(|_| Listener::connect(daemon.http())).collect();
     let mut resident = Vec::new();
     for run in 1..=runs {
-        one(daemon.http(), run);
+        run_one_cycle(daemon.http(), run);
         resident.push(daemon.memory_kib("VmRSS"));
     }
     for listener in &listeners {
-        listener.has_heard_of(runs);
+        listener.wait_for_run(runs);
     }
     let (first, rest) = resident.split_at(resident.len() / 10);
     let (before, after) = (first.iter().max().unwrap(), rest.iter().max().unwrap());
     println!("{runs} runs, {readers} readers: at most {before} KiB at first, then {after}");
-    assert!(*after <= before + GROWTH_KIB, "{resident:?}");
+    assert!(*after <= before + MAX_GROWTH_KIB, "{resident:?}");
     // Idle load after all runs, with the readers and the journal.
     let load = idle_load(&daemon, Duration::from_secs(10));
     let idle = daemon.memory_kib("VmRSS");
     let allocated = daemon.memory_kib("RssAnon");
     println!("idle for 10 s: {idle} KiB ({allocated} allocated), {:.2} % of a core", load * 100.0);
-    assert!(allocated < ALLOCATED_KIB, "{allocated} KiB allocated while it waits");
+    assert!(allocated < MAX_ALLOCATED_KIB, "{allocated} KiB allocated while it waits");
     // The code of a development build alone is larger than the release program.
-    assert!(cfg!(debug_assertions) || idle < IDLE_KIB, "{idle} KiB while it waits");
-    assert!(load < IDLE_LOAD, "{load}");
-    assert_eq!(daemon.http().machine()["state"], "waiting");
+    assert!(cfg!(debug_assertions) || idle < MAX_IDLE_KIB, "{idle} KiB while it waits");
+    assert!(load < MAX_IDLE_LOAD, "{load}");
+    assert_eq!(daemon.http().machine_state()["state"], "waiting");
 }
 
 /// Runs one cycle to its end, and requests the same data as a page.
-fn one(client: HttpClient, run: u64) {
+fn run_one_cycle(client: HttpClient, run: u64) {
     let cycle = if run % 5 == 1 { 1 } else { 2 };
     // Repeats the start as long as the answer is 429 (too many requests).
     while client.start(cycle) == 429 {
@@ -60,15 +60,15 @@ fn one(client: HttpClient, run: u64) {
     }
     let ended = client.wait_until(|standing| standing["state"] != "running");
     assert_eq!((&ended["state"], ended["run"].as_u64()), (&"waiting".into(), Some(run)));
-    client.get(&format!("/api/v1/runs/{run}/readings?limit=10"));
-    client.text("/machines/simulated%20five-axis%20machine");
-    client.text("/metrics");
+    client.get_json(&format!("/api/v1/runs/{run}/readings?limit=10"));
+    client.get_text("/machines/simulated%20five-axis%20machine");
+    client.get_text("/metrics");
 }
 
 /// User and system time of the process over `time`, from /proc/PID/stat.
 fn idle_load(daemon: &DaemonProcess, time: Duration) -> f64 {
     /// `sysconf(_SC_CLK_TCK)` on every Linux that this runs on.
-    const TICKS_PER_S: f64 = 100.0;
+    const CLOCK_TICKS_PER_S: f64 = 100.0;
     let ticks = || -> f64 {
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", daemon.child.id())).unwrap();
         let after_name = stat.rsplit_once(')').unwrap().1;
@@ -77,5 +77,5 @@ fn idle_load(daemon: &DaemonProcess, time: Duration) -> f64 {
     };
     let (before, began) = (ticks(), Instant::now());
     sleep(time);
-    (ticks() - before) / TICKS_PER_S / began.elapsed().as_secs_f64()
+    (ticks() - before) / CLOCK_TICKS_PER_S / began.elapsed().as_secs_f64()
 }

@@ -4,18 +4,19 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-const UNITS: [&str; 3] = ["trued.service", "trued-cycle@.service", "trued-cycle@.timer"];
+const UNIT_FILES: [&str; 3] = ["trued.service", "trued-cycle@.service", "trued-cycle@.timer"];
 /// Targets to which the units refer.
-const TARGETS: [&str; 7] = ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
+const SYSTEMD_TARGETS: [&str; 7] =
+    ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
 /// Maximum exposure level of `systemd-analyze security`, of 10.
-const EXPOSED: f64 = 2.0;
+const MAX_EXPOSURE: f64 = 2.0;
 
-fn folder() -> PathBuf {
+fn unit_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd")
 }
 
 /// `None`: it is not installed, and is not required.
-fn analyze(arguments: &[&str]) -> Option<Output> {
+fn systemd_analyze(arguments: &[&str]) -> Option<Output> {
     let output = Command::new("systemd-analyze").args(arguments).output();
     let required = std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1");
     match output {
@@ -28,21 +29,21 @@ fn analyze(arguments: &[&str]) -> Option<Output> {
     }
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     [&output.stdout, &output.stderr].map(|said| String::from_utf8_lossy(said).into_owned()).concat()
 }
 
 /// A root directory with the units, and the program at the path in the units.
-fn system() -> tempfile::TempDir {
+fn root_with_units() -> tempfile::TempDir {
     let root = tempfile::tempdir().unwrap();
     let (units, programs) = ("etc/systemd/system", "usr/bin");
     for made in [units, programs] {
         std::fs::create_dir_all(root.path().join(made)).unwrap();
     }
-    for unit in UNITS {
-        std::fs::copy(folder().join(unit), root.path().join(units).join(unit)).unwrap();
+    for unit in UNIT_FILES {
+        std::fs::copy(unit_folder().join(unit), root.path().join(units).join(unit)).unwrap();
     }
-    for target in TARGETS {
+    for target in SYSTEMD_TARGETS {
         let file = root.path().join(units).join(format!("{target}.target"));
         std::fs::write(file, "[Unit]\n").unwrap();
     }
@@ -52,42 +53,42 @@ fn system() -> tempfile::TempDir {
     root
 }
 
-fn verified(root: &Path) -> Option<Output> {
+fn verify_units(root: &Path) -> Option<Output> {
     let root = format!("--root={}", root.display());
-    analyze(&["verify", &root, "trued.service", "trued-cycle@1.service", "trued-cycle@1.timer"])
+    systemd_analyze(&["verify", &root, "trued.service", "trued-cycle@1.service", "trued-cycle@1.timer"])
 }
 
-pub fn the_units_are_understood() {
-    let root = system();
-    let Some(output) = verified(root.path()) else { return };
-    assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
+pub fn units_are_valid() {
+    let root = root_with_units();
+    let Some(output) = verify_units(root.path()) else { return };
+    assert!(output.status.success() && output_text(&output).is_empty(), "{}", output_text(&output));
     // Check that an error is detected.
     let unit = root.path().join("etc/systemd/system/trued.service");
     let text = std::fs::read_to_string(&unit).unwrap();
     for (right, wrong) in [("WatchdogSec=30s", "WatchdogSec=often"), ("ExecStart=", "ExecStrat=")] {
         assert!(text.contains(right), "{right}");
         std::fs::write(&unit, text.replacen(right, wrong, 1)).unwrap();
-        let output = verified(root.path()).unwrap();
-        assert!(!said(&output).is_empty(), "{wrong} was not seen");
+        let output = verify_units(root.path()).unwrap();
+        assert!(!output_text(&output).is_empty(), "{wrong} was not seen");
     }
 }
 
-pub fn the_services_are_hardened() {
-    for unit in &UNITS[..2] {
-        let file = folder().join(unit).display().to_string();
-        let Some(output) = analyze(&["security", "--offline=true", &file]) else { return };
-        let said = said(&output);
+pub fn services_are_hardened() {
+    for unit in &UNIT_FILES[..2] {
+        let file = unit_folder().join(unit).display().to_string();
+        let Some(output) = systemd_analyze(&["security", "--offline=true", &file]) else { return };
+        let said = output_text(&output);
         let overall = said.lines().find(|line| line.contains("Overall exposure level"));
         let level = overall.and_then(|line| line.rsplit_once(": ")?.1.split(' ').next()?.parse().ok());
         let level: f64 = level.unwrap_or_else(|| panic!("{said}"));
         println!("{unit}: {level}");
-        assert!(level <= EXPOSED, "{unit}: {level}\n{said}");
+        assert!(level <= MAX_EXPOSURE, "{unit}: {level}\n{said}");
     }
 }
 
 /// The commands in the unit agree with those of the program.
-pub fn the_unit_calls_what_there_is() {
-    let unit = std::fs::read_to_string(folder().join("trued.service")).unwrap();
+pub fn unit_starts_an_existing_command() {
+    let unit = std::fs::read_to_string(unit_folder().join("trued.service")).unwrap();
     let calls: Vec<Vec<&str>> = unit
         .lines()
         .filter(|line| line.starts_with("Exec"))
@@ -97,7 +98,7 @@ pub fn the_unit_calls_what_there_is() {
     for call in calls {
         // Each option is listed in the program's help.
         let help = Command::new(env!("CARGO_BIN_EXE_trued")).args([call[0], "--help"]).output();
-        let help = said(&help.unwrap());
+        let help = output_text(&help.unwrap());
         let options: Vec<_> = call.iter().filter(|word| word.starts_with("--")).collect();
         assert!(options.iter().all(|option| help.contains(**option)), "{call:?}: {help}");
     }
@@ -106,9 +107,9 @@ pub fn the_unit_calls_what_there_is() {
 
 /// A timer does not start a stopped daemon; the kernel modules of adapters that are plugged in later are loaded
 /// before the daemon starts.
-pub fn the_units_need_what_they_need_and_start_nothing_else() {
+pub fn units_require_only_their_dependencies() {
     let of = |unit: &str, keys: &[&str]| -> Vec<String> {
-        let text = std::fs::read_to_string(folder().join(unit)).unwrap();
+        let text = std::fs::read_to_string(unit_folder().join(unit)).unwrap();
         let lines = text.lines().filter_map(|line| line.split_once('='));
         let lines = lines.filter(|(key, _)| keys.contains(key));
         lines.flat_map(|(_, units)| units.split(' ').map(str::to_owned)).collect()

@@ -4,11 +4,11 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use super::{Bench, assert_kept, assert_whole, said};
+use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept, output_text};
 use crate::support::recording_control::Record;
 
 /// The shim, compiled into `folder`.
-pub fn shim(folder: &Path) -> PathBuf {
+pub fn build_fault_library(folder: &Path) -> PathBuf {
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/faulty_disk/shim.c");
     let library = folder.join("faulty_disk.so");
     let compiled = Command::new("cc")
@@ -17,41 +17,41 @@ pub fn shim(folder: &Path) -> PathBuf {
         .args([source, "-ldl"])
         .output()
         .unwrap();
-    assert!(compiled.status.success(), "{}", said(&compiled));
+    assert!(compiled.status.success(), "{}", output_text(&compiled));
     library
 }
 
 /// A whole run on a disk with these `faults`.
-fn run(bench: &Bench, faults: &[(&str, String)]) -> (Output, Record) {
-    let (shim, disk) = (shim(bench.folder.path()), bench.disk());
-    bench.run_whole(|command| {
+fn run_with_faults(bench: &DurabilityBench, faults: &[(&str, String)]) -> (Output, Record) {
+    let (shim, disk) = (build_fault_library(bench.folder.path()), bench.disk());
+    bench.run_to_end(|command| {
         command.env("LD_PRELOAD", shim).env("FAULTY_DISK", disk);
         command.envs(faults.iter().map(|(name, value)| (name, value)));
     })
 }
 
 /// Bytes written, writes and syncs of a whole run, as the shim logs them.
-struct Effort {
+struct DiskUse {
     bytes: u64,
     writes: u64,
     syncs: u64,
     touches: usize,
 }
 
-fn effort() -> (Effort, Vec<u8>) {
-    let bench = Bench::new();
+fn measure_disk_use() -> (DiskUse, Vec<u8>) {
+    let bench = DurabilityBench::new();
     let log = bench.path("disk.log");
-    let (output, record) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    assert_kept(&bench.readings(1), &record);
-    let mut effort = Effort { bytes: 0, writes: 0, syncs: 0, touches: record.touches().len() };
-    for event in super::image::events(&log) {
+    let (output, record) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
+    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+    assert_readings_kept(&bench.readings(1), &record);
+    let mut effort = DiskUse { bytes: 0, writes: 0, syncs: 0, touches: record.reported_touches().len() };
+    for event in super::image::parse_events(&log) {
         match event {
-            super::image::Event::Write { data, .. } => {
+            super::image::DiskEvent::Write { data, .. } => {
                 effort.bytes += data.len() as u64;
                 effort.writes += 1;
             }
-            super::image::Event::Sync { .. } | super::image::Event::SyncFolder { .. } => {
+            super::image::DiskEvent::Sync { .. } | super::image::DiskEvent::SyncFolder { .. } => {
                 effort.syncs += 1;
             }
             _ => {}
@@ -62,25 +62,25 @@ fn effort() -> (Effort, Vec<u8>) {
 
 /// The run ends with `code` and `words`; every acknowledged reading is stored, nothing moves afterwards, and the
 /// next start finds the run held or interrupted.
-fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
-    let bench = Bench::new();
-    let (output, record) = run(&bench, &[(fault, at.to_string())]);
-    let (moved, told) = (!record.touches().is_empty(), said(&output));
-    println!("{fault}={at}: {:?}, {} touches, {told}", output.status.code(), record.touches().len());
+fn check_stops_cleanly(whole: &DiskUse, fault: &str, at: u64, words: &[&str]) {
+    let bench = DurabilityBench::new();
+    let (output, record) = run_with_faults(&bench, &[(fault, at.to_string())]);
+    let (moved, told) = (!record.reported_touches().is_empty(), output_text(&output));
+    println!("{fault}={at}: {:?}, {} touches, {told}", output.status.code(), record.reported_touches().len());
     let code = output.status.code();
     // Everything was measured, but the result cannot be stored: nothing was stopped.
-    let unkept = record.touches().len() == whole.touches && code == Some(1);
+    let unkept = record.reported_touches().len() == whole.touches && code == Some(1);
     assert!(unkept || code == Some(if moved { 5 } else { 1 }), "{fault}={at}: {code:?} {told}");
     assert!(output.stdout.is_empty(), "{fault}={at}: an estimate in spite of everything");
     assert!(words.iter().any(|word| told.contains(word)), "{fault}={at}: {told}");
     assert!(told.contains("\n  → "), "{fault}={at}: {told}");
-    assert!(moved || record.begun() == 0);
+    assert!(moved || record.started_touch_count() == 0);
     if !bench.state().join("journal.sqlite").exists() {
         return;
     }
-    assert_whole(&bench.state());
-    bench.next_start();
-    match bench.states().as_slice() {
+    assert_journal_is_valid(&bench.state());
+    bench.check_next_start();
+    match bench.run_states().as_slice() {
         [] => assert!(!moved, "moved without a run in the journal"),
         [state] => {
             // Everything was measured, but the final state could not be written.
@@ -88,14 +88,14 @@ fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
             let complete = complete && bench.readings(1).len() == whole.touches;
             let states = if moved { ["held", "interrupted"] } else { ["failed", "interrupted"] };
             assert!(complete || states.contains(&state.as_str()), "{fault}={at}: {state}");
-            assert_kept(&bench.readings(1), &record);
+            assert_readings_kept(&bench.readings(1), &record);
         }
         more => panic!("{more:?}"),
     }
 }
 
-pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
-    let (whole, _) = effort();
+pub fn full_or_failing_disk_stops_the_run_cleanly() {
+    let (whole, _) = measure_disk_use();
     let full = ["the disk is full", "No space left on device", "the disk reports an error"];
     let failing = ["the disk reports an error", "Input/output error"];
     let faults: [(&str, u64, &[&str]); 4] = [
@@ -108,7 +108,7 @@ pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
     std::thread::scope(|scope| {
         for (fault, all, words) in faults {
             scope.spawn(move || {
-                (0..8).for_each(|eighth| stops_cleanly(whole, fault, all * eighth / 8, words));
+                (0..8).for_each(|eighth| check_stops_cleanly(whole, fault, all * eighth / 8, words));
             });
         }
     });
@@ -116,20 +116,20 @@ pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
 
 /// Number of bytes written in the middle of the transaction that stores the estimate of a whole run. The middle,
 /// because another run may write a page more or less before it.
-fn amid_the_estimate() -> u64 {
-    let bench = Bench::new();
+fn write_number_of_estimate() -> u64 {
+    let bench = DurabilityBench::new();
     let log = bench.path("disk.log");
-    let (output, _) = run(&bench, &[("FAULTY_LOG", log.display().to_string())]);
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let (output, _) = run_with_faults(&bench, &[("FAULTY_LOG", log.display().to_string())]);
+    assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
     let (mut bytes, mut synced, mut is_it) = (0, 0, false);
-    for event in super::image::events(&log) {
+    for event in super::image::parse_events(&log) {
         match event {
-            super::image::Event::Write { data, .. } => {
-                is_it |= data.windows(ESTIMATE.len()).any(|some| some == ESTIMATE);
+            super::image::DiskEvent::Write { data, .. } => {
+                is_it |= data.windows(ESTIMATE_HEAD.len()).any(|some| some == ESTIMATE_HEAD);
                 bytes += data.len() as u64;
             }
-            super::image::Event::Sync { .. } if is_it => return (synced + bytes) / 2,
-            super::image::Event::Sync { .. } => synced = bytes,
+            super::image::DiskEvent::Sync { .. } if is_it => return (synced + bytes) / 2,
+            super::image::DiskEvent::Sync { .. } => synced = bytes,
             _ => {}
         }
     }
@@ -137,41 +137,41 @@ fn amid_the_estimate() -> u64 {
 }
 
 /// First bytes of each estimate.
-const ESTIMATE: &[u8] = b"{\"trued_estimate\":";
+const ESTIMATE_HEAD: &[u8] = b"{\"trued_estimate\":";
 
 /// All readings are stored, but the estimate is not: this is reported, nothing is stopped, and the estimate can be
 /// computed again once there is space.
 pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
-    let (whole, found) = effort();
-    let full = amid_the_estimate();
+    let (whole, found) = measure_disk_use();
+    let full = write_number_of_estimate();
     assert!(full < whole.bytes);
-    let bench = Bench::new();
-    let (output, record) = run(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
-    let told = said(&output);
-    assert_eq!((output.status.code(), record.touches().len()), (Some(1), whole.touches), "{told}");
+    let bench = DurabilityBench::new();
+    let (output, record) = run_with_faults(&bench, &[("FAULTY_FULL_AFTER", full.to_string())]);
+    let told = output_text(&output);
+    assert_eq!((output.status.code(), record.reported_touches().len()), (Some(1), whole.touches), "{told}");
     assert!(output.stdout.is_empty() && told.contains("the estimate could not be stored"), "{told}");
     for words in ["free space on the disk of the journal", "identify self-calibration --run 1`"] {
         assert!(told.contains(words), "{words} in {told}");
     }
-    assert_whole(&bench.state());
-    assert_eq!(bench.states(), ["not identified"]);
+    assert_journal_is_valid(&bench.state());
+    assert_eq!(bench.run_states(), ["not identified"]);
     assert_eq!(bench.readings(1).len(), whole.touches);
-    assert_kept(&bench.readings(1), &record);
+    assert_readings_kept(&bench.readings(1), &record);
     let again = ["identify", "self-calibration", "--run", "1", "--json"];
     let again = bench.command(&again).output().unwrap();
-    assert!(again.status.success() && again.stdout == found, "{}", said(&again));
+    assert!(again.status.success() && again.stdout == found, "{}", output_text(&again));
 }
 
-pub fn a_disk_that_writes_in_pieces_or_slowly_changes_nothing() {
-    let (whole, estimate) = effort();
+pub fn partial_and_slow_writes_change_nothing() {
+    let (whole, estimate) = measure_disk_use();
     for (fault, value) in [("FAULTY_SHORT", "1"), ("FAULTY_SLOW_MS", "100")] {
-        let bench = Bench::new();
-        let (output, record) = run(&bench, &[(fault, value.to_owned())]);
-        assert_eq!(output.status.code(), Some(0), "{fault}: {}", said(&output));
+        let bench = DurabilityBench::new();
+        let (output, record) = run_with_faults(&bench, &[(fault, value.to_owned())]);
+        assert_eq!(output.status.code(), Some(0), "{fault}: {}", output_text(&output));
         assert!(output.stdout == estimate, "{fault} changed the estimate");
-        assert_whole(&bench.state());
-        assert_eq!(bench.states(), ["finished"]);
-        assert_kept(&bench.readings(1), &record);
-        assert_eq!(record.touches().len(), whole.touches);
+        assert_journal_is_valid(&bench.state());
+        assert_eq!(bench.run_states(), ["finished"]);
+        assert_readings_kept(&bench.readings(1), &record);
+        assert_eq!(record.reported_touches().len(), whole.touches);
     }
 }

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use rand::RngExt;
 use rand::seq::SliceRandom;
 
-const SECTOR: usize = 512;
+const SECTOR_BYTES: usize = 512;
 
 #[derive(Debug, Clone)]
-pub enum Event {
+pub enum DiskEvent {
     /// An existing file was opened or a new one created; it has this number from now on.
     Open {
         id: u32,
@@ -52,7 +52,7 @@ pub enum Event {
 }
 
 /// Reads the shim's log.
-pub fn events(log: &Path) -> Vec<Event> {
+pub fn parse_events(log: &Path) -> Vec<DiskEvent> {
     let bytes = std::fs::read(log).unwrap();
     let mut rest = bytes.as_slice();
     let mut events = Vec::new();
@@ -71,20 +71,20 @@ pub fn events(log: &Path) -> Vec<Event> {
         events.push(match kind {
             "E" | "C" => {
                 let path = words.split_once(' ').unwrap().1.into();
-                Event::Open { id: id(), path, new: kind == "C" }
+                DiskEvent::Open { id: id(), path, new: kind == "C" }
             }
-            "M" => Event::Folder { path },
-            "U" => Event::Unlink { path },
+            "M" => DiskEvent::Folder { path },
+            "U" => DiskEvent::Unlink { path },
             "R" => {
                 let (from, to) = words.split_once('\t').unwrap();
-                Event::Rename { from: from.into(), to: to.into() }
+                DiskEvent::Rename { from: from.into(), to: to.into() }
             }
-            "W" => Event::Write { id: id(), at: number(1), data: data(number(2)) },
-            "T" => Event::Resize { id: id(), length: number(1) },
-            "S" => Event::Sync { id: id() },
-            "D" => Event::SyncFolder { path },
-            "N" => Event::Send { data: data(number(0)) },
-            "P" => Event::Print,
+            "W" => DiskEvent::Write { id: id(), at: number(1), data: data(number(2)) },
+            "T" => DiskEvent::Resize { id: id(), length: number(1) },
+            "S" => DiskEvent::Sync { id: id() },
+            "D" => DiskEvent::SyncFolder { path },
+            "N" => DiskEvent::Send { data: data(number(0)) },
+            "P" => DiskEvent::Print,
             other => panic!("{other}"),
         });
     }
@@ -92,121 +92,121 @@ pub fn events(log: &Path) -> Vec<Event> {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Node {
+enum DirectoryEntry {
     Folder,
-    File(u32),
+    DiskFile(u32),
 }
 
 /// A name that was created or removed.
-type Change = (PathBuf, Option<Node>);
+type EntryChange = (PathBuf, Option<DirectoryEntry>);
 
 /// The part of a write in one sector, or a new length.
 #[derive(Debug, Clone)]
-enum Piece {
+enum PendingWrite {
     Data { at: usize, data: Vec<u8> },
     Length(usize),
 }
 
 #[derive(Debug, Default)]
-struct File {
+struct DiskFile {
     synced: Vec<u8>,
-    pending: Vec<Piece>,
+    pending: Vec<PendingWrite>,
 }
 
 /// The disk below `root`.
-pub struct Disk {
+pub struct DiskImage {
     root: PathBuf,
-    files: BTreeMap<u32, File>,
-    synced: BTreeMap<PathBuf, Node>,
-    pending: Vec<Change>,
+    files: BTreeMap<u32, DiskFile>,
+    synced: BTreeMap<PathBuf, DirectoryEntry>,
+    pending: Vec<EntryChange>,
     /// Contents of the files that existed at the start.
     base: BTreeMap<PathBuf, Vec<u8>>,
 }
 
-impl Disk {
+impl DiskImage {
     /// The content of `folder`, all of it synced; `root` is its path in the log.
-    pub fn of(folder: &Path, root: &Path) -> Self {
+    pub fn read_folder(folder: &Path, root: &Path) -> Self {
         let mut disk = Self {
             root: root.to_owned(),
             files: BTreeMap::new(),
-            synced: BTreeMap::from([(root.to_owned(), Node::Folder)]),
+            synced: BTreeMap::from([(root.to_owned(), DirectoryEntry::Folder)]),
             pending: Vec::new(),
             base: BTreeMap::new(),
         };
-        disk.look(folder, root);
+        disk.scan_folder(folder, root);
         disk
     }
 
-    fn look(&mut self, folder: &Path, called: &Path) {
+    fn scan_folder(&mut self, folder: &Path, called: &Path) {
         for entry in std::fs::read_dir(folder).unwrap() {
             let entry = entry.unwrap();
             let (path, called) = (entry.path(), called.join(entry.file_name()));
             if path.is_dir() {
-                self.synced.insert(called.clone(), Node::Folder);
-                self.look(&path, &called);
+                self.synced.insert(called.clone(), DirectoryEntry::Folder);
+                self.scan_folder(&path, &called);
             } else {
                 self.base.insert(called, std::fs::read(&path).unwrap());
             }
         }
     }
 
-    pub fn take(&mut self, event: &Event) {
+    pub fn apply_event(&mut self, event: &DiskEvent) {
         match event {
-            Event::Open { id, path, new: false } => {
+            DiskEvent::Open { id, path, new: false } => {
                 let synced = self.base.remove(path).unwrap_or_default();
-                self.files.insert(*id, File { synced, pending: Vec::new() });
-                self.synced.insert(path.clone(), Node::File(*id));
+                self.files.insert(*id, DiskFile { synced, pending: Vec::new() });
+                self.synced.insert(path.clone(), DirectoryEntry::DiskFile(*id));
             }
-            Event::Open { id, path, new: true } => {
-                self.files.insert(*id, File::default());
-                self.pending.push((path.clone(), Some(Node::File(*id))));
+            DiskEvent::Open { id, path, new: true } => {
+                self.files.insert(*id, DiskFile::default());
+                self.pending.push((path.clone(), Some(DirectoryEntry::DiskFile(*id))));
             }
-            Event::Folder { path } => self.pending.push((path.clone(), Some(Node::Folder))),
-            Event::Unlink { path } => {
+            DiskEvent::Folder { path } => self.pending.push((path.clone(), Some(DirectoryEntry::Folder))),
+            DiskEvent::Unlink { path } => {
                 self.base.remove(path);
                 self.pending.push((path.clone(), None));
             }
-            Event::Rename { from, to } => {
+            DiskEvent::Rename { from, to } => {
                 let names = self.pending.iter().rev().find(|(path, _)| path == from);
                 let node = names.map_or_else(|| self.synced.get(from).copied(), |(_, node)| *node);
                 self.pending.push((to.clone(), node));
                 self.pending.push((from.clone(), None));
             }
-            Event::Write { id, at, data } => {
+            DiskEvent::Write { id, at, data } => {
                 let pending = &mut self.files.get_mut(id).unwrap().pending;
                 let (mut at, mut rest) = (*at, data.as_slice());
                 while !rest.is_empty() {
-                    let fits = (SECTOR - at % SECTOR).min(rest.len());
-                    pending.push(Piece::Data { at, data: rest[..fits].to_vec() });
+                    let fits = (SECTOR_BYTES - at % SECTOR_BYTES).min(rest.len());
+                    pending.push(PendingWrite::Data { at, data: rest[..fits].to_vec() });
                     (at, rest) = (at + fits, &rest[fits..]);
                 }
             }
-            Event::Resize { id, length } => {
-                self.files.get_mut(id).unwrap().pending.push(Piece::Length(*length));
+            DiskEvent::Resize { id, length } => {
+                self.files.get_mut(id).unwrap().pending.push(PendingWrite::Length(*length));
             }
-            Event::Sync { id } => {
-                let File { synced, pending } = self.files.get_mut(id).unwrap();
-                pending.drain(..).for_each(|piece| apply(piece, synced));
+            DiskEvent::Sync { id } => {
+                let DiskFile { synced, pending } = self.files.get_mut(id).unwrap();
+                pending.drain(..).for_each(|piece| apply_write(piece, synced));
             }
-            Event::SyncFolder { path } => self.sync_folder(path),
-            Event::Send { .. } | Event::Print => {}
+            DiskEvent::SyncFolder { path } => self.sync_folder(path),
+            DiskEvent::Send { .. } | DiskEvent::Print => {}
         }
     }
 
     fn sync_folder(&mut self, folder: &Path) {
-        let (synced, pending): (Vec<Change>, _) =
+        let (synced, pending): (Vec<EntryChange>, _) =
             self.pending.drain(..).partition(|(path, _)| path.parent() == Some(folder));
         self.pending = pending;
-        synced.into_iter().for_each(|change| rename(change, &mut self.synced));
+        synced.into_iter().for_each(|change| apply_entry_change(change, &mut self.synced));
     }
 
     /// Writes to `folder` what remains if the power fails now.
-    pub fn cut(&self, random: &mut impl RngExt, folder: &Path) {
+    pub fn write_after_power_cut(&self, random: &mut impl RngExt, folder: &Path) {
         let mut names = self.synced.clone();
         // A journalling file system keeps the order of name changes.
         let done = random.random_range(0..=self.pending.len());
         let chance = [0.0, 0.5, 1.0][random.random_range(0..3)];
-        self.pending[..done].iter().cloned().for_each(|change| rename(change, &mut names));
+        self.pending[..done].iter().cloned().for_each(|change| apply_entry_change(change, &mut names));
         let place = |path: &Path| folder.join(path.strip_prefix(&self.root).unwrap());
         // Parents come before their children.
         for (path, node) in &names {
@@ -215,9 +215,9 @@ impl Disk {
                 continue;
             }
             match node {
-                Node::Folder => std::fs::create_dir_all(place).unwrap(),
-                Node::File(id) => {
-                    std::fs::write(place, self.files[id].torn(chance, random)).unwrap();
+                DirectoryEntry::Folder => std::fs::create_dir_all(place).unwrap(),
+                DirectoryEntry::DiskFile(id) => {
+                    std::fs::write(place, self.files[id].torn_content(chance, random)).unwrap();
                 }
             }
         }
@@ -227,8 +227,8 @@ impl Disk {
     }
 }
 
-impl File {
-    fn torn(&self, chance: f64, random: &mut impl RngExt) -> Vec<u8> {
+impl DiskFile {
+    fn torn_content(&self, chance: f64, random: &mut impl RngExt) -> Vec<u8> {
         let mut content = self.synced.clone();
         let mut pieces = self.pending.clone();
         if random.random_bool(0.5) {
@@ -236,24 +236,24 @@ impl File {
         }
         for piece in pieces {
             if random.random_bool(chance) {
-                apply(piece, &mut content);
+                apply_write(piece, &mut content);
             }
         }
         content
     }
 }
 
-fn rename((path, node): Change, names: &mut BTreeMap<PathBuf, Node>) {
+fn apply_entry_change((path, node): EntryChange, names: &mut BTreeMap<PathBuf, DirectoryEntry>) {
     match node {
         Some(node) => drop(names.insert(path, node)),
         None => drop(names.remove(&path)),
     }
 }
 
-fn apply(piece: Piece, content: &mut Vec<u8>) {
+fn apply_write(piece: PendingWrite, content: &mut Vec<u8>) {
     match piece {
-        Piece::Length(length) => content.resize(length, 0),
-        Piece::Data { at, data } => {
+        PendingWrite::Length(length) => content.resize(length, 0),
+        PendingWrite::Data { at, data } => {
             let end = at + data.len();
             content.resize(content.len().max(end), 0);
             content[at..end].copy_from_slice(&data);

@@ -5,28 +5,28 @@ use std::time::Duration;
 use estimation::random;
 use rand::RngExt;
 
-use super::{Bench, assert_kept, assert_whole};
+use super::{DurabilityBench, assert_journal_is_valid, assert_readings_kept};
 use crate::support::recording_control::RecordingControl;
 
 pub fn twenty_kills_lose_nothing_that_was_acknowledged() {
-    kills(20, 1);
+    run_kills(20, 1);
 }
 
 pub fn two_hundred_kills_lose_nothing_that_was_acknowledged() {
-    kills(200, 2);
+    run_kills(200, 2);
 }
 
 /// All kills in one journal, so that each run starts with the state that the killed one left.
-fn kills(count: usize, seed: u64) {
-    let (whole, record) = Bench::new().run_whole(|_| {});
-    assert_eq!(whole.status.code(), Some(0), "{}", super::said(&whole));
-    let bench = Bench::new();
+fn run_kills(count: usize, seed: u64) {
+    let (whole, record) = DurabilityBench::new().run_to_end(|_| {});
+    assert_eq!(whole.status.code(), Some(0), "{}", super::output_text(&whole));
+    let bench = DurabilityBench::new();
     let (mut begun, mut in_mid_run) = (0, 0);
     for kill in 0..count {
         let mut random = random::seeded_stream(seed, &[kill as u64]);
-        let bytes = random.random_range(0..=record.bytes());
+        let bytes = random.random_range(0..=record.received_bytes());
         let pause = Duration::from_micros(random.random_range(0..5_000));
-        let (ended, touches) = killed(&bench, bytes, pause, &mut begun);
+        let (ended, touches) = run_until_killed(&bench, bytes, pause, &mut begun);
         in_mid_run += usize::from(ended == "interrupted" && touches > 0);
     }
     println!("{count} kills, {begun} runs begun, {in_mid_run} of them dead between touches");
@@ -35,32 +35,32 @@ fn kills(count: usize, seed: u64) {
 
 /// One run, killed when `bytes` have passed the wire and `pause` has elapsed; returns its state and the number of
 /// its touches.
-fn killed(bench: &Bench, bytes: usize, pause: Duration, begun: &mut usize) -> (String, usize) {
+fn run_until_killed(bench: &DurabilityBench, bytes: usize, pause: Duration, begun: &mut usize) -> (String, usize) {
     let witness = RecordingControl::start();
-    let mut run = bench.run(&witness.address()).spawn().unwrap();
+    let mut run = bench.run_command(&witness.address()).spawn().unwrap();
     witness.wait_for(bytes, || run.try_wait().unwrap().is_some());
     std::thread::sleep(pause);
     run.kill().unwrap();
     run.wait().unwrap();
-    let record = witness.end();
+    let record = witness.stop_and_take_record();
     if bench.state().join("journal.sqlite").exists() {
-        assert_whole(&bench.state());
+        assert_journal_is_valid(&bench.state());
     }
 
-    bench.next_start();
-    let states = bench.states();
+    bench.check_next_start();
+    let states = bench.run_states();
     let new = states.len() - *begun;
     *begun = states.len();
     assert!(new <= 1 && states.iter().all(|state| state != "running"), "{states:?}");
-    let touches = record.touches().len();
+    let touches = record.reported_touches().len();
     match states.last().filter(|_| new == 1) {
         None => {
-            assert_eq!((record.begun(), touches), (0, 0), "moved without a run in the journal");
+            assert_eq!((record.started_touch_count(), touches), (0, 0), "moved without a run in the journal");
             ("none".to_owned(), 0)
         }
         Some(state) => {
             assert!(["interrupted", "not identified", "finished"].contains(&state.as_str()), "{state}");
-            assert_kept(&bench.readings(*begun), &record);
+            assert_readings_kept(&bench.readings(*begun), &record);
             (state.clone(), touches)
         }
     }

@@ -18,11 +18,11 @@ use crate::support::journal_rows;
 use crate::support::recording_control::{self as witness, Record, RecordingControl};
 
 /// A folder with a journal and a machine file.
-struct Bench {
+struct DurabilityBench {
     folder: tempfile::TempDir,
 }
 
-impl Bench {
+impl DurabilityBench {
     fn new() -> Self {
         Self { folder: tempfile::tempdir().unwrap() }
     }
@@ -50,31 +50,31 @@ impl Bench {
     }
 
     /// A run with the control at `address`.
-    fn run(&self, address: &str) -> Command {
+    fn run_command(&self, address: &str) -> Command {
         let machine = self.path("machine.toml");
-        std::fs::write(&machine, witness::machine(address)).unwrap();
+        std::fs::write(&machine, witness::machine_with_control(address)).unwrap();
         self.command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
     }
 
     /// Runs to the end, successful or not.
-    fn run_whole(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
+    fn run_to_end(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
         let witness = RecordingControl::start();
-        let mut command = self.run(&witness.address());
+        let mut command = self.run_command(&witness.address());
         prepare(&mut command);
         let output = command.output().unwrap();
-        (output, witness.end())
+        (output, witness.stop_and_take_record())
     }
 
     /// The next command that takes the machine's lock. There is no control at its address.
-    fn next_start(&self) {
-        let refused = self.run("127.0.0.1:1").output().unwrap();
-        assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    fn check_next_start(&self) {
+        let refused = self.run_command("127.0.0.1:1").output().unwrap();
+        assert_eq!(refused.status.code(), Some(1), "{}", output_text(&refused));
     }
 
     /// States of all runs, oldest first.
-    fn states(&self) -> Vec<String> {
+    fn run_states(&self) -> Vec<String> {
         let listed = self.command(&["runs", "--json"]).output().unwrap();
-        assert_eq!(listed.status.code(), Some(0), "{}", said(&listed));
+        assert_eq!(listed.status.code(), Some(0), "{}", output_text(&listed));
         let runs: serde_json::Value = serde_json::from_slice(&listed.stdout).unwrap();
         let state = |run: &serde_json::Value| run["state"].as_str().unwrap().to_owned();
         runs.as_array().unwrap().iter().map(state).collect()
@@ -84,18 +84,18 @@ impl Bench {
         let to = self.path("export");
         let arguments = ["export", &run.to_string(), "--to", to.to_str().unwrap()];
         let exported = self.command(&arguments).output().unwrap();
-        assert_eq!(exported.status.code(), Some(0), "{}", said(&exported));
+        assert_eq!(exported.status.code(), Some(0), "{}", output_text(&exported));
         let csv = std::fs::read(to.join(format!("run-{run}-readings.csv"))).unwrap();
         readings_csv::read_readings(&csv).unwrap()
     }
 }
 
-fn said(output: &Output) -> String {
+fn output_text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Checks a copy of the journal with SQLite's integrity check and the checksums of its rows.
-fn assert_whole(state: &Path) {
+fn assert_journal_is_valid(state: &Path) {
     let copy = tempfile::tempdir().unwrap();
     for end in ["", "-wal", "-journal"] {
         let name = format!("journal.sqlite{end}");
@@ -111,11 +111,11 @@ fn assert_whole(state: &Path) {
 
 /// Asserts that no reading is lost or invented: each reading is a touch that the control made, and at most the
 /// current touch is not stored.
-fn assert_kept(readings: &[Reading], record: &Record) {
-    let touches = record.touches();
+fn assert_readings_kept(readings: &[Reading], record: &Record) {
+    let touches = record.reported_touches();
     let (kept, made) = (readings.len(), touches.len());
     assert!(kept <= made, "{kept} kept of {made} touches");
-    assert!(kept >= record.begun(), "{kept} kept, but step {} was begun", record.begun());
+    assert!(kept >= record.started_touch_count(), "{kept} kept, but step {} was begun", record.started_touch_count());
     assert!(kept + 1 >= made, "{kept} kept of {made} touches");
     for ((reading, touch), step) in readings.iter().zip(touches).zip(0..) {
         assert_eq!(reading.step, step);
@@ -126,22 +126,22 @@ fn assert_kept(readings: &[Reading], record: &Record) {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 90;
-        faults::a_full_or_failing_disk_stops_the_run_cleanly,
+        faults::full_or_failing_disk_stops_the_run_cleanly,
     ]
-    .and(trials![Pool::Waiting, 60;
+    .with(trials![Pool::Waiting, 60;
         kills::twenty_kills_lose_nothing_that_was_acknowledged,
     ])
-    .and(trials![Pool::Waiting, 20;
-        faults::a_disk_that_writes_in_pieces_or_slowly_changes_nothing,
-        power::eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged,
+    .with(trials![Pool::Waiting, 20;
+        faults::partial_and_slow_writes_change_nothing,
+        power::eighty_power_cuts_lose_no_acknowledged_reading,
     ])
-    .and(trials![Pool::Waiting, 0;
+    .with(trials![Pool::Waiting, 0;
         faults::a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone,
     ])
-    .and(
+    .with(
         trials![Pool::Waiting, 0;
             kills::two_hundred_kills_lose_nothing_that_was_acknowledged,
-            power::a_thousand_cuts_of_the_power_lose_nothing_that_was_acknowledged,
+            power::thousand_power_cuts_lose_no_acknowledged_reading,
         ]
         .ignored(),
     )

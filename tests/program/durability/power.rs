@@ -8,99 +8,99 @@ use machine::record::reading::Reading;
 use rand::RngExt;
 use trued::store::{Journal, RunState};
 
-use super::image::{Disk, Event, events};
-use super::{Bench, assert_whole, faults, said, witness};
+use super::image::{DiskEvent, DiskImage, parse_events};
+use super::{DurabilityBench, assert_journal_is_valid, faults, output_text, witness};
 
-pub fn eighty_cuts_of_the_power_lose_nothing_that_was_acknowledged() {
-    cuts(80, 1);
+pub fn eighty_power_cuts_lose_no_acknowledged_reading() {
+    run_power_cuts(80, 1);
 }
 
-pub fn a_thousand_cuts_of_the_power_lose_nothing_that_was_acknowledged() {
-    cuts(1000, 2);
+pub fn thousand_power_cuts_lose_no_acknowledged_reading() {
+    run_power_cuts(1000, 2);
 }
 
 /// Half of the cuts are in the first run of a journal, which creates it, half in a later run.
-fn cuts(count: usize, seed: u64) {
-    let bench = Bench::new();
-    let shim = faults::shim(bench.folder.path());
+fn run_power_cuts(count: usize, seed: u64) {
+    let bench = DurabilityBench::new();
+    let shim = faults::build_fault_library(bench.folder.path());
     let mut before: Vec<Vec<Reading>> = Vec::new();
     for run in 1..=2 {
         let log = bench.path(&format!("disk-{run}.log"));
         let begins = tempfile::tempdir().unwrap();
-        let disk = Disk::of(&bench.disk(), &bench.disk());
-        disk.cut(&mut random::seeded_stream(0, &[]), begins.path());
-        let (output, _) = bench.run_whole(|command| {
+        let disk = DiskImage::read_folder(&bench.disk(), &bench.disk());
+        disk.write_after_power_cut(&mut random::seeded_stream(0, &[]), begins.path());
+        let (output, _) = bench.run_to_end(|command| {
             command.env("LD_PRELOAD", &shim).env("FAULTY_DISK", bench.disk());
             command.env("FAULTY_LOG", &log);
         });
-        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-        let taken = Taken {
-            events: events(&log),
+        assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
+        let taken = RecordedRun {
+            events: parse_events(&log),
             root: bench.disk(),
-            begins: begins.path(),
-            whole: bench.readings(run),
-            before: &before,
+            image_folder: begins.path(),
+            all_readings: bench.readings(run),
+            readings_before: &before,
         };
         let mut in_mid_run = 0;
         for cut in 0..count / 2 {
             let mut random = random::seeded_stream(seed, &[run as u64, cut as u64]);
             let at = random.random_range(0..=taken.events.len());
-            in_mid_run += usize::from(taken.cut(at, &mut random) > 0);
+            in_mid_run += usize::from(taken.check_cut(at, &mut random) > 0);
         }
         println!("run {run}: {} events, {in_mid_run} cuts between touches", taken.events.len());
         assert!(in_mid_run * 4 > count / 2, "{in_mid_run} cuts met the run");
-        before.push(taken.whole);
+        before.push(taken.all_readings);
     }
 }
 
 /// A complete run with its log.
-struct Taken<'a> {
-    events: Vec<Event>,
+struct RecordedRun<'a> {
+    events: Vec<DiskEvent>,
     root: std::path::PathBuf,
     /// The disk before the run.
-    begins: &'a Path,
+    image_folder: &'a Path,
     /// Readings of the run.
-    whole: Vec<Reading>,
+    all_readings: Vec<Reading>,
     /// Readings of the earlier runs.
-    before: &'a [Vec<Reading>],
+    readings_before: &'a [Vec<Reading>],
 }
 
-impl Taken<'_> {
+impl RecordedRun<'_> {
     /// Cuts the power before the event `at`; returns the number of steps that had begun.
-    fn cut(&self, at: usize, random: &mut impl RngExt) -> usize {
-        let mut disk = Disk::of(self.begins, &self.root);
+    fn check_cut(&self, at: usize, random: &mut impl RngExt) -> usize {
+        let mut disk = DiskImage::read_folder(self.image_folder, &self.root);
         let (mut sent, mut printed) = (Vec::new(), false);
         for event in &self.events[..at] {
-            disk.take(event);
+            disk.apply_event(event);
             match event {
-                Event::Send { data } => sent.extend(data),
-                Event::Print => printed = true,
+                DiskEvent::Send { data } => sent.extend(data),
+                DiskEvent::Print => printed = true,
                 _ => {}
             }
         }
-        let begun = witness::begun(&sent);
+        let begun = witness::started_touches(&sent);
         let moved = String::from_utf8_lossy(&sent).contains("N0 ");
         let left = tempfile::tempdir().unwrap();
-        disk.cut(random, left.path());
+        disk.write_after_power_cut(random, left.path());
         let state = left.path().join("state");
         if state.join("journal.sqlite").exists() {
-            assert_whole(&state);
+            assert_journal_is_valid(&state);
         }
         let journal = Journal::open(&state).unwrap_or_else(|e| panic!("cut at {at}: {e}"));
         let runs = journal.runs().unwrap();
-        for (run, readings) in runs.iter().zip(self.before) {
+        for (run, readings) in runs.iter().zip(self.readings_before) {
             assert_eq!(run.state, RunState::Finished, "cut at {at}");
             assert_eq!(&journal.load_run(run.id).unwrap().readings, readings, "cut at {at}");
         }
-        assert!(runs.len() >= self.before.len(), "cut at {at}: earlier runs are lost");
-        let Some(run) = runs.get(self.before.len()) else {
+        assert!(runs.len() >= self.readings_before.len(), "cut at {at}: earlier runs are lost");
+        let Some(run) = runs.get(self.readings_before.len()) else {
             assert!(!moved, "cut at {at}: the machine has moved, and no run is known");
             return 0;
         };
         let stored = journal.load_run(run.id).unwrap();
         let kept = stored.readings.len();
         assert!(kept >= begun, "cut at {at}: {kept} kept, but step {begun} was begun");
-        assert_eq!(stored.readings, self.whole[..kept], "cut at {at}");
+        assert_eq!(stored.readings, self.all_readings[..kept], "cut at {at}");
         assert!(!moved || stored.plan.steps.len() > begun, "cut at {at}: the plan is cut off");
         assert!(!printed || stored.estimates.len() == 1, "cut at {at}: the result is lost");
         begun

@@ -14,27 +14,27 @@ use tokio::io::AsyncWriteExt;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
-pub const SENSORS: [&str; 3] = ["x1", "y1", "r1"];
+pub const SENSOR_NAMES: [&str; 3] = ["x1", "y1", "r1"];
 /// The count decreases while the angle of C increases.
 pub const COUNTS_PER_TURN: i64 = -90_000;
-pub const COUNT_ROUND: i64 = 1 << 16;
+pub const COUNTER_MODULUS: i64 = 1 << 16;
 /// The count at C = 0.
 const COUNT_AT_ZERO: i64 = 1_000;
-const LINE_ROUND: u32 = 10_000;
+const LINE_NUMBER_MODULUS: u32 = 10_000;
 /// Period of the lines, both in simulated time and in host time.
-const PERIOD_S: f64 = 4e-3;
+const SAMPLE_PERIOD_S: f64 = 4e-3;
 /// While C turns, one line per this angle.
 const TRIGGER_DEG: f64 = 0.25;
-const LINES_AT_ONCE: usize = 40;
+const MAX_LINES_PER_WRITE: usize = 40;
 /// Pause that lets the reader keep up.
-const PAUSE: Duration = Duration::from_millis(4);
+const WRITE_PAUSE: Duration = Duration::from_millis(4);
 
-type Done = std_mpsc::Sender<()>;
+type DoneSender = std_mpsc::Sender<()>;
 
 pub struct Amplifier {
     /// Path of the serial port for the client.
     pub path: String,
-    requests: UnboundedSender<Done>,
+    requests: UnboundedSender<DoneSender>,
 }
 
 impl Amplifier {
@@ -49,7 +49,7 @@ impl Amplifier {
                 drop(client_side);
                 ready.send(path).unwrap();
                 let sent_s = world.lock().unwrap().time_s();
-                Sender { world, device, sent_s, lines: 0, c: 0.0 }.run(requested).await;
+                SampleSender { world, device, sent_s, lines: 0, c_rad: 0.0 }.run(requested).await;
             });
         });
         Self { path: path.recv().unwrap(), requests }
@@ -63,19 +63,19 @@ impl Amplifier {
     }
 }
 
-struct Sender<D> {
+struct SampleSender<D> {
     world: Arc<Mutex<SimulatedWorld>>,
     device: D,
     /// Simulated time up to which lines have been sent.
     sent_s: f64,
     lines: u32,
     /// Angle of C in the last line.
-    c: f64,
+    c_rad: f64,
 }
 
-impl<D: AsyncWriteExt + Unpin> Sender<D> {
-    async fn run(mut self, mut requested: UnboundedReceiver<Done>) {
-        let mut ticks = interval(Duration::from_secs_f64(PERIOD_S));
+impl<D: AsyncWriteExt + Unpin> SampleSender<D> {
+    async fn run(mut self, mut requested: UnboundedReceiver<DoneSender>) {
+        let mut ticks = interval(Duration::from_secs_f64(SAMPLE_PERIOD_S));
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             tokio::select! {
@@ -85,8 +85,8 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
                     done.send(()).unwrap();
                 }
                 _ = ticks.tick() => {
-                    let measured = self.measured(self.sent_s);
-                    self.send(&[measured]).await;
+                    let measured = self.sample_line(self.sent_s);
+                    self.send_lines(&[measured]).await;
                 }
             }
         }
@@ -96,26 +96,26 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
         loop {
             let mut all = Vec::new();
             let now_s = self.world.lock().unwrap().time_s();
-            while all.len() < LINES_AT_ONCE && self.sent_s + PERIOD_S <= now_s {
-                self.sent_s += PERIOD_S;
-                let at = self.world.lock().unwrap().sample_at(SENSORS[0], self.sent_s).unwrap();
-                let turned = at.position.get_or_zero(Axis::C) - self.c;
+            while all.len() < MAX_LINES_PER_WRITE && self.sent_s + SAMPLE_PERIOD_S <= now_s {
+                self.sent_s += SAMPLE_PERIOD_S;
+                let at = self.world.lock().unwrap().sample_at(SENSOR_NAMES[0], self.sent_s).unwrap();
+                let turned = at.position.get_or_zero(Axis::C) - self.c_rad;
                 if turned.abs().to_degrees() >= TRIGGER_DEG {
-                    all.push(self.measured(self.sent_s));
+                    all.push(self.sample_line(self.sent_s));
                 }
             }
             if all.is_empty() {
                 return;
             }
-            self.send(&all).await;
-            sleep(PAUSE).await;
+            self.send_lines(&all).await;
+            sleep(WRITE_PAUSE).await;
         }
     }
 
-    async fn send(&mut self, all: &[String]) {
+    async fn send_lines(&mut self, all: &[String]) {
         let mut lines = String::new();
         for measured in all {
-            self.lines = (self.lines + 1) % LINE_ROUND;
+            self.lines = (self.lines + 1) % LINE_NUMBER_MODULUS;
             writeln!(lines, "{measured},{:04}", self.lines).unwrap();
         }
         // The port may not be open.
@@ -123,11 +123,11 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
     }
 
     /// Distances and count at `t_s`.
-    fn measured(&mut self, t_s: f64) -> String {
+    fn sample_line(&mut self, t_s: f64) -> String {
         let mut world = self.world.lock().unwrap();
         let mut distances = String::new();
         let mut stands = Position::new();
-        for name in SENSORS {
+        for name in SENSOR_NAMES {
             let passing = world.sample_at(name, t_s).unwrap();
             match passing.output {
                 SensorOutput::Distance(mm) => write!(distances, "{mm:+.6},").unwrap(),
@@ -135,9 +135,9 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
             }
             stands = passing.position;
         }
-        self.c = stands.get_or_zero(Axis::C);
-        let turns = self.c.to_degrees() / 360.0;
+        self.c_rad = stands.get_or_zero(Axis::C);
+        let turns = self.c_rad.to_degrees() / 360.0;
         let count = COUNT_AT_ZERO + (turns * COUNTS_PER_TURN as f64).floor() as i64;
-        format!("{distances}{}", count.rem_euclid(COUNT_ROUND))
+        format!("{distances}{}", count.rem_euclid(COUNTER_MODULUS))
     }
 }

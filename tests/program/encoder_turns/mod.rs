@@ -8,7 +8,7 @@ use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::process::Output;
 use std::sync::Arc;
 
-use amplifier::{Amplifier, COUNT_ROUND, COUNTS_PER_TURN, SENSORS};
+use amplifier::{Amplifier, COUNTER_MODULUS, COUNTS_PER_TURN, SENSOR_NAMES};
 use machine::record::estimate::Estimate;
 
 use crate::support::grbl_control::GrblControl;
@@ -18,7 +18,7 @@ use crate::support::person;
 
 /// Error motions of `config/multiprobe.toml` 60 mm above the table, µm; all others are zero. At this height a tilt
 /// of 1 µrad about Y displaces the axis by 0.06 µm along X, one about X by -0.06 µm along Y.
-const TRUTH: [(&str, f64); 10] = [
+const TRUE_PARAMETERS: [(&str, f64); 10] = [
     ("EXC_c2", 1.2),
     ("EXC_s2", -0.4),
     ("EXC_c3", -2.0 * 0.06),
@@ -30,39 +30,39 @@ const TRUTH: [(&str, f64); 10] = [
     ("EYC_c3", 0.6),
     ("EYC_s3", 0.8),
 ];
-const HARMONICS: usize = 6;
+const HARMONIC_COUNT: usize = 6;
 /// Tolerance of a coefficient, µm: gains and angles of the sensors are not known better.
-const NEAR_UM: f64 = 0.02;
+const TRUTH_TOLERANCE_UM: f64 = 0.02;
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 30;
-        turns_by_counts_find_the_true_error_motions,
-        counts_in_the_other_sense_are_named_and_hold_the_run,
+        counted_turns_find_the_true_error_motions,
+        reversed_counts_hold_the_run,
     ]
 }
 
 /// The keys that replace the line `simulated = ..` of the first sensors.
-fn channel(path: &str, column: usize) -> String {
+fn channel_section(path: &str, column: usize) -> String {
     format!(
         "serial = {{ serial = \"{path}\", timeout_s = 5.0, line = {{ separator = \",\", columns = 5, \
          value = {{ column = {column}, scale_mm = 1.0, codes = [{{ is = \"OUT\", means = \"range\" }}] }}, \
-         encoder_count = {{ column = 4, round = {COUNT_ROUND} }}, \
+         encoder_count = {{ column = 4, round = {COUNTER_MODULUS} }}, \
          counter = {{ column = 5, round = 10000 }} }} }}"
     )
 }
 
 /// The machine of `config/multiprobe.toml` with one amplifier, one mounting, continuous turns.
-fn machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
+fn encoder_machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
     let mut file = include_str!("../../../config/multiprobe.toml").to_owned();
-    for column in 1..=SENSORS.len() {
-        file = file.replacen("simulated = { rate_hz = 1000.0 }", &channel(path, column), 1);
+    for column in 1..=SENSOR_NAMES.len() {
+        file = file.replacen("simulated = { rate_hz = 1000.0 }", &channel_section(path, column), 1);
     }
     let changes = [
         ("kind = \"simulated\"\nwire = \"memory\"", format!("kind = \"grbl\"\ntcp = \"{control}\"")),
-        ("indexes = 10", format!("indexes = 1\nsensors = {SENSORS:?}\nmonte_carlo_trials = 100")),
+        ("indexes = 10", format!("indexes = 1\nsensors = {SENSOR_NAMES:?}\nmonte_carlo_trials = 100")),
         ("revolutions = 2", "revolutions = 1".to_owned()),
         ("positions = 90", "positions = 36".to_owned()),
-        ("harmonics = 20", format!("harmonics = {HARMONICS}")),
+        ("harmonics = 20", format!("harmonics = {HARMONIC_COUNT}")),
         ("sampling = \"dwell\"", "sampling = \"continuous\"".to_owned()),
         ("feed_deg_min = 1080.0", "feed_deg_min = 4320.0".to_owned()),
         ("samples = 4", "samples = 1".to_owned()),
@@ -77,22 +77,22 @@ fn machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
 
 /// Forwards bytes between client and control; bytes of the control are forwarded only after the amplifier has sent
 /// its samples up to then.
-fn between(control: SocketAddr, amplifier: Arc<Amplifier>) -> SocketAddr {
+fn start_proxy(control: SocketAddr, amplifier: Arc<Amplifier>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     std::thread::spawn(move || {
         for client in listener.incoming() {
             let (client, control) = (client.unwrap(), TcpStream::connect(control).unwrap());
             let (from_client, to_control) = (client.try_clone().unwrap(), control.try_clone().unwrap());
-            std::thread::spawn(move || pass(from_client, to_control, || ()));
+            std::thread::spawn(move || forward_bytes(from_client, to_control, || ()));
             let amplifier = amplifier.clone();
-            std::thread::spawn(move || pass(control, client, || amplifier.catch_up()));
+            std::thread::spawn(move || forward_bytes(control, client, || amplifier.catch_up()));
         }
     });
     address
 }
 
-fn pass(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> io::Result<()> {
+fn forward_bytes(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> io::Result<()> {
     use std::io::{Read as _, Write as _};
     to.set_nodelay(true)?;
     let mut buffer = [0; 1024];
@@ -107,41 +107,41 @@ fn pass(mut from: TcpStream, mut to: TcpStream, before: impl Fn()) -> io::Result
 }
 
 /// A run on the machine whose file states `counts_per_turn`.
-fn run(counts_per_turn: i64) -> (MachineShop, Output) {
+fn run_multiprobe(counts_per_turn: i64) -> (MachineShop, Output) {
     let anywhere: SocketAddr = ([127, 0, 0, 1], 9).into();
-    let control = GrblControl::start(&machine(anywhere, "/dev/null", counts_per_turn));
+    let control = GrblControl::start(&encoder_machine(anywhere, "/dev/null", counts_per_turn));
     let amplifier = Arc::new(Amplifier::start(control.world.clone()));
     let path = amplifier.path.clone();
-    let address = between(control.address, amplifier);
-    let shop = MachineShop::new(&machine(address, &path, counts_per_turn));
-    let mut command = shop.command(&["run", "multiprobe", "--json", "--machine", &shop.machine()]);
-    let output = person::confirms(&mut command).output().unwrap();
+    let address = start_proxy(control.address, amplifier);
+    let shop = MachineShop::new(&encoder_machine(address, &path, counts_per_turn));
+    let mut command = shop.trued_command(&["run", "multiprobe", "--json", "--machine", &shop.machine_path()]);
+    let output = person::confirm_prompts(&mut command).output().unwrap();
     println!("{}", stderr(&output));
     (shop, output)
 }
 
-pub fn turns_by_counts_find_the_true_error_motions() {
-    let (shop, output) = run(COUNTS_PER_TURN);
+pub fn counted_turns_find_the_true_error_motions() {
+    let (shop, output) = run_multiprobe(COUNTS_PER_TURN);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     let estimate: Estimate = serde_json::from_slice(&output.stdout).unwrap();
     for motion in ["EXC", "EYC"] {
-        for (part, order) in (2..=HARMONICS).flat_map(|order| [("c", order), ("s", order)]) {
+        for (part, order) in (2..=HARMONIC_COUNT).flat_map(|order| [("c", order), ("s", order)]) {
             let symbol = format!("{motion}_{part}{order}");
-            let truth = TRUTH.iter().find(|(of, _)| *of == symbol).map_or(0.0, |(_, um)| *um);
+            let truth = TRUE_PARAMETERS.iter().find(|(of, _)| *of == symbol).map_or(0.0, |(_, um)| *um);
             let found = estimate.parameters.iter().find(|found| found.symbol == symbol);
             let value = found.unwrap().value;
             println!("{symbol} {value:.4}, truly {truth}");
-            assert!((value - truth).abs() < NEAR_UM, "{symbol} {value}, truly {truth}");
+            assert!((value - truth).abs() < TRUTH_TOLERANCE_UM, "{symbol} {value}, truly {truth}");
         }
     }
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }
 
-pub fn counts_in_the_other_sense_are_named_and_hold_the_run() {
-    let (shop, output) = run(-COUNTS_PER_TURN);
+pub fn reversed_counts_hold_the_run() {
+    let (shop, output) = run_multiprobe(-COUNTS_PER_TURN);
     let told = stderr(&output);
     for words in ["index/1", "a ratio of -1.0000", "write counts_per_turn = -90000 in [encoder]"] {
         assert!(told.contains(words), "{words}: {told}");
     }
-    assert_eq!(shop.states(), ["held"]);
+    assert_eq!(shop.run_states(), ["held"]);
 }

@@ -17,15 +17,15 @@ use trued::setup::Pace;
 use trued::setup::{self, Devices, MachineFile};
 use trued::store::{Journal, NewRun, StoredRun};
 
-use super::tape::{Entry, Tape};
+use super::tape::{Tape, TapeEntry};
 
 const WIRE_BYTES: usize = 4096;
 /// Approximate number of lines that a run sends.
-const LINES: u64 = 250;
+const APPROXIMATE_LINES: u64 = 250;
 
 /// The faults of one seed.
 #[derive(Debug, Clone)]
-pub struct Schedule {
+pub struct FaultSchedule {
     seed: u64,
     /// Mean number of lines between two faults of the wire.
     spacing: Option<f64>,
@@ -34,13 +34,13 @@ pub struct Schedule {
     halt_at: Option<u32>,
 }
 
-impl Schedule {
-    pub fn of(seed: u64) -> Self {
+impl FaultSchedule {
+    pub fn from_seed(seed: u64) -> Self {
         let mut draw = seeded_stream(seed, &[77]);
         let kind = FaultKind::ALL[(seed / 3) as usize % FaultKind::ALL.len()];
         let fault = Fault {
             kind,
-            at_line: draw.random_range(1..LINES),
+            at_line: draw.random_range(1..APPROXIMATE_LINES),
             after_touch: draw.random_range(0..6),
             code: (kind == FaultKind::Alarm).then(|| draw.random_range(1..10)),
         };
@@ -55,30 +55,30 @@ impl Schedule {
 }
 
 /// Result of a run.
-pub struct Ended {
+pub struct EndedRun {
     pub result: Result<(), RunError>,
     pub moved: bool,
     /// Readings that the run itself returned.
     pub readings: Vec<machine::record::reading::Reading>,
     pub stored: StoredRun,
     /// Tape between the driver and the bad wire, and tape between the wire and the control.
-    pub near: Vec<Entry>,
-    pub far: Vec<Entry>,
+    pub driver_side: Vec<TapeEntry>,
+    pub control_side: Vec<TapeEntry>,
     /// Length of `near` when the run ended.
-    pub mark: usize,
-    pub harms: Vec<PlannedFault>,
+    pub readings_at_fault: usize,
+    pub planned_faults: Vec<PlannedFault>,
     /// Faults of the control that occurred.
-    pub happened: Vec<FaultKind>,
+    pub occurred_faults: Vec<FaultKind>,
 }
 
 /// Journal and machine of one worker.
-pub struct Bench {
+pub struct ScheduleBench {
     file: MachineFile,
     journal: Journal,
     _folder: tempfile::TempDir,
 }
 
-impl Bench {
+impl ScheduleBench {
     pub fn new() -> Self {
         let text = include_str!("../../../config/simulated.toml").to_owned()
             + "\n[method.self-calibration]\npositions = 8\nreferences = false\n";
@@ -92,17 +92,17 @@ impl Bench {
         }
     }
 
-    pub fn run(&self, schedule: &Schedule) -> Ended {
+    pub fn run(&self, schedule: &FaultSchedule) -> EndedRun {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(self.measure(schedule))
     }
 
-    async fn measure(&self, schedule: &Schedule) -> Ended {
-        let wired = self.wire(schedule);
+    async fn measure(&self, schedule: &FaultSchedule) -> EndedRun {
+        let wired = self.open_faulty_link(schedule);
         let dialect = Dialect::from_name("grbl").unwrap();
         let modes = setup::render_modes(&dialect, &self.file.machine, None).unwrap();
         let (driver, halt) = Grbl::new(wired.link, &self.file.machine, modes);
-        let controller = Controller::spawn(driver.with_timeouts(patience()), halt.clone());
+        let controller = Controller::spawn(driver.with_timeouts(short_timeouts()), halt.clone());
         let devices = Devices::new(controller, dialect);
         let (method, plan) = setup::plan_header(&self.file, "self-calibration", None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
@@ -115,27 +115,27 @@ impl Bench {
         };
         let mut run = Run::new(id, method.as_ref(), &devices, &self.journal, plan, &mut tell);
         let result = run.execute().await;
-        let mark = wired.near.entries().len();
+        let mark = wired.driver_side.entries().len();
         let Run { readings, has_moved, .. } = run;
         // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(15)).await;
         drop(devices);
         tokio::time::sleep(Duration::from_millis(5)).await;
-        Ended {
+        EndedRun {
             result,
             moved: has_moved,
             readings,
             stored: self.journal.load_run(id).unwrap(),
-            near: wired.near.entries(),
-            far: wired.far.entries(),
-            mark,
-            harms: wired.harms.lock().unwrap().clone(),
-            happened: wired.happened.lock().unwrap().clone(),
+            driver_side: wired.driver_side.entries(),
+            control_side: wired.control_side.entries(),
+            readings_at_fault: mark,
+            planned_faults: wired.planned_faults.lock().unwrap().clone(),
+            occurred_faults: wired.occurred_faults.lock().unwrap().clone(),
         }
     }
 
     /// Driver – tape – bad wire – tape – control.
-    fn wire(&self, schedule: &Schedule) -> Wired {
+    fn open_faulty_link(&self, schedule: &FaultSchedule) -> FaultyLink {
         let duplex = || tokio::io::duplex(WIRE_BYTES);
         let (driver, near_tape) = duplex();
         let (tape_near, wire_near) = duplex();
@@ -143,8 +143,8 @@ impl Bench {
         let (far_tape, control) = duplex();
         let (near, far) = (Tape::default(), Tape::default());
         let harms: Arc<Mutex<Vec<PlannedFault>>> = Arc::default();
-        tokio::spawn(near.clone().between(near_tape, tape_near));
-        tokio::spawn(far.clone().between(tape_far, far_tape));
+        tokio::spawn(near.clone().record_between(near_tape, tape_near));
+        tokio::spawn(far.clone().record_between(tape_far, far_tape));
         let bad = FaultyWire {
             seed: schedule.seed,
             mean_lines_between_faults: schedule.spacing.unwrap_or(f64::INFINITY),
@@ -161,20 +161,26 @@ impl Bench {
         let mut firmware = Firmware::new(world, options);
         let happened = firmware.occurred_faults();
         tokio::spawn(async move { firmware.serve(control).await });
-        Wired { link: Link::from_stream("the bench", driver), near, far, harms, happened }
+        FaultyLink {
+            link: Link::from_stream("the bench", driver),
+            driver_side: near,
+            control_side: far,
+            planned_faults: harms,
+            occurred_faults: happened,
+        }
     }
 }
 
-struct Wired {
+struct FaultyLink {
     link: Link,
-    near: Tape,
-    far: Tape,
-    harms: Arc<Mutex<Vec<PlannedFault>>>,
-    happened: Arc<Mutex<Vec<FaultKind>>>,
+    driver_side: Tape,
+    control_side: Tape,
+    planned_faults: Arc<Mutex<Vec<PlannedFault>>>,
+    occurred_faults: Arc<Mutex<Vec<FaultKind>>>,
 }
 
 /// Short timeouts, so that hundreds of schedules finish quickly.
-fn patience() -> GrblTimeouts {
+fn short_timeouts() -> GrblTimeouts {
     let ms = Duration::from_millis;
     GrblTimeouts { reply: ms(80), poll_interval: ms(10), after_alarm: ms(20), stall: ms(300) }
 }

@@ -9,22 +9,22 @@ use machine::record::reading::Reading;
 use trued::run::RunError;
 use trued::store::RunState;
 
-use super::bench::Ended;
-use super::tape::{Entry, Way, moves, step_of};
+use super::bench::EndedRun;
+use super::tape::{Direction, TapeEntry, is_motion_line, step_number};
 
 /// The control's buffer, bytes.
-const RX_BUFFER: usize = 1024;
-const BANNER: &str = "GrblHAL 1.1f [";
+const RX_BUFFER_BYTES: usize = 1024;
+const FIRMWARE_BANNER: &str = "GrblHAL 1.1f [";
 /// Axes in the order of the control's reports.
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
 /// Every violation, as text.
-pub fn breaches(ended: &Ended) -> Vec<String> {
+pub fn violations(ended: &EndedRun) -> Vec<String> {
     let mut all = Vec::new();
     all.extend(motion_after_a_fault(ended));
-    all.extend(readings_are_what_happened(ended));
+    all.extend(check_readings_match_contacts(ended));
     all.extend(nothing_acknowledged_is_lost(ended));
-    all.extend(window(&ended.near));
+    all.extend(check_window(&ended.driver_side));
     all.extend(state_is_true(ended));
     all
 }
@@ -32,51 +32,51 @@ pub fn breaches(ended: &Ended) -> Vec<String> {
 fn is_fault(line: &str) -> bool {
     let numbered = |start: &str| line.strip_prefix(start).is_some_and(|code| code.parse::<u32>().is_ok());
     let state = ["<Alarm", "<Hold", "<Door", "<Tool"].iter().any(|state| line.starts_with(state));
-    state || numbered("ALARM:") || numbered("error:") || line.starts_with(BANNER)
+    state || numbered("ALARM:") || numbered("error:") || line.starts_with(FIRMWARE_BANNER)
 }
 
-fn motion_after_a_fault(ended: &Ended) -> Option<String> {
-    let near = &ended.near;
-    let sent = |entry: &Entry| entry.way == Way::ToControl;
-    let first = near.iter().position(|entry| sent(entry) && moves(&entry.line))?;
+fn motion_after_a_fault(ended: &EndedRun) -> Option<String> {
+    let near = &ended.driver_side;
+    let sent = |entry: &TapeEntry| entry.direction == Direction::ToControl;
+    let first = near.iter().position(|entry| sent(entry) && is_motion_line(&entry.line))?;
     let fault =
         near[first..].iter().position(|entry| if sent(entry) { entry.line == "!" } else { is_fault(&entry.line) });
     let late = |from: usize, what: &str| {
-        let after = near[from..].iter().find(|entry| sent(entry) && moves(&entry.line));
+        let after = near[from..].iter().find(|entry| sent(entry) && is_motion_line(&entry.line));
         after.map(|entry| format!("`{}` was sent after {what}", entry.line))
     };
     fault
         .and_then(|fault| late(first + fault, &format!("`{}`", near[first + fault].line)))
-        .or_else(|| late(ended.mark, "the end of the run"))
+        .or_else(|| late(ended.readings_at_fault, "the end of the run"))
 }
 
 /// A contact as the control reports it, before the wire: line, position, time.
-struct Contact {
+struct ReportedContact {
     line: String,
     position: String,
     stamp: String,
 }
 
-fn contacts(ended: &Ended) -> Vec<Contact> {
+fn reported_contacts(ended: &EndedRun) -> Vec<ReportedContact> {
     let mut contacts = Vec::new();
     let mut asked = "";
-    let mut lines = ended.far.iter().peekable();
+    let mut lines = ended.control_side.iter().peekable();
     while let Some(entry) = lines.next() {
-        if entry.way == Way::ToControl {
+        if entry.direction == Direction::ToControl {
             asked = &entry.line;
             continue;
         }
         let told = entry.line.strip_prefix("[PRB:").and_then(|rest| rest.strip_suffix(":1]"));
         // `$#` repeats the last contact.
         let Some(position) = told.filter(|_| !asked.contains('$')) else { continue };
-        let stamp = lines.find(|entry| entry.way == Way::FromControl);
+        let stamp = lines.find(|entry| entry.direction == Direction::FromControl);
         let stamp = stamp.map_or(String::new(), |entry| entry.line.clone());
-        contacts.push(Contact { line: asked.to_owned(), position: position.to_owned(), stamp });
+        contacts.push(ReportedContact { line: asked.to_owned(), position: position.to_owned(), stamp });
     }
     contacts
 }
 
-fn as_told(reading: &Reading) -> (String, String) {
+fn reading_as_text(reading: &Reading) -> (String, String) {
     let value = |axis: Axis| {
         let text = format!("{:.3}", axis.to_mm_or_deg(reading.position.get_or_zero(axis)));
         if text == "-0.000" { "0.000".to_owned() } else { text }
@@ -85,19 +85,20 @@ fn as_told(reading: &Reading) -> (String, String) {
 }
 
 /// No reading is duplicated, none is invented, and each belongs to its step.
-fn readings_are_what_happened(ended: &Ended) -> Option<String> {
-    let mut contacts = contacts(ended).into_iter();
+fn check_readings_match_contacts(ended: &EndedRun) -> Option<String> {
+    let mut contacts = reported_contacts(ended).into_iter();
     for (place, reading) in ended.stored.readings.iter().enumerate() {
         if (reading.step, reading.repeat) != (place as u32, 0) {
             return Some(format!("reading {place} is of step {}", reading.step));
         }
         // In the order in which they occurred, each at most once.
-        let told = as_told(reading);
+        let told = reading_as_text(reading);
         let Some(contact) = contacts.find(|contact| (&contact.position, &contact.stamp) == (&told.0, &told.1)) else {
             return Some(format!("the control never told {told:?}, step {}", reading.step));
         };
-        let as_sent = ended.near.iter().any(|entry| entry.way == Way::ToControl && entry.line == contact.line);
-        if as_sent && step_of(&contact.line) != Some(reading.step) {
+        let as_sent =
+            ended.driver_side.iter().any(|entry| entry.direction == Direction::ToControl && entry.line == contact.line);
+        if as_sent && step_number(&contact.line) != Some(reading.step) {
             return Some(format!("step {} got the touch of `{}`", reading.step, contact.line));
         }
     }
@@ -105,41 +106,41 @@ fn readings_are_what_happened(ended: &Ended) -> Option<String> {
 }
 
 /// A step's first motion is sent only when all steps before it are stored.
-fn nothing_acknowledged_is_lost(ended: &Ended) -> Option<String> {
+fn nothing_acknowledged_is_lost(ended: &EndedRun) -> Option<String> {
     if ended.readings != ended.stored.readings {
         return Some("the run's readings are not the journal's".to_owned());
     }
-    let sent = ended.near.iter().filter(|entry| entry.way == Way::ToControl);
-    let last = sent.filter(|entry| moves(&entry.line)).filter_map(|entry| step_of(&entry.line));
+    let sent = ended.driver_side.iter().filter(|entry| entry.direction == Direction::ToControl);
+    let last = sent.filter(|entry| is_motion_line(&entry.line)).filter_map(|entry| step_number(&entry.line));
     let begun = last.max().map_or(0, |last| last as usize + 1);
     let stored = ended.stored.readings.len();
     (stored + 1 < begun || stored > begun).then(|| format!("{begun} steps begun, {stored} readings stored"))
 }
 
 /// The unanswered lines: each answer belongs to the oldest of them.
-fn window(near: &[Entry]) -> Option<String> {
+fn check_window(near: &[TapeEntry]) -> Option<String> {
     let mut open = VecDeque::new();
     for entry in near {
-        match entry.way {
-            Way::ToControl if entry.line == "!" => {}
-            Way::ToControl => open.push_back(entry.line.len() + 1),
+        match entry.direction {
+            Direction::ToControl if entry.line == "!" => {}
+            Direction::ToControl => open.push_back(entry.line.len() + 1),
             // A restarted control has lost its lines.
-            Way::FromControl if entry.line.starts_with(BANNER) => open.clear(),
-            Way::FromControl if entry.line == "ok" || entry.line.starts_with("error:") => {
+            Direction::FromControl if entry.line.starts_with(FIRMWARE_BANNER) => open.clear(),
+            Direction::FromControl if entry.line == "ok" || entry.line.starts_with("error:") => {
                 open.pop_front();
             }
-            Way::FromControl => {}
+            Direction::FromControl => {}
         }
         let (lines, bytes) = (open.len(), open.iter().sum::<usize>());
         // The very first line only wakes the control: a lost answer to it is not a fault.
-        if bytes > RX_BUFFER || lines > 2 {
+        if bytes > RX_BUFFER_BYTES || lines > 2 {
             return Some(format!("{lines} lines, {bytes} bytes are not answered"));
         }
     }
     None
 }
 
-fn state_is_true(ended: &Ended) -> Option<String> {
+fn state_is_true(ended: &EndedRun) -> Option<String> {
     let (state, events) = (ended.stored.summary.state, &ended.stored.events);
     let last = events.last().map(|(_, event)| event);
     let all = ended.stored.stages.iter().map(|stage| stage.steps.len()).sum::<usize>();
@@ -157,19 +158,19 @@ fn state_is_true(ended: &Ended) -> Option<String> {
                     if *what == error.to_string() && !remedy.is_empty())
         }
     };
-    let moved = ended.near.iter().any(|e| e.way == Way::ToControl && moves(&e.line));
+    let moved = ended.driver_side.iter().any(|e| e.direction == Direction::ToControl && is_motion_line(&e.line));
     (!fits || moved && !ended.moved)
         .then(|| format!("{:?} is told as {state:?}, {last:?}, {measured} of {all}", ended.result))
 }
 
-pub fn a_breach_of_the_window_and_a_fault_in_a_report_are_seen() {
-    let entry = |way, line: &str| Entry { way, line: line.to_owned() };
-    let sent = |line| entry(Way::ToControl, line);
-    let ok = || entry(Way::FromControl, "ok");
+pub fn window_violation_and_report_fault_are_detected() {
+    let entry = |way, line: &str| TapeEntry { direction: way, line: line.to_owned() };
+    let sent = |line| entry(Direction::ToControl, line);
+    let ok = || entry(Direction::FromControl, "ok");
     let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), ok(), sent("G59")];
-    assert_eq!(window(&lines), None);
+    assert_eq!(check_window(&lines), None);
     let lines = [sent("$I"), sent("$G"), ok(), sent("$#"), sent("G59")];
-    assert!(window(&lines).unwrap().starts_with("3 lines"));
+    assert!(check_window(&lines).unwrap().starts_with("3 lines"));
     for line in ["<Alarm|", "<Hold:1|", "<Door:0|", "<Tool|", "ALARM:1", "error:9"] {
         assert!(is_fault(line), "{line}");
     }

@@ -12,100 +12,100 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use testing::population::population;
 
-use bench::{Bench, Ended, Schedule};
+use bench::{EndedRun, FaultSchedule, ScheduleBench};
 use simulator::controls::grbl::FaultKind;
 
 const FULL_SCHEDULES: u64 = 500;
 
 /// Number of occurrences.
 #[derive(Default)]
-struct Count {
+struct ScheduleCounts {
     endings: BTreeMap<String, u32>,
-    harms: BTreeMap<String, u32>,
+    wire_faults: BTreeMap<String, u32>,
     faults: BTreeMap<FaultKind, u32>,
-    breaches: Vec<String>,
+    violations: Vec<String>,
 }
 
 /// The first word of a value's `Debug` output.
-fn name(value: impl std::fmt::Debug) -> String {
+fn variant_name(value: impl std::fmt::Debug) -> String {
     let text = format!("{value:?}");
     text.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default().to_owned()
 }
 
-fn ending(ended: &Ended) -> String {
+fn ending_name(ended: &EndedRun) -> String {
     match &ended.result {
         Ok(()) => "Finished".to_owned(),
         Err(error) => match error.controller_error() {
-            Some(control) => name(control),
-            None => name(error),
+            Some(control) => variant_name(control),
+            None => variant_name(error),
         },
     }
 }
 
-impl Count {
-    fn add(&mut self, seed: u64, ended: &Ended) {
-        *self.endings.entry(ending(ended)).or_default() += 1;
-        for planned in &ended.harms {
-            *self.harms.entry(name(planned.fault)).or_default() += 1;
+impl ScheduleCounts {
+    fn add_run(&mut self, seed: u64, ended: &EndedRun) {
+        *self.endings.entry(ending_name(ended)).or_default() += 1;
+        for planned in &ended.planned_faults {
+            *self.wire_faults.entry(variant_name(planned.fault)).or_default() += 1;
         }
-        for kind in &ended.happened {
+        for kind in &ended.occurred_faults {
             *self.faults.entry(*kind).or_default() += 1;
         }
-        let breaches = invariants::breaches(ended).into_iter();
-        self.breaches.extend(breaches.map(|breach| format!("seed {seed}: {breach}")));
+        let breaches = invariants::violations(ended).into_iter();
+        self.violations.extend(breaches.map(|breach| format!("seed {seed}: {breach}")));
     }
 }
 
-fn one(seed: u64) {
-    let schedule = Schedule::of(seed);
-    let ended = Bench::new().run(&schedule);
-    for (tape, entries) in [("near", &ended.near), ("far", &ended.far)] {
-        entries.iter().for_each(|entry| println!("{tape} {:?} {:?}", entry.way, entry.line));
+fn run_schedule(seed: u64) {
+    let schedule = FaultSchedule::from_seed(seed);
+    let ended = ScheduleBench::new().run(&schedule);
+    for (tape, entries) in [("near", &ended.driver_side), ("far", &ended.control_side)] {
+        entries.iter().for_each(|entry| println!("{tape} {:?} {:?}", entry.direction, entry.line));
     }
-    println!("{schedule:?}\n{:?}\n{:?}", ended.harms, ended.happened);
+    println!("{schedule:?}\n{:?}\n{:?}", ended.planned_faults, ended.occurred_faults);
     println!("{:?}", ended.result);
-    let breaches = invariants::breaches(&ended);
+    let breaches = invariants::violations(&ended);
     assert!(breaches.is_empty(), "{breaches:#?}");
 }
 
 fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_invented() {
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
-        return one(seed.parse().unwrap());
+        return run_schedule(seed.parse().unwrap());
     }
     let schedules = population(FULL_SCHEDULES);
-    let (next, count) = (AtomicU64::new(0), Mutex::new(Count::default()));
+    let (next, count) = (AtomicU64::new(0), Mutex::new(ScheduleCounts::default()));
     // Most of the time a run waits for an answer that does not come.
     let threads = 2 * std::thread::available_parallelism().map_or(2, |threads| threads.get());
     std::thread::scope(|scope| {
         for _ in 0..threads {
             scope.spawn(|| {
-                let bench = Bench::new();
+                let bench = ScheduleBench::new();
                 loop {
                     let seed = next.fetch_add(1, Ordering::SeqCst);
                     if seed >= schedules {
                         return;
                     }
-                    let ended = bench.run(&Schedule::of(seed));
-                    count.lock().unwrap().add(seed, &ended);
+                    let ended = bench.run(&FaultSchedule::from_seed(seed));
+                    count.lock().unwrap().add_run(seed, &ended);
                 }
             });
         }
     });
     let count = count.into_inner().unwrap();
     println!("endings {:?}", count.endings);
-    println!("harms on the wire {:?}", count.harms);
+    println!("harms on the wire {:?}", count.wire_faults);
     println!("faults of the control {:?}", count.faults);
-    assert!(count.breaches.is_empty(), "{:#?}", count.breaches);
+    assert!(count.violations.is_empty(), "{:#?}", count.violations);
     if schedules == FULL_SCHEDULES {
-        assert_mix(&count);
+        assert_all_kinds_occurred(&count);
     } else {
-        assert!(count.endings.len() > 1 && !count.harms.is_empty() && !count.faults.is_empty());
+        assert!(count.endings.len() > 1 && !count.wire_faults.is_empty() && !count.faults.is_empty());
     }
 }
 
 /// Asserts that each wire fault, each control fault and each result occurred.
-fn assert_mix(count: &Count) {
-    assert_eq!(count.harms.len(), 9);
+fn assert_all_kinds_occurred(count: &ScheduleCounts) {
+    assert_eq!(count.wire_faults.len(), 9);
     assert_eq!(count.faults.len(), FaultKind::ALL.len());
     for ending in [
         "Finished",
@@ -129,7 +129,7 @@ fn assert_mix(count: &Count) {
 
 pub fn trials() -> Trials {
     trials![Pool::Computing, 10;
-        invariants::a_breach_of_the_window_and_a_fault_in_a_report_are_seen,
+        invariants::window_violation_and_report_fault_are_detected,
         whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_invented,
     ]
 }

@@ -5,50 +5,50 @@ use std::sync::{Arc, Mutex};
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, ReadHalf, WriteHalf};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Way {
+pub enum Direction {
     ToControl,
     FromControl,
 }
 
 #[derive(Debug, Clone)]
-pub struct Entry {
-    pub way: Way,
+pub struct TapeEntry {
+    pub direction: Direction,
     pub line: String,
 }
 
 /// A tape that other tasks may still be writing.
 #[derive(Clone, Default)]
-pub struct Tape(Arc<Mutex<Vec<Entry>>>);
+pub struct Tape(Arc<Mutex<Vec<TapeEntry>>>);
 
 impl Tape {
-    pub fn entries(&self) -> Vec<Entry> {
+    pub fn entries(&self) -> Vec<TapeEntry> {
         self.0.lock().unwrap().clone()
     }
 
-    fn write(&self, way: Way, line: Vec<u8>) {
+    fn add_entry(&self, way: Direction, line: Vec<u8>) {
         let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-        self.0.lock().unwrap().push(Entry { way, line });
+        self.0.lock().unwrap().push(TapeEntry { direction: way, line });
     }
 
     /// Forwards everything between `near` and `far` until one of them ends.
-    pub async fn between(self, near: DuplexStream, far: DuplexStream) {
+    pub async fn record_between(self, near: DuplexStream, far: DuplexStream) {
         let (near_out, near_in) = tokio::io::split(near);
         let (far_out, far_in) = tokio::io::split(far);
         tokio::select! {
-            () = self.pass(Way::ToControl, near_out, far_in) => {}
-            () = self.pass(Way::FromControl, far_out, near_in) => {}
+            () = self.forward(Direction::ToControl, near_out, far_in) => {}
+            () = self.forward(Direction::FromControl, far_out, near_in) => {}
         }
     }
 
     /// Realtime bytes to the control act at once, at any place in the stream: `!`, `~` and a reset are recorded as
     /// separate lines, `?` is not.
-    async fn pass(&self, way: Way, mut from: ReadHalf<DuplexStream>, mut to: WriteHalf<DuplexStream>) {
+    async fn forward(&self, way: Direction, mut from: ReadHalf<DuplexStream>, mut to: WriteHalf<DuplexStream>) {
         let mut line = Vec::new();
         while let Ok(byte) = from.read_u8().await {
             match byte {
-                b'\n' => self.write(way, std::mem::take(&mut line)),
-                b'!' | b'~' | 0x18 if way == Way::ToControl => self.write(way, vec![byte]),
-                b'?' | 0x80.. if way == Way::ToControl => {}
+                b'\n' => self.add_entry(way, std::mem::take(&mut line)),
+                b'!' | b'~' | 0x18 if way == Direction::ToControl => self.add_entry(way, vec![byte]),
+                b'?' | 0x80.. if way == Direction::ToControl => {}
                 byte => line.push(byte),
             }
             if to.write_all(&[byte]).await.is_err() {
@@ -59,12 +59,12 @@ impl Tape {
 }
 
 /// Whether the line can move the machine.
-pub fn moves(line: &str) -> bool {
+pub fn is_motion_line(line: &str) -> bool {
     line.contains("G53") || line.contains("G38")
 }
 
 /// N word of a line.
-pub fn step_of(line: &str) -> Option<u32> {
+pub fn step_number(line: &str) -> Option<u32> {
     let digits = line.split('N').nth(1)?;
     let end = digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len());
     digits[..end].parse().ok()

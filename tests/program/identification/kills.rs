@@ -14,27 +14,27 @@ use trued::store::{Journal, RunId, RunState, StoredRun};
 use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 
 /// The identification takes about as long as the measurement.
-const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
-const SERVE: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
+const SHORT_SETTINGS: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
+const SERVE_SECTIONS: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
 /// Progress text at the beginning of the first stage; the first touch follows.
-const FIRST_STAGE: &str = " steps";
-const IDENTIFYING: &str = "computing the estimate from ";
+const FIRST_STAGE_TEXT: &str = " steps";
+const IDENTIFYING_TEXT: &str = "computing the estimate from ";
 
-pub fn a_few_kills_leave_no_run_without_estimate_unnoticed() {
-    let killed = kills(6, 1);
+pub fn few_kills_leave_no_unnoticed_run_without_estimate() {
+    let killed = run_kills(6, 1);
     println!("{killed:?}");
 }
 
-pub fn two_hundred_kills_leave_no_run_without_estimate_unnoticed() {
-    let killed = kills(200, 2);
+pub fn two_hundred_kills_leave_no_unnoticed_run_without_estimate() {
+    let killed = run_kills(200, 2);
     println!("{killed:?}");
     assert!(killed.in_measurement >= 50 && killed.in_identification >= 50, "{killed:?}");
 }
 
 /// Numbers of killed runs by state.
 #[derive(Debug, Default)]
-struct Killed {
+struct KillCounts {
     in_measurement: usize,
     /// Of those killed in the measurement: before the references were measured, so that the run is closed.
     closed: usize,
@@ -45,16 +45,16 @@ struct Killed {
 }
 
 /// Half of the kills come after the last reading.
-fn kills(count: u64, seed: u64) -> Killed {
-    let shop = MachineShop::new(&format!("{}\n{SHORT}{SERVE}", built_in_machine()));
-    let mut durations = durations(&shop);
-    let mut killed = Killed::default();
+fn run_kills(count: u64, seed: u64) -> KillCounts {
+    let shop = MachineShop::new(&format!("{}\n{SHORT_SETTINGS}{SERVE_SECTIONS}", built_in_machine()));
+    let mut durations = phase_durations(&shop);
+    let mut killed = KillCounts::default();
     let mut for_the_daemon = Vec::new();
     for kill in 0..count {
         let mut random = random::seeded_stream(seed, &[kill]);
         let half = (kill % 2) as usize;
         let after = durations[half].mul_f64(random.random_range(0.0..1.1));
-        let stored = killed_run(&shop, [FIRST_STAGE, IDENTIFYING][half], after);
+        let stored = kill_run_after(&shop, [FIRST_STAGE_TEXT, IDENTIFYING_TEXT][half], after);
         // The computer has other load: a kill that comes too late makes the next kills earlier.
         let in_time = [RunState::Running, RunState::NotIdentified][half];
         let is_late = stored.summary.state != in_time;
@@ -62,15 +62,15 @@ fn kills(count: u64, seed: u64) -> Killed {
         match stored.summary.state {
             RunState::Running => {
                 killed.in_measurement += 1;
-                killed.closed += usize::from(!resumed(&shop, &stored));
+                killed.closed += usize::from(!check_resumable(&shop, &stored));
             }
             RunState::Finished => killed.after_the_estimate += 1,
             // A third of them is left to the daemon.
             _ if kill % 3 == 0 => for_the_daemon.push(stored),
             _ => {
                 killed.in_identification += 1;
-                identified(&shop, &stored, |shop| {
-                    let resumed = resume(shop, stored.summary.id, &[]);
+                check_identifiable(&shop, &stored, |shop| {
+                    let resumed = resume_run(shop, stored.summary.id, &[]);
                     assert_eq!(resumed, (Some(0), String::new()));
                 });
             }
@@ -78,25 +78,25 @@ fn kills(count: u64, seed: u64) -> Killed {
     }
     killed.by_the_daemon = for_the_daemon.len();
     killed.in_identification += for_the_daemon.len();
-    left_to_the_daemon(&shop, &for_the_daemon);
+    check_daemon_identifies(&shop, &for_the_daemon);
     every_run_is_settled(&shop);
     killed
 }
 
 /// Duration from the first stage to the last reading, and from there to the end of the process, of a run that is
 /// not killed.
-fn durations(shop: &MachineShop) -> [Duration; 2] {
-    let (mut run, mut lines) = started(shop);
-    wait_for(&mut lines, FIRST_STAGE);
+fn phase_durations(shop: &MachineShop) -> [Duration; 2] {
+    let (mut run, mut lines) = start_run(shop);
+    wait_for_line(&mut lines, FIRST_STAGE_TEXT);
     let first = Instant::now();
-    wait_for(&mut lines, IDENTIFYING);
+    wait_for_line(&mut lines, IDENTIFYING_TEXT);
     let last = Instant::now();
     lines.read_to_string(&mut String::new()).unwrap();
     assert!(run.wait().unwrap().success());
     [last - first, last.elapsed()]
 }
 
-fn started(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
+fn start_run(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     let mut command: Command = shop.run_command();
     command.args(["--speed", "fast"]).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
@@ -104,7 +104,7 @@ fn started(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     (run, lines)
 }
 
-fn wait_for(lines: &mut BufReader<ChildStderr>, words: &str) {
+fn wait_for_line(lines: &mut BufReader<ChildStderr>, words: &str) {
     let mut line = String::new();
     while !line.contains(words) {
         line.clear();
@@ -113,13 +113,13 @@ fn wait_for(lines: &mut BufReader<ChildStderr>, words: &str) {
 }
 
 /// Journal entry of a run that is killed `after` it has printed `line`.
-fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
-    let (mut run, mut lines) = started(shop);
-    wait_for(&mut lines, line);
+fn kill_run_after(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
+    let (mut run, mut lines) = start_run(shop);
+    wait_for_line(&mut lines, line);
     sleep(after);
     run.kill().unwrap();
     run.wait().unwrap();
-    let journal = Journal::open(&shop.state()).unwrap();
+    let journal = Journal::open(&shop.state_folder()).unwrap();
     let id = journal.runs().unwrap().last().unwrap().id;
     let stored = journal.load_run(id).unwrap();
     let is_finished = stored.summary.state == RunState::Finished;
@@ -128,23 +128,23 @@ fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
 }
 
 /// Exit code, and the error message.
-fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>, String) {
+fn resume_run(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>, String) {
     let run = run.to_string();
     let arguments = [&["resume", &run, "--json"], acknowledged].concat();
-    let ended = shop.command(&arguments).stdin(Stdio::null()).output().unwrap();
+    let ended = shop.trued_command(&arguments).stdin(Stdio::null()).output().unwrap();
     let code = ended.status.code();
     (code, if code == Some(0) { String::new() } else { stderr(&ended) })
 }
 
 /// The run was killed during the measurement: nothing moves before an acknowledgement. Returns whether it now has
 /// its estimate; otherwise its references were not measured, and it is closed.
-fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
+fn check_resumable(shop: &MachineShop, stored: &StoredRun) -> bool {
     let run = stored.summary.id;
-    let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
+    let listed = String::from_utf8(shop.run_trued(&["runs"]).stdout).unwrap();
     let ways = [format!(" resume {run}`"), format!("run {run} cannot be resumed")];
     assert!(ways.iter().any(|way| listed.contains(way)), "{listed}");
-    assert_eq!(shop.states().last().map(String::as_str), Some("interrupted"));
-    let (code, told) = resume(shop, run, &[]);
+    assert_eq!(shop.run_states().last().map(String::as_str), Some("interrupted"));
+    let (code, told) = resume_run(shop, run, &[]);
     assert!(
         code == Some(2)
             && told.contains(
@@ -153,8 +153,8 @@ fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
             ),
         "{told}"
     );
-    let (code, told) = resume(shop, run, &["--acknowledge", "Ada", "--homed"]);
-    let after = Journal::open(&shop.state()).unwrap().load_run(run).unwrap();
+    let (code, told) = resume_run(shop, run, &["--acknowledge", "Ada", "--homed"]);
+    let after = Journal::open(&shop.state_folder()).unwrap().load_run(run).unwrap();
     let kept = after.readings.get(..stored.readings.len()) == Some(&stored.readings[..]);
     assert!(kept, "run {run}: a reading is lost");
     match code {
@@ -165,12 +165,12 @@ fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
 }
 
 /// The run is listed as not identified, and gets its estimate from its readings alone.
-fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
-    let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
+fn check_identifiable(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
+    let listed = String::from_utf8(shop.run_trued(&["runs"]).stdout).unwrap();
     let run = stored.summary.id;
     assert!(listed.contains(&format!("resume {run}` computes the estimate")), "{listed}");
     identify(shop);
-    let after = Journal::open(&shop.state()).unwrap().load_run(run).unwrap();
+    let after = Journal::open(&shop.state_folder()).unwrap().load_run(run).unwrap();
     let is_whole = after.readings == stored.readings && after.estimates.len() == 1;
     assert!(is_whole, "run {run}: {} estimates", after.estimates.len());
     let moved = |event: &Event| matches!(event, Event::Resumed { .. } | Event::Acknowledged { .. });
@@ -178,10 +178,10 @@ fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&Mac
 }
 
 /// The start of the daemon identifies all of them, whatever the state of the newest run.
-fn left_to_the_daemon(shop: &MachineShop, runs: &[StoredRun]) {
+fn check_daemon_identifies(shop: &MachineShop, runs: &[StoredRun]) {
     let Some(newest) = runs.last() else { return };
-    identified(shop, newest, |shop| {
-        let daemon = shop.serve("fast");
+    check_identifiable(shop, newest, |shop| {
+        let daemon = shop.start_daemon("fast");
         for stored in runs {
             daemon.wait_for_log(&format!("run {} is identified", stored.summary.id));
         }
@@ -190,7 +190,7 @@ fn left_to_the_daemon(shop: &MachineShop, runs: &[StoredRun]) {
 }
 
 fn every_run_is_settled(shop: &MachineShop) {
-    let journal = Journal::open(&shop.state()).unwrap();
+    let journal = Journal::open(&shop.state_folder()).unwrap();
     for run in journal.runs().unwrap() {
         let stored = journal.load_run(run.id).unwrap();
         let settled = match run.state {

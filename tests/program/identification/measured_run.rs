@@ -6,7 +6,7 @@ use crate::support::machine_shop::MachineShop;
 
 /// Adds a copy of run 1 with its first `readings` readings and without its estimate.
 pub fn copy_without_estimate(shop: &MachineShop, readings: usize) -> RunId {
-    let journal = Journal::open(&shop.state()).unwrap();
+    let journal = Journal::open(&shop.state_folder()).unwrap();
     let whole = journal.load_run(RunId(1)).unwrap();
     let new = NewRun { config: whole.config, plan: whole.plan };
     let run = journal.begin_run(&new).wait().unwrap();

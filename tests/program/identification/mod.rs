@@ -8,17 +8,17 @@ use crate::support::harness::{Pool, Trials, trials};
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 20;
-        kills::a_few_kills_leave_no_run_without_estimate_unnoticed,
+        kills::few_kills_leave_no_unnoticed_run_without_estimate,
         shown::a_stopped_identification_is_made_up_for,
     ]
-    .and(trials![Pool::Waiting, 0;
+    .with(trials![Pool::Waiting, 0;
         shown::resume_identifies_without_the_machine,
-        shown::the_daemon_identifies_a_measured_run,
-        shown::a_failed_identification_outdates_the_result_before,
+        shown::daemon_identifies_a_measured_run,
+        shown::failed_identification_outdates_the_previous_result,
     ])
-    .and(
+    .with(
         trials![Pool::Waiting, 0;
-            kills::two_hundred_kills_leave_no_run_without_estimate_unnoticed,
+            kills::two_hundred_kills_leave_no_unnoticed_run_without_estimate,
         ]
         .ignored(),
     )

@@ -7,17 +7,17 @@ use std::process::{Command, Stdio};
 
 use machine::record::estimate::Estimate;
 
-use super::laser_shop::{TRUTH, assert_near_truth, parameter};
+use super::laser_shop::{TRUE_PARAMETERS, assert_near_truth, parameter};
 
 const METHOD: &str = "laser-r-test";
 /// Few poses, so that a run is short.
-const SHORT: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
+const SHORT_SETTINGS: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
                      monte_carlo_trials = 100\n";
 
 /// A folder with a machine file of these settings, in which the program runs.
-struct Desk(tempfile::TempDir);
+struct RunWorkspace(tempfile::TempDir);
 
-impl Desk {
+impl RunWorkspace {
     fn new(settings: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         let text = include_str!("../../../config/laser.toml").to_owned() + settings;
@@ -34,7 +34,7 @@ impl Desk {
         command.args(arguments).output().expect("started")
     }
 
-    fn says(&self, arguments: &[&str]) -> Vec<u8> {
+    fn stdout(&self, arguments: &[&str]) -> Vec<u8> {
         let output = self.output(arguments);
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
@@ -44,31 +44,31 @@ impl Desk {
 
 /// A run through the whole program: control, sensor, proof, journal.
 pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
-    let desk = Desk::new(SHORT);
+    let desk = RunWorkspace::new(SHORT_SETTINGS);
     let (file, first) = (desk.path("laser.toml"), desk.path("first"));
-    let run = |state| desk.says(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
+    let run = |state| desk.stdout(&["run", METHOD, "--json", "--machine", &file, "--state", state]);
     let said = run(&first);
     assert_eq!(said, run(&desk.path("second")));
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
     assert_near_truth(&estimate, 4.0);
     // Identified from the readings alone: the measured axis positions count, not those of a new plan.
-    desk.says(&["export", "1", "--state", &first, "--to", &desk.path("")]);
+    desk.stdout(&["export", "1", "--state", &first, "--to", &desk.path("")]);
     let readings = desk.path("run-1-readings.csv");
-    let again = desk.says(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
+    let again = desk.stdout(&["identify", METHOD, "--json", "--readings", &readings, "--machine", &file]);
     let again: Estimate = serde_json::from_slice(&again).expect("an estimate");
-    for (symbol, _) in TRUTH {
+    for (symbol, _) in TRUE_PARAMETERS {
         let (one, other) = (parameter(&estimate, symbol), parameter(&again, symbol));
         assert!((one.value - other.value).abs() < 0.01 * one.u, "{} {}", one.value, other.value);
     }
 }
 
 /// A replay without control and sensor.
-pub fn a_captured_run_replays_to_the_same_bytes() {
-    let desk = Desk::new(SHORT);
+pub fn captured_run_replays_to_the_same_bytes() {
+    let desk = RunWorkspace::new(SHORT_SETTINGS);
     let (file, state, capture) = (desk.path("laser.toml"), desk.path("state"), desk.path("capture"));
     let run =
-        |how: &[&str]| desk.says(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat());
+        |how: &[&str]| desk.stdout(&[&["run", METHOD, "--json", "--machine", &file, "--state", &state], how].concat());
     let measured = run(&["--capture", &capture]);
     // The machine file now describes another machine: the result must be that of the capture.
     let text = std::fs::read_to_string(&file).expect("read");
@@ -89,18 +89,18 @@ pub fn a_captured_run_replays_to_the_same_bytes() {
     assert!(said.contains("outliers measured again: 1 step"), "{said}");
 }
 
-pub fn the_same_machine_may_be_touched_instead() {
-    let desk = Desk::new(&format!("{SHORT}by = \"probe\"\n"));
+pub fn same_machine_can_be_measured_by_touches() {
+    let desk = RunWorkspace::new(&format!("{SHORT_SETTINGS}by = \"probe\"\n"));
     let file = desk.path("laser.toml");
     let state = desk.path("state");
-    let said = desk.says(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
+    let said = desk.stdout(&["run", METHOD, "--json", "--machine", &file, "--state", &state]);
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     assert_near_truth(&estimate, 4.0);
 }
 
 /// There is no stylus that could be freed.
 pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
-    let desk = Desk::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
+    let desk = RunWorkspace::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
     let (file, state) = (desk.path("laser.toml"), desk.path("state"));
     let output = desk.output(&["run", METHOD, "--machine", &file, "--state", &state]);
     let said = String::from_utf8_lossy(&output.stderr);
@@ -110,11 +110,11 @@ pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
     assert!(!said.contains("free the stylus"), "{said}");
 }
 
-pub fn a_printed_program_says_what_happens_where_it_rests() {
-    let desk = Desk::new(SHORT);
+pub fn printed_program_describes_each_dwell() {
+    let desk = RunWorkspace::new(SHORT_SETTINGS);
     for dialect in ["grbl-m19", "linuxcnc"] {
         let file = desk.path("laser.toml");
-        let program = desk.says(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
+        let program = desk.stdout(&["plan", METHOD, "--machine", &file, "--gcode", dialect]);
         let program = String::from_utf8(program).expect("text");
         let title = "(laser-r-test, at each G4 dwell trued takes 20 samples of laser)";
         assert!(program.lines().take(2).any(|line| line == title), "{:?}", program.get(..400));
@@ -123,7 +123,7 @@ pub fn a_printed_program_says_what_happens_where_it_rests() {
 
 /// Report of the simulated control of `method` when the spindle is at a position in which the probe's stylus would
 /// be pressed into the sphere's pole by 3 mm.
-fn over_the_pole(desk: &Desk, method: &str) -> String {
+fn first_motion_over_the_pole(desk: &RunWorkspace, method: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
     let mut simulator = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().expect("started");
@@ -148,8 +148,9 @@ fn over_the_pole(desk: &Desk, method: &str) -> String {
 
 /// A rehearsal of a method with a sensor has no stylus that could touch anything.
 pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
-    let desk = Desk::new("");
-    let (looks, touches) = (over_the_pole(&desk, METHOD), over_the_pole(&desk, "self-calibration"));
+    let desk = RunWorkspace::new("");
+    let (looks, touches) =
+        (first_motion_over_the_pole(&desk, METHOD), first_motion_over_the_pole(&desk, "self-calibration"));
     assert!(looks.starts_with("<Idle|MPos:80.300,-0.200,270.000") && !looks.contains("Pn:"), "{looks}");
     assert!(touches.contains("|Pn:P"), "{touches}");
 }

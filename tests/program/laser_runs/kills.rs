@@ -1,16 +1,18 @@
 //! The program is killed during a run. Its readings are still stored, and the run can be resumed, unless the sphere
 //! was moved meanwhile.
 
-use super::laser_shop::{LaserShop, REFERENCE, SEARCH, SOUND, assert_near_truth, estimate};
+use super::laser_shop::{
+    FIRST_REFERENCE_STEP, LaserShop, SEARCH_STEP, SOUND_DESIGN, assert_near_truth, estimate_of_output,
+};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
 /// A run that was killed during a move between points of a pose.
-fn killed() -> LaserShop {
-    let shop = LaserShop::over(SOUND, GrblControl::start(&SOUND.file()));
-    let way = format!("N{} G53 G1", REFERENCE + 2);
+fn shop_with_killed_run() -> LaserShop {
+    let shop = LaserShop::with_control(SOUND_DESIGN, GrblControl::start(&SOUND_DESIGN.file()));
+    let way = format!("N{} G53 G1", FIRST_REFERENCE_STEP + 2);
     shop.bench.stop_at(&[&way, &way, &way, &way]);
-    let mut run = shop.starts();
+    let mut run = shop.start_run();
     shop.bench.wait(&mut run);
     run.kill().unwrap();
     run.wait().unwrap();
@@ -18,14 +20,14 @@ fn killed() -> LaserShop {
     shop
 }
 
-pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
-    let shop = killed();
-    assert_eq!(shop.all_is_true(), (SEARCH..REFERENCE + 2).collect::<Vec<_>>());
+pub fn killed_run_resumes_to_the_estimate_of_an_undisturbed_run() {
+    let shop = shop_with_killed_run();
+    assert_eq!(shop.all_is_true(), (SEARCH_STEP..FIRST_REFERENCE_STEP + 2).collect::<Vec<_>>());
     let resumed = shop.resume();
-    let found = estimate(&resumed);
+    let found = estimate_of_output(&resumed);
     assert!(stderr(&resumed).contains("the references agree"), "{}", stderr(&resumed));
-    let whole = LaserShop::over(SOUND, GrblControl::start(&SOUND.file()));
-    let undisturbed = estimate(&whole.starts().wait_with_output().unwrap());
+    let whole = LaserShop::with_control(SOUND_DESIGN, GrblControl::start(&SOUND_DESIGN.file()));
+    let undisturbed = estimate_of_output(&whole.start_run().wait_with_output().unwrap());
     assert_near_truth(&found, 5.0);
     for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
         assert_eq!(one.symbol, other.symbol);
@@ -36,8 +38,8 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
         println!("{}: {:.3} and {:.3}, E_n {apart:.2}", one.symbol, one.value, other.value);
         assert!(apart < 2.0, "{}: {} {}, {apart}", one.symbol, one.value, other.value);
     }
-    let again = [REFERENCE; 2].into_iter().chain(REFERENCE + 2..SOUND.steps);
-    assert_eq!(shop.all_is_true(), (SEARCH..REFERENCE + 2).chain(again).collect::<Vec<_>>());
+    let again = [FIRST_REFERENCE_STEP; 2].into_iter().chain(FIRST_REFERENCE_STEP + 2..SOUND_DESIGN.steps);
+    assert_eq!(shop.all_is_true(), (SEARCH_STEP..FIRST_REFERENCE_STEP + 2).chain(again).collect::<Vec<_>>());
 }
 
 /// The flanks of the sphere show a shift across the beam.
@@ -46,8 +48,8 @@ pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
     for (moved, told) in
         [("[0.32, -0.2]", "repeatability of one touch"), ("[0.314, -0.186]", " more; repeatability of one touch")]
     {
-        let shop = killed();
-        shop.bench.become_another(&SOUND.file().replacen("[0.3, -0.2]", moved, 1));
+        let shop = shop_with_killed_run();
+        shop.bench.replace_firmware(&SOUND_DESIGN.file().replacen("[0.3, -0.2]", moved, 1));
         let refused = shop.resume();
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         for words in ["have shifted since the stop", told, "Start a new run"] {

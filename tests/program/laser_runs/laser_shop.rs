@@ -9,18 +9,18 @@ use machine::Axis;
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::reading::Reading;
 
-use super::sender::{self, Sender};
+use super::sender::{self, SensorSender};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
 use crate::support::person;
 
 /// Steps: the prompt (0), the search of the sphere (1), the direction of the beam at three heights (2 to 4), the
 /// reference (5); then the poses, and the reference again.
-pub const SEARCH: u32 = 1;
-pub const REFERENCE: u32 = 5;
+pub const SEARCH_STEP: u32 = 1;
+pub const FIRST_REFERENCE_STEP: u32 = 5;
 
 /// Size of a measurement.
-pub struct Design {
+pub struct ScanDesign {
     settings: &'static str,
     /// Number of dwell points of a scan, and of samples at each.
     pub points: usize,
@@ -29,11 +29,11 @@ pub struct Design {
 }
 
 /// The minimum number of poses and points.
-pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 12 };
+pub const SHORT_DESIGN: ScanDesign = ScanDesign { settings: FEW_POINTS_SETTINGS, points: 10, samples: 60, steps: 12 };
 /// Enough poses and points for a sound estimate.
-pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 15 };
+pub const SOUND_DESIGN: ScanDesign = ScanDesign { settings: SUFFICIENT_SETTINGS, points: 26, samples: 20, steps: 15 };
 
-const FEW: &str = "
+const FEW_POINTS_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [60.0]
 turn_deg = [120.0, 240.0]
@@ -44,14 +44,14 @@ feed_mm_min = 2400.0
 monte_carlo_trials = 100
 ";
 
-const ENOUGH: &str = "
+const SUFFICIENT_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [-60.0, 60.0]
 turn_deg = [120.0, 240.0]
 monte_carlo_trials = 100
 ";
 
-impl Design {
+impl ScanDesign {
     /// Machine file of the built-in machine with these settings.
     pub fn file(&self) -> String {
         include_str!("../../../config/laser.toml").to_owned() + self.settings
@@ -60,43 +60,47 @@ impl Design {
 
 pub struct LaserShop {
     shop: MachineShop,
-    design: Design,
+    design: ScanDesign,
     pub bench: GrblControl,
-    pub sender: Sender,
+    pub sender: SensorSender,
 }
 
 impl LaserShop {
     /// `bench` has the machine of `design`.
-    pub fn over(design: Design, bench: GrblControl) -> Self {
-        let sender = Sender::start(bench.world.clone());
-        let file = file(&design.file(), &format!("tcp = \"{}\"", bench.address), &sender::table(sender.address));
+    pub fn with_control(design: ScanDesign, bench: GrblControl) -> Self {
+        let sender = SensorSender::start(bench.world.clone());
+        let file = machine_file(
+            &design.file(),
+            &format!("tcp = \"{}\"", bench.address),
+            &sender::sensor_section(sender.address),
+        );
         Self { shop: MachineShop::new(&file), design, bench, sender }
     }
 
-    pub fn trued(&self, arguments: &[&str]) -> Output {
-        self.shop.trued(arguments)
+    pub fn run_trued(&self, arguments: &[&str]) -> Output {
+        self.shop.run_trued(arguments)
     }
 
     pub fn machine(&self) -> String {
-        self.shop.machine()
+        self.shop.machine_path()
     }
 
     /// Starts a run; the operator has confirmed the tool in the spindle.
-    pub fn starts(&self) -> Child {
-        let machine = self.shop.machine();
+    pub fn start_run(&self) -> Child {
+        let machine = self.shop.machine_path();
         let run = ["run", "laser-r-test", "--json", "--machine", &machine];
-        let mut command = self.shop.command(&run);
-        person::confirms(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut command = self.shop.trued_command(&run);
+        person::confirm_prompts(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
         command.spawn().unwrap()
     }
 
     pub fn resume(&self) -> Output {
-        self.trued(&["resume", "1", "--acknowledge", "Ada", "--json"])
+        self.run_trued(&["resume", "1", "--acknowledge", "Ada", "--json"])
     }
 
     /// Waits until the control has received `count` lines with these words.
     pub fn wait_for(&self, words: &str, count: usize, client: &mut Child) {
-        while self.bench.heard().matches(words).count() < count {
+        while self.bench.received_text().matches(words).count() < count {
             if client.try_wait().unwrap().is_some() {
                 let mut told = String::new();
                 let _ = client.stderr.take().unwrap().read_to_string(&mut told);
@@ -107,21 +111,21 @@ impl LaserShop {
     }
 
     pub fn state(&self) -> String {
-        self.shop.states()[0].clone()
+        self.shop.run_states()[0].clone()
     }
 
     pub fn readings(&self) -> Vec<Reading> {
         let to = self.shop.path("export");
-        let exported = self.trued(&["export", "1", "--to", &to.display().to_string()]);
+        let exported = self.run_trued(&["export", "1", "--to", &to.display().to_string()]);
         assert!(exported.status.success(), "{}", stderr(&exported));
-        read(&to.join("run-1-readings.csv"))
+        read_csv(&to.join("run-1-readings.csv"))
     }
 
     /// Checks each measured step and returns them: it has all of its samples; each was sent by the sensor, in this
     /// order, at consecutive points, with the machine at the position of the reading.
     pub fn all_is_true(&self) -> Vec<u32> {
-        let (readings, said) = (self.readings(), self.sender.said());
-        let Design { points, samples, .. } = self.design;
+        let (readings, said) = (self.readings(), self.sender.sent_samples());
+        let ScanDesign { points, samples, .. } = self.design;
         let same = |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
         let mut behind = 0;
         let mut steps = Vec::new();
@@ -131,7 +135,7 @@ impl LaserShop {
             for taken in scan.chunks(samples) {
                 let was_said = |at: &usize| {
                     let there = said[*at..].iter().zip(taken);
-                    said.len() >= at + samples && there.into_iter().all(|(said, taken)| is(said, taken))
+                    said.len() >= at + samples && there.into_iter().all(|(said, taken)| is_sample_of(said, taken))
                 };
                 let found = (behind..said.len()).find(was_said);
                 let made_up = || panic!("not said: {:?} and what follows", taken[0]);
@@ -143,7 +147,7 @@ impl LaserShop {
 }
 
 /// `text` with another control and another sensor.
-pub fn file(text: &str, control: &str, sensor: &str) -> String {
+pub fn machine_file(text: &str, control: &str, sensor: &str) -> String {
     let changes = [
         ("kind = \"simulated\"\nwire = \"memory\"\n", format!("kind = \"grbl\"\n{control}\n")),
         ("[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n", sensor.to_owned()),
@@ -154,34 +158,35 @@ pub fn file(text: &str, control: &str, sensor: &str) -> String {
     })
 }
 
-fn read(csv: &Path) -> Vec<Reading> {
+fn read_csv(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read_readings(&std::fs::read(csv).unwrap()).unwrap()
 }
 
 /// The control displays positions to a micrometre and a thousandth of a degree; the commanded position is known to
 /// a tenth of that.
-fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
+fn is_sample_of((value_mm, position): &sender::SentSample, reading: &Reading) -> bool {
     let stands = |axis| (position.get_or_zero(axis) - reading.position.get_or_zero(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
         && Axis::ALL.into_iter().filter(|axis| position.get(*axis).is_some()).all(stands)
 }
 
-pub fn estimate(output: &Output) -> Estimate {
+pub fn estimate_of_output(output: &Output) -> Estimate {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
 /// Errors of the built-in machine (paper 2, Table 5), um and urad.
-pub const TRUTH: [(&str, f64); 5] = [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
+pub const TRUE_PARAMETERS: [(&str, f64); 5] =
+    [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
 pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
     let found = estimate.parameters.iter().find(|parameter| parameter.symbol == symbol);
     found.unwrap_or_else(|| panic!("no {symbol}"))
 }
 
-/// Asserts that each deviation from [`TRUTH`] is below this number of standard uncertainties.
+/// Asserts that each deviation from [`TRUE_PARAMETERS`] is below this number of standard uncertainties.
 pub fn assert_near_truth(estimate: &Estimate, limit_u: f64) {
-    for (symbol, truth) in TRUTH {
+    for (symbol, truth) in TRUE_PARAMETERS {
         let Parameter { value, u, .. } = parameter(estimate, symbol);
         assert!((value - truth).abs() < limit_u * u, "{symbol}: {value}, u {u}");
     }

@@ -13,7 +13,7 @@ use simulator::{SensorOutput, SimulatedWorld};
 use trued::setup::Pace;
 use trued::store::{Journal, RunId};
 
-use super::laser_shop::file;
+use super::laser_shop::machine_file;
 use crate::support::grbl_control::GrblControl;
 use crate::support::person;
 
@@ -21,7 +21,7 @@ const PYTHON: &str = "python3";
 
 /// The script's frames: 10 nm, counter modulo 65536. Under full load the kernel may deliver bytes of a
 /// pseudo-terminal late: this is not a silence of the sensor.
-const FRAMES: &str = r#"
+const BYTE_FRAME_KEYS: &str = r#"
 timeout_s = 10.0
 [sensor.serial.frame]
 sync = [0x7E, 0x81]
@@ -34,23 +34,23 @@ value = { byte = 2, width = 24, order = "big", signed = true, scale_mm = 1e-5, c
 
 const COUNTS_PER_MM: f64 = 1e5;
 /// Settings of a run of more than a minute.
-const SETTINGS: &str = "
+const SCAN_SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [-60.0, 60.0]
 turn_deg = [120.0, 240.0]
 monte_carlo_trials = 100
 ";
-const LEAST: Duration = Duration::from_secs(60);
+const MIN_DURATION: Duration = Duration::from_secs(60);
 
 /// Threads that run until dropped.
-struct Beside(Arc<AtomicBool>);
+struct BackgroundLoad(Arc<AtomicBool>);
 
-impl Beside {
-    fn begin() -> Self {
+impl BackgroundLoad {
+    fn start() -> Self {
         Self(Arc::new(AtomicBool::new(true)))
     }
 
-    fn each(&self, mut act: impl FnMut() + Send + 'static) {
+    fn repeat_in_thread(&self, mut act: impl FnMut() + Send + 'static) {
         let on = self.0.clone();
         std::thread::spawn(move || {
             while on.load(Ordering::Relaxed) {
@@ -60,21 +60,21 @@ impl Beside {
     }
 }
 
-impl Drop for Beside {
+impl Drop for BackgroundLoad {
     fn drop(&mut self) {
         self.0.store(false, Ordering::Relaxed);
     }
 }
 
 /// The script, in a separate process.
-struct Script {
+struct SensorScript {
     child: Child,
     stdin: Arc<Mutex<ChildStdin>>,
     stdout: BufReader<ChildStdout>,
     path: String,
 }
 
-impl Script {
+impl SensorScript {
     fn start() -> Self {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/sensor/sender.py");
         let mut command = Command::new(PYTHON);
@@ -88,11 +88,11 @@ impl Script {
     }
 
     /// Sends the current distance to the script every millisecond.
-    fn sees(&self, world: Arc<Mutex<SimulatedWorld>>, beside: &Beside) {
+    fn serve_world(&self, world: Arc<Mutex<SimulatedWorld>>, beside: &BackgroundLoad) {
         let stdin = self.stdin.clone();
         writeln!(stdin.lock().unwrap(), "follow").unwrap();
         let mut last = Instant::now();
-        beside.each(move || {
+        beside.repeat_in_thread(move || {
             std::thread::sleep(Duration::from_millis(1));
             let passed = last.elapsed();
             last = Instant::now();
@@ -105,7 +105,7 @@ impl Script {
     }
 
     /// Number of samples that the script has sent so far.
-    fn count(&mut self) -> u64 {
+    fn sent_count(&mut self) -> u64 {
         writeln!(self.stdin.lock().unwrap(), "count").unwrap();
         let mut line = String::new();
         self.stdout.read_line(&mut line).unwrap();
@@ -113,7 +113,7 @@ impl Script {
     }
 }
 
-impl Drop for Script {
+impl Drop for SensorScript {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -122,28 +122,28 @@ impl Drop for Script {
 
 /// Sample counts in the program's output at the end of a run.
 #[derive(Debug)]
-struct Told {
-    came: u64,
+struct ReceptionCounts {
+    received: u64,
     missing: u64,
     silences: u64,
-    passed_over: u64,
+    skipped: u64,
 }
 
-impl Told {
-    fn of(line: &str) -> Option<Self> {
+impl ReceptionCounts {
+    fn parse(line: &str) -> Option<Self> {
         let numbers = line.trim().strip_prefix("laser: ")?.split(", ");
         let numbers = numbers.map(|part| part.split(' ').next()?.parse().ok());
         let numbers: Vec<u64> = numbers.collect::<Option<_>>()?;
         let [came, missing, silences, passed_over] = numbers[..] else { return None };
-        Some(Self { came, missing, silences, passed_over })
+        Some(Self { received: came, missing, silences, skipped: passed_over })
     }
 }
 
 /// Loads every core.
-fn load(beside: &Beside) {
+fn start_load(beside: &BackgroundLoad) {
     for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
         let mut number = seed as u64;
-        beside.each(move || {
+        beside.repeat_in_thread(move || {
             for _ in 0..10_000 {
                 number = number.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             }
@@ -153,33 +153,33 @@ fn load(beside: &Beside) {
 }
 
 /// Number of samples that may be in transit when the script's count is requested.
-const ON_THE_WAY: u64 = 5000;
+const MAX_UNREAD_SAMPLES: u64 = 5000;
 
 pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let is_there = Command::new(PYTHON).arg("--version").output().is_ok();
     assert!(is_there, "{PYTHON} is not here");
-    let text = include_str!("../../../config/laser.toml").to_owned() + SETTINGS;
-    let bench = GrblControl::at(&text, Pace::Real);
-    let (beside, mut script) = (Beside::begin(), Script::start());
-    script.sees(bench.world.clone(), &beside);
-    load(&beside);
+    let text = include_str!("../../../config/laser.toml").to_owned() + SCAN_SETTINGS;
+    let bench = GrblControl::start_at_pace(&text, Pace::Real);
+    let (beside, mut script) = (BackgroundLoad::start(), SensorScript::start());
+    script.serve_world(bench.world.clone(), &beside);
+    start_load(&beside);
 
     let control = format!("tcp = \"{}\"", bench.address);
-    let sensor = format!("[sensor.serial]\nserial = \"{}\"\n{FRAMES}", script.path);
+    let sensor = format!("[sensor.serial]\nserial = \"{}\"\n{BYTE_FRAME_KEYS}", script.path);
     let folder = tempfile::tempdir().unwrap();
     let machine = folder.path().join("machine.toml");
-    std::fs::write(&machine, file(&text, &control, &sensor)).unwrap();
+    std::fs::write(&machine, machine_file(&text, &control, &sensor)).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["run", "laser-r-test", "--json", "--machine"]).arg(machine);
-    person::confirms(command.arg("--state").arg(folder.path()));
+    person::confirm_prompts(command.arg("--state").arg(folder.path()));
     let begun = Instant::now();
     let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let (mut said, mut told, mut sent) = (String::new(), None, Vec::new());
     for line in BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap) {
         // The sensor is ready; later, the measurement is complete.
-        if line.contains("laser: serial sensor") || told.is_none() && Told::of(&line).is_some() {
-            sent.push(script.count());
-            told = told.or(Told::of(&line));
+        if line.contains("laser: serial sensor") || told.is_none() && ReceptionCounts::parse(&line).is_some() {
+            sent.push(script.sent_count());
+            told = told.or(ReceptionCounts::parse(&line));
         }
         said += &(line + "\n");
     }
@@ -192,14 +192,14 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let readings = Journal::open(folder.path()).unwrap().load_run(RunId(1)).unwrap().readings;
     let flagged = readings.iter().filter(|reading| reading.flag != ReadingFlag::None).count();
     println!("{seconds:.1?}: sent up to then {sent:?}; {told:?}; {} kept, {flagged} flagged", readings.len());
-    assert!(seconds > LEAST, "{seconds:?}");
+    assert!(seconds > MIN_DURATION, "{seconds:?}");
     assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);
     // The program reads the sensor while the machine moves or takes samples, which is most of the time. It does not
     // while a stage is proven; at nice 10 under this load the duration of that is not tested. Both counts together
     // are all samples that were sent.
-    assert!(told.came > told.passed_over, "{told:?}");
+    assert!(told.received > told.skipped, "{told:?}");
     let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
-    let accounted = told.came + told.passed_over;
-    assert!(accounted.abs_diff(measured - ready) < ON_THE_WAY, "{accounted} {sent:?}");
+    let accounted = told.received + told.skipped;
+    assert!(accounted.abs_diff(measured - ready) < MAX_UNREAD_SAMPLES, "{accounted} {sent:?}");
 }

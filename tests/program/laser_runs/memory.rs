@@ -8,26 +8,26 @@ use std::time::{Duration, Instant};
 use trued::store::{Journal, RunId};
 
 /// Enough samples at each point of each scan that the run is longer than half an hour of machine time.
-const SETTINGS: &str = "
+const LONG_SCAN_SETTINGS: &str = "
 [method.laser-r-test]
 samples = 1300
 monte_carlo_trials = 100
 ";
-const LEAST_S: f64 = 1800.0;
+const MIN_DURATION_S: f64 = 1800.0;
 /// Maximum memory for a stored reading: its position, sensor and time. More would be a leak.
-const MOST_BYTES: f64 = 450.0;
+const MAX_BYTES_PER_SAMPLE: f64 = 450.0;
 
 /// `VmRSS` or `VmHWM`, kB.
-fn kb(process: u32, key: &str) -> Option<u64> {
+fn process_memory_kb(process: u32, key: &str) -> Option<u64> {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = status.lines().find(|line| line.starts_with(key))?;
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
-pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
+pub fn half_hour_run_keeps_only_its_readings() {
     let folder = tempfile::tempdir().unwrap();
     let machine = folder.path().join("laser.toml");
-    let text = include_str!("../../../config/laser.toml").to_owned() + SETTINGS;
+    let text = include_str!("../../../config/laser.toml").to_owned() + LONG_SCAN_SETTINGS;
     std::fs::write(&machine, text).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["run", "laser-r-test", "--json", "--machine"]).arg(machine);
@@ -39,14 +39,14 @@ pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
     std::thread::spawn(move || {
         for line in BufReader::new(stderr).lines().map_while(Result::ok) {
             if line.contains("computing the estimate from") {
-                let _ = tell.send(kb(process, "VmRSS").unwrap());
+                let _ = tell.send(process_memory_kb(process, "VmRSS").unwrap());
             }
         }
     });
     let begun = Instant::now();
     let mut seen = Vec::new();
     let (measured, took) = loop {
-        seen.extend(kb(process, "VmRSS").map(|kb| (begun.elapsed(), kb)));
+        seen.extend(process_memory_kb(process, "VmRSS").map(|kb| (begun.elapsed(), kb)));
         if let Ok(kb) = identifying.recv_timeout(Duration::from_millis(20)) {
             break (kb, begun.elapsed());
         }
@@ -54,7 +54,7 @@ pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
     };
     let mut most = 0;
     while run.try_wait().unwrap().is_none() {
-        most = kb(process, "VmHWM").unwrap_or(most).max(most);
+        most = process_memory_kb(process, "VmHWM").unwrap_or(most).max(most);
         std::thread::sleep(Duration::from_millis(5));
     }
 
@@ -68,6 +68,6 @@ pub fn a_run_of_half_an_hour_keeps_its_readings_and_nothing_else() {
          tenth, {measured} kB at the end, {bytes:.0} bytes a reading; at most {most} kB with the identification",
         readings.len()
     );
-    assert!(lasted_s > LEAST_S, "{lasted_s}");
-    assert!(bytes < MOST_BYTES, "{bytes}");
+    assert!(lasted_s > MIN_DURATION_S, "{lasted_s}");
+    assert!(bytes < MAX_BYTES_PER_SAMPLE, "{bytes}");
 }

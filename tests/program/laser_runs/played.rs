@@ -16,26 +16,26 @@ use machine::{Axis, Position};
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
-pub const MIDDLE_MM: f64 = 80.0;
+pub const SCAN_MIDDLE_MM: f64 = 80.0;
 /// Z of the scans, and Z above which the surface is out of the sensor's range.
 pub const SCAN_Z_MM: f64 = 220.0;
 pub const RANGE_ENDS_Z_MM: f64 = 230.0;
-pub const PERIOD_S: f64 = 1e-3;
+pub const SAMPLE_PERIOD_S: f64 = 1e-3;
 /// Number of stamps that a control loses; time offset of a different clock.
-const LOST: usize = 50;
-const ELSEWHEN_S: f64 = 1e6;
+const LOST_SAMPLE_COUNT: usize = 50;
+const OTHER_CLOCK_OFFSET_S: f64 = 1e6;
 
 /// Event during a pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Event {
+pub enum ScriptedEvent {
     /// The sensor reports only this flag from now on.
-    Says(ReadingFlag),
+    Flag(ReadingFlag),
     /// This number of samples is lost, and the sensor's counter shows it.
-    Loses(u32),
+    LostSamples(u32),
     /// The counter skips this number although no sample is missing.
-    CountsAnew(u32),
-    SensorGone,
-    ControlGone,
+    CounterRestart(u32),
+    SensorLinkLost,
+    ControlLinkLost,
     /// The operator requests a hold.
     Hold,
     /// Faults of the control's stamps: none at all; none from here on; none before; some missing; a different clock
@@ -47,92 +47,94 @@ pub enum Event {
     StampsJump,
     OtherClock,
     /// The sensor sends nothing without a request.
-    Mute,
+    SilentSensor,
     /// The sensor is this much lower than stated, mm, from the beginning.
-    SitsLower(f64),
+    SphereLower(f64),
 }
 
 /// Step of a scan in motion, index of the sample, and the event at it.
-pub type Plot = Option<(u32, usize, Event)>;
+pub type EventSchedule = Option<(u32, usize, ScriptedEvent)>;
 
 #[derive(Default)]
-pub struct Scene {
+pub struct SimulatedScene {
     t_s: f64,
-    pub stands: Position,
+    pub position: Position,
     moving: bool,
     /// Whether the sensor has a sample to send.
-    due: bool,
-    plot: Plot,
+    is_sample_due: bool,
+    plot: EventSchedule,
     /// Set when the event occurs.
-    happens: Option<Event>,
+    current_event: Option<ScriptedEvent>,
     skipped: u32,
     /// Steps of the blocks that were begun, and the machine position when the event occurred.
-    pub begun: Vec<u32>,
-    pub stood: Option<Position>,
+    pub started_steps: Vec<u32>,
+    pub last_position: Option<Position>,
     /// All values that the sensor has sent.
-    pub said: Vec<f64>,
+    pub reported_values: Vec<f64>,
 }
 
-pub type Shared = Arc<Mutex<Scene>>;
+pub type SharedScene = Arc<Mutex<SimulatedScene>>;
 
-pub fn shared(stands: Position) -> Shared {
-    Arc::new(Mutex::new(Scene { stands, ..Scene::default() }))
+pub fn new_shared_scene(stands: Position) -> SharedScene {
+    Arc::new(Mutex::new(SimulatedScene { position: stands, ..SimulatedScene::default() }))
 }
 
-impl Scene {
+impl SimulatedScene {
     /// Current output of the sensor; none while the machine moves and has not advanced.
     fn sample(&mut self) -> Option<Result<Sample, SensorError>> {
-        if self.moving && !std::mem::take(&mut self.due) {
+        if self.moving && !std::mem::take(&mut self.is_sample_due) {
             return None;
         }
-        self.t_s += if self.moving { 0.0 } else { PERIOD_S };
-        let value = self.stands.get_or_zero(Axis::X) - MIDDLE_MM;
+        self.t_s += if self.moving { 0.0 } else { SAMPLE_PERIOD_S };
+        let value = self.position.get_or_zero(Axis::X) - SCAN_MIDDLE_MM;
         let (mut flag, mut missing) = (ReadingFlag::None, 0);
-        match self.happens {
-            Some(Event::SensorGone) => return Some(Err(lost("the sensor").into())),
-            Some(Event::Says(bad)) => flag = bad,
-            Some(Event::CountsAnew(count)) => {
-                (flag, missing, self.happens) = (ReadingFlag::Gap, count, None);
+        match self.current_event {
+            Some(ScriptedEvent::SensorLinkLost) => return Some(Err(link_lost("the sensor").into())),
+            Some(ScriptedEvent::Flag(bad)) => flag = bad,
+            Some(ScriptedEvent::CounterRestart(count)) => {
+                (flag, missing, self.current_event) = (ReadingFlag::Gap, count, None);
             }
-            Some(Event::Loses(count)) if self.skipped < count => {
+            Some(ScriptedEvent::LostSamples(count)) if self.skipped < count => {
                 self.skipped += 1;
                 // No sample comes; the machine continues to move.
                 return None;
             }
-            Some(Event::Loses(count)) => (flag, missing, self.happens) = (ReadingFlag::Gap, count, None),
+            Some(ScriptedEvent::LostSamples(count)) => {
+                (flag, missing, self.current_event) = (ReadingFlag::Gap, count, None)
+            }
             _ => {}
         }
         let lower = match self.plot {
-            Some((_, _, Event::SitsLower(by))) => by,
+            Some((_, _, ScriptedEvent::SphereLower(by))) => by,
             _ => 0.0,
         };
-        if self.stands.get_or_zero(Axis::Z) > RANGE_ENDS_Z_MM + lower {
+        if self.position.get_or_zero(Axis::Z) > RANGE_ENDS_Z_MM + lower {
             flag = ReadingFlag::Range;
         }
         let value_mm = matches!(flag, ReadingFlag::None | ReadingFlag::Gap).then_some(value);
-        self.said.extend(value_mm);
+        self.reported_values.extend(value_mm);
         Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing, encoder_count: None }))
     }
 
     /// Advances the control and the machine by one period.
-    fn goes_on(&mut self, to: Position, (step, number): (u32, usize)) {
-        self.t_s += PERIOD_S;
-        (self.stands, self.moving, self.due) = (to, true, true);
+    fn advance(&mut self, to: Position, (step, number): (u32, usize)) {
+        self.t_s += SAMPLE_PERIOD_S;
+        (self.position, self.moving, self.is_sample_due) = (to, true, true);
         if let Some((_, _, event)) = self.plot.filter(|plot| (plot.0, plot.1) == (step, number)) {
-            self.happens = Some(event);
-            self.stood = Some(self.stands.clone());
+            self.current_event = Some(event);
+            self.last_position = Some(self.position.clone());
         }
     }
 }
 
-fn lost(who: &str) -> LinkError {
+fn link_lost(who: &str) -> LinkError {
     LinkError::Lost { address: who.to_owned(), why: "it is gone".to_owned() }
 }
 
 /// The clock of both.
-pub struct Hands(pub Shared);
+pub struct SceneController(pub SharedScene);
 
-impl Clock for Hands {
+impl Clock for SceneController {
     fn now_s(&self) -> f64 {
         self.0.lock().unwrap().t_s
     }
@@ -140,15 +142,15 @@ impl Clock for Hands {
 
 /// The sensor of a machine file.
 #[derive(Clone)]
-pub struct Eye(pub Shared);
+pub struct SceneSensor(pub SharedScene);
 
-impl std::fmt::Debug for Eye {
+impl std::fmt::Debug for SceneSensor {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Eye")
     }
 }
 
-impl sensors::SensorConfig for Eye {
+impl sensors::SensorConfig for SceneSensor {
     fn describe_address(&self) -> String {
         "this test".to_owned()
     }
@@ -164,9 +166,9 @@ impl sensors::SensorConfig for Eye {
     }
 }
 
-impl sensors::SensorDriver for Eye {
+impl sensors::SensorDriver for SceneSensor {
     async fn prepare(&mut self) -> Result<sensors::SensorInfo, SensorError> {
-        Ok(sensors::SensorInfo { identity: "played".to_owned(), rate_hz: 1.0 / PERIOD_S })
+        Ok(sensors::SensorInfo { identity: "played".to_owned(), rate_hz: 1.0 / SAMPLE_PERIOD_S })
     }
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
@@ -184,29 +186,29 @@ impl sensors::SensorDriver for Eye {
     }
 
     fn is_on_demand(&self) -> bool {
-        matches!(self.0.lock().unwrap().plot, Some((_, _, Event::Mute)))
+        matches!(self.0.lock().unwrap().plot, Some((_, _, ScriptedEvent::SilentSensor)))
     }
 }
 
-struct Control {
-    scene: Shared,
+struct SceneControl {
+    scene: SharedScene,
     halt: Halt,
 }
 
 /// Opens the control of `scene` with the event `plot`.
-pub fn control(scene: &Shared, plot: Plot) -> Controller {
+pub fn scene_controller(scene: &SharedScene, plot: EventSchedule) -> Controller {
     {
         let mut scene = scene.lock().unwrap();
-        (scene.plot, scene.happens, scene.skipped, scene.moving) = (plot, None, 0, false);
-        scene.stood = None;
-        scene.begun.clear();
+        (scene.plot, scene.current_event, scene.skipped, scene.moving) = (plot, None, 0, false);
+        scene.last_position = None;
+        scene.started_steps.clear();
     }
     let halt = Halt::new(|| {});
-    Controller::spawn(Control { scene: scene.clone(), halt: halt.clone() }, halt)
+    Controller::spawn(SceneControl { scene: scene.clone(), halt: halt.clone() }, halt)
 }
 
 /// Target of a motion, and its speed in mm/s.
-fn lead(motion: &Motion) -> Option<(&Position, f64)> {
+fn motion_target_and_speed(motion: &Motion) -> Option<(&Position, f64)> {
     match motion {
         Motion::Rapid { to } => Some((to, 1000.0)),
         Motion::Feed { to, feed_mm_min } => Some((to, feed_mm_min / 60.0)),
@@ -215,30 +217,30 @@ fn lead(motion: &Motion) -> Option<(&Position, f64)> {
 }
 
 /// All positions from one to the other, one period apart.
-fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
+fn interpolated_positions(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
     let to = from.updated_by(to);
     let far = from.iter().map(|(axis, at)| (to.get_or_zero(axis) - at).abs()).fold(0.0, f64::max);
-    let count = (far / (speed * PERIOD_S)).ceil().max(1.0) as usize;
+    let count = (far / (speed * SAMPLE_PERIOD_S)).ceil().max(1.0) as usize;
     let place =
         |part: f64| from.iter().map(|(axis, at)| (axis, at + part * (to.get_or_zero(axis) - at))).collect::<Position>();
     (1..=count).map(|k| place(k as f64 / count as f64)).collect()
 }
 
-impl Control {
+impl SceneControl {
     /// Waits until the sensor has sent a sample at the position; a sensor that is not monitored sends none.
-    async fn told(&self) -> Result<(), ControllerError> {
+    async fn check_control_event(&self) -> Result<(), ControllerError> {
         loop {
             {
                 let scene = self.scene.lock().unwrap();
-                match scene.happens {
-                    Some(Event::Hold) => self.halt.trigger(),
-                    Some(Event::ControlGone) => return Err(lost("the control").into()),
+                match scene.current_event {
+                    Some(ScriptedEvent::Hold) => self.halt.trigger(),
+                    Some(ScriptedEvent::ControlLinkLost) => return Err(link_lost("the control").into()),
                     _ => {}
                 }
                 if self.halt.is_halted() {
                     return Err(ControllerError::Halted);
                 }
-                if !scene.due || matches!(scene.plot, Some((_, _, Event::Mute))) {
+                if !scene.is_sample_due || matches!(scene.plot, Some((_, _, ScriptedEvent::SilentSensor))) {
                     return Ok(());
                 }
             }
@@ -246,56 +248,56 @@ impl Control {
         }
     }
 
-    fn stamp(&self, track: &mut AxisTrack, lost: &mut usize) {
+    fn stamp_track(&self, track: &mut AxisTrack, lost: &mut usize) {
         let scene = self.scene.lock().unwrap();
         let mut t_s = scene.t_s;
-        match scene.happens {
-            Some(Event::TrackEnds) => return,
-            Some(Event::TrackGap) if *lost < LOST => {
+        match scene.current_event {
+            Some(ScriptedEvent::TrackEnds) => return,
+            Some(ScriptedEvent::TrackGap) if *lost < LOST_SAMPLE_COUNT => {
                 *lost += 1;
                 return track.record_gap();
             }
-            Some(Event::TrackBegins) if *lost == 0 => {
-                *lost = LOST;
-                *track = AxisTrack::new(scene.stands.iter().map(|(axis, _)| axis).collect());
+            Some(ScriptedEvent::TrackBegins) if *lost == 0 => {
+                *lost = LOST_SAMPLE_COUNT;
+                *track = AxisTrack::new(scene.position.iter().map(|(axis, _)| axis).collect());
             }
-            Some(Event::StampsJump) => t_s -= ELSEWHEN_S,
+            Some(ScriptedEvent::StampsJump) => t_s -= OTHER_CLOCK_OFFSET_S,
             _ => {}
         }
-        if matches!(scene.plot, Some((_, _, Event::OtherClock))) {
-            t_s += ELSEWHEN_S;
+        if matches!(scene.plot, Some((_, _, ScriptedEvent::OtherClock))) {
+            t_s += OTHER_CLOCK_OFFSET_S;
         }
-        track.push(t_s, scene.stands.iter().map(|(_, at)| at));
+        track.push(t_s, scene.position.iter().map(|(_, at)| at));
     }
 
-    async fn go(&self, block: &ProvenBlock) -> Result<AxisTrack, ControllerError> {
+    async fn execute_block(&self, block: &ProvenBlock) -> Result<AxisTrack, ControllerError> {
         let level = |motion: &Motion| matches!(motion, Motion::Feed { to, .. } if to.get(Axis::Z).is_none());
         let sweeps = block.motions().count() > 1 && block.motions().all(level);
         let mut from = {
             let mut scene = self.scene.lock().unwrap();
             // Samples at rest are complete.
-            scene.t_s += PERIOD_S;
-            scene.stands.clone()
+            scene.t_s += SAMPLE_PERIOD_S;
+            scene.position.clone()
         };
         let mut track = AxisTrack::new(from.iter().map(|(axis, _)| axis).collect());
         let (mut lost, mut number) = (0, 0);
-        self.stamp(&mut track, &mut lost);
-        for (to, speed) in block.motions().filter_map(lead) {
-            for place in way(&from, to, speed) {
+        self.stamp_track(&mut track, &mut lost);
+        for (to, speed) in block.motions().filter_map(motion_target_and_speed) {
+            for place in interpolated_positions(&from, to, speed) {
                 number += usize::from(sweeps);
-                self.scene.lock().unwrap().goes_on(place, (block.step(), number));
-                self.stamp(&mut track, &mut lost);
-                self.told().await?;
+                self.scene.lock().unwrap().advance(place, (block.step(), number));
+                self.stamp_track(&mut track, &mut lost);
+                self.check_control_event().await?;
             }
-            from = self.scene.lock().unwrap().stands.clone();
+            from = self.scene.lock().unwrap().position.clone();
         }
         Ok(track)
     }
 }
 
-impl controllers::Driver for Control {
+impl controllers::Driver for SceneControl {
     async fn prepare(&mut self) -> Result<controllers::PreparedControl, ControllerError> {
-        let stands = self.scene.lock().unwrap().stands.clone();
+        let stands = self.scene.lock().unwrap().position.clone();
         Ok(controllers::PreparedControl {
             identity: "played".to_owned(),
             stop_description: "at once".to_owned(),
@@ -306,19 +308,19 @@ impl controllers::Driver for Control {
     }
 
     async fn execute(&mut self, block: ProvenBlock) -> Result<BlockOutcome, ControllerError> {
-        self.scene.lock().unwrap().begun.push(block.step());
+        self.scene.lock().unwrap().started_steps.push(block.step());
         if self.halt.is_halted() {
             return Err(ControllerError::Halted);
         }
-        let gone = self.go(&block).await;
+        let gone = self.execute_block(&block).await;
         let mut scene = self.scene.lock().unwrap();
         scene.moving = false;
-        let none = matches!(scene.happens, Some(Event::NoTrack));
+        let none = matches!(scene.current_event, Some(ScriptedEvent::NoTrack));
         Ok(BlockOutcome { track: Some(gone?).filter(|_| !none), ..BlockOutcome::default() })
     }
 
     async fn read_snapshot(&mut self) -> Result<MachineSnapshot, ControllerError> {
-        let stands = self.scene.lock().unwrap().stands.clone();
+        let stands = self.scene.lock().unwrap().position.clone();
         Ok(MachineSnapshot { is_probe_closed: false, position: stands })
     }
 

@@ -15,22 +15,22 @@ use crate::support::machine_shop::stderr;
 use crate::support::plan_player;
 
 const METHOD: &str = "laser-r-test";
-const LASER: &str = include_str!("../../../config/laser.toml");
-const SIMULATED: &str = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
+const LASER_MACHINE: &str = include_str!("../../../config/laser.toml");
+const SIMULATED_SENSOR_SECTION: &str = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
 
 /// The built-in machine, changed.
 #[track_caller]
-fn machine(changes: &[(&str, &str)], settings: &str) -> String {
+fn changed_machine(changes: &[(&str, &str)], settings: &str) -> String {
     let change = |text: String, (old, new): &(&str, &str)| {
         assert!(text.contains(old), "{old}");
         text.replacen(old, new, 1)
     };
-    let text = changes.iter().fold(LASER.to_owned(), change);
+    let text = changes.iter().fold(LASER_MACHINE.to_owned(), change);
     format!("{text}\n[method.laser-r-test]\nmonte_carlo_trials = 100\n{settings}\n")
 }
 
 /// Runs the program in an empty folder with this machine file.
-fn trued(folder: &Path, file: &str, arguments: &[&str]) -> Output {
+fn run_trued(folder: &Path, file: &str, arguments: &[&str]) -> Output {
     let machine = folder.join("laser.toml");
     std::fs::write(&machine, file).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
@@ -40,14 +40,14 @@ fn trued(folder: &Path, file: &str, arguments: &[&str]) -> Output {
 }
 
 #[track_caller]
-fn refused(file: &str, arguments: &[&str], told: &[&str]) {
+fn assert_refused(file: &str, arguments: &[&str], told: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
-    let output = trued(folder.path(), file, arguments);
-    names(&output, told);
+    let output = run_trued(folder.path(), file, arguments);
+    assert_error_has(&output, told);
 }
 
 #[track_caller]
-fn names(output: &Output, told: &[&str]) {
+fn assert_error_has(output: &Output, told: &[&str]) {
     let words = stderr(output);
     assert_eq!(output.status.code(), Some(1), "{words}");
     assert!(output.stdout.is_empty(), "a result in spite of everything");
@@ -57,9 +57,9 @@ fn names(output: &Output, told: &[&str]) {
 }
 
 /// `[sensor.can]` with this layout in place of its value and counter.
-fn frames(layout: &str) -> String {
+fn machine_with_frame_layout(layout: &str) -> String {
     let table = format!("[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n");
-    machine(&[(SIMULATED, &table)], "")
+    changed_machine(&[(SIMULATED_SENSOR_SECTION, &table)], "")
 }
 
 pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
@@ -84,12 +84,12 @@ pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
             [line, "`counter.width` is 160", "a number has 1 to 64 bits"],
         ),
     ] {
-        refused(&frames(&layout), &["run", METHOD], &told);
+        assert_refused(&machine_with_frame_layout(&layout), &["run", METHOD], &told);
     }
 }
 
 /// A sensor on a port that sends these bytes repeatedly.
-fn saying(bytes: Vec<u8>) -> String {
+fn sender_of_bytes(bytes: Vec<u8>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
     std::thread::spawn(move || {
@@ -103,57 +103,64 @@ fn saying(bytes: Vec<u8>) -> String {
         "[sensor.serial]\ntcp = \"{at}\"\n[sensor.serial.line]\nend = \"\\r\\n\"\nseparator = \",\"\n\
          columns = 3\nvalue = {{ column = 2, scale_mm = 1.0 }}\n"
     );
-    machine(&[(SIMULATED, &line)], "")
+    changed_machine(&[(SIMULATED_SENSOR_SECTION, &line)], "")
 }
 
-pub fn what_comes_at_a_wrong_bit_rate_and_text_for_numbers_are_told_before_anything_moves() {
+pub fn wrong_bit_rate_and_text_values_are_reported_before_motion() {
     let line = b"M0,+01.23450,0001\r\n".repeat(12);
     let noise = link::decode_at_baud(&line, 115_200, 9600);
     let speed = ["mostly noise instead of lines of text", "set the converter to the sensor's baud rate"];
-    refused(&saying(noise), &["run", METHOD], &speed);
+    assert_refused(&sender_of_bytes(noise), &["run", METHOD], &speed);
     let text = b"M0,STANDBY,0001\r\n".to_vec();
     let columns = ["the received lines do not match the layout: `M0,STANDBY", "a number in the column"];
-    refused(&saying(text), &["run", METHOD], &columns);
+    assert_refused(&sender_of_bytes(text), &["run", METHOD], &columns);
 }
 
 pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike() {
     for sampling in ["dwell", "continuous"] {
         let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
-        let two = machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
-        refused(&two, &["plan", METHOD], &["heights_mm has 2 different heights", "state three or more heights"]);
+        let two = changed_machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
+        assert_refused(&two, &["plan", METHOD], &["heights_mm has 2 different heights", "state three or more heights"]);
         // At some pose the sphere is beyond the travel of an axis.
-        let far = machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
-        refused(&far, &["plan", METHOD], &["at B -90°, C 0° the scan needs Z", "remove the position from tilt_deg"]);
+        let far = changed_machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
+        assert_refused(
+            &far,
+            &["plan", METHOD],
+            &["at B -90°, C 0° the scan needs Z", "remove the position from tilt_deg"],
+        );
     }
     // Known only after the sphere was measured.
-    let high = machine(&[], "heights_mm = [-5.0, 0.0, 9.5]");
+    let high = changed_machine(&[], "heights_mm = [-5.0, 0.0, 9.5]");
     let told = ["may be out of the sensor's range", "choose heights_mm nearer to the middle"];
-    refused(&high, &["run", METHOD], &told);
+    assert_refused(&high, &["run", METHOD], &told);
 }
 
 /// Readings of a run on the simulated machine with `sampling`.
-fn measured(sampling: &str) -> (String, Plan, Vec<Reading>) {
+fn measure_laser(sampling: &str) -> (String, Plan, Vec<Reading>) {
     let settings =
         format!("tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0");
-    let text = machine(&[], &settings);
+    let text = changed_machine(&[], &settings);
     let file = MachineFile::parse("laser.toml", text.clone()).unwrap();
     let (method, header) = setup::plan_header(&file, METHOD, None).unwrap();
     let mut world = setup::build_world(&file).unwrap();
-    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let (plan, readings) = plan_player::measure_all_stages(&mut world, method.as_ref(), header);
     (text, plan, readings)
 }
 
-fn identify((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
+fn identify_readings((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let (plan_at, csv) = (at("plan.json"), at("readings.csv"));
     std::fs::write(&plan_at, serde_json::to_string(plan).unwrap()).unwrap();
     readings_csv::write_readings(readings, &[], std::fs::File::create(&csv).unwrap()).unwrap();
-    trued(folder.path(), text, &["identify", METHOD, "--plan", &plan_at, "--readings", &csv])
+    run_trued(folder.path(), text, &["identify", METHOD, "--plan", &plan_at, "--readings", &csv])
 }
 
 /// Flags the samples for which `lost` is true as out of range.
-fn without((plan, readings): (&Plan, &[Reading]), lost: impl Fn(&Step, &[Reading], &Reading) -> bool) -> Vec<Reading> {
+fn without_readings(
+    (plan, readings): (&Plan, &[Reading]),
+    lost: impl Fn(&Step, &[Reading], &Reading) -> bool,
+) -> Vec<Reading> {
     let same = |one: &Reading, other: &Reading| one.step == other.step;
     let scans = readings.chunk_by(same);
     let mut spoilt = Vec::new();
@@ -177,22 +184,22 @@ fn off_the_first_line(scan: &[Reading], reading: &Reading) -> bool {
     (reading.position.get_or_zero(Axis::Y) - all[all.len() / 2]).abs() > 0.05
 }
 
-pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alike() {
+pub fn insufficient_readings_are_refused_for_dwell_and_continuous_scans() {
     for sampling in ["dwell", "continuous"] {
-        let (text, plan, readings) = measured(sampling);
-        let whole = identify((&text, &plan, &readings));
+        let (text, plan, readings) = measure_laser(sampling);
+        let whole = identify_readings((&text, &plan, &readings));
         assert_eq!(whole.status.code(), Some(0), "{sampling}: {}", stderr(&whole));
 
-        let one = without((&plan, &readings), |step, _, _| {
+        let one = without_readings((&plan, &readings), |step, _, _| {
             step.label.starts_with("height/1") || step.label.starts_with("height/2")
         });
         let told = ["needs scans at three heights, the readings have 1", "three heights_mm that are well apart"];
-        names(&identify((&text, &plan, &one)), &told);
+        assert_error_has(&identify_readings((&text, &plan, &one)), &told);
 
         // The scans for the latency are unchanged.
-        let flat = without((&plan, &readings), |step, scan, reading| {
+        let flat = without_readings((&plan, &readings), |step, scan, reading| {
             !step.label.starts_with("latency") && off_the_first_line(scan, reading)
         });
-        names(&identify((&text, &plan, &flat)), &["great circle", "two lines that cross"]);
+        assert_error_has(&identify_readings((&text, &plan, &flat)), &["great circle", "two lines that cross"]);
     }
 }

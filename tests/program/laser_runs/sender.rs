@@ -11,7 +11,7 @@ use machine::Position;
 use simulator::{SensorOutput, SimulatedWorld};
 
 /// `[sensor.serial]` for this sensor.
-pub fn table(address: SocketAddr) -> String {
+pub fn sensor_section(address: SocketAddr) -> String {
     format!(
         r#"
 [sensor.serial]
@@ -30,99 +30,105 @@ counter = {{ column = 3, round = 10000 }}
 
 /// State of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    Well,
+pub enum SenderState {
+    Measuring,
     /// The surface is beyond its range, and the sensor reports the distance.
-    Beyond,
+    OutOfRange,
     Saturated,
     Silent,
     /// It stops sending after this number of samples at the next position.
-    Resting(u32),
+    SilentAtRest(u32),
     /// It has closed the connection and accepts no other.
-    Gone,
+    Disconnected,
 }
 
 /// A distance that was sent, and the machine position at that time.
-pub type Said = (f64, Position);
+pub type SentSample = (f64, Position);
 
-pub struct Sender {
+pub struct SensorSender {
     pub address: SocketAddr,
-    state: Arc<Mutex<State>>,
+    state: Arc<Mutex<SenderState>>,
     /// State that the sensor takes when the machine next moves.
-    later: Arc<Mutex<Option<State>>>,
-    said: Arc<Mutex<Vec<Said>>>,
+    next_state: Arc<Mutex<Option<SenderState>>>,
+    sent_samples: Arc<Mutex<Vec<SentSample>>>,
 }
 
-const PERIOD: Duration = Duration::from_millis(1);
+const SAMPLE_PERIOD: Duration = Duration::from_millis(1);
 
-impl Sender {
+impl SensorSender {
     pub fn start(world: Arc<Mutex<SimulatedWorld>>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
-        let state = Arc::new(Mutex::new(State::Well));
+        let state = Arc::new(Mutex::new(SenderState::Measuring));
         let (later, said) = (Arc::default(), Arc::default());
-        let here = Here { stands: Position::new(), samples: 0, next: false };
-        let sensor =
-            Sensor { world, count: 0, here, state: state.clone(), later: Arc::clone(&later), said: Arc::clone(&said) };
+        let here = RestTracker { position: Position::new(), samples: 0, is_at_rest: false };
+        let sensor = SenderThread {
+            world,
+            count: 0,
+            rest_tracker: here,
+            state: state.clone(),
+            next_state: Arc::clone(&later),
+            sent_samples: Arc::clone(&said),
+        };
         std::thread::spawn(move || sensor.serve(&listener));
-        Self { address, state, later, said }
+        Self { address, state, next_state: later, sent_samples: said }
     }
 
-    pub fn is(&self, state: State) -> bool {
+    pub fn has_state(&self, state: SenderState) -> bool {
         *self.state.lock().unwrap() == state
     }
 
-    pub fn becomes(&self, state: State) {
+    pub fn set_state(&self, state: SenderState) {
         *self.state.lock().unwrap() = state;
     }
 
     /// Sets the state that applies as soon as the machine moves.
-    pub fn becomes_on_the_way(&self, state: State) {
-        *self.later.lock().unwrap() = Some(state);
+    pub fn set_state_in_next_move(&self, state: SenderState) {
+        *self.next_state.lock().unwrap() = Some(state);
     }
 
     /// All distances so far, in order.
-    pub fn said(&self) -> Vec<Said> {
-        self.said.lock().unwrap().clone()
+    pub fn sent_samples(&self) -> Vec<SentSample> {
+        self.sent_samples.lock().unwrap().clone()
     }
 }
 
 /// Number of samples taken at the current position.
-struct Here {
-    stands: Position,
+struct RestTracker {
+    position: Position,
     samples: u32,
     /// The machine has arrived here after the command to fail.
-    next: bool,
+    is_at_rest: bool,
 }
 
-impl Here {
-    fn seen(&mut self, stands: Position, state: State) {
-        let moved = stands != self.stands;
+impl RestTracker {
+    fn update(&mut self, stands: Position, state: SenderState) {
+        let moved = stands != self.position;
         self.samples = if moved { 1 } else { self.samples + 1 };
-        self.next = matches!(state, State::Resting(_)) && (self.next || moved);
-        self.stands = stands;
+        self.is_at_rest = matches!(state, SenderState::SilentAtRest(_)) && (self.is_at_rest || moved);
+        self.position = stands;
     }
 }
 
-struct Sensor {
+struct SenderThread {
     world: Arc<Mutex<SimulatedWorld>>,
     count: u32,
-    here: Here,
-    state: Arc<Mutex<State>>,
-    later: Arc<Mutex<Option<State>>>,
-    said: Arc<Mutex<Vec<Said>>>,
+    rest_tracker: RestTracker,
+    state: Arc<Mutex<SenderState>>,
+    next_state: Arc<Mutex<Option<SenderState>>>,
+    sent_samples: Arc<Mutex<Vec<SentSample>>>,
 }
 
-impl Sensor {
-    fn state(&self) -> State {
+impl SenderThread {
+    fn current_state(&self) -> SenderState {
         *self.state.lock().unwrap()
     }
 
     fn serve(mut self, listener: &TcpListener) {
         loop {
             // A client that connects in this state waits.
-            while self.state() == State::Gone {
-                std::thread::sleep(PERIOD);
+            while self.current_state() == SenderState::Disconnected {
+                std::thread::sleep(SAMPLE_PERIOD);
             }
             let Ok((stream, _)) = listener.accept() else { return };
             // The client or the sensor has disconnected.
@@ -135,38 +141,39 @@ impl Sensor {
         let mut next = Instant::now();
         loop {
             std::thread::sleep(next.saturating_duration_since(Instant::now()));
-            next += PERIOD;
-            match self.state() {
-                State::Gone => return Ok(()),
-                State::Silent => {}
+            next += SAMPLE_PERIOD;
+            match self.current_state() {
+                SenderState::Disconnected => return Ok(()),
+                SenderState::Silent => {}
                 state => self.sample(&mut stream, state)?,
             }
         }
     }
 
     /// The machine does not move on before the line is sent.
-    fn sample(&mut self, stream: &mut TcpStream, state: State) -> io::Result<()> {
+    fn sample(&mut self, stream: &mut TcpStream, state: SenderState) -> io::Result<()> {
         let mut world = self.world.lock().unwrap();
-        let sensed = world.sample_after("laser", PERIOD.as_secs_f64()).expect("a sensor");
-        if self.here.stands != world.position()
-            && let Some(next) = self.later.lock().unwrap().take()
+        let sensed = world.sample_after("laser", SAMPLE_PERIOD.as_secs_f64()).expect("a sensor");
+        if self.rest_tracker.position != world.position()
+            && let Some(next) = self.next_state.lock().unwrap().take()
         {
             *self.state.lock().unwrap() = next;
             return Ok(());
         }
-        self.here.seen(world.position(), state);
-        if matches!(state, State::Resting(most) if self.here.next && self.here.samples > most) {
-            *self.state.lock().unwrap() = State::Silent;
+        self.rest_tracker.update(world.position(), state);
+        if matches!(state, SenderState::SilentAtRest(most) if self.rest_tracker.is_at_rest && self.rest_tracker.samples > most)
+        {
+            *self.state.lock().unwrap() = SenderState::Silent;
             return Ok(());
         }
         let value = match (state, sensed) {
-            (State::Beyond, _) => "+10.40000".to_owned(),
-            (State::Saturated, _) | (_, SensorOutput::Saturated) => "+FFFFFFF".to_owned(),
+            (SenderState::OutOfRange, _) => "+10.40000".to_owned(),
+            (SenderState::Saturated, _) | (_, SensorOutput::Saturated) => "+FFFFFFF".to_owned(),
             (_, SensorOutput::NoEcho | SensorOutput::OutOfRange(_)) => "-FFFFFFF".to_owned(),
             (_, SensorOutput::Distance(mm)) => {
                 let text = format!("{mm:+09.5}");
-                let said = (text.parse().unwrap(), self.here.stands.clone());
-                self.said.lock().unwrap().push(said);
+                let said = (text.parse().unwrap(), self.rest_tracker.position.clone());
+                self.sent_samples.lock().unwrap().push(said);
                 text
             }
         };

@@ -12,19 +12,19 @@ use trued::store::{Journal, NewRun};
 pub const MACHINE: &str = include_str!("../../../config/simulated.toml");
 const METHOD: &str = "self-calibration";
 
-pub struct Bench {
+pub struct ModbusBench {
     file: MachineFile,
 }
 
 /// A run that has ended.
-pub struct Measured {
+pub struct MeasuredRun {
     pub result: Result<(), RunError>,
     method: Box<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
 }
 
-impl Measured {
+impl MeasuredRun {
     pub fn readings(&self) -> &[Reading] {
         self.result.as_ref().unwrap();
         &self.readings
@@ -41,7 +41,7 @@ impl Measured {
 }
 
 /// The built-in machine behind another control.
-pub fn machine(controller: &str) -> String {
+pub fn machine_with_controller(controller: &str) -> String {
     assert!(MACHINE.contains("wire = \"memory\"\n"));
     match controller {
         "" => MACHINE.to_owned(),
@@ -50,23 +50,25 @@ pub fn machine(controller: &str) -> String {
 }
 
 /// A folder in memory, if there is one: these tests do not test a disk.
-pub fn folder() -> tempfile::TempDir {
+pub fn state_folder() -> tempfile::TempDir {
     let shm = std::path::Path::new("/dev/shm");
     let folder = if shm.is_dir() { tempfile::tempdir_in(shm) } else { tempfile::tempdir() };
     folder.unwrap()
 }
 
-impl Bench {
+impl ModbusBench {
     /// The whole method, with few Monte Carlo trials.
-    pub fn whole(controller: &str) -> Self {
-        Self::of(machine(controller) + "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n")
+    pub fn with_full_cycle(controller: &str) -> Self {
+        Self::from_machine_text(
+            machine_with_controller(controller) + "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n",
+        )
     }
 
-    pub fn of(text: String) -> Self {
+    pub fn from_machine_text(text: String) -> Self {
         Self { file: MachineFile::parse("machine.toml", text).unwrap() }
     }
 
-    pub fn measure(&self) -> Measured {
+    pub fn measure(&self) -> MeasuredRun {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let devices = setup::open_devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
@@ -74,8 +76,8 @@ impl Bench {
         })
     }
 
-    pub async fn measure_with(&self, devices: &Devices) -> Measured {
-        let folder = folder();
+    pub async fn measure_with(&self, devices: &Devices) -> MeasuredRun {
+        let folder = state_folder();
         let journal = Journal::open(folder.path()).unwrap();
         let (method, plan) = setup::plan_header(&self.file, METHOD, None).unwrap();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
@@ -84,6 +86,6 @@ impl Bench {
         let mut run = Run::new(id, method.as_ref(), devices, &journal, plan, &mut tell);
         let result = run.execute().await;
         let Run { plan, readings, .. } = run;
-        Measured { result, method, plan, readings }
+        MeasuredRun { result, method, plan, readings }
     }
 }

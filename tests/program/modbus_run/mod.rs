@@ -7,11 +7,11 @@ mod bench;
 mod schedules;
 
 use crate::support::harness::{Pool, Trials, trials};
-use bench::Bench;
+use bench::ModbusBench;
 use trued::setup::{self, MachineFile, Pace, RunHistory, SimulatedMachine};
 
 /// `[controller]` of the built-in machine.
-const CONTROLS: [(&str, &str); 4] = [
+const CONTROLLER_KEYS: [(&str, &str); 4] = [
     ("Modbus TCP", "speaks = \"modbus\"\nwire = \"tcp\""),
     ("Modbus RTU", "speaks = \"modbus\"\nwire = \"pty\""),
     ("a resident program, TCP", "speaks = \"modbus-program\"\nwire = \"tcp\""),
@@ -19,14 +19,14 @@ const CONTROLS: [(&str, &str); 4] = [
 ];
 
 fn the_estimate_over_modbus_is_that_over_grbl() {
-    let grbl = Bench::whole("").measure();
+    let grbl = ModbusBench::with_full_cycle("").measure();
     let expected = serde_json::to_string(&grbl.estimate()).unwrap();
     assert!(grbl.readings().len() > 30);
     std::thread::scope(|scope| {
-        for (name, keys) in CONTROLS {
+        for (name, keys) in CONTROLLER_KEYS {
             let (grbl, expected) = (&grbl, &expected);
             scope.spawn(move || {
-                let modbus = Bench::whole(keys).measure();
+                let modbus = ModbusBench::with_full_cycle(keys).measure();
                 assert_eq!(modbus.readings(), grbl.readings(), "{name}");
                 let found = serde_json::to_string(&modbus.estimate()).unwrap();
                 assert_eq!(found, *expected, "{name}");
@@ -37,11 +37,11 @@ fn the_estimate_over_modbus_is_that_over_grbl() {
 
 fn what_is_served_is_opened_by_the_keys_that_it_tells() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    for (name, keys) in CONTROLS {
+    for (name, keys) in CONTROLLER_KEYS {
         runtime.block_on(async {
-            let simulated = MachineFile::parse("machine.toml", bench::machine(keys)).unwrap();
+            let simulated = MachineFile::parse("machine.toml", bench::machine_with_controller(keys)).unwrap();
             let served = SimulatedMachine::new(&simulated).unwrap().serve(Pace::Fast).unwrap();
-            let text = bench::machine(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
+            let text = bench::machine_with_controller(&served.controller_toml()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
             let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
@@ -54,13 +54,13 @@ pub fn trials() -> Trials {
     trials![Pool::Computing, 30;
         the_estimate_over_modbus_is_that_over_grbl,
     ]
-    .and(trials![Pool::Computing, 15;
+    .with(trials![Pool::Computing, 15;
         schedules::whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it,
         schedules::nor_over_rtu,
         schedules::whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice,
         schedules::no_program_starts_twice_over_rtu,
     ])
-    .and(trials![Pool::Waiting, 0;
+    .with(trials![Pool::Waiting, 0;
         what_is_served_is_opened_by_the_keys_that_it_tells,
     ])
 }

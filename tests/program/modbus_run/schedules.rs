@@ -22,51 +22,53 @@ use trued::setup::{self, Devices, MachineFile, Pace};
 
 use testing::population::population;
 
-use super::bench::{Bench, Measured, machine};
+use super::bench::{MeasuredRun, ModbusBench, machine_with_controller};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wire {
+enum Framing {
     Tcp,
     Rtu,
 }
 
 /// Type of the control behind the window, and its wire.
 #[derive(Debug, Clone, Copy)]
-struct Way {
-    wire: Wire,
-    resident: bool,
+struct ScheduleKind {
+    wire: Framing,
+    is_resident_program: bool,
     full_schedules: u64,
     /// Approximate numbers of chunks and requests of a short run.
     chunks: u64,
     requests: u64,
 }
 
-const LINES: Way = Way { wire: Wire::Tcp, resident: false, full_schedules: 80, chunks: 200, requests: 700 };
+const LINE_WINDOW: ScheduleKind =
+    ScheduleKind { wire: Framing::Tcp, is_resident_program: false, full_schedules: 80, chunks: 200, requests: 700 };
 /// Over RTU the silences between the frames make a run slower.
-const LINES_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 38, ..LINES };
-const PROGRAM: Way = Way { wire: Wire::Tcp, resident: true, full_schedules: 72, chunks: 20, requests: 350 };
-const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 46, ..PROGRAM };
+const LINE_WINDOW_RTU: ScheduleKind = ScheduleKind { wire: Framing::Rtu, full_schedules: 38, ..LINE_WINDOW };
+const RESIDENT_PROGRAM: ScheduleKind =
+    ScheduleKind { wire: Framing::Tcp, is_resident_program: true, full_schedules: 72, chunks: 20, requests: 350 };
+const RESIDENT_PROGRAM_RTU: ScheduleKind = ScheduleKind { wire: Framing::Rtu, full_schedules: 46, ..RESIDENT_PROGRAM };
 
-impl Way {
+impl ScheduleKind {
     /// All faults that can occur. A serial line has no connection that could be cut.
-    fn kinds(&self) -> Vec<FaultKind> {
-        let besides = self.resident.then_some(FaultKind::PROGRAM_ONLY).into_iter().flatten();
+    fn fault_kinds(&self) -> Vec<FaultKind> {
+        let besides = self.is_resident_program.then_some(FaultKind::PROGRAM_ONLY).into_iter().flatten();
         let kinds = FaultKind::ALL.into_iter().chain(besides);
-        kinds.filter(|kind| self.wire == Wire::Tcp || *kind != FaultKind::Cut).collect()
+        kinds.filter(|kind| self.wire == Framing::Tcp || *kind != FaultKind::Cut).collect()
     }
 }
 
 /// Distance of the seeds: `wanted`, or the next larger number without a common divisor with the number of kinds.
 /// The seed modulo that number selects the kind of fault, so that successive seeds give different kinds.
-fn stride(wanted: u64, kinds: u64) -> u64 {
+fn schedule_stride(wanted: u64, kinds: u64) -> u64 {
     let is_coprime = |stride: &u64| (2..=kinds).all(|d| !(kinds.is_multiple_of(d) && stride.is_multiple_of(d)));
     (wanted..).find(is_coprime).unwrap_or(1)
 }
 
 /// A fault of the wire that a run survives, and one of any kind.
-fn faults(way: &Way, seed: u64) -> Vec<Fault> {
-    let mut draw = seeded_stream(seed, &[78, u64::from(way.resident)]);
-    let kinds = way.kinds();
+fn faults_of_schedule(way: &ScheduleKind, seed: u64) -> Vec<Fault> {
+    let mut draw = seeded_stream(seed, &[78, u64::from(way.is_resident_program)]);
+    let kinds = way.fault_kinds();
     let kind = kinds[seed as usize % kinds.len()];
     let fault = |kind, at_request, at_line, after_touch| Fault {
         kind,
@@ -77,7 +79,7 @@ fn faults(way: &Way, seed: u64) -> Vec<Fault> {
         late_s: Some(0.45),
         scan_s: None,
     };
-    let passing: Vec<_> = kinds.iter().filter(|kind| PASSING.contains(kind)).collect();
+    let passing: Vec<_> = kinds.iter().filter(|kind| TOLERATED_FAULTS.contains(kind)).collect();
     let passing = *passing[draw.random_range(0..passing.len())];
     let at_line = draw.random_range(1..way.chunks);
     vec![
@@ -87,7 +89,7 @@ fn faults(way: &Way, seed: u64) -> Vec<Fault> {
 }
 
 /// Faults that cost only time.
-const PASSING: [FaultKind; 9] = [
+const TOLERATED_FAULTS: [FaultKind; 9] = [
     FaultKind::Late,
     FaultKind::Unanswered,
     FaultKind::Lost,
@@ -99,7 +101,7 @@ const PASSING: [FaultKind; 9] = [
     FaultKind::RepeatedResult,
 ];
 /// Faults after which the control accepts nothing.
-const FATAL: [FaultKind; 9] = [
+const FATAL_FAULTS: [FaultKind; 9] = [
     FaultKind::Silence,
     FaultKind::Frozen,
     FaultKind::Reset,
@@ -111,7 +113,7 @@ const FATAL: [FaultKind; 9] = [
     FaultKind::StartedTwice,
 ];
 /// Faults that change the behaviour of the machine.
-const OTHER_WORLD: [FaultKind; 5] = [
+const WORLD_CHANGING_FAULTS: [FaultKind; 5] = [
     FaultKind::ProbeStuck,
     FaultKind::ProbeDead,
     FaultKind::ForeignBody,
@@ -119,35 +121,35 @@ const OTHER_WORLD: [FaultKind; 5] = [
     FaultKind::SlowLatch,
 ];
 
-struct Ended {
-    measured: Measured,
+struct EndedRun {
+    measured: MeasuredRun,
     readings: Vec<Reading>,
     diary: Vec<DiaryEntry>,
     /// Length of the diary when the run ended.
-    mark: usize,
+    readings_at_fault: usize,
 }
 
-fn file() -> String {
-    machine("") + "\n[method.self-calibration]\npositions = 5\n"
+fn short_machine() -> String {
+    machine_with_controller("") + "\n[method.self-calibration]\npositions = 5\n"
 }
 
 /// Short timeouts, so that many schedules finish quickly.
-fn patience(wire: Wire) -> ModbusTimeouts {
+fn timeouts_for(wire: Framing) -> ModbusTimeouts {
     let ms = Duration::from_millis;
     // On a serial line the link waits for a lost reply, and then checks whether it still comes.
-    let answer = if wire == Wire::Tcp { ms(1200) } else { ms(3000) };
+    let answer = if wire == Framing::Tcp { ms(1200) } else { ms(3000) };
     ModbusTimeouts { reply: answer, poll_interval: ms(10), stall: ms(1200), heartbeat: ms(1000) }
 }
 
 /// Serves the control; returns its address as `[controller]`.
-async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHandle<()>) {
+async fn serve_firmware(firmware: Firmware, wire: Framing) -> (String, tokio::task::JoinHandle<()>) {
     match wire {
-        Wire::Tcp => {
+        Framing::Tcp => {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             let at = format!("tcp = \"{}\"", listener.local_addr().unwrap());
             (at, tokio::spawn(async move { serve_tcp(firmware, listener).await.unwrap() }))
         }
-        Wire::Rtu => {
+        Framing::Rtu => {
             let Pty { device, path, client_side } = create_pty().unwrap();
             let at = format!("serial = \"{path}\"\nbaud = 115200\nparity = \"none\"");
             let served = async move {
@@ -159,11 +161,11 @@ async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHand
     }
 }
 
-fn run(way: &Way, faults: Vec<Fault>) -> Ended {
-    let Way { wire, resident, .. } = *way;
+fn run_with_faults(way: &ScheduleKind, faults: Vec<Fault>) -> EndedRun {
+    let ScheduleKind { wire, is_resident_program: resident, .. } = *way;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let file = MachineFile::parse("machine.toml", self::file()).unwrap();
+        let file = MachineFile::parse("machine.toml", self::short_machine()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&file).unwrap()));
         let options = SimulatedModbusOptions {
             faults,
@@ -172,7 +174,7 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
         };
         let firmware = Firmware::new(world, options);
         let diary = firmware.diary();
-        let (at, served) = serve(firmware, wire).await;
+        let (at, served) = serve_firmware(firmware, wire).await;
         let program = if resident { "[program]" } else { "" };
         let keys = format!("{at}\ntimeout_s = 0.3\n{program}");
         let config: ModbusConfig = toml::from_str(&keys).unwrap();
@@ -180,9 +182,9 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
         let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
         let opened = ModbusControl::open(&config, &file.machine, modes).await;
         let (driver, halt) = opened.unwrap();
-        let controller = Controller::spawn(driver.with_timeouts(patience(wire)), halt);
+        let controller = Controller::spawn(driver.with_timeouts(timeouts_for(wire)), halt);
         let devices = Devices::new(controller, dialect);
-        let measured = Bench::of(self::file()).measure_with(&devices).await;
+        let measured = ModbusBench::from_machine_text(self::short_machine()).measure_with(&devices).await;
         let mark = diary.lock().unwrap().len();
         // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(30)).await;
@@ -190,11 +192,11 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
         tokio::time::sleep(Duration::from_millis(10)).await;
         served.abort();
         let diary = diary.lock().unwrap().clone();
-        Ended { readings: measured.all_readings().to_vec(), measured, diary, mark }
+        EndedRun { readings: measured.all_readings().to_vec(), measured, diary, readings_at_fault: mark }
     })
 }
 
-fn wrong(ended: &Ended) -> Vec<FaultKind> {
+fn wrong_faults(ended: &EndedRun) -> Vec<FaultKind> {
     let kinds = ended.diary.iter().filter_map(|entry| match entry {
         DiaryEntry::FaultOccurred(kind) => Some(*kind),
         _ => None,
@@ -202,7 +204,7 @@ fn wrong(ended: &Ended) -> Vec<FaultKind> {
     kinds.collect()
 }
 
-fn taken(ended: &Ended) -> Vec<&str> {
+fn executed_lines(ended: &EndedRun) -> Vec<&str> {
     let taken = ended.diary.iter().filter_map(|entry| match entry {
         DiaryEntry::Accepted { text, .. } => Some(text.as_str()),
         _ => None,
@@ -211,22 +213,22 @@ fn taken(ended: &Ended) -> Vec<&str> {
 }
 
 /// Every violation, as text.
-fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
-    let kinds = wrong(ended);
+fn violations(ended: &EndedRun, clean: &EndedRun) -> Vec<String> {
+    let kinds = wrong_faults(ended);
     let mut all = Vec::new();
-    all.extend(invented(ended));
-    all.extend(asked_after_a_hold(ended));
-    all.extend(taken_after_a_fault(ended));
-    all.extend(asked_again(ended));
-    if !kinds.iter().any(|kind| OTHER_WORLD.contains(kind)) {
-        if !taken(clean).starts_with(&taken(ended)) {
+    all.extend(check_no_invented_reading(ended));
+    all.extend(check_no_request_after_hold(ended));
+    all.extend(check_no_line_after_fault(ended));
+    all.extend(check_no_repeated_write(ended));
+    if !kinds.iter().any(|kind| WORLD_CHANGING_FAULTS.contains(kind)) {
+        if !executed_lines(clean).starts_with(&executed_lines(ended)) {
             all.push("the control took other chunks than in a clean run".to_owned());
         }
         if !clean.readings.starts_with(&ended.readings) {
             all.push("readings are not those of a clean run".to_owned());
         }
         let ended_well = ended.measured.result.is_ok();
-        if kinds.iter().all(|kind| PASSING.contains(kind)) && !ended_well {
+        if kinds.iter().all(|kind| TOLERATED_FAULTS.contains(kind)) && !ended_well {
             all.push(format!("{kinds:?} ended it: {:?}", ended.measured.result));
         }
     }
@@ -234,7 +236,7 @@ fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
 }
 
 /// Each reading is a contact of the control, in order, each at most once.
-fn invented(ended: &Ended) -> Option<String> {
+fn check_no_invented_reading(ended: &EndedRun) -> Option<String> {
     const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
     let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
         DiaryEntry::Contact { latch, t_s } => Some((latch.clone(), *t_s)),
@@ -252,16 +254,16 @@ fn invented(ended: &Ended) -> Option<String> {
 }
 
 /// No chunk is offered after a hold was written, or after the run has ended.
-fn asked_after_a_hold(ended: &Ended) -> Option<String> {
+fn check_no_request_after_hold(ended: &EndedRun) -> Option<String> {
     let hold = ended.diary.iter().position(|entry| *entry == DiaryEntry::Hold);
-    let from = hold.unwrap_or(ended.mark).min(ended.mark);
+    let from = hold.unwrap_or(ended.readings_at_fault).min(ended.readings_at_fault);
     let late = ended.diary[from..].iter().any(|entry| matches!(entry, DiaryEntry::Offered { .. }));
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
 /// One chunk may be in transit when the control fails; it is not accepted.
-fn taken_after_a_fault(ended: &Ended) -> Option<String> {
-    let fatal = |entry: &DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(kind) if FATAL.contains(kind));
+fn check_no_line_after_fault(ended: &EndedRun) -> Option<String> {
+    let fatal = |entry: &DiaryEntry| matches!(entry, DiaryEntry::FaultOccurred(kind) if FATAL_FAULTS.contains(kind));
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
     let (mut asked, mut took) = (0, 0);
     for entry in after {
@@ -273,7 +275,7 @@ fn taken_after_a_fault(ended: &Ended) -> Option<String> {
 }
 
 /// A chunk that the control has accepted is not offered again.
-fn asked_again(ended: &Ended) -> Option<String> {
+fn check_no_repeated_write(ended: &EndedRun) -> Option<String> {
     let mut last = None;
     ended.diary.iter().find_map(|entry| match entry {
         DiaryEntry::Accepted { sequence, .. } => {
@@ -287,49 +289,49 @@ fn asked_again(ended: &Ended) -> Option<String> {
     })
 }
 
-fn name(value: impl std::fmt::Debug) -> String {
+fn variant_name(value: impl std::fmt::Debug) -> String {
     let text = format!("{value:?}");
     text.trim_start_matches("Err(").split(|c: char| !c.is_alphanumeric()).next().unwrap().to_owned()
 }
 
-fn ending(ended: &Ended) -> String {
+fn ending_name(ended: &EndedRun) -> String {
     match &ended.measured.result {
         Ok(()) => "Finished".to_owned(),
-        Err(error) => error.controller_error().map_or_else(|| name(error), name),
+        Err(error) => error.controller_error().map_or_else(|| variant_name(error), variant_name),
     }
 }
 
-const ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldAtControl", "Reset", "NoContact"];
+const EXPECTED_ENDINGS: [&str; 6] = ["Finished", "Modbus", "Alarm", "HeldAtControl", "Reset", "NoContact"];
 
 pub fn whatever_fails_no_line_is_doubled_no_reading_invented_and_nothing_moves_after_it() {
-    all_schedules(&LINES, "NoAnswer");
+    run_all_schedules(&LINE_WINDOW, "NoAnswer");
 }
 
 pub fn nor_over_rtu() {
-    all_schedules(&LINES_RTU, "NoAnswer");
+    run_all_schedules(&LINE_WINDOW_RTU, "NoAnswer");
 }
 
 pub fn whatever_fails_no_program_starts_twice_and_no_result_is_taken_twice() {
-    all_schedules(&PROGRAM, "UnexpectedReply");
+    run_all_schedules(&RESIDENT_PROGRAM, "UnexpectedReply");
 }
 
 pub fn no_program_starts_twice_over_rtu() {
-    all_schedules(&PROGRAM_RTU, "UnexpectedReply");
+    run_all_schedules(&RESIDENT_PROGRAM_RTU, "UnexpectedReply");
 }
 
 /// `besides`: an additional result of runs that is possible with this control and wire only.
-fn all_schedules(way: &Way, besides: &str) {
-    let clean = run(way, Vec::new());
+fn run_all_schedules(way: &ScheduleKind, besides: &str) {
+    let clean = run_with_faults(way, Vec::new());
     assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
     if let Ok(seed) = std::env::var("TRUED_FAULT_SEED") {
-        let ended = run(way, faults(way, seed.parse().unwrap()));
+        let ended = run_with_faults(way, faults_of_schedule(way, seed.parse().unwrap()));
         ended.diary.iter().for_each(|entry| println!("{entry:?}"));
         println!("{:?}", ended.measured.result);
-        assert_eq!(breaches(&ended, &clean), Vec::<String>::new());
+        assert_eq!(violations(&ended, &clean), Vec::<String>::new());
         return;
     }
     let schedules = population(way.full_schedules);
-    let stride = stride(way.full_schedules / schedules, way.kinds().len() as u64);
+    let stride = schedule_stride(way.full_schedules / schedules, way.fault_kinds().len() as u64);
     let (next, all) = (AtomicU64::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         // Most of the time a run waits for an answer that does not come.
@@ -341,9 +343,9 @@ fn all_schedules(way: &Way, besides: &str) {
                         return;
                     }
                     let seed = number * stride;
-                    let ended = run(way, faults(way, seed));
-                    let breaches = breaches(&ended, &clean);
-                    all.lock().unwrap().push((seed, ending(&ended), wrong(&ended), breaches));
+                    let ended = run_with_faults(way, faults_of_schedule(way, seed));
+                    let breaches = violations(&ended, &clean);
+                    all.lock().unwrap().push((seed, ending_name(&ended), wrong_faults(&ended), breaches));
                 }
             });
         }
@@ -360,14 +362,14 @@ fn all_schedules(way: &Way, besides: &str) {
     assert!(breached.is_empty(), "{breached:#?}");
     if schedules < way.full_schedules {
         // Too few schedules for all kinds of fault: several kinds must have occurred.
-        let least = (schedules.min(way.kinds().len() as u64) / 4).max(1) as usize;
+        let least = (schedules.min(way.fault_kinds().len() as u64) / 4).max(1) as usize;
         assert!(endings.len() > 1 && kinds.len() >= least, "{endings:?} {kinds:?}");
         return;
     }
     // Each fault and each result occurred.
-    let missing: Vec<_> = way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
+    let missing: Vec<_> = way.fault_kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
     assert!(missing.is_empty(), "{missing:?}");
-    for ending in ENDINGS.into_iter().chain([besides]) {
+    for ending in EXPECTED_ENDINGS.into_iter().chain([besides]) {
         assert!(endings.contains_key(ending), "no run ended as {ending}: {endings:?}");
     }
 }

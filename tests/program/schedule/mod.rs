@@ -11,146 +11,150 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::support::harness::{Pool, Trials, trials};
-use schedule_setup::{ScheduleSetup, schedule, start, until_run};
-use set_clock::READY;
+use schedule_setup::{ScheduleSetup, schedule_json, start_by_hand, wait_for_run};
+use set_clock::READY_INTERLOCKS;
 
-fn a_while() {
+fn schedule_over_a_while() {
     sleep(Duration::from_secs(3));
 }
 
 /// Once at the first instant after the gap in spring, once at the first of both in autumn.
-fn daylight_saving_both_ways() {
+fn daylight_saving_in_both_directions() {
     let setup = ScheduleSetup::new("2027-03-28T00:59:00Z", "30 2 * * *", "");
-    let daemon = setup.shop.serve("fast");
+    let daemon = setup.shop.start_daemon("fast");
     setup.arm();
     assert_eq!(setup.slots().len(), 0);
-    setup.wall.set("2027-03-28T00:59:58Z");
-    setup.one("2027-03-28T01:00:00Z", "ran", "verdict pass");
-    let told = schedule(&daemon);
+    setup.clock.set("2027-03-28T00:59:58Z");
+    setup.wait_for_single_slot("2027-03-28T01:00:00Z", "ran", "verdict pass");
+    let told = schedule_json(&daemon);
     assert_eq!(told["planned"][0]["next"][0], "2027-03-29T02:30:00+02:00[Europe/Berlin]");
     assert_eq!(told["armed"][0]["who"], "Ada");
     assert_eq!(told["last"][0]["run"], 1);
     // Months later; the slots in between are missed. The jump is detected when the clock is next read.
-    setup.wall.set("2027-10-31T00:29:50Z");
+    setup.clock.set("2027-10-31T00:29:50Z");
     daemon.wait_for_log("schedule dawn: slot 2027-10-30T00:30:00Z: missed: the clock was set forward");
     daemon.wait_for_log("schedule dawn: slot 2027-10-31T00:30:00Z: ran: verdict pass");
-    setup.wall.set("2027-10-31T01:29:58Z");
-    a_while();
+    setup.clock.set("2027-10-31T01:29:58Z");
+    schedule_over_a_while();
     let slots = setup.slots();
     assert_eq!(slots[0][0], "2027-10-31T00:30:00Z", "not at the second 02:30 as well");
-    assert_eq!(setup.shop.states(), ["finished", "finished"]);
+    assert_eq!(setup.shop.run_states(), ["finished", "finished"]);
 }
 
-fn a_clock_set_back_in_mid_run() {
+fn clock_set_back_during_a_run() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
-    let daemon = setup.shop.serve("real");
+    let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    setup.wall.set("2026-11-23T04:29:58Z");
+    setup.clock.set("2026-11-23T04:29:58Z");
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
-    setup.wall.set("2026-11-23T04:29:57Z");
+    setup.clock.set("2026-11-23T04:29:57Z");
     daemon.wait_for_log("the clock was set back");
     daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z is due again, but already started");
-    setup.one("2026-11-23T04:30:00Z", "started", "");
-    assert_eq!(setup.shop.states(), ["running"]);
+    setup.wait_for_single_slot("2026-11-23T04:30:00Z", "started", "");
+    assert_eq!(setup.shop.run_states(), ["running"]);
     // The run was held: the slot failed, and the schedule is disarmed.
-    assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
-    setup.one("2026-11-23T04:30:00Z", "failed", "run 1 is held");
-    setup.wall.set("2026-11-23T04:29:57Z");
-    a_while();
-    a_while();
-    assert_eq!(setup.shop.states(), ["held"]);
-    let told = schedule(&daemon);
+    assert_eq!(daemon.http().post_action("hold", &json!({})).0, 202);
+    setup.wait_for_single_slot("2026-11-23T04:30:00Z", "failed", "run 1 is held");
+    setup.clock.set("2026-11-23T04:29:57Z");
+    schedule_over_a_while();
+    schedule_over_a_while();
+    assert_eq!(setup.shop.run_states(), ["held"]);
+    let told = schedule_json(&daemon);
     assert!(told["armed"][0]["ended"].is_array(), "{told}");
 }
 
 fn a_manual_run_is_on() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "latest_min = 10");
-    let daemon = setup.shop.serve("real");
+    let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    start(&daemon);
-    setup.wall.set("2026-11-23T04:29:58Z");
+    start_by_hand(&daemon);
+    setup.clock.set("2026-11-23T04:29:58Z");
     daemon.wait_for_log("schedule dawn: slot 2026-11-23T04:30:00Z waits: not ready: a run is in progress");
     // The page shows it a moment after it is logged.
-    let waits = || schedule(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
+    let waits = || schedule_json(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
     let told = (0..100).find_map(|_| {
         sleep(Duration::from_millis(100));
         waits()
     });
     assert!(told.is_some_and(|waiting| waiting.contains("a run is in progress")));
-    setup.wall.set("2026-11-23T04:40:01Z");
-    setup.one("2026-11-23T04:30:00Z", "skipped", "the latest start time has passed: not ready: a run is in progress");
-    assert_eq!(setup.shop.states(), ["running"]);
+    setup.clock.set("2026-11-23T04:40:01Z");
+    setup.wait_for_single_slot(
+        "2026-11-23T04:30:00Z",
+        "skipped",
+        "the latest start time has passed: not ready: a run is in progress",
+    );
+    assert_eq!(setup.shop.run_states(), ["running"]);
 }
 
 fn a_manual_run_is_on_and_nobody_waits() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "overlap = \"skip\"");
-    let daemon = setup.shop.serve("real");
+    let daemon = setup.shop.start_daemon("real");
     setup.arm();
-    start(&daemon);
-    setup.wall.set("2026-11-23T04:29:58Z");
-    setup.one("2026-11-23T04:30:00Z", "skipped", "a run is in progress");
+    start_by_hand(&daemon);
+    setup.clock.set("2026-11-23T04:29:58Z");
+    setup.wait_for_single_slot("2026-11-23T04:30:00Z", "skipped", "a run is in progress");
 }
 
 fn a_machine_that_is_not_ready() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "ready = [\"artefact\"]");
-    let daemon = setup.shop.serve("fast");
+    let daemon = setup.shop.start_daemon("fast");
     setup.arm();
-    setup.machine.tells("TELL ENABLE AUTO");
-    setup.wall.set("2026-11-23T04:29:58Z");
+    setup.machine.set_interlocks("TELL ENABLE AUTO");
+    setup.clock.set("2026-11-23T04:29:58Z");
     daemon.wait_for_log("waits: not ready: a guard is open");
-    setup.machine.tells(READY);
+    setup.machine.set_interlocks(READY_INTERLOCKS);
     daemon.wait_for_log("waits: not ready: the control does not report that the artefact");
-    setup.machine.tells(&format!("{READY} ARTEFACT"));
-    setup.one("2026-11-23T04:30:00Z", "ran", "verdict pass");
+    setup.machine.set_interlocks(&format!("{READY_INTERLOCKS} ARTEFACT"));
+    setup.wait_for_single_slot("2026-11-23T04:30:00Z", "ran", "verdict pass");
     // If the machine reports nothing within the allowed time, the slot is skipped.
-    setup.machine.tells("TELL");
-    setup.wall.set("2026-11-24T04:29:55Z");
+    setup.machine.set_interlocks("TELL");
+    setup.clock.set("2026-11-24T04:29:55Z");
     daemon.wait_for_log("schedule dawn: slot 2026-11-24T04:30:00Z waits");
-    setup.wall.set("2026-11-24T05:00:01Z");
-    let slots = setup.until("skipped");
+    setup.clock.set("2026-11-24T05:00:01Z");
+    let slots = setup.wait_for_outcome("skipped");
     assert!(slots[0][2].contains("latest start time has passed: not ready: the external start"), "{slots:?}");
-    assert_eq!(setup.shop.states(), ["finished"]);
+    assert_eq!(setup.shop.run_states(), ["finished"]);
 }
 
-fn the_power_goes_over_its_time_and_in_its_run() {
+fn power_failure_at_the_due_time_and_during_the_run() {
     let setup = ScheduleSetup::new("2026-11-23T04:29:00Z", "30 5 * * *", "");
-    drop(setup.shop.serve("real"));
+    drop(setup.shop.start_daemon("real"));
     setup.arm();
-    setup.wall.set("2026-11-23T04:30:05Z");
-    let daemon = setup.shop.serve("real");
-    setup.one("2026-11-23T04:30:00Z", "missed", "the service was not running at that time");
-    a_while();
-    assert!(setup.shop.states().is_empty());
-    setup.wall.set("2026-11-24T04:29:58Z");
+    setup.clock.set("2026-11-23T04:30:05Z");
+    let daemon = setup.shop.start_daemon("real");
+    setup.wait_for_single_slot("2026-11-23T04:30:00Z", "missed", "the service was not running at that time");
+    schedule_over_a_while();
+    assert!(setup.shop.run_states().is_empty());
+    setup.clock.set("2026-11-24T04:29:58Z");
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
-    until_run(&daemon);
+    wait_for_run(&daemon);
     // The daemon is killed here.
     drop(daemon);
-    let daemon = setup.shop.serve("real");
+    let daemon = setup.shop.start_daemon("real");
     daemon.wait_for_log("schedule: disarmed: run 1 was not completed");
-    let slots = setup.until("failed");
+    let slots = setup.wait_for_outcome("failed");
     assert_eq!((slots.len(), slots[0][0].as_str()), (2, "2026-11-24T04:30:00Z"), "{slots:?}");
     assert!(slots[0][2].contains("run 1 is interrupted"), "{slots:?}");
-    setup.wall.set("2026-11-24T04:29:58Z");
-    a_while();
-    a_while();
-    assert_eq!(setup.shop.states(), ["interrupted"]);
+    setup.clock.set("2026-11-24T04:29:58Z");
+    schedule_over_a_while();
+    schedule_over_a_while();
+    assert_eq!(setup.shop.run_states(), ["interrupted"]);
 }
 
 fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     let setup = ScheduleSetup::new("2026-11-23T12:00:00Z", "30 5 * * *", "");
-    let daemon = setup.shop.serve("fast");
-    let due = |cycle: u16| daemon.http().post("due", &json!({"cycle": cycle, "who": "timer"}));
-    setup.machine.tells(READY);
+    let daemon = setup.shop.start_daemon("fast");
+    let due = |cycle: u16| daemon.http().post_action("due", &json!({"cycle": cycle, "who": "timer"}));
+    setup.machine.set_interlocks(READY_INTERLOCKS);
     let (status, told) = due(1);
     assert!(status == 409 && told["message"].as_str().unwrap().contains("is not armed"), "{told}");
     let arm = |until: &str| {
         let words = json!({"cycle": 1, "who": "Ada", "until": until, "why": "over the night"});
-        daemon.http().post("arm", &words)
+        daemon.http().post_action("arm", &words)
     };
     assert_eq!(arm("yesterday").0, 400);
     // A second has one slot, and that one was skipped.
-    a_while();
+    schedule_over_a_while();
     let (status, told) = arm("12h");
     let until = told["armed"][0]["until"].as_str().unwrap_or("");
     assert!(status == 202 && until.starts_with("2026-11-24T00:00"), "{told}");
@@ -158,23 +162,23 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
     daemon.wait_for_log("ran: verdict pass");
     let (status, told) = due(1);
     assert!(status == 409 && told["message"].as_str().unwrap().contains("already started"), "{told}");
-    let (status, told) = daemon.http().post("disarm", &json!({"who": "Eve"}));
+    let (status, told) = daemon.http().post_action("disarm", &json!({"who": "Eve"}));
     assert!(status == 202 && told["armed"][0]["ended"].is_array(), "{told}");
-    setup.wall.set("2026-11-23T13:00:00Z");
+    setup.clock.set("2026-11-23T13:00:00Z");
     assert_eq!(due(1).0, 409);
-    assert_eq!(setup.shop.states(), ["finished"]);
-    let audits = setup.shop.json(&["schedule", schedule_setup::NAME, "--json"]);
+    assert_eq!(setup.shop.run_states(), ["finished"]);
+    let audits = setup.shop.run_json(&["schedule", schedule_setup::MACHINE_NAME, "--json"]);
     assert_eq!(audits[0]["armed"][0]["who"], "Ada");
 }
 
 pub fn trials() -> Trials {
     trials![Pool::Waiting, 30;
-        daylight_saving_both_ways,
+        daylight_saving_in_both_directions,
         a_machine_that_is_not_ready,
-        a_clock_set_back_in_mid_run,
-        the_power_goes_over_its_time_and_in_its_run,
+        clock_set_back_during_a_run,
+        power_failure_at_the_due_time_and_during_the_run,
     ]
-    .and(trials![Pool::Waiting, 0;
+    .with(trials![Pool::Waiting, 0;
         a_manual_run_is_on,
         a_manual_run_is_on_and_nobody_waits,
         a_call_that_a_cycle_is_due_is_judged_like_the_schedule,

@@ -5,85 +5,85 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::set_clock::{Machine, Wall};
+use super::set_clock::{FakeClock, InterlockServer};
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::MACHINE;
+use crate::support::http::MACHINE_API_PATH;
 use crate::support::machine_shop::{MachineShop, stderr};
 
-pub const NAME: &str = "simulated five-axis machine";
-const PATIENCE: Duration = Duration::from_secs(300);
+pub const MACHINE_NAME: &str = "simulated five-axis machine";
+const SLOT_TIMEOUT: Duration = Duration::from_secs(300);
 
 pub struct ScheduleSetup {
-    pub wall: Wall,
-    pub machine: Machine,
+    pub clock: FakeClock,
+    pub machine: InterlockServer,
     pub shop: MachineShop,
 }
 
 impl ScheduleSetup {
     /// The clock shows `now`; `more`: other keys of the one schedule, `at`: its time in Berlin.
     pub fn new(now: &str, at: &str, more: &str) -> Self {
-        let (wall, machine) = (Wall::showing(now), Machine::new());
+        let (wall, machine) = (FakeClock::set_to(now), InterlockServer::new());
         let port = machine.port;
         let mut shop = MachineShop::with_serve(&format!(
             "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"{at}\"\nzone = \"Europe/Berlin\"\n{more}\n\
              [serve.line]\ntcp = \"127.0.0.1:{port}\"\n[serve.http]\nlisten = \"127.0.0.1:0\"\n"
         ));
         shop.envs = wall.envs();
-        Self { wall, machine, shop }
+        Self { clock: wall, machine, shop }
     }
 
     pub fn arm(&self) {
-        let arm = ["arm", NAME, "1", "--who", "Ada", "--until", "300d"];
-        let output = self.shop.trued(&arm);
+        let arm = ["arm", MACHINE_NAME, "1", "--who", "Ada", "--until", "300d"];
+        let output = self.shop.run_trued(&arm);
         assert!(output.status.success(), "{}", stderr(&output));
     }
 
     /// Each slot of the journal, newest first: instant, outcome, reason.
     pub fn slots(&self) -> Vec<[String; 3]> {
-        let told = self.shop.json(&["schedule", NAME, "--json"]);
+        let told = self.shop.run_json(&["schedule", MACHINE_NAME, "--json"]);
         let text = |slot: &Value, key: &str| slot[key].as_str().unwrap().to_owned();
         let slots = told[0]["last"].as_array().unwrap().iter();
         slots.map(|slot| ["at", "outcome", "why"].map(|key| text(slot, key))).collect()
     }
 
     /// Waits until the newest slot has the outcome `outcome`; returns all slots.
-    pub fn until(&self, outcome: &str) -> Vec<[String; 3]> {
+    pub fn wait_for_outcome(&self, outcome: &str) -> Vec<[String; 3]> {
         let started = Instant::now();
         loop {
             let slots = self.slots();
             if slots.first().is_some_and(|[_, became, _]| became == outcome) {
                 return slots;
             }
-            assert!(started.elapsed() < PATIENCE, "{slots:?}");
+            assert!(started.elapsed() < SLOT_TIMEOUT, "{slots:?}");
             sleep(Duration::from_millis(100));
         }
     }
 
-    pub fn one(&self, at: &str, outcome: &str, words: &str) {
-        let slots = self.until(outcome);
+    pub fn wait_for_single_slot(&self, at: &str, outcome: &str, words: &str) {
+        let slots = self.wait_for_outcome(outcome);
         let [[instant, _, why]] = slots.as_slice() else { panic!("{slots:?}") };
         assert!(instant == at && why.contains(words), "{slots:?}");
     }
 }
 
-pub fn start(daemon: &DaemonProcess) {
+pub fn start_by_hand(daemon: &DaemonProcess) {
     assert_eq!(daemon.http().start(1), 202);
 }
 
 /// The schedule of the built-in machine as the daemon reports it.
-pub fn schedule(daemon: &DaemonProcess) -> Value {
-    daemon.http().get(&format!("{MACHINE}/schedule"))
+pub fn schedule_json(daemon: &DaemonProcess) -> Value {
+    daemon.http().get_json(&format!("{MACHINE_API_PATH}/schedule"))
 }
 
 /// Waits until the journal has the run of the newest slot.
-pub fn until_run(daemon: &DaemonProcess) {
+pub fn wait_for_run(daemon: &DaemonProcess) {
     let started = Instant::now();
     loop {
-        let schedule = schedule(daemon);
+        let schedule = schedule_json(daemon);
         if schedule["last"][0]["run"] == 1 {
             return;
         }
-        assert!(started.elapsed() < PATIENCE, "{schedule}");
+        assert!(started.elapsed() < SLOT_TIMEOUT, "{schedule}");
         sleep(Duration::from_millis(100));
     }
 }

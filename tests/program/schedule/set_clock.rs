@@ -12,13 +12,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use jiff::Timestamp;
 
-pub struct Wall {
+pub struct FakeClock {
     folder: tempfile::TempDir,
 }
 
-impl Wall {
+impl FakeClock {
     /// A clock that shows `now`.
-    pub fn showing(now: &str) -> Self {
+    pub fn set_to(now: &str) -> Self {
         let wall = Self { folder: tempfile::tempdir().unwrap() };
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/clock/shim.c");
         let mut compiler = Command::new("cc");
@@ -54,19 +54,19 @@ impl Wall {
 }
 
 /// A line over TCP, as a serial server carries it, that sends this text every 200 ms.
-pub struct Machine {
+pub struct InterlockServer {
     pub port: u16,
-    words: Arc<Mutex<String>>,
+    interlocks: Arc<Mutex<String>>,
     heard: Arc<AtomicUsize>,
 }
 
-pub const READY: &str = "TELL ENABLE AUTO DOOR";
+pub const READY_INTERLOCKS: &str = "TELL ENABLE AUTO DOOR";
 
-impl Machine {
+impl InterlockServer {
     pub fn new() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
-        let words = Arc::new(Mutex::new(READY.to_owned()));
+        let words = Arc::new(Mutex::new(READY_INTERLOCKS.to_owned()));
         let told = Arc::clone(&words);
         let heard = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&heard);
@@ -87,12 +87,12 @@ impl Machine {
                 }
             }
         });
-        Self { port, words, heard }
+        Self { port, interlocks: words, heard }
     }
 
     /// Sends `words` from now on; returns after the daemon has received them.
-    pub fn tells(&self, words: &str) {
-        *self.words.lock().unwrap() = words.to_owned();
+    pub fn set_interlocks(&self, words: &str) {
+        *self.interlocks.lock().unwrap() = words.to_owned();
         // One line that was already in transit, and one with the new words.
         let before = self.heard.load(Ordering::SeqCst);
         while self.heard.load(Ordering::SeqCst) < before + 2 {

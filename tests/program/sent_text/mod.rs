@@ -26,13 +26,13 @@ pub fn trials() -> Trials {
 }
 
 /// Keeps the text of each block before it reaches the driver.
-struct Recorded {
+struct RecordingController {
     inner: Controller,
     lines: Arc<Mutex<Vec<String>>>,
     rows: Arc<Mutex<Vec<String>>>,
 }
 
-impl Driver for Recorded {
+impl Driver for RecordingController {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.inner.prepare().await
     }
@@ -41,7 +41,7 @@ impl Driver for Recorded {
         for part in block.units()? {
             self.lines.lock().unwrap().extend(part.unit.text.lines().map(str::to_owned));
         }
-        let rows: Vec<String> = block.motions().map(row).collect();
+        let rows: Vec<String> = block.motions().map(motion_row).collect();
         let table = format!("step {}: {}", block.step(), rows.join("; "));
         self.rows.lock().unwrap().push(table);
         self.inner.execute(block).await
@@ -62,7 +62,7 @@ impl Driver for Recorded {
 
 /// The proven text of one run: the lines of all blocks, and the rows of each, in the format in which the simulated
 /// control's diary shows a decoded table.
-struct Proven {
+struct ProvenText {
     head: Vec<String>,
     lines: Vec<String>,
     foot: Vec<String>,
@@ -70,7 +70,7 @@ struct Proven {
 }
 
 /// A motion as a row of a table, in the format of the diary.
-fn row(motion: &Motion) -> String {
+fn motion_row(motion: &Motion) -> String {
     let (does, to, value) = match motion {
         Motion::Rapid { to } => ("Rapid", to.clone(), 0.0),
         Motion::BackOff { to, feed_mm_min } | Motion::Feed { to, feed_mm_min } => ("Feed", to.clone(), *feed_mm_min),
@@ -86,14 +86,14 @@ fn row(motion: &Motion) -> String {
 }
 
 /// A whole run of `method` with the machine file `text`.
-async fn measure(text: String, method: &str) -> Proven {
+async fn measure_and_compare(text: String, method: &str) -> ProvenText {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let devices = setup::open_devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
     let (lines, rows) = (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
     let halt = devices.controller.halt_handle();
     let halting = Halt::new(move || halt.trigger());
     let Devices { controller: inner, sensors, thermometers, dialect, clock, .. } = devices;
-    let recorded = Recorded { inner, lines: lines.clone(), rows: rows.clone() };
+    let recorded = RecordingController { inner, lines: lines.clone(), rows: rows.clone() };
     let modes = setup::render_modes(&dialect, &file.machine, None).unwrap();
     let mut devices = Devices::new(Controller::spawn(recorded, halting), dialect);
     (devices.sensors, devices.thermometers, devices.clock) = (sensors, thermometers, clock);
@@ -105,19 +105,19 @@ async fn measure(text: String, method: &str) -> Proven {
     let mut tell = |_: &Event| {};
     Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell).execute().await.unwrap();
     let (lines, rows) = (lines.lock().unwrap().clone(), rows.lock().unwrap().clone());
-    Proven { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), rows }
+    ProvenText { head: modes.head().to_vec(), lines, foot: modes.foot().to_vec(), rows }
 }
 
-fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
+fn block_on<T>(work: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
 }
 
 /// The lines that grbl received are queries, the head, the proven lines, the foot and the modes that were read.
-fn grbl(method: &str) {
+fn check_grbl(method: &str) {
     let control = RecordingControl::start();
-    let text = recording_control::machine(&control.address()) + "positions = 5\n";
-    let proven = on_a_runtime(measure(text, method));
-    let received = control.end().lines();
+    let text = recording_control::machine_with_control(&control.address()) + "positions = 5\n";
+    let proven = block_on(measure_and_compare(text, method));
+    let received = control.stop_and_take_record().received_lines();
     let is_query = |line: &String| line.is_empty() || line.starts_with('$');
     let received: Vec<String> = received.into_iter().filter(|line| !is_query(line)).collect();
     let (modes_found, rest) = received.split_last().unwrap();
@@ -127,16 +127,16 @@ fn grbl(method: &str) {
 }
 
 pub fn grbl_receives_the_proven_lines_of_a_self_calibration() {
-    grbl("self-calibration");
+    check_grbl("self-calibration");
 }
 
 pub fn grbl_receives_the_proven_lines_of_a_latch_delay() {
-    grbl("latch-delay");
+    check_grbl("latch-delay");
 }
 
 /// The text that a control behind a window of registers accepted, and the proven text.
-fn window(resident: bool) -> (Vec<String>, Proven) {
-    on_a_runtime(async {
+fn run_register_window(resident: bool) -> (Vec<String>, ProvenText) {
+    block_on(async {
         let text = include_str!("../../../config/simulated.toml");
         let world_of = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
         let world = Arc::new(Mutex::new(setup::build_world(&world_of).unwrap()));
@@ -153,7 +153,7 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
         let keys = format!("kind = \"modbus\"\ntcp = \"{address}\"\ndialect = \"grbl-m19\"\n{program}");
         let text = text.replace("kind = \"simulated\"\n", &keys).replace("wire = \"memory\"\n", "")
             + "\n[method.self-calibration]\npositions = 5\nmonte_carlo_trials = 100\n";
-        let proven = measure(text, "self-calibration").await;
+        let proven = measure_and_compare(text, "self-calibration").await;
         let diary = diary.lock().unwrap();
         let took = diary.iter().filter_map(|entry| match entry {
             DiaryEntry::Accepted { text, .. } => Some(text.clone()),
@@ -164,14 +164,14 @@ fn window(resident: bool) -> (Vec<String>, Proven) {
 }
 
 pub fn a_window_of_registers_receives_the_proven_lines() {
-    let (took, proven) = window(false);
+    let (took, proven) = run_register_window(false);
     let head = proven.head.into_iter().filter(|line| !line.starts_with('('));
     let expected: Vec<String> = head.chain(proven.lines).chain(proven.foot).collect();
     assert_eq!(took, expected);
 }
 
 pub fn a_resident_program_receives_a_row_for_each_proven_motion() {
-    let (took, proven) = window(true);
+    let (took, proven) = run_register_window(true);
     assert_eq!(took, proven.rows);
     assert!(took.len() > 10, "{}", took.len());
 }

@@ -1,26 +1,26 @@
 //! Resuming a held run from the page, and signing a result: requirements and refusals.
 
-use crate::support::http::{HTTP, error_code, start_request};
+use crate::support::http::{HTTP_SECTION, error_code, start_request};
 use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
 /// The control restarts after the references: the axes must be homed, and the operator must confirm it.
-pub fn resumed() {
-    let shop = MachineShop::with_serve(HTTP);
-    shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
+pub fn resumed_run_in_the_page() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    shop.replace_in_machine("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
     let fault = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 14\n[serve]";
-    shop.change("[serve]", fault);
-    let daemon = shop.serve("fast");
+    shop.replace_in_machine("[serve]", fault);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let word = |change: &dyn Fn(&mut Value)| {
         let mut word = json!({"run": 1, "who": "Ada", "free": true, "whole": true, "homed": true});
         change(&mut word);
         word
     };
-    assert_eq!(error_code(&http.post("resume", &word(&|_| ()))), (404, "not-found"));
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(error_code(&http.post_action("resume", &word(&|_| ()))), (404, "not-found"));
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["state"] == "held");
-    let readings = || http.get("/api/v1/runs/1")["readings"].as_u64().unwrap();
+    let readings = || http.get_json("/api/v1/runs/1")["readings"].as_u64().unwrap();
     let before = readings();
     let refused: [(&str, Value, (u16, &str)); 5] = [
         ("nobody", word(&|word| word["who"] = json!(" ")), (400, "nameless")),
@@ -30,27 +30,27 @@ pub fn resumed() {
         ("another run", word(&|word| word["run"] = json!(7)), (404, "not-found")),
     ];
     for (what, word, wanted) in &refused {
-        assert_eq!(error_code(&http.post("resume", word)), *wanted, "{what}");
+        assert_eq!(error_code(&http.post_action("resume", word)), *wanted, "{what}");
     }
-    assert_eq!((shop.states(), readings()), (vec!["held".to_owned()], before));
+    assert_eq!((shop.run_states(), readings()), (vec!["held".to_owned()], before));
     let because = word(&|word| word["why"] = json!("the plug sat loose"));
-    assert_eq!(http.post("resume", &because).0, 202);
-    let audits = http.get("/api/v1/audit");
+    assert_eq!(http.post_action("resume", &because).0, 202);
+    let audits = http.get_json("/api/v1/audit");
     let (what, why) = (&audits[0]["what"], &audits[0]["why"]);
     assert_eq!((what, why), (&json!("resume of run 1"), &json!("the plug sat loose")));
     // The same fault again: the same run is held at a later step.
     http.wait_until(|standing| standing["state"] == "held" && readings() > before);
-    assert_eq!(shop.states(), ["held"]);
-    let story = http.get("/api/v1/runs/1")["story"].to_string();
+    assert_eq!(shop.run_states(), ["held"]);
+    let story = http.get_json("/api/v1/runs/1")["story"].to_string();
     assert!(story.contains("confirmed by Ada") && story.contains("resumed after"), "{story}");
 }
 
 /// A signature belongs to the estimate that was read, and has a name.
-pub fn signed() {
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+pub fn signed_estimate() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["state"] == "waiting");
     let path = "/api/v1/runs/1/sign";
     let sign =
@@ -60,14 +60,14 @@ pub fn signed() {
     let hash = &rest[..64];
     assert_eq!(error_code(&sign("Lise", "0")), (409, "other-estimate"));
     assert_eq!(error_code(&sign("", hash)), (400, "nameless"));
-    assert_eq!(http.get("/api/v1/runs")[0]["signed"], Value::Null);
+    assert_eq!(http.get_json("/api/v1/runs")[0]["signed"], Value::Null);
     assert_eq!(sign("Lise", hash).0, 201);
-    assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
-    let audit = &http.get("/api/v1/audit")[0];
+    assert_eq!(http.get_json("/api/v1/runs")[0]["signed"], "Lise");
+    let audit = &http.get_json("/api/v1/audit")[0];
     assert_eq!((&audit["who"], &audit["what"]), (&json!("Lise"), &json!("signature under run 1")));
     // A new identification of the same readings gives the same estimate.
-    shop.json(&["identify", "self-calibration", "--run", "1", "--json"]);
-    assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
+    shop.run_json(&["identify", "self-calibration", "--run", "1", "--json"]);
+    assert_eq!(http.get_json("/api/v1/runs")[0]["signed"], "Lise");
     let other = json!({"who": "Ada", "estimate": hash});
     assert_eq!(http.post_path("/api/v1/runs/7/sign", &other).0, 404);
 }

@@ -13,33 +13,33 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::sleep;
 
-use super::hostile::{Guarded, bearer};
+use super::hostile::{GuardedDaemon, bearer};
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::{MACHINE, start_request};
+use crate::support::http::{MACHINE_API_PATH, start_request};
 
-const ASKED: &str = "TRUED_TEST_CROWD";
-const CONNECTS: &str = "TRUED_TEST_CONNECTS";
-const CROWDS: usize = 2;
-const EACH: usize = 500;
+const CROWD_VARIABLE: &str = "TRUED_TEST_CROWD";
+const CONNECT_VARIABLE: &str = "TRUED_TEST_CONNECTS";
+const CROWD_COUNT: usize = 2;
+const CLIENTS_PER_CROWD: usize = 500;
 /// Maximum additional memory of the daemon, KiB: the limits of docs/page.md, with a margin.
-const MOST_KIB: u64 = 32 * 1024;
+const MAX_GROWTH_KIB: u64 = 32 * 1024;
 
 /// Port and token for a child process that acts as the crowd.
-pub fn asked_for() -> Option<(u16, String)> {
-    let asked = std::env::var(ASKED).ok()?;
+pub fn crowd_request() -> Option<(u16, String)> {
+    let asked = std::env::var(CROWD_VARIABLE).ok()?;
     let (port, token) = asked.split_once(' ')?;
     Some((port.parse().ok()?, token.to_owned()))
 }
 
 /// Runs the crowd until the process is killed; prints a line once all clients have been connected.
-pub fn be(port: u16, token: &str) {
+pub fn run_crowd(port: u16, token: &str) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let (tell, mut told) = tokio::sync::mpsc::channel(EACH);
-        for number in 0..EACH {
-            tokio::spawn(one(port, token.to_owned(), number, tell.clone()));
+        let (tell, mut told) = tokio::sync::mpsc::channel(CLIENTS_PER_CROWD);
+        for number in 0..CLIENTS_PER_CROWD {
+            tokio::spawn(run_client(port, token.to_owned(), number, tell.clone()));
         }
-        for _ in 0..EACH {
+        for _ in 0..CLIENTS_PER_CROWD {
             told.recv().await.unwrap();
         }
         println!("crowded");
@@ -48,15 +48,15 @@ pub fn be(port: u16, token: &str) {
 }
 
 /// Port, and source address, for a child process that only connects.
-pub fn asked_to_connect() -> Option<(u16, Ipv4Addr)> {
-    let asked = std::env::var(CONNECTS).ok()?;
+pub fn connect_request() -> Option<(u16, Ipv4Addr)> {
+    let asked = std::env::var(CONNECT_VARIABLE).ok()?;
     let (port, from) = asked.split_once(' ')?;
     Some((port.parse().ok()?, from.parse().ok()?))
 }
 
 /// Connects as fast as possible until the process is killed; sends nothing.
-pub fn only_connect(port: u16, from: Ipv4Addr) {
-    const KEPT: usize = 200;
+pub fn open_idle_connections(port: u16, from: Ipv4Addr) {
+    const IDLE_CONNECTIONS: usize = 200;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let mut kept = VecDeque::new();
@@ -72,13 +72,13 @@ pub fn only_connect(port: u16, from: Ipv4Addr) {
                 Ok(stream) => kept.push_back(stream),
                 Err(_) => sleep(Duration::from_millis(1)).await,
             }
-            kept.drain(..kept.len().saturating_sub(KEPT));
+            kept.drain(..kept.len().saturating_sub(IDLE_CONNECTIONS));
         }
     });
 }
 
 /// One client; it reconnects whenever it is disconnected.
-async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
+async fn run_client(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
     let mut first = Some(tell);
     loop {
         if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)).await {
@@ -106,7 +106,7 @@ async fn misbehave(mut stream: TcpStream, port: u16, token: &str, kind: usize) -
         }
         3 => {
             let head = "Content-Type: application/json\r\nContent-Length: 10000\r\n\r\n";
-            let head = format!("POST {MACHINE}/acknowledge HTTP/1.1\r\n{host}{head}");
+            let head = format!("POST {MACHINE_API_PATH}/acknowledge HTTP/1.1\r\n{host}{head}");
             stream.write_all(head.as_bytes()).await?;
             for _ in 0..10_000 {
                 stream.write_all(b" ").await?;
@@ -120,7 +120,7 @@ async fn misbehave(mut stream: TcpStream, port: u16, token: &str, kind: usize) -
             sleep(Duration::from_secs(60)).await;
         }
         _ => {
-            let request = format!("GET {MACHINE}/events HTTP/1.1\r\n{host}\r\n");
+            let request = format!("GET {MACHINE_API_PATH}/events HTTP/1.1\r\n{host}\r\n");
             stream.write_all(request.as_bytes()).await?;
         }
     }
@@ -129,21 +129,21 @@ async fn misbehave(mut stream: TcpStream, port: u16, token: &str, kind: usize) -
 }
 
 /// A child process, killed when dropped.
-struct Crowd(Child);
+struct CrowdProcess(Child);
 
-impl Drop for Crowd {
+impl Drop for CrowdProcess {
     fn drop(&mut self) {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-impl Crowd {
-    fn at(guarded: &Guarded) -> Self {
-        Self::asked(ASKED, &format!("{} {}", guarded.port, guarded.metrologist))
+impl CrowdProcess {
+    fn start_at(guarded: &GuardedDaemon) -> Self {
+        Self::start_with_variable(CROWD_VARIABLE, &format!("{} {}", guarded.port, guarded.metrologist))
     }
 
-    fn asked(what: &str, words: &str) -> Self {
+    fn start_with_variable(what: &str, words: &str) -> Self {
         let mut command = Command::new("sh");
         command.args(["-c", "ulimit -n 4096 2>/dev/null; exec \"$0\""]);
         command.arg(std::env::current_exe().unwrap()).env(what, words);
@@ -156,51 +156,55 @@ impl Crowd {
 }
 
 /// Peak memory of the daemon, KiB.
-fn high_water(daemon: &DaemonProcess) -> u64 {
+fn peak_memory_kib(daemon: &DaemonProcess) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", daemon.child.id())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().strip_suffix(" kB").unwrap().parse().unwrap()
 }
 
 /// The results of the next run.
-fn measure(guarded: &Guarded) -> Value {
-    let before = guarded.standing()["run"].as_u64().unwrap();
+fn measure_start(guarded: &GuardedDaemon) -> Value {
+    let before = guarded.machine_state()["run"].as_u64().unwrap();
     assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
     let ended = |now: &Value| now["state"] == "waiting" && now["run"].as_u64().unwrap() > before;
-    guarded.until(ended)["parameters"].clone()
+    guarded.wait_until(ended)["parameters"].clone()
 }
 
-pub fn beside_a_run() {
-    let guarded = Guarded::new("fast");
-    let wanted = measure(&guarded);
-    let calm_kib = high_water(&guarded.daemon);
-    let crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
+pub fn crowd_during_a_run() {
+    let guarded = GuardedDaemon::new("fast");
+    let wanted = measure_start(&guarded);
+    let calm_kib = peak_memory_kib(&guarded.daemon);
+    let crowds: Vec<CrowdProcess> = (0..CROWD_COUNT).map(|_| CrowdProcess::start_at(&guarded)).collect();
     // The results with the crowd equal those without it, to the last digit.
-    assert_eq!(measure(&guarded), wanted);
+    assert_eq!(measure_start(&guarded), wanted);
     assert!(wanted.as_array().unwrap().len() > 5);
-    let crowd_kib = high_water(&guarded.daemon);
+    let crowd_kib = peak_memory_kib(&guarded.daemon);
     println!("memory: {calm_kib} KiB at most without a crowd, {crowd_kib} KiB with it");
-    assert!(crowd_kib < calm_kib + MOST_KIB, "{calm_kib} KiB, with a crowd {crowd_kib} KiB");
+    assert!(crowd_kib < calm_kib + MAX_GROWTH_KIB, "{calm_kib} KiB, with a crowd {crowd_kib} KiB");
     drop(crowds);
     assert!(!guarded.daemon.log().contains("panicked"));
 }
 
 /// A hold works in spite of the crowd.
-pub fn and_a_hold() {
-    let guarded = Guarded::new("real");
-    let _crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
+pub fn crowd_during_a_hold() {
+    let guarded = GuardedDaemon::new("real");
+    let _crowds: Vec<CrowdProcess> = (0..CROWD_COUNT).map(|_| CrowdProcess::start_at(&guarded)).collect();
     assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
-    guarded.until(|now| now["measured"].as_u64().unwrap() > 0);
+    guarded.wait_until(|now| now["measured"].as_u64().unwrap() > 0);
     assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
-    guarded.until(|now| now["state"] == "held");
-    assert_eq!(guarded.shop.states(), ["held"]);
+    guarded.wait_until(|now| now["state"] == "held");
+    assert_eq!(guarded.shop.run_states(), ["held"]);
 }
 
 /// Three processes that only connect, continuously, from other addresses: no hold is lost.
-pub fn who_only_connect() {
-    let guarded = Guarded::new("fast");
-    let crowds =
-        [2, 3, 4].map(|last| Crowd::asked(CONNECTS, &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last))));
+pub fn idle_connections_are_limited() {
+    let guarded = GuardedDaemon::new("fast");
+    let crowds = [2, 3, 4].map(|last| {
+        CrowdProcess::start_with_variable(
+            CONNECT_VARIABLE,
+            &format!("{} {}", guarded.port, Ipv4Addr::new(127, 0, 0, last)),
+        )
+    });
     std::thread::sleep(Duration::from_secs(1));
     for _ in 0..300 {
         assert_eq!(guarded.post("hold", &guarded.viewer, &json!({})), 202);
@@ -209,12 +213,12 @@ pub fn who_only_connect() {
 }
 
 /// The 65th listener of one caller replaces the oldest of the same caller.
-pub fn listeners() {
-    let guarded = Guarded::new("fast");
+pub fn event_streams_are_limited() {
+    let guarded = GuardedDaemon::new("fast");
     let listen = |token: &str| {
         let mut stream = std::net::TcpStream::connect(("127.0.0.1", guarded.port)).unwrap();
         let host = format!("Host: localhost:{}\r\n", guarded.port);
-        let request = format!("GET {MACHINE}/events HTTP/1.1\r\n{host}{}\r\n", bearer(token));
+        let request = format!("GET {MACHINE_API_PATH}/events HTTP/1.1\r\n{host}{}\r\n", bearer(token));
         stream.write_all(request.as_bytes()).unwrap();
         // The head, and with it the first event.
         assert!(stream.read(&mut [0; 4096]).unwrap() > 0);

@@ -7,14 +7,14 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::{FORM, HTTP, HttpClient, JSON, MACHINE, start_request};
+use crate::support::http::{FORM_HEADER, HTTP_SECTION, HttpClient, JSON_HEADER, MACHINE_API_PATH, start_request};
 use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
-const PATIENCE: Duration = Duration::from_secs(300);
+const STATE_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// A machine with three tokens and a proxy's name, and its daemon.
-pub struct Guarded {
+pub struct GuardedDaemon {
     pub shop: MachineShop,
     pub daemon: DaemonProcess,
     pub port: u16,
@@ -23,8 +23,8 @@ pub struct Guarded {
     pub metrologist: String,
 }
 
-pub fn token(shop: &MachineShop, name: &str, role: &str) -> String {
-    let made = shop.trued(&["token", "add", name, "--role", role]);
+pub fn create_token(shop: &MachineShop, name: &str, role: &str) -> String {
+    let made = shop.run_trued(&["token", "add", name, "--role", role]);
     assert!(made.status.success(), "{made:?}");
     String::from_utf8(made.stdout).unwrap().trim().to_owned()
 }
@@ -33,61 +33,61 @@ pub fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
-impl Guarded {
+impl GuardedDaemon {
     pub fn new(speed: &str) -> Self {
-        Self::with(speed, |_| {})
+        Self::start_with(speed, |_| {})
     }
 
     /// With a changed machine file.
-    pub fn with(speed: &str, change: impl FnOnce(&MachineShop)) -> Self {
-        let shop = MachineShop::with_serve(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
+    pub fn start_with(speed: &str, change: impl FnOnce(&MachineShop)) -> Self {
+        let shop = MachineShop::with_serve(&format!("{HTTP_SECTION}names = [\"true.example\"]\ntokens = true\n"));
         change(&shop);
         let [viewer, operator, metrologist] =
-            ["viewer", "operator", "metrologist"].map(|role| token(&shop, &format!("a-{role}"), role));
-        let daemon = shop.serve(speed);
+            ["viewer", "operator", "metrologist"].map(|role| create_token(&shop, &format!("a-{role}"), role));
+        let daemon = shop.start_daemon(speed);
         let http = daemon.http();
         let port = http.port;
         Self { shop, daemon, port, viewer, operator, metrologist }
     }
 
     pub fn get(&self, path: &str, headers: &str) -> u16 {
-        HttpClient::at(self.port).request("GET", path, headers, "").0
+        HttpClient::new(self.port).request("GET", path, headers, "").0
     }
 
     /// A POST request of a program.
     pub fn post(&self, what: &str, token: &str, body: &Value) -> u16 {
-        let headers = format!("{JSON}{}", bearer(token));
-        HttpClient::at(self.port).request("POST", &format!("{MACHINE}/{what}"), &headers, &body.to_string()).0
+        let headers = format!("{JSON_HEADER}{}", bearer(token));
+        HttpClient::new(self.port).request("POST", &format!("{MACHINE_API_PATH}/{what}"), &headers, &body.to_string()).0
     }
 
-    pub fn standing(&self) -> Value {
-        let (status, told) = HttpClient::at(self.port).request("GET", MACHINE, &bearer(&self.viewer), "");
+    pub fn machine_state(&self) -> Value {
+        let (status, told) = HttpClient::new(self.port).request("GET", MACHINE_API_PATH, &bearer(&self.viewer), "");
         assert_eq!(status, 200, "{told}");
         serde_json::from_str(&told).unwrap()
     }
 
-    pub fn until(&self, right: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait_until(&self, right: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
-            let standing = self.standing();
+            let standing = self.machine_state();
             if right(&standing) {
                 return standing;
             }
-            assert!(started.elapsed() < PATIENCE, "{standing}");
+            assert!(started.elapsed() < STATE_TIMEOUT, "{standing}");
             sleep(Duration::from_millis(20));
         }
     }
 
     /// The daemon's complete response, with its head.
-    pub fn whole(&self, request: &str) -> String {
-        raw(self.port, request.as_bytes())
+    pub fn raw_response(&self, request: &str) -> String {
+        send_raw(self.port, request.as_bytes())
     }
 
     /// The cookie that the page sets, with its attributes.
-    pub fn come_in(&self, token: &str, host: &str) -> String {
+    pub fn sign_in(&self, token: &str, host: &str) -> String {
         let body = format!("token={token}");
-        let answer = self.whole(&format!(
-            "POST /login HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n{FORM}Content-Length: {}\r\n\
+        let answer = self.raw_response(&format!(
+            "POST /login HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\n{FORM_HEADER}Content-Length: {}\r\n\
              Connection: close\r\n\r\n{body}",
             body.len()
         ));
@@ -97,9 +97,9 @@ impl Guarded {
 }
 
 /// All bytes until the server closes.
-fn raw(port: u16, request: &[u8]) -> String {
+fn send_raw(port: u16, request: &[u8]) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(STATE_TIMEOUT)).unwrap();
     // The server may close before all bytes are sent.
     let _ = stream.write_all(request);
     let mut answer = Vec::new();
@@ -108,9 +108,9 @@ fn raw(port: u16, request: &[u8]) -> String {
 }
 
 /// Each role can do what it is allowed to, and the log names the token.
-pub fn roles() {
-    let guarded = Guarded::new("real");
-    let Guarded { viewer, operator, metrologist, .. } = &guarded;
+pub fn roles_limit_actions() {
+    let guarded = GuardedDaemon::new("real");
+    let GuardedDaemon { viewer, operator, metrologist, .. } = &guarded;
     let start = json!({"cycle": 1, "enable": true, "auto": true, "door": true, "who": ""});
     let reads = ["/", "/runs", "/live.js", "/api/v1/machines", "/api/v1/audit", "/api/v1/openapi.json"];
     for path in reads {
@@ -119,28 +119,32 @@ pub fn roles() {
         let seen = guarded.get(path, &bearer(viewer));
         assert!(seen == 200 || seen == 303, "{path}: {seen}");
     }
-    let stranger =
-        guarded.whole("GET /runs HTTP/1.1\r\nHost: true.example\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
+    let stranger = guarded
+        .raw_response("GET /runs HTTP/1.1\r\nHost: true.example\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
     assert!(stranger.starts_with("HTTP/1.1 303") && stranger.contains("location: /login"), "{stranger}");
     for what in ["start", "hold", "acknowledge"] {
-        let (status, told) = HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/{what}"), JSON, "{}");
+        let (status, told) =
+            HttpClient::new(guarded.port).request("POST", &format!("{MACHINE_API_PATH}/{what}"), JSON_HEADER, "{}");
         assert_eq!(status, 401, "{what}: {told}");
     }
     assert_eq!(guarded.post("start", viewer, &start_request()), 403);
     assert_eq!(guarded.post("acknowledge", viewer, &start_request()), 403);
-    assert_eq!(guarded.shop.states(), Vec::<String>::new());
+    assert_eq!(guarded.shop.run_states(), Vec::<String>::new());
     assert_eq!(guarded.post("start", operator, &start), 202);
     // A hold is accepted from every authenticated client, whatever else the request contains.
-    let spoilt = format!("{JSON}{}", bearer(viewer));
-    assert_eq!(HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/hold"), &spoilt, "{\"why\": 7").0, 202);
-    guarded.until(|now| now["state"] == "held");
+    let spoilt = format!("{JSON_HEADER}{}", bearer(viewer));
+    assert_eq!(
+        HttpClient::new(guarded.port).request("POST", &format!("{MACHINE_API_PATH}/hold"), &spoilt, "{\"why\": 7").0,
+        202
+    );
+    guarded.wait_until(|now| now["state"] == "held");
     assert_eq!(guarded.post("acknowledge", metrologist, &json!({"who": "Ada"})), 202);
-    let audits = HttpClient::at(guarded.port).request("GET", "/api/v1/audit", &bearer(viewer), "").1;
+    let audits = HttpClient::new(guarded.port).request("GET", "/api/v1/audit", &bearer(viewer), "").1;
     let audits: Vec<Value> = serde_json::from_str(&audits).unwrap();
     let who: Vec<&str> = audits.iter().map(|audit| audit["who"].as_str().unwrap()).collect();
     assert_eq!(who, ["a-metrologist: Ada", "a-viewer", "a-operator"]);
     // A revoked token is refused at once; the others remain valid.
-    assert!(guarded.shop.trued(&["token", "revoke", "a-operator"]).status.success());
+    assert!(guarded.shop.run_trued(&["token", "revoke", "a-operator"]).status.success());
     assert_eq!(guarded.post("start", operator, &start), 401);
     assert_eq!(guarded.get("/runs", &bearer(operator)), 401);
     assert_eq!(guarded.get("/runs", &bearer(metrologist)), 200);
@@ -148,15 +152,15 @@ pub fn roles() {
 
 /// A browser's session: a cookie that no script and no other site's page can read, and that alone is not
 /// sufficient.
-pub fn sessions() {
-    let guarded = Guarded::new("fast");
+pub fn sessions_end() {
+    let guarded = GuardedDaemon::new("fast");
     let here = format!("localhost:{}", guarded.port);
-    let set = guarded.come_in(&guarded.operator, &here);
+    let set = guarded.sign_in(&guarded.operator, &here);
     for word in ["HttpOnly", "SameSite=Strict", "Max-Age=43200", "Path=/"] {
         assert!(set.contains(word), "{word} in {set}");
     }
     assert!(!set.contains("Secure"));
-    assert!(guarded.come_in(&guarded.operator, "true.example").contains("Secure"));
+    assert!(guarded.sign_in(&guarded.operator, "true.example").contains("Secure"));
     assert!(!set.contains(&guarded.operator));
     let cookie = format!("Cookie: {}\r\n", set.split(';').next().unwrap());
     assert_eq!(guarded.get("/runs", &cookie), 200);
@@ -169,29 +173,29 @@ pub fn sessions() {
     assert_eq!(guarded.get("/runs", &format!("Cookie: {many}{good}\r\n")), 401);
     let form = "cycle=1&who=&enable=true&auto=true&door=true";
     let start = |origin: &str| {
-        let headers = format!("{FORM}{cookie}{origin}");
-        HttpClient::at(guarded.port).request("POST", &format!("{MACHINE}/start"), &headers, form).0
+        let headers = format!("{FORM_HEADER}{cookie}{origin}");
+        HttpClient::new(guarded.port).request("POST", &format!("{MACHINE_API_PATH}/start"), &headers, form).0
     };
     assert_eq!(start("Origin: http://evil.example\r\n"), 403);
     assert_eq!(start("Origin: null\r\n"), 403);
     assert_eq!(start(""), 403);
-    assert_eq!(guarded.shop.states(), Vec::<String>::new());
+    assert_eq!(guarded.shop.run_states(), Vec::<String>::new());
     assert_eq!(start(&format!("Origin: http://{here}\r\n")), 303);
-    guarded.until(|now| now["state"] == "waiting");
+    guarded.wait_until(|now| now["state"] == "waiting");
     // A client that signs out, or whose token is revoked, has no session.
-    let other = guarded.come_in(&guarded.metrologist, &here);
+    let other = guarded.sign_in(&guarded.metrologist, &here);
     let other = format!("Cookie: {}\r\n", other.split(';').next().unwrap());
     assert_eq!(guarded.get("/runs", &other), 200);
-    let own = format!("{FORM}{other}Origin: http://{here}\r\n");
-    assert_eq!(HttpClient::at(guarded.port).request("POST", "/logout", &own, "").0, 303);
+    let own = format!("{FORM_HEADER}{other}Origin: http://{here}\r\n");
+    assert_eq!(HttpClient::new(guarded.port).request("POST", "/logout", &own, "").0, 303);
     assert_eq!(guarded.get("/runs", &other), 401);
-    assert!(guarded.shop.trued(&["token", "revoke", "a-operator"]).status.success());
+    assert!(guarded.shop.run_trued(&["token", "revoke", "a-operator"]).status.success());
     assert_eq!(guarded.get("/runs", &cookie), 401);
 }
 
 /// One client guesses tokens, another sends many starts. Other clients are not delayed, and no hold is.
-pub fn too_often() {
-    let guarded = Guarded::new("fast");
+pub fn repeated_wrong_tokens_are_limited() {
+    let guarded = GuardedDaemon::new("fast");
     // The first refusal comes within this number of tries, however slow the computer is.
     let tries = (0..500).map(|n| guarded.get("/runs", &bearer(&format!("trued_{n}"))));
     assert!(tries.take_while(|status| *status == 401).count() < 500);
@@ -207,8 +211,8 @@ pub fn too_often() {
 }
 
 /// Paths that try to bypass the access control, and malformed requests.
-pub fn paths() {
-    let guarded = Guarded::new("fast");
+pub fn hostile_paths_are_refused() {
+    let guarded = GuardedDaemon::new("fast");
     let paths = [
         "/../../etc/passwd",
         "/%2e%2e/%2e%2e/etc/passwd",
@@ -236,7 +240,7 @@ pub fn paths() {
     let deep = "/a".repeat(4_000);
     for path in paths.iter().copied().chain([long.as_str(), deep.as_str()]) {
         for (who, headers) in [("a stranger", String::new()), ("somebody", bearer(&guarded.viewer))] {
-            let answer = guarded.whole(&format!(
+            let answer = guarded.raw_response(&format!(
                 "GET {path} HTTP/1.1\r\nHost: localhost:{}\r\n{headers}Connection: close\r\n\r\n",
                 guarded.port
             ));
@@ -264,7 +268,7 @@ pub fn paths() {
         format!("POST /login HTTP/1.1\r\n{host}Content-Length: -1\r\n\r\n").into(),
     ];
     for request in spoilt {
-        let answer = raw(guarded.port, &request);
+        let answer = send_raw(guarded.port, &request);
         let status = answer.split(' ').nth(1).unwrap_or("closed");
         let text = String::from_utf8_lossy(&request[..request.len().min(60)]).into_owned();
         assert!(status == "closed" || status.starts_with('4'), "{text}: {answer}");

@@ -6,11 +6,11 @@ use std::net::TcpListener;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-pub fn starts() {
+pub fn line_protocol_starts_a_cycle() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     let shop = MachineShop::with_serve(&format!("[serve.line]\ntcp = \"127.0.0.1:{port}\"\n"));
-    let daemon = shop.serve("fast");
+    let daemon = shop.start_daemon("fast");
     let (mut line, _) = listener.accept().unwrap();
     line.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let mut answers = BufReader::new(line.try_clone().unwrap());
@@ -33,5 +33,5 @@ pub fn starts() {
         sleep(Duration::from_millis(50));
     }
     assert_eq!(daemon.terminate(), 0);
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }

@@ -3,40 +3,40 @@
 use std::path::Path;
 use std::time::Duration;
 
-use crate::support::http::{HTTP, HttpClient, MACHINE, error_code, start_request};
+use crate::support::http::{HTTP_SECTION, HttpClient, MACHINE_API_PATH, error_code, start_request};
 use crate::support::journal_rows;
 use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
-const PAGE: &str = "/machines/simulated%20five-axis%20machine";
+const MACHINE_PAGE: &str = "/machines/simulated%20five-axis%20machine";
 
-fn shown(port: u16, path: &str) -> String {
-    let (status, text) = HttpClient::at(port).request("GET", path, "", "");
+fn page_text(port: u16, path: &str) -> String {
+    let (status, text) = HttpClient::new(port).request("GET", path, "", "");
     assert_eq!(status, 200, "{path}: {text}");
     text
 }
 
 /// A result from before a restart is shown after it, with its time; it becomes outdated.
-pub fn a_verdict() {
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+pub fn page_shows_the_verdict() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
-    assert_eq!(http.get(MACHINE)["result"], Value::Null);
-    assert!(shown(at, PAGE).contains("unknown: no result yet"));
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.get_json(MACHINE_API_PATH)["result"], Value::Null);
+    assert!(page_text(at, MACHINE_PAGE).contains("unknown: no result yet"));
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     let ended = http.wait_until(|standing| standing["result"]["run"] == 1);
     assert_eq!(daemon.terminate(), 0);
 
-    let daemon = shop.serve("fast");
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
-    let standing = http.get(MACHINE);
+    let standing = http.get_json(MACHINE_API_PATH);
     assert_eq!((&standing["result"], &standing["verdict"]), (&ended["result"], &Value::Null));
-    let told = shop.json(&["runs", "--json"]);
+    let told = shop.run_json(&["runs", "--json"]);
     assert_eq!(standing["result"]["measured"], told[0]["ended"]);
     assert_eq!(standing["result"]["verdict"], "pass");
-    let page = shown(at, PAGE);
+    let page = page_text(at, MACHINE_PAGE);
     for words in ["class=\"glance true\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
         assert!(page.contains(words), "{words}: {page}");
     }
@@ -44,36 +44,36 @@ pub fn a_verdict() {
     assert!(!page.contains("sign in"), "{page}");
 
     let long_ago = "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
-    journal_rows::change(Path::new(&shop.file("state")), long_ago);
+    journal_rows::execute_statement(Path::new(&shop.read_file("state")), long_ago);
     // The page is updated without a request.
     let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
-    let page = shown(at, PAGE);
+    let page = page_text(at, MACHINE_PAGE);
     assert!(page.contains("class=\"glance unknown\"") && !page.contains("Result of run"), "{page}");
     assert!(page.contains("measured 2026-01-10"), "{page}");
     assert_eq!(daemon.terminate(), 0);
-    shop.change("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
-    let refused = shop.trued(&["serve", "--machine", &shop.machine()]);
+    shop.replace_in_machine("min_interval_s = 0.0", "min_interval_s = 0.0\nverdict_h = 0.05");
+    let refused = shop.run_trued(&["serve", "--machine", &shop.machine_path()]);
     let told = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && told.contains("verdict_h is 0.05"), "{told}");
 }
 
 /// Runs and readings are paged, and a page links to the next one.
-pub fn pages() {
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+pub fn run_list_is_paged() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
     let more = "WITH RECURSIVE many (n) AS (SELECT 2 UNION ALL SELECT n + 1 FROM many WHERE n < 450)
         INSERT INTO runs (id, started, ended, method, machine, state, program_version, config,
                           config_sha256, plan_head, plan_sha256)
         SELECT n, started, ended, method, machine, 'failed', program_version, config,
                config_sha256, plan_head, plan_sha256 FROM many, runs WHERE runs.id = 1";
-    journal_rows::change(Path::new(&shop.file("state")), more);
+    journal_rows::execute_statement(Path::new(&shop.read_file("state")), more);
     let ids = |path: &str| -> Vec<i64> {
-        http.get(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
+        http.get_json(path).as_array().unwrap().iter().map(|run| run["id"].as_i64().unwrap()).collect()
     };
     let down = |from: i64, to: i64| (to..=from).rev().collect::<Vec<_>>();
     assert_eq!(ids("/api/v1/runs"), down(450, 251));
@@ -82,7 +82,7 @@ pub fn pages() {
     assert_eq!(ids("/api/v1/runs?after=447"), down(450, 448));
     assert_eq!(ids("/api/v1/runs?before=9&after=6&limit=50"), [8, 7]);
     let walk = |path: &str, word: &str| {
-        let page = shown(at, path);
+        let page = page_text(at, path);
         let runs = page.matches("class=\"target\" href=\"/runs/").count();
         let link = page.split("href=\"").find(|link| link.contains(&format!("\">{word}</a>")));
         (runs, link.map(|link| link.split('"').next().unwrap().to_owned()))
@@ -97,9 +97,9 @@ pub fn pages() {
     assert_eq!(walk("/runs?after=250", "newer"), (200, None));
     assert_eq!(walk("/runs?after=250", "older").1, to("/runs?before=251"));
     // The newest run with a result is the first of all of these.
-    assert_eq!(http.get(MACHINE)["result"]["run"], 1);
+    assert_eq!(http.get_json(MACHINE_API_PATH)["result"]["run"], 1);
 
-    let readings = |query: &str| http.get(&format!("/api/v1/runs/1/readings{query}"));
+    let readings = |query: &str| http.get_json(&format!("/api/v1/runs/1/readings{query}"));
     let all = readings("");
     let whole = all["readings"].as_array().unwrap();
     assert_eq!(all["all"], whole.len());
@@ -112,37 +112,37 @@ pub fn pages() {
 
 /// Input errors in a form are explained on a page, those of a program as JSON; a request for an unknown machine is
 /// answered with 404.
-pub fn slips() {
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+pub fn input_errors_are_explained() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
     let form = format!("Origin: http://localhost:{at}\r\nContent-Type: application/x-www-form-urlencoded\r\n");
-    let slip = |what: &str, body: &str| http.request("POST", &format!("{MACHINE}/{what}"), &form, body);
+    let slip = |what: &str, body: &str| http.request("POST", &format!("{MACHINE_API_PATH}/{what}"), &form, body);
     for (what, body, status) in [("arm", "cycle=1&who=Ada&until=tomorrow", 400), ("disarm", "who=++", 400)] {
         let (answered, page) = slip(what, body);
         assert_eq!(answered, status, "{what}: {page}");
         assert!(page.contains("</html>") && page.contains("Request failed"), "{what}: {page}");
     }
     let slip = json!({"cycle": 1, "who": "Ada", "until": "tomorrow"});
-    assert_eq!(error_code(&http.post("arm", &slip)), (400, "until"));
+    assert_eq!(error_code(&http.post_action("arm", &slip)), (400, "until"));
     let (status, told) = http.request("GET", "/api/v1/machines/nobody/schedule", "", "");
     assert!(status == 404 && told.starts_with('{'), "{told}");
     let (status, told) = http.request("GET", "/api/v1/machines/nobody/trends", "", "");
     assert!(status == 404 && told.contains("\"not-found\""), "{told}");
-    assert_eq!(http.get(&format!("{MACHINE}/trends")), json!([]));
+    assert_eq!(http.get_json(&format!("{MACHINE_API_PATH}/trends")), json!([]));
 }
 
 /// While nothing changes, a listener still receives signs of life; proxies in between do not delay them.
-pub fn signs_of_life() {
+pub fn health_answers() {
     use std::io::{BufRead, BufReader, Write};
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let at = http.port;
     let mut stream = std::net::TcpStream::connect(("127.0.0.1", at)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-    write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
+    write!(stream, "GET {MACHINE_API_PATH}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
     let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
     let head: Vec<String> = lines.by_ref().take_while(|line| !line.is_empty()).collect();
     let says = |words: &str| head.iter().any(|line| line.eq_ignore_ascii_case(words));

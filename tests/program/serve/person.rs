@@ -6,23 +6,23 @@ use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 
-use crate::support::http::{HTTP, error_code, start_request};
+use crate::support::http::{HTTP_SECTION, error_code, start_request};
 use crate::support::machine_shop::{MachineShop, stderr};
 use serde_json::{Value, json};
 
 /// The minimum number of touches of the method.
-fn short(trigger: &str) -> MachineShop {
+fn short_cycle_shop(trigger: &str) -> MachineShop {
     let shop = MachineShop::with_serve(trigger);
-    shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
+    shop.replace_in_machine("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
     shop
 }
 
 /// A confirmation of a closed guard at the page does not override the machine's report.
-pub fn against_the_machine() {
+pub fn person_stops_at_the_machine() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
-    let shop = short(&format!("[serve.line]\ntcp = \"{at}\"\n{HTTP}"));
-    let daemon = shop.serve("fast");
+    let shop = short_cycle_shop(&format!("[serve.line]\ntcp = \"{at}\"\n{HTTP_SECTION}"));
+    let daemon = shop.start_daemon("fast");
     let (http, (mut line, _)) = (daemon.http(), listener.accept().unwrap());
     line.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
     let mut answers = BufReader::new(line.try_clone().unwrap());
@@ -36,71 +36,71 @@ pub fn against_the_machine() {
         [("ENABLE AUTO", "a guard is open"), ("AUTO DOOR", "the external start is not enabled at the machine")]
     {
         tells(words);
-        let refused = http.post("start", &start_request());
+        let refused = http.post_action("start", &start_request());
         assert_eq!((error_code(&refused), &refused.1["message"]), ((409, "refused"), &json!(why)));
     }
-    assert!(shop.states().is_empty());
+    assert!(shop.run_states().is_empty());
     tells("ENABLE AUTO DOOR");
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["state"] == "waiting");
 }
 
 /// The control restarts before the references: the run cannot be resumed, and the operator must home the axes and
 /// confirm it. The reason of the stop is shown until then.
-pub fn leaves_a_lost_position() {
-    let shop = short(HTTP);
-    shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n[serve]");
-    let daemon = shop.serve("fast");
+pub fn lost_position_needs_a_person() {
+    let shop = short_cycle_shop(HTTP_SECTION);
+    shop.replace_in_machine("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n[serve]");
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     let held = http.wait_until(|standing| standing["state"] == "held");
     let failure = held["failure"]["what"].as_str().unwrap();
     assert!(failure.starts_with("run 1: "), "{failure}");
     let page = "/machines/simulated%20five-axis%20machine";
     let (_, shown) = http.request("GET", page, "", "");
     assert!(shown.contains("Remedy: ") && shown.contains("name=\"homed\""), "{shown}");
-    let leave = |homed: bool| http.post("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}));
+    let leave = |homed: bool| http.post_action("acknowledge", &json!({"who": "Ada", "why": "chips", "homed": homed}));
     let refused = leave(false);
     assert_eq!(error_code(&refused), (409, "refused"));
-    assert_eq!(http.get("/api/v1/audit")[0]["outcome"].as_str().unwrap().split(':').next(), Some("refused"));
+    assert_eq!(http.get_json("/api/v1/audit")[0]["outcome"].as_str().unwrap().split(':').next(), Some("refused"));
     let (status, standing) = leave(true);
     assert_eq!((status, &standing["state"], &standing["failure"]), (202, &json!("waiting"), &Value::Null));
-    let story = http.get("/api/v1/runs/1")["story"].to_string();
+    let story = http.get_json("/api/v1/runs/1")["story"].to_string();
     assert!(story.contains("confirmed by Ada") && story.contains("chips"), "{story}");
-    assert_eq!(http.get("/api/v1/audit")[0]["outcome"], "accepted");
+    assert_eq!(http.get_json("/api/v1/audit")[0]["outcome"], "accepted");
 }
 
 /// The command resumes a run that the daemon held: the page shows it, offers no hold, and later shows its result.
-pub fn resumes_elsewhere() {
-    let shop = short(HTTP);
+pub fn run_is_resumed_at_the_command_line() {
+    let shop = short_cycle_shop(HTTP_SECTION);
     // Later than the steps that remain after it.
-    shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 30\n[serve]");
-    let daemon = shop.serve("fast");
+    shop.replace_in_machine("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 30\n[serve]");
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     http.wait_until(|standing| standing["state"] == "held");
     let resume = |speed: &str| {
         let words = ["resume", "1", "--acknowledge", "Ada", "--homed", "--speed", speed];
-        shop.command(&words)
+        shop.trued_command(&words)
     };
     let mut resumed = resume("real").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let standing = http.wait_until(|standing| standing["elsewhere"] == true);
     assert_eq!(standing["state"], "held");
-    assert_eq!(error_code(&http.post("hold", &json!({}))), (409, "refused"));
-    assert_eq!(error_code(&http.post("acknowledge", &json!({"who": "Lise"}))), (409, "refused"));
+    assert_eq!(error_code(&http.post_action("hold", &json!({}))), (409, "refused"));
+    assert_eq!(error_code(&http.post_action("acknowledge", &json!({"who": "Lise"}))), (409, "refused"));
     resumed.kill().unwrap();
     resumed.wait().unwrap();
     let standing = http.wait_until(|standing| standing["elsewhere"] == false);
     assert_eq!(standing["state"], "held", "nobody has seen to it");
-    let ended = resumed_to_its_end(&mut resume("fast"));
+    let ended = resume_to_the_end(&mut resume("fast"));
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
     http.wait_until(|standing| standing["state"] == "waiting");
-    assert_eq!(shop.states(), ["finished"]);
+    assert_eq!(shop.run_states(), ["finished"]);
 }
 
 /// The daemon's test of the lock of a killed process blocks others for an instant (`MachineLock::holder`): the
 /// command is then repeated.
-fn resumed_to_its_end(resume: &mut Command) -> Output {
+fn resume_to_the_end(resume: &mut Command) -> Output {
     for _ in 0..100 {
         let output = resume.output().unwrap();
         if !stderr(&output).contains("is in use by process") {

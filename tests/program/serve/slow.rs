@@ -1,6 +1,6 @@
 //! Clients that make no progress are disconnected in the end; clients that make progress are not.
 
-use crate::support::http::{HTTP, HttpClient, JSON, MACHINE};
+use crate::support::http::{HTTP_SECTION, HttpClient, JSON_HEADER, MACHINE_API_PATH};
 use crate::support::machine_shop::MachineShop;
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -8,41 +8,41 @@ use std::thread::{scope, sleep};
 use std::time::{Duration, Instant};
 
 /// More than twice the limit of docs/page.md, because this computer may be busy.
-const IN_THE_END: Duration = Duration::from_secs(60);
+const MAX_REQUEST_DURATION: Duration = Duration::from_secs(60);
 /// More requests than the socket buffers of both sides hold.
-const MANY: usize = 1000;
+const REPEATED_HEADERS: usize = 1000;
 
-struct Caller {
+struct SlowClient {
     stream: TcpStream,
     port: u16,
 }
 
-impl Caller {
+impl SlowClient {
     fn new(port: u16) -> Self {
         let stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
-        stream.set_read_timeout(Some(IN_THE_END)).unwrap();
+        stream.set_read_timeout(Some(MAX_REQUEST_DURATION)).unwrap();
         stream.set_write_timeout(Some(Duration::from_secs(2))).unwrap();
         Self { stream, port }
     }
 
     /// Sends the beginning of a request.
-    fn begins(mut self, line: &str, headers: &str) -> Self {
+    fn send_head(mut self, line: &str, headers: &str) -> Self {
         let host = format!("Host: localhost:{}\r\n", self.port);
         self.stream.write_all(format!("{line} HTTP/1.1\r\n{host}{headers}").as_bytes()).unwrap();
         self
     }
 
     /// Sends single bytes until the server has closed.
-    fn goes_on_and_on(&self) {
+    fn send_slowly(&self) {
         let (mut stream, started) = (&self.stream, Instant::now());
         while stream.write_all(b"a").is_ok() {
-            assert!(started.elapsed() < IN_THE_END, "it listens on and on");
+            assert!(started.elapsed() < MAX_REQUEST_DURATION, "it listens on and on");
             sleep(Duration::from_millis(100));
         }
     }
 
     /// All bytes received until the end.
-    fn told(mut self) -> Vec<u8> {
+    fn read_answer(mut self) -> Vec<u8> {
         let (mut told, mut some) = (Vec::new(), [0; 65536]);
         loop {
             match self.stream.read(&mut some) {
@@ -55,51 +55,51 @@ impl Caller {
         }
     }
 
-    fn shown_out(self) {
-        let told = self.told();
+    fn wait_until_closed(self) {
+        let told = self.read_answer();
         let told = String::from_utf8_lossy(&told);
         assert!(told.is_empty() || told.starts_with("HTTP/1.1 4"), "{told}");
     }
 }
 
-pub fn shown_out() {
-    let shop = MachineShop::with_serve(HTTP);
-    let daemon = shop.serve("fast");
+pub fn slow_clients_are_disconnected() {
+    let shop = MachineShop::with_serve(HTTP_SECTION);
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
     let port = http.port;
-    let caller = || Caller::new(port);
+    let caller = || SlowClient::new(port);
     scope(|scope| {
-        scope.spawn(|| caller().shown_out());
-        scope.spawn(|| caller().begins("GET /", "X-More: a").shown_out());
+        scope.spawn(|| caller().wait_until_closed());
+        scope.spawn(|| caller().send_head("GET /", "X-More: a").wait_until_closed());
         for line in ["GET /", "POST /login"] {
             scope.spawn(move || {
-                let caller = Caller::new(port).begins(line, "X-More: ");
-                caller.goes_on_and_on();
-                caller.shown_out();
+                let caller = SlowClient::new(port).send_head(line, "X-More: ");
+                caller.send_slowly();
+                caller.wait_until_closed();
             });
         }
         scope.spawn(|| {
-            let start = format!("POST {MACHINE}/start");
-            let caller = caller().begins(&start, &format!("{JSON}Content-Length: 90000\r\n\r\n"));
-            caller.goes_on_and_on();
-            let told = String::from_utf8(caller.told()).unwrap();
+            let start = format!("POST {MACHINE_API_PATH}/start");
+            let caller = caller().send_head(&start, &format!("{JSON_HEADER}Content-Length: 90000\r\n\r\n"));
+            caller.send_slowly();
+            let told = String::from_utf8(caller.read_answer()).unwrap();
             assert!(told.is_empty() || told.starts_with("HTTP/1.1 408"), "{told}");
         });
-        scope.spawn(|| takes_no_answer(caller()));
+        scope.spawn(|| check_client_that_does_not_read(caller()));
     });
     assert_eq!(http.request("GET", "/runs", "", "").0, 200);
     assert!(!daemon.log().contains("panicked"));
 }
 
 /// Sends requests and reads nothing until the server gives up the remaining responses.
-fn takes_no_answer(mut caller: Caller) {
+fn check_client_that_does_not_read(mut caller: SlowClient) {
     let host = format!("Host: localhost:{}\r\n\r\n", caller.port);
     let request = format!("GET /api/v1/openapi.json HTTP/1.1\r\n{host}");
-    let (_, whole) = HttpClient::at(caller.port).request("GET", "/api/v1/openapi.json", "", "");
+    let (_, whole) = HttpClient::new(caller.port).request("GET", "/api/v1/openapi.json", "", "");
     // The buffers are full, because nothing is read.
-    let asked = (0..MANY).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
+    let asked = (0..REPEATED_HEADERS).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
     sleep(Duration::from_secs(25));
-    let told = caller.told().len();
+    let told = caller.read_answer().len();
     println!("{told} bytes of {asked} answers of {}", whole.len());
     assert!(told > 0 && told < whole.len() * asked, "{told} bytes of {asked} answers");
 }

@@ -9,47 +9,47 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
-use super::hostile::{Guarded, bearer, token};
+use super::hostile::{GuardedDaemon, bearer, create_token};
 use crate::support::daemon_process::DaemonProcess;
-use crate::support::http::{HTTP, start_request};
+use crate::support::http::{HTTP_SECTION, start_request};
 use crate::support::machine_shop::MachineShop;
 
 /// Id of `nobody`, the daemon's own user.
-const DAEMON: u32 = 65_534;
-const PATIENCE: Duration = Duration::from_secs(300);
+const DAEMON_USER_ID: u32 = 65_534;
+const START_TIMEOUT: Duration = Duration::from_secs(300);
 
 /// Root creates the tokens and revokes one; the daemon runs as another user, as under systemd.
-pub fn by_root() {
-    let shop = MachineShop::with_serve(&format!("{HTTP}tokens = true\n"));
-    let state = shop.file("state");
+pub fn tokens_created_by_root() {
+    let shop = MachineShop::with_serve(&format!("{HTTP_SECTION}tokens = true\n"));
+    let state = shop.read_file("state");
     std::fs::create_dir(&state).unwrap();
-    if chown(&state, Some(DAEMON), Some(DAEMON)).is_err() {
+    if chown(&state, Some(DAEMON_USER_ID), Some(DAEMON_USER_ID)).is_err() {
         println!("skipped, for this is not root");
         return;
     }
-    chown(Path::new(&state).parent().unwrap(), Some(DAEMON), Some(DAEMON)).unwrap();
-    let [gone, stays] = ["gone", "stays"].map(|name| token(&shop, name, "operator"));
+    chown(Path::new(&state).parent().unwrap(), Some(DAEMON_USER_ID), Some(DAEMON_USER_ID)).unwrap();
+    let [gone, stays] = ["gone", "stays"].map(|name| create_token(&shop, name, "operator"));
     // A copy of the program that this user can execute.
-    let program = shop.file("trued");
+    let program = shop.read_file("trued");
     std::fs::copy(env!("CARGO_BIN_EXE_trued"), &program).unwrap();
     let mut command = Command::new(program);
-    command.args(["serve", "--speed", "fast", "--machine", &shop.machine(), "--state", &state]);
-    command.uid(DAEMON).gid(DAEMON);
+    command.args(["serve", "--speed", "fast", "--machine", &shop.machine_path(), "--state", &state]);
+    command.uid(DAEMON_USER_ID).gid(DAEMON_USER_ID);
     let daemon = DaemonProcess::start(&mut command);
     let http = daemon.http();
     let reads = |token: &str| http.request("GET", "/api/v1/runs", &bearer(token), "").0;
     assert_eq!((reads(&gone), reads(&stays)), (200, 200));
-    let revoked = shop.trued(&["token", "revoke", "gone"]);
+    let revoked = shop.run_trued(&["token", "revoke", "gone"]);
     assert!(revoked.status.success(), "{revoked:?}");
     assert_eq!((reads(&gone), reads(&stays)), (401, 200));
     let file = std::fs::metadata(Path::new(&state).join("tokens.json")).unwrap();
-    assert_eq!((file.uid(), file.mode() & 0o777), (DAEMON, 0o600));
+    assert_eq!((file.uid(), file.mode() & 0o777), (DAEMON_USER_ID, 0o600));
 }
 
 /// All requests are refused, the log gives the reason, and a hold still works.
-pub fn unreadable() {
-    let guarded = Guarded::new("fast");
-    let list = Path::new(&guarded.shop.file("state")).join("tokens.json");
+pub fn unreadable_token_file() {
+    let guarded = GuardedDaemon::new("fast");
+    let list = Path::new(&guarded.shop.read_file("state")).join("tokens.json");
     let sound = std::fs::read(&list).unwrap();
     let said = |words: &str| guarded.daemon.log().matches(words).count();
     std::fs::write(&list, "{").unwrap();
@@ -63,9 +63,9 @@ pub fn unreadable() {
     assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
     let began = Instant::now();
     while said("the tokens can be read again") == 0 {
-        assert!(began.elapsed() < PATIENCE, "{}", guarded.daemon.log());
+        assert!(began.elapsed() < START_TIMEOUT, "{}", guarded.daemon.log());
         sleep(Duration::from_millis(20));
     }
     assert_eq!((said("so access is refused"), said("the tokens can be read again")), (1, 1));
-    assert!(guarded.shop.states().is_empty());
+    assert!(guarded.shop.run_states().is_empty());
 }

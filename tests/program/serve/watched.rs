@@ -7,33 +7,33 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::support::http::{HTTP, MACHINE, start_request};
+use crate::support::http::{HTTP_SECTION, MACHINE_API_PATH, start_request};
 use crate::support::machine_shop::MachineShop;
 
 /// Number of values that is enough to show that nothing grows.
-const VALUES: usize = 6;
+const SENSOR_COUNT: usize = 6;
 
 /// The built-in machine with sensors, under the name that the client uses.
-fn shop() -> MachineShop {
+fn shop_with_sensors() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle = "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
-    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
-    shop.change("simulated machine with sensors about its table", "simulated five-axis machine");
+    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP_SECTION}"));
+    shop.replace_in_machine("simulated machine with sensors about its table", "simulated five-axis machine");
     shop
 }
 
 /// Total size of the files in the state folder, bytes.
-fn stored(folder: &Path) -> u64 {
+fn stored_reading_count(folder: &Path) -> u64 {
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().metadata().unwrap());
     files.filter(|about| about.is_file()).map(|about| about.len()).sum()
 }
 
 /// Programs and the page get new values continuously; journal and log do not.
-pub fn by_programs() {
-    let shop = shop();
-    let daemon = shop.serve("fast");
+pub fn live_values_over_http() {
+    let shop = shop_with_sensors();
+    let daemon = shop.start_daemon("fast");
     let http = daemon.http();
-    assert_eq!(http.post("start", &start_request()).0, 202);
+    assert_eq!(http.post_action("start", &start_request()).0, 202);
     let asked = http.wait_until(|machine| machine["asked"]["live"].is_object());
     let (live, log) = (&asked["asked"]["live"], daemon.log());
     let names: Vec<&Value> = live["sensors"].as_array().unwrap().iter().map(|one| &one["sensor"]).collect();
@@ -42,45 +42,45 @@ pub fn by_programs() {
         assert_eq!((&sensor["target_mm"], &sensor["failure"]), (&json!(0.0), &Value::Null));
         assert!(sensor["value_mm"].as_f64().unwrap().abs() < 0.3, "{sensor}");
     }
-    let page = http.text(&MACHINE[7..]);
+    let page = http.get_text(&MACHINE_API_PATH[7..]);
     assert!(page.contains("<th scope=\"row\">r2</th>") && page.contains("% of -0.3 to 0.3 mm"), "{page}");
-    let part = http.text(&format!("{}/sensors", &MACHINE[7..]));
+    let part = http.get_text(&format!("{}/sensors", &MACHINE_API_PATH[7..]));
     assert!(part.contains("<th scope=\"row\">z1</th>") && !part.contains("<html"), "{part}");
 
-    let bytes = stored(&shop.state());
+    let bytes = stored_reading_count(&shop.state_folder());
     let (mut stream, at) = (http.connect(), http.port);
-    write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
+    write!(stream, "GET {MACHINE_API_PATH}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
     let lines = BufReader::new(stream).lines().map(Result::unwrap);
     let data = lines.filter_map(|line| line.strip_prefix("data: ").map(str::to_owned));
     let values = data.map(|data| {
         let standing: Value = serde_json::from_str(&data).unwrap();
         standing["asked"]["live"]["sensors"][0]["value_mm"].as_f64().unwrap()
     });
-    let mut values: Vec<f64> = values.take(VALUES).collect();
+    let mut values: Vec<f64> = values.take(SENSOR_COUNT).collect();
     values.sort_by(f64::total_cmp);
     values.dedup();
-    assert!(values.len() > VALUES / 2, "{values:?}");
-    assert_eq!((stored(&shop.state()), daemon.log()), (bytes, log));
-    assert_eq!(http.post("hold", &json!({})).0, 202);
+    assert!(values.len() > SENSOR_COUNT / 2, "{values:?}");
+    assert_eq!((stored_reading_count(&shop.state_folder()), daemon.log()), (bytes, log));
+    assert_eq!(http.post_action("hold", &json!({})).0, 202);
     let held = http.wait_for_state("held");
     assert_eq!(held["asked"], Value::Null);
 }
 
 /// Alone, and while a daemon has the machine.
-pub fn at_a_terminal() {
-    let shop = shop();
-    interrupted(&shop);
-    assert_eq!(shop.states(), ["held"]);
-    let shop = self::shop();
-    let daemon = shop.serve("fast");
-    interrupted(&shop);
+pub fn live_values_at_a_terminal() {
+    let shop = shop_with_sensors();
+    interrupt_run(&shop);
+    assert_eq!(shop.run_states(), ["held"]);
+    let shop = self::shop_with_sensors();
+    let daemon = shop.start_daemon("fast");
+    interrupt_run(&shop);
     daemon.http().wait_for_state("held");
 }
 
 /// Ctrl-C holds the run after values have been shown several times.
-fn interrupted(shop: &MachineShop) {
-    let machine = shop.machine();
-    let command = shop.command(&["run", "multiprobe", "--machine", &machine, "--acknowledge", "Ada"]);
+fn interrupt_run(shop: &MachineShop) {
+    let machine = shop.machine_path();
+    let command = shop.trued_command(&["run", "multiprobe", "--machine", &machine, "--acknowledge", "Ada"]);
     let words = [command.get_program()].into_iter().chain(command.get_args());
     let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
     let mut script = Command::new("script");
@@ -95,7 +95,7 @@ fn interrupted(shop: &MachineShop) {
     let mut some = [0; 4096];
     while let Ok(count @ 1..) = shown.read(&mut some) {
         seen.push_str(&String::from_utf8_lossy(&some[..count]));
-        if !is_stopped && seen.matches("  r2 ").count() > VALUES {
+        if !is_stopped && seen.matches("  r2 ").count() > SENSOR_COUNT {
             is_stopped = true;
             keys.write_all(b"\x03").unwrap();
         }
