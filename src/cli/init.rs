@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_path_of_the_ini_file_is_absolute_and_must_be_there() {
+    fn ini_path_is_absolute_and_must_exist() {
         let here = ini_file(Some(Path::new("tests/peers/linuxcnc/rig.ini"))).unwrap().unwrap();
         assert!(Path::new(&here).is_absolute() && here.ends_with("/rig.ini"), "{here}");
         let failure = ini_file(Some(Path::new("tests/peers"))).unwrap_err();

@@ -46,17 +46,26 @@ fn section_line(live: &LiveSection) -> String {
 mod tests {
     use super::*;
 
-    fn live(value_mm: Option<f64>, target_mm: Option<f64>) -> LiveSensor {
+    fn live_sensor(value_mm: Option<f64>, target_mm: Option<f64>) -> LiveSensor {
         let failure = value_mm.is_none().then(|| "out of range".to_owned());
         LiveSensor { sensor: "x1".to_owned(), range_mm: [-0.3, 0.3], target_mm, value_mm, failure }
     }
 
     #[test]
-    fn a_sensor_is_a_line_of_one_width() {
+    fn sensor_lines_have_equal_width() {
         let lines = [
-            (live(Some(0.3), Some(0.0)), "  x1     +0.30000 mm  target +0.00000  to go -300.0 µm  [--------|-------o]"),
-            (live(None, Some(-0.3)), "  x1    out of range  target -0.30000                   [|----------------]"),
-            (live(Some(-0.15), None), "  x1     -0.15000 mm                                    [----o------------]"),
+            (
+                live_sensor(Some(0.3), Some(0.0)),
+                "  x1     +0.30000 mm  target +0.00000  to go -300.0 µm  [--------|-------o]",
+            ),
+            (
+                live_sensor(None, Some(-0.3)),
+                "  x1    out of range  target -0.30000                   [|----------------]",
+            ),
+            (
+                live_sensor(Some(-0.15), None),
+                "  x1     -0.15000 mm                                    [----o------------]",
+            ),
         ];
         for (live, line) in lines {
             assert_eq!(sensor_line(&live), line);

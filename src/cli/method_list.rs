@@ -11,7 +11,7 @@ pub(super) fn methods_help() -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn the_readme_lists_the_methods() {
+    fn readme_lists_the_methods() {
         let readme = include_str!("../../README.md");
         for method in methods::METHOD_DESCRIPTIONS {
             let row = format!("| `{}` | {} | {} |", method.name, method.required_setup, method.results);

@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_typed_before_the_question_is_no_answer() {
+    fn input_before_the_question_is_ignored() {
         let (line, typed) = channel();
         let person = TerminalOperator { stop: Stop::default(), typed };
         (0..3).for_each(|_| line.send("y".to_owned()).unwrap());
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn enter_answers_the_question_that_is_shown_and_no_later_one() {
+    fn enter_answers_only_the_question_shown() {
         let (line, typed) = channel();
         let (typed, shown) = (Mutex::new(Some(typed)), std::sync::Arc::new(Mutex::new(Vec::new())));
         let show = {
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_retract_is_typed_as_axis_and_sign() {
+    fn retract_is_entered_as_axis_and_sign() {
         let retract = |axis, is_positive| Some(Answer::Retract(AxisDirection { axis, is_positive }));
         assert_eq!(parse_retract_direction("Z+"), retract(Axis::Z, true));
         assert_eq!(parse_retract_direction("x-"), retract(Axis::X, false));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_seen_is_typed_in_a_word() {
+    fn observed_motion_is_entered_as_a_word() {
         let typed = [
             ("y", Some(ObservedMotion::AsAnnounced)),
             ("R", Some(ObservedMotion::Opposite)),

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_digits_of_uncertainty_decide() {
+    fn decimals_follow_from_two_digits_of_uncertainty() {
         for (value, uncertainty, expected) in [
             (49.87654, 1.94, "49.9"),
             (-30.0049, 0.0314, "−30.005"),
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_go_below() {
+    fn indices_are_subscripts() {
         for (symbol, base, index) in [
             ("EX0C", "E", "X0C"),
             ("EXC_total", "E", "XC,total"),

@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scan_counts_once_and_silence_not_at_all() {
+    fn scan_counts_once_and_missing_temperatures_do_not_count() {
         let touches = [
             reading(0, &[("spindle", 21.0), ("table", 20.0)]),
             reading(1, &[("spindle", 24.5)]),

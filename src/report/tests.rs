@@ -4,11 +4,12 @@ use machine::record::estimate::*;
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
 
-const SOURCES: [(&str, f64); 4] = [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
+const BUDGET_SOURCES: [(&str, f64); 4] =
+    [("repeatability", 0.31), ("lobing", 0.22), ("stylus offset", 0.30), ("drift", 0.07)];
 
 fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
-    let budget = SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
-    let u = scale * SOURCES.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
+    let budget = BUDGET_SOURCES.map(|(source, u)| serde_json::json!({"source": source, "u": scale * u}));
+    let u = scale * BUDGET_SOURCES.iter().map(|(_, u)| u * u).sum::<f64>().sqrt();
     serde_json::from_value(serde_json::json!({
         "symbol": symbol, "value": value, "unit": unit, "u": u, "U": 2.13 * u, "k": 2.13,
         "dof": 15.4, "identifiable": true, "budget": budget,
@@ -16,7 +17,7 @@ fn parameter(symbol: &str, value: f64, unit: Unit, scale: f64) -> Parameter {
     .unwrap()
 }
 
-fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> EstimatedFunction {
+fn harmonic_function(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> EstimatedFunction {
     let x: Vec<f64> = (0..24).map(|n| f64::from(n) * 15.0).collect();
     let at = |x: &f64| {
         let turn = x.to_radians();
@@ -36,16 +37,20 @@ fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Estimated
 }
 
 /// An estimate as from the self-calibration of a rotary axis.
-fn example() -> Estimate {
+fn example_estimate() -> Estimate {
     let total = [
-        wave("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FigureKind::Curve),
-        wave("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FigureKind::Curve),
+        harmonic_function("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FigureKind::Curve),
+        harmonic_function("EYC_total", &[(1.0, 27.0), (3.0, 0.8)], FigureKind::Curve),
     ];
     let axis = CircleFigure {
         symbol: "axis_position".to_owned(),
         unit: Unit::Um,
         x: total[0].y.clone(),
-        y: wave("", &[(1.0, 30.0)], FigureKind::Curve).x.iter().map(|x| 29.8 * x.to_radians().sin() - 30.0).collect(),
+        y: harmonic_function("", &[(1.0, 30.0)], FigureKind::Curve)
+            .x
+            .iter()
+            .map(|x| 29.8 * x.to_radians().sin() - 30.0)
+            .collect(),
         centre: [-13.2, -30.004],
         radius: 30.6,
         centre_expanded: [4.1, 3.2],
@@ -68,8 +73,8 @@ fn example() -> Estimate {
         functions: total
             .into_iter()
             .chain([
-                wave("E_radial", &[(2.0, 1.1), (3.0, 0.4)], FigureKind::Curve),
-                wave("W", &[(2.0, 2.1), (3.0, 0.9), (5.0, 0.3)], FigureKind::Polar),
+                harmonic_function("E_radial", &[(2.0, 1.1), (3.0, 0.4)], FigureKind::Curve),
+                harmonic_function("W", &[(2.0, 2.1), (3.0, 0.9), (5.0, 0.3)], FigureKind::Polar),
             ])
             .collect(),
         circles: vec![axis],
@@ -110,7 +115,7 @@ fn plan(machine: &str) -> Plan {
     .unwrap()
 }
 
-fn proof(step: u32, clearance_mm: f64) -> Proof {
+fn proof_of_step(step: u32, clearance_mm: f64) -> Proof {
     let between = ["stylus stem".to_owned(), "vice".to_owned()];
     let clearance = Clearance { step, line: 9, clearance_mm, between };
     Proof {
@@ -121,7 +126,7 @@ fn proof(step: u32, clearance_mm: f64) -> Proof {
     }
 }
 
-fn facts() -> ReportFacts {
+fn report_facts() -> ReportFacts {
     ReportFacts {
         run: "12".to_owned(),
         started: "2025-03-14T09:26:53Z".to_owned(),
@@ -132,7 +137,7 @@ fn facts() -> ReportFacts {
         story: vec![("10:02".to_owned(), "confirmed by Ada: the way is free".to_owned())],
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
-        proofs: vec![proof(0, 2.25), proof(0, 1.26)],
+        proofs: vec![proof_of_step(0, 2.25), proof_of_step(0, 1.26)],
         volume: None,
     }
 }
@@ -140,9 +145,9 @@ fn facts() -> ReportFacts {
 /// The page shows the failed parameters, by how much they fail and by which rule; without limits the table has
 /// no column for them.
 #[test]
-fn what_failed_is_named() {
-    let mut estimate = example();
-    let page = |estimate: &Estimate| render(&plan("mill"), estimate, &facts()).unwrap();
+fn failed_parameters_are_named() {
+    let mut estimate = example_estimate();
+    let page = |estimate: &Estimate| render(&plan("mill"), estimate, &report_facts()).unwrap();
     assert!(!page(&estimate).contains("Probability of conformity"));
     estimate.verdict = Verdict::Fail;
     estimate.decision_rule = Some("guard bands".to_owned());
@@ -158,7 +163,7 @@ fn what_failed_is_named() {
 
 /// Each cell shows its value, or nothing for a value that is not finite.
 #[test]
-fn maps_of_the_volume_are_drawn() {
+fn volume_maps_are_drawn() {
     let map = ErrorMap {
         title: "X and Y, at Z 300 mm".to_owned(),
         horizontal: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
@@ -170,7 +175,7 @@ fn maps_of_the_volume_are_drawn() {
     };
     assert_eq!(map.max_value(), 72.0);
     let volume = Some((vec!["largest 55 µm".to_owned()], vec![map]));
-    let page = render(&plan("mill 3"), &example(), &ReportFacts { volume, ..facts() }).unwrap();
+    let page = render(&plan("mill 3"), &example_estimate(), &ReportFacts { volume, ..report_facts() }).unwrap();
     for words in ["Position error of the tool", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"] {
         assert!(page.contains(words), "{words}");
     }
@@ -180,15 +185,15 @@ fn maps_of_the_volume_are_drawn() {
 }
 
 #[test]
-fn the_page_holds_everything() {
-    let estimate = example();
-    let page = render(&plan("mill 3"), &estimate, &facts()).unwrap();
+fn page_has_all_sections() {
+    let estimate = example_estimate();
+    let page = render(&plan("mill 3"), &estimate, &report_facts()).unwrap();
     let symbols = estimate.parameters.iter().map(|p| &p.symbol);
     let symbols = symbols.chain(estimate.functions.iter().map(|f| &f.symbol));
     for symbol in symbols.chain(estimate.circles.iter().map(|circle| &circle.symbol)) {
         assert!(page.contains(&format!("title=\"{symbol}\"")), "{symbol}");
     }
-    let hash = facts().hashes[0].1.clone();
+    let hash = report_facts().hashes[0].1.clone();
     for text in [
         "mill 3",
         "<th scope=\"row\">spindle</th><td>mean 20.13 °C</td>",
@@ -220,7 +225,7 @@ fn the_page_holds_everything() {
 }
 
 /// A result with correlated unknowns, and vectors at their positions.
-fn in_space() -> Estimate {
+fn estimate_with_arrows() -> Estimate {
     let arrow = |label: &str, vector, flagged| Arrow {
         label: label.to_owned(),
         at_mm: [120.0, -40.0, 60.0],
@@ -246,13 +251,13 @@ fn in_space() -> Estimate {
             symbols: ["EX0S", "tool_x", "EA0B"].map(str::to_owned).into(),
             rows: vec![vec![4.0, -3.9999, 0.1], vec![-3.9999, 4.0, 0.0], vec![0.1, 0.0, 1.0]],
         },
-        ..example()
+        ..example_estimate()
     }
 }
 
 #[test]
-fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
-    let page = render(&plan("mill"), &in_space(), &facts()).unwrap();
+fn correlations_and_residuals_are_on_the_page() {
+    let page = render(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
     for text in [
         "EX0S together with tool_x",
         "<h3>Above ±0.5</h3>",
@@ -267,18 +272,18 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
     // Six figures as without vectors, the matrix, and a picture of each group, also of the group without
     // arrows.
     assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
-    let without = render(&plan("mill"), &example(), &facts()).unwrap();
+    let without = render(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
     for absent in ["Correlation of the results", "Weakest combination of parameters", "Views from above"] {
         assert!(page.contains(absent) && !without.contains(absent), "{absent}");
     }
 }
 
 #[test]
-fn balls_are_told_in_words() {
+fn balls_are_described() {
     let mut plan = plan("mill");
     let ball =
         |id: &str, radius_mm: f64| serde_json::json!({"id": id, "centre_mm": [0, 0, 60], "radius_mm": radius_mm});
-    let told = |plan: &Plan| render(plan, &example(), &facts()).unwrap();
+    let told = |plan: &Plan| render(plan, &example_estimate(), &report_facts()).unwrap();
     plan.artefact = serde_json::from_value(serde_json::json!({
         "kind": "balls", "balls": [ball("1", 12.5), ball("2", 15.0)],
         "lengths": [{"from": "1", "to": "2", "mm": 304.8, "u_mm": 1e-4}],
@@ -292,7 +297,7 @@ fn balls_are_told_in_words() {
 
 /// With a laser sensor the page does not mention a stylus, and repeated measurements are scans.
 #[test]
-fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
+fn sensor_is_described_instead_of_the_stylus() {
     let mut plan = plan("mill");
     let laser = serde_json::json!({"name": "laser", "zero_mm": [0, 0, -150], "direction": [0, 0, -1],
                                    "range_mm": [-10, 10], "noise_um": 0.5});
@@ -302,7 +307,7 @@ fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
     step.kind = machine::record::plan::StepKind::Reference;
     step.scan = Some(serde_json::from_value(scan).unwrap());
     plan.steps = vec![step];
-    let page = render(&plan, &example(), &facts()).unwrap();
+    let page = render(&plan, &example_estimate(), &report_facts()).unwrap();
     for text in ["Sensor laser", "range -10 to 10 mm, noise 0.5 µm declared", "reference scans: 1"] {
         assert!(page.contains(text), "{text}");
     }
@@ -310,17 +315,17 @@ fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
 }
 
 #[test]
-fn the_page_stands_alone() {
-    let page = render(&plan("mill"), &in_space(), &facts()).unwrap();
+fn page_needs_no_other_file() {
+    let page = render(&plan("mill"), &estimate_with_arrows(), &report_facts()).unwrap();
     for foreign in ["{{", "{%", "<script", "src=", "href=", "url(", "@import", "NaN", " inf"] {
         assert!(!page.contains(foreign), "{foreign}");
     }
 }
 
 #[test]
-fn names_cannot_break_out() {
+fn names_are_escaped() {
     let hostile = "<script>alert('1')</script>\" onload=\"x";
-    let mut estimate = in_space();
+    let mut estimate = estimate_with_arrows();
     estimate.arrows[0].groups[1].name = hostile.to_owned();
     estimate.arrows[0].groups[1].arrows[0].label = hostile.to_owned();
     estimate.covariance.symbols[0] = hostile.to_owned();
@@ -330,15 +335,15 @@ fn names_cannot_break_out() {
     estimate.functions[0].symbol = hostile.to_owned();
     estimate.functions[0].argument = hostile.to_owned();
     estimate.circles[0].symbol = hostile.to_owned();
-    let facts = ReportFacts { run: hostile.to_owned(), ..facts() };
+    let facts = ReportFacts { run: hostile.to_owned(), ..report_facts() };
     let page = render(&plan(hostile), &estimate, &facts).unwrap();
     assert!(!page.contains("<script") && !page.contains("\" onload"));
     assert!(page.contains("&lt;script&gt;"));
 }
 
 #[test]
-fn an_estimate_of_nothing_still_has_a_page() {
-    let mut estimate = example();
+fn empty_estimate_has_a_page() {
+    let mut estimate = example_estimate();
     estimate.parameters.clear();
     estimate.functions.truncate(1);
     estimate.functions[0].y = vec![f64::NAN; 24];
@@ -352,11 +357,11 @@ fn an_estimate_of_nothing_still_has_a_page() {
 
 /// All values of the first quantity are at the top, or two values of different quantities.
 #[test]
-fn the_top_of_the_page_shows_one_quantity() {
+fn headline_shows_one_quantity() {
     let cards = |symbols: &[&str]| {
         let parameters = symbols.iter().map(|s| parameter(s, 1.0, Unit::Um, 1.0)).collect();
-        let estimate = Estimate { parameters, ..example() };
-        let page = render(&plan("mill"), &estimate, &facts()).unwrap();
+        let estimate = Estimate { parameters, ..example_estimate() };
+        let page = render(&plan("mill"), &estimate, &report_facts()).unwrap();
         page.matches("<div class=\"key\">").count()
     };
     assert_eq!(cards(&["EXC_range", "EYC_range", "EZC_range", "EXC_c1", "EXC_s1"]), 3);
@@ -368,12 +373,12 @@ fn the_top_of_the_page_shows_one_quantity() {
 /// ±1.1 µm about the least-squares circle centre: the second harmonic alone.
 #[test]
 fn an_error_motion_figure_states_its_value() {
-    let motion = wave("EXC", &[(2.0, 1.1), (1.0, 5.0)], FigureKind::Polar);
-    let estimate = Estimate { functions: vec![motion], ..example() };
-    let page = render(&plan("mill"), &estimate, &facts()).unwrap();
+    let motion = harmonic_function("EXC", &[(2.0, 1.1), (1.0, 5.0)], FigureKind::Polar);
+    let estimate = Estimate { functions: vec![motion], ..example_estimate() };
+    let page = render(&plan("mill"), &estimate, &report_facts()).unwrap();
     let text = "error motion value 2.20 µm: distance of the circles about the least-squares circle \
                 centre (cross)";
     assert!(page.contains(text), "{page}");
-    let without = render(&plan("mill"), &example(), &facts()).unwrap();
+    let without = render(&plan("mill"), &example_estimate(), &report_facts()).unwrap();
     assert!(!without.contains("error motion value"));
 }

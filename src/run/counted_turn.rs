@@ -182,12 +182,12 @@ mod tests {
     }
 
     /// Count of an encoder with `per_turn` counts per turn whose counter wraps at `round`.
-    fn counted(angle_deg: f64, per_turn: i64, round: u64) -> u32 {
+    fn counter_value(angle_deg: f64, per_turn: i64, round: u64) -> u32 {
         let count = (angle_deg * per_turn as f64 / 360.0).floor() as i64 + 1_000_003;
         count.rem_euclid(round as i64) as u32
     }
 
-    fn samples(count: impl Fn(f64) -> u32) -> Vec<Sample> {
+    fn samples_of_turn(count: impl Fn(f64) -> u32) -> Vec<Sample> {
         let sample = |number: u32| Sample {
             t_s: f64::from(number) / 200.0,
             value_mm: Some(angle_deg(number)),
@@ -199,7 +199,7 @@ mod tests {
     }
 
     /// Result for an encoder declared with `per_turn` and `round`.
-    fn positions(samples: &[Sample], per_turn: i64, round: u64) -> Result<PositionedSamples, CountFault> {
+    fn assign_turn_positions(samples: &[Sample], per_turn: i64, round: u64) -> Result<PositionedSamples, CountFault> {
         let rest = |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.to_mm_or_rad(deg));
         let turn = CountedTurn {
             scale: EncoderScale { encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn }, wrap_count: round },
@@ -212,11 +212,11 @@ mod tests {
 
     /// Counters of 16, 24 and 32 bits and of one turn, with both signs.
     #[test]
-    fn counts_that_begin_anew_are_followed_in_both_senses() {
+    fn restarted_counter_is_followed_in_both_directions() {
         for round in [1 << 16, 1 << 24, 1 << 32, 90_000] {
             for per_turn in [90_000, -90_000] {
-                let samples = samples(|deg| counted(deg, per_turn, round));
-                let placed = positions(&samples, per_turn, round).unwrap();
+                let samples = samples_of_turn(|deg| counter_value(deg, per_turn, round));
+                let placed = assign_turn_positions(&samples, per_turn, round).unwrap();
                 assert_eq!((placed.without_position, placed.dropped_by_rate), (0, 0));
                 assert!((1990..2010).contains(&placed.samples.len()), "{}", placed.samples.len());
                 for (sample, position) in &placed.samples {
@@ -229,56 +229,56 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_missing_move_no_other_one() {
-        let mut samples = samples(|deg| counted(deg, 90_000, 1 << 16));
+    fn missing_samples_shift_no_other_sample() {
+        let mut samples = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
         samples.drain(900..960);
         samples[900].missing = 60;
-        let placed = positions(&samples, 90_000, 1 << 16).unwrap();
+        let placed = assign_turn_positions(&samples, 90_000, 1 << 16).unwrap();
         let (sample, position) = placed.samples.last().unwrap();
         let off_deg = position.get_or_zero(Axis::C).to_degrees() - sample.value_mm.unwrap();
         assert!(off_deg.abs() < 0.005, "{off_deg}");
     }
 
-    fn fault(samples: &[Sample], per_turn: i64, round: u64) -> (CountFault, String) {
-        let fault = positions(samples, per_turn, round).unwrap_err();
+    fn count_fault(samples: &[Sample], per_turn: i64, round: u64) -> (CountFault, String) {
+        let fault = assign_turn_positions(samples, per_turn, round).unwrap_err();
         (fault.clone(), format!("{fault}\n  -> {}", fault.remedy()))
     }
 
     #[test]
-    fn a_wrong_sign_and_wrong_counts_per_turn_are_named_with_their_ratio() {
-        let right = samples(|deg| counted(deg, -90_000, 1 << 32));
-        let (_, text) = fault(&right, 90_000, 1 << 32);
+    fn wrong_sign_and_wrong_counts_per_turn_are_reported_with_their_ratio() {
+        let right = samples_of_turn(|deg| counter_value(deg, -90_000, 1 << 32));
+        let (_, text) = count_fault(&right, 90_000, 1 << 32);
         assert!(text.contains("a ratio of -1.0000") && text.contains("= -90000 in"), "{text}");
-        let (_, text) = fault(&right, -72_000, 1 << 32);
+        let (_, text) = count_fault(&right, -72_000, 1 << 32);
         assert!(text.contains("turned by 500.0") && text.contains("a ratio of 1.2500"), "{text}");
         assert!(text.contains("counts_per_turn = -90000 in [encoder] instead of -72000"), "{text}");
-        let (_, text) = fault(&right, -90, 1 << 32);
+        let (_, text) = count_fault(&right, -90, 1 << 32);
         assert!(text.contains("a ratio of 1000.0"), "{text}");
         // 100 of 90000 counts are lost.
-        let lost = |deg: f64| counted(deg, 90_000, 1 << 32) - if deg > 100.0 { 100 } else { 0 };
-        let (_, text) = fault(&samples(lost), 90_000, 1 << 32);
+        let lost = |deg: f64| counter_value(deg, 90_000, 1 << 32) - if deg > 100.0 { 100 } else { 0 };
+        let (_, text) = count_fault(&samples_of_turn(lost), 90_000, 1 << 32);
         assert!(text.contains("a ratio of 0.9990") && text.contains("counts are lost"), "{text}");
     }
 
     #[test]
-    fn counts_that_do_not_advance_are_named() {
+    fn stuck_counter_is_reported() {
         let dither = |deg: f64| 4711 + u32::from(deg.rem_euclid(1.0) > 0.5);
-        let (fault, text) = fault(&samples(dither), 90_000, 1 << 16);
+        let (fault, text) = count_fault(&samples_of_turn(dither), 90_000, 1 << 16);
         assert!(matches!(fault, CountFault::Stuck { .. }), "{fault:?}");
         assert!(text.contains("stayed at 4711 while C turned by 400.000°"), "{text}");
     }
 
     #[test]
-    fn a_jump_is_named_with_its_angle_also_where_the_end_is_right() {
+    fn jump_is_reported_with_its_angle_although_the_end_is_right() {
         let spike = |deg: f64| {
-            let count = counted(deg, 90_000, 1 << 24);
+            let count = counter_value(deg, 90_000, 1 << 24);
             if (120.0..121.0).contains(&deg) { count + 20_000 } else { count }
         };
-        let (_, text) = fault(&samples(spike), 90_000, 1 << 24);
+        let (_, text) = count_fault(&samples_of_turn(spike), 90_000, 1 << 24);
         assert!(text.contains("jumps by 80.") && text.contains("at C = 119.8"), "{text}");
         // A 16-bit counter declared as 24 bits.
-        let narrow = samples(|deg| counted(deg, 90_000, 1 << 16));
-        let (fault, _) = fault(&narrow, 90_000, 1 << 24);
+        let narrow = samples_of_turn(|deg| counter_value(deg, 90_000, 1 << 16));
+        let (fault, _) = count_fault(&narrow, 90_000, 1 << 24);
         assert!(matches!(fault, CountFault::Jump { .. }), "{fault:?}");
     }
 }

@@ -27,26 +27,26 @@ pub(super) fn undo_display_rounding(told: &Position, commanded: &Position) -> Po
 mod tests {
     use super::*;
 
-    fn at(x: f64, y: f64, b_deg: f64) -> Position {
+    fn position(x: f64, y: f64, b_deg: f64) -> Position {
         let linear = Position::new().with(Axis::X, x).with(Axis::Y, y);
         linear.with(Axis::B, Axis::B.to_mm_or_rad(b_deg))
     }
 
     #[test]
-    fn a_command_is_taken_where_the_control_shows_it_rounded_and_nowhere_else() {
-        let commanded = at(12.3456, -0.0004, 33.3333);
-        assert_eq!(undo_display_rounding(&at(12.346, 0.0, 33.333), &commanded), commanded);
+    fn commanded_position_is_used_only_where_the_display_is_its_rounding() {
+        let commanded = position(12.3456, -0.0004, 33.3333);
+        assert_eq!(undo_display_rounding(&position(12.346, 0.0, 33.333), &commanded), commanded);
         // Rounded twice: first the command was written with four decimals.
-        let twice = at(219.830_499_9, 0.0, 0.0);
-        assert_eq!(undo_display_rounding(&at(219.831, 0.0, 0.0), &twice), twice);
+        let twice = position(219.830_499_9, 0.0, 0.0);
+        assert_eq!(undo_display_rounding(&position(219.831, 0.0, 0.0), &twice), twice);
         // A value one display step off is kept.
-        let off = at(12.345, -0.001, 33.334);
+        let off = position(12.345, -0.001, 33.334);
         assert_eq!(undo_display_rounding(&off, &commanded), off);
         // A value with more decimals than the display step is kept.
-        let fine = at(12.345_61, -0.000_41, 33.333_31);
+        let fine = position(12.345_61, -0.000_41, 33.333_31);
         assert_eq!(undo_display_rounding(&fine, &commanded), fine);
         // An axis without a command keeps its value.
-        let told = at(12.346, 0.0, 33.333).with(Axis::Z, 7.001);
+        let told = position(12.346, 0.0, 33.333).with(Axis::Z, 7.001);
         assert_eq!(undo_display_rounding(&told, &commanded).get_or_zero(Axis::Z), 7.001);
     }
 }

@@ -73,15 +73,15 @@ impl ResampledTurn {
 mod tests {
     use super::*;
 
-    const TURN_S: f64 = 3.0;
-    const COUNT: usize = 72;
+    const TURN_DURATION_S: f64 = 3.0;
+    const SAMPLES_PER_TURN: usize = 72;
 
     /// Two revolutions from -40° with constant acceleration, sampled at 2 kHz.
     fn angle_deg(t_s: f64) -> f64 {
-        -40.0 + 400.0 * t_s / TURN_S + 420.0 * (t_s / TURN_S).powi(2)
+        -40.0 + 400.0 * t_s / TURN_DURATION_S + 420.0 * (t_s / TURN_DURATION_S).powi(2)
     }
 
-    fn placed(value: impl Fn(f64, f64) -> Option<f64>) -> Vec<(Sample, Position)> {
+    fn positioned_samples(value: impl Fn(f64, f64) -> Option<f64>) -> Vec<(Sample, Position)> {
         let sample = |number: i32| {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
@@ -95,11 +95,11 @@ mod tests {
 
     /// Value and time belong to the angle. The filter removes a disturbance above its cut-off frequency.
     #[test]
-    fn each_value_is_that_of_its_angle() {
+    fn each_resampled_value_belongs_to_its_angle() {
         let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();
         let disturbed = |deg: f64, _: f64| Some(smooth(deg) + 0.01 * (150.0 * deg.to_radians()).sin());
-        let turn = resample_turn(&placed(disturbed), Axis::C, COUNT);
-        assert!(turn.samples.len() > 2 * COUNT, "{}", turn.samples.len());
+        let turn = resample_turn(&positioned_samples(disturbed), Axis::C, SAMPLES_PER_TURN);
+        assert!(turn.samples.len() > 2 * SAMPLES_PER_TURN, "{}", turn.samples.len());
         assert_eq!(turn.gap_message("turn", "s1"), None);
         for (sample, position) in &turn.samples {
             let deg = position.get_or_zero(Axis::C).to_degrees();
@@ -113,13 +113,13 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_and_an_end_of_the_range_have_no_value_and_are_named() {
+    fn gaps_and_range_ends_have_no_value_and_are_reported() {
         let lost = |deg: f64, _: f64| {
             let value = 0.01 * deg.to_radians().cos();
             let is_lost = (90.0..97.0).contains(&deg);
             (!is_lost).then_some(value.min(0.0099))
         };
-        let turn = resample_turn(&placed(lost), Axis::C, COUNT);
+        let turn = resample_turn(&positioned_samples(lost), Axis::C, SAMPLES_PER_TURN);
         let at = |wanted: f64| {
             let near = |position: &Position| (position.get_or_zero(Axis::C).to_degrees() - wanted).abs() < 1e-6;
             turn.samples.iter().find(|(_, position)| near(position)).map(|(sample, _)| *sample)

@@ -214,7 +214,7 @@ mod tests {
     use crate::store::{NewRun, RunState};
 
     #[tokio::test]
-    async fn a_failed_identification_is_kept_with_its_reason_and_a_stop_is_not() {
+    async fn failed_identification_is_stored_with_its_reason_but_a_stop_is_not() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
         let new = NewRun { config: String::new(), plan: plan_for_tests("samba", "mill") };

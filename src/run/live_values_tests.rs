@@ -15,7 +15,7 @@ use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSenso
 
 /// Behaviour of the sender.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Signal {
+enum SensorSignal {
     Distance,
     NoEcho,
     Silent,
@@ -23,17 +23,17 @@ enum Signal {
 }
 
 /// Sends a hundred lines per second until it closes the connection.
-fn sender(signal: Arc<Mutex<Signal>>) -> SocketAddr {
+fn start_sensor(signal: Arc<Mutex<SensorSignal>>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
         loop {
             let line: &[u8] = match *signal.lock().unwrap() {
-                Signal::Distance => b"M0,+0.04000\r\n",
-                Signal::NoEcho => b"M0,-FFFFFFF\r\n",
-                Signal::Silent => b"",
-                Signal::Closed => return,
+                SensorSignal::Distance => b"M0,+0.04000\r\n",
+                SensorSignal::NoEcho => b"M0,-FFFFFFF\r\n",
+                SensorSignal::Silent => b"",
+                SensorSignal::Closed => return,
             };
             if stream.write_all(line).is_err() {
                 return;
@@ -45,7 +45,7 @@ fn sender(signal: Arc<Mutex<Signal>>) -> SocketAddr {
 }
 
 /// The built-in machine with its first sensor on a TCP port.
-fn machine(address: SocketAddr) -> MachineFile {
+fn machine_with_sensor(address: SocketAddr) -> MachineFile {
     let text = setup::built_in_file("multiprobe").text;
     let serial = format!(
         "[sensor.serial]\ntcp = \"{address}\"\ntimeout_s = 0.3\n[sensor.serial.line]\nend = \"\\r\\n\"\n\
@@ -57,12 +57,12 @@ fn machine(address: SocketAddr) -> MachineFile {
 }
 
 /// The signal that the sensor has shown, and the signal to send next.
-fn next_signal(x1: &LiveSensor) -> Option<(Signal, Signal)> {
+fn signal_after(x1: &LiveSensor) -> Option<(SensorSignal, SensorSignal)> {
     match (x1.value_mm, x1.failure.as_deref()) {
-        (Some(0.04), None) => Some((Signal::Distance, Signal::NoEcho)),
-        (None, Some("out of range")) => Some((Signal::NoEcho, Signal::Silent)),
-        (None, Some("no signal")) => Some((Signal::Silent, Signal::Closed)),
-        (None, Some(_)) => Some((Signal::Closed, Signal::Closed)),
+        (Some(0.04), None) => Some((SensorSignal::Distance, SensorSignal::NoEcho)),
+        (None, Some("out of range")) => Some((SensorSignal::NoEcho, SensorSignal::Silent)),
+        (None, Some("no signal")) => Some((SensorSignal::Silent, SensorSignal::Closed)),
+        (None, Some(_)) => Some((SensorSignal::Closed, SensorSignal::Closed)),
         _ => None,
     }
 }
@@ -70,9 +70,9 @@ fn next_signal(x1: &LiveSensor) -> Option<(Signal, Signal)> {
 /// The operator moves the sensor while the run waits. Every state is shown, nothing is stored, and only the
 /// answer ends the wait. After the answer no sensor is read for display.
 #[tokio::test]
-async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing() {
-    let signal = Arc::new(Mutex::new(Signal::Distance));
-    let file = machine(sender(signal.clone()));
+async fn failing_sensor_is_shown_during_a_prompt_and_ends_nothing() {
+    let signal = Arc::new(Mutex::new(SensorSignal::Distance));
+    let file = machine_with_sensor(start_sensor(signal.clone()));
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::plan_header(&file, "multiprobe", None).unwrap();
@@ -85,9 +85,9 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     let mut on_event = |event: &Event| match event {
         Event::Watched { values } => {
             assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
-            if let Some((is, next)) = next_signal(&values.sensors[0]) {
+            if let Some((is, next)) = signal_after(&values.sensors[0]) {
                 *signal.lock().unwrap() = next;
-                is_done.store(is == Signal::Closed, Ordering::SeqCst);
+                is_done.store(is == SensorSignal::Closed, Ordering::SeqCst);
                 seen.extend((seen.last() != Some(&is)).then_some(is));
             }
             kept.push(journal.load_run(id).unwrap().events.len());
@@ -103,7 +103,7 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut on_event);
     let ended = run.with_answers(answers).execute().await;
 
-    assert_eq!(seen, [Signal::Distance, Signal::NoEcho, Signal::Silent, Signal::Closed]);
+    assert_eq!(seen, [SensorSignal::Distance, SensorSignal::NoEcho, SensorSignal::Silent, SensorSignal::Closed]);
     assert!(kept.windows(2).all(|pair| pair[0] == pair[1]), "the journal has grown: {kept:?}");
     // The turn needs the sensor.
     let failed = ended.unwrap_err();
@@ -128,7 +128,7 @@ fn distance_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
 }
 
 /// Sections with the distances to the centred circle as targets.
-fn watched(sections_mm: &[(f64, [f64; 2])], angles_deg: &[f64]) -> Vec<(WatchedSensor, LiveSensor)> {
+fn watched_circle_sensors(sections_mm: &[(f64, [f64; 2])], angles_deg: &[f64]) -> Vec<(WatchedSensor, LiveSensor)> {
     let numbered = (1..).zip(sections_mm);
     let all = numbered.flat_map(|section| angles_deg.iter().map(move |angle| (section, *angle)));
     let one = |((number, (z_mm, at)), angle_deg): ((usize, &(f64, [f64; 2])), f64)| {
@@ -144,10 +144,10 @@ fn watched(sections_mm: &[(f64, [f64; 2])], angles_deg: &[f64]) -> Vec<(WatchedS
 }
 
 #[test]
-fn eccentricity_and_tilt_are_those_of_displaced_circles() {
+fn eccentricity_and_tilt_agree_with_displaced_circles() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
     for angles_deg in [&[0.0, 90.0, 230.0][..], &[10.0, 95.0]] {
-        let (watch, live): (Vec<_>, Vec<_>) = watched(&truth, angles_deg).into_iter().unzip();
+        let (watch, live): (Vec<_>, Vec<_>) = watched_circle_sensors(&truth, angles_deg).into_iter().unzip();
         let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);
         for (section, (_, truly_mm)) in sections.iter().zip(truth) {
             let found = section.eccentricity_um.unwrap();
@@ -162,7 +162,7 @@ fn eccentricity_and_tilt_are_those_of_displaced_circles() {
 #[test]
 fn a_section_with_too_few_sensors_has_no_eccentricity() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
-    let (watch, mut live): (Vec<_>, Vec<_>) = watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
+    let (watch, mut live): (Vec<_>, Vec<_>) = watched_circle_sensors(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
     // Two opposite sensors remain in the second section.
     live[4].value_mm = None;
     let LiveValues { sections, tilt_urad, .. } = add_artefact_position(&watch, live);

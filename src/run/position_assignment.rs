@@ -83,13 +83,13 @@ mod tests {
     use machine::Axis;
     use machine::record::reading::ReadingFlag;
 
-    fn x(at: f64) -> Position {
+    fn x_position(at: f64) -> Position {
         Position::new().with(Axis::X, at)
     }
 
     /// X moves from 0 to 10 mm within 10 s, stamped every 0.1 s from 10 s before to 10 s after the motion; no
     /// stamps from 2.95 to 4.05 s.
-    fn track() -> AxisTrack {
+    fn straight_track() -> AxisTrack {
         let mut track = AxisTrack::new(vec![Axis::X]);
         for number in -100_i32..=200 {
             let t_s = f64::from(number) * 0.1;
@@ -103,7 +103,7 @@ mod tests {
     }
 
     /// A sample every 4 ms whose value is its time.
-    fn samples() -> Vec<Sample> {
+    fn evenly_timed_samples() -> Vec<Sample> {
         let sample = |number: i32| {
             let t_s = f64::from(number) * 0.004 + 0.001;
             Sample { t_s, value_mm: Some(t_s), flag: ReadingFlag::None, missing: 0, encoder_count: None }
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn each_sample_has_the_position_of_its_own_time() {
-        let placed = assign_positions(&samples(), &track(), 1000.0);
+        let placed = assign_positions(&evenly_timed_samples(), &straight_track(), 1000.0);
         for (sample, position) in &placed.samples {
             assert!((position.get_or_zero(Axis::X) - sample.t_s).abs() < 1e-9, "{sample:?} {position:?}");
         }
@@ -124,8 +124,8 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_sensor_is_thinned_by_leaving_out() {
-        let placed = assign_positions(&samples(), &track(), 100.0);
+    fn fast_sensor_is_thinned_by_omission() {
+        let placed = assign_positions(&evenly_timed_samples(), &straight_track(), 100.0);
         let times: Vec<f64> = placed.samples.iter().map(|(sample, _)| sample.t_s).collect();
         assert!((880 - times.len() as i32).abs() <= 2, "{}", times.len());
         // Kept samples are two or three sensor periods apart, and no sample is interpolated.
@@ -133,37 +133,37 @@ mod tests {
             let periods = (pair[1] - pair[0]) / 0.004;
             assert!((1.99..3.01).contains(&periods), "{pair:?}");
         }
-        assert!(samples().iter().filter(|sample| times.contains(&sample.t_s)).count() == times.len());
+        assert!(evenly_timed_samples().iter().filter(|sample| times.contains(&sample.t_s)).count() == times.len());
     }
 
     #[test]
-    fn what_stood_still_all_the_while_is_no_scan() {
+    fn track_without_motion_covers_no_path() {
         let mut still = AxisTrack::new(vec![Axis::X]);
         for number in 0..100 {
             still.push(f64::from(number), [5.0 + 0.001 * f64::from(number % 2)]);
         }
-        assert!(assign_positions(&samples(), &still, 1000.0).samples.is_empty());
+        assert!(assign_positions(&evenly_timed_samples(), &still, 1000.0).samples.is_empty());
     }
 
     /// A counter that wraps reports tens of thousands of missing samples. No other sample is lost because of
     /// it.
     #[test]
-    fn a_counter_that_begins_anew_thins_nothing() {
-        let mut samples = samples();
+    fn restarted_counter_causes_no_thinning() {
+        let mut samples = evenly_timed_samples();
         samples[1500].missing = 60_000;
         samples[2000].missing = u32::MAX;
         samples[2100].missing = u32::MAX;
-        assert_eq!(assign_positions(&samples, &track(), 1000.0).dropped_by_rate, 0);
-        let dropped_by_rate = assign_positions(&samples, &track(), 100.0);
+        assert_eq!(assign_positions(&samples, &straight_track(), 1000.0).dropped_by_rate, 0);
+        let dropped_by_rate = assign_positions(&samples, &straight_track(), 100.0);
         assert!((880 - dropped_by_rate.samples.len() as i32).abs() <= 4, "{}", dropped_by_rate.samples.len());
     }
 
     #[test]
-    fn a_track_that_ends_before_the_scan_or_begins_later_is_none_of_it() {
-        let path = |points: &[f64]| points.iter().map(|at| x(*at)).collect::<Vec<Position>>();
-        assert_eq!(uncovered_path(&track(), &path(&[0.0, 10.0])), None);
-        let why = uncovered_path(&track(), &path(&[0.0, 10.0, 0.0])).unwrap();
+    fn track_must_cover_the_begin_and_end_of_the_path() {
+        let path = |points: &[f64]| points.iter().map(|at| x_position(*at)).collect::<Vec<Position>>();
+        assert_eq!(uncovered_path(&straight_track(), &path(&[0.0, 10.0])), None);
+        let why = uncovered_path(&straight_track(), &path(&[0.0, 10.0, 0.0])).unwrap();
         assert!(why.contains("2 of the 3 points"), "{why}");
-        assert!(uncovered_path(&track(), &path(&[-1.0, 10.0])).unwrap().contains("0 of the 2"));
+        assert!(uncovered_path(&straight_track(), &path(&[-1.0, 10.0])).unwrap().contains("0 of the 2"));
     }
 }

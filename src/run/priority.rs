@@ -19,7 +19,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_others_stay_where_they_are() {
+    fn priority_of_other_threads_is_unchanged() {
         let before = getpriority_process(None).unwrap();
         let stepped = std::thread::spawn(|| {
             lower_priority(HTTP_NICE);

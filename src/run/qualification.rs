@@ -116,7 +116,7 @@ mod tests {
     }
 
     /// Qualification map as a run of `plan` stores it.
-    fn map(plan: &Plan) -> Estimate {
+    fn probe_map_estimate(plan: &Plan) -> Estimate {
         let of = |symbol: &str| {
             json!({"symbol": symbol, "value": 1.0, "unit": "um", "u": 0.1, "U": 0.2, "k": 2.0, "dof": null,
                 "identifiable": true})
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_run_takes_the_newest_qualification_if_it_is_of_its_probe_and_recent() {
+    async fn newest_recent_qualification_of_the_same_probe_is_used() {
         let dir = tempfile::tempdir().unwrap();
         let journal = Journal::open(dir.path()).unwrap();
         let mut plan = plan_for_tests("samba", "mill");
@@ -149,7 +149,7 @@ mod tests {
 
         let new = NewRun { config: String::new(), plan: plan_for_tests(PROBE_QUALIFICATION_NAME, "mill") };
         let run = journal.begin_run(&new).await.unwrap();
-        let found = map(&plan);
+        let found = probe_map_estimate(&plan);
         journal.add_estimate(run, &found).await.unwrap();
         journal.set_state(run, RunState::Finished).await.unwrap();
         assert_eq!(ask(&plan, now).unwrap().priors, [found]);
@@ -161,7 +161,7 @@ mod tests {
         assert!(ask(&plan, now).is_ok());
         plan.probe.ball_radius_mm += 0.5;
         assert!(matches!(ask(&plan, now), Err(QualificationError::OtherProbe)));
-        let given = Plan { priors: vec![map(&plan)], ..plan.clone() };
+        let given = Plan { priors: vec![probe_map_estimate(&plan)], ..plan.clone() };
         assert!(matches!(ask(&given, now), Err(QualificationError::AlreadyGiven)));
         plan.machine.name = "another".to_owned();
         assert!(matches!(ask(&plan, now), Err(QualificationError::Missing)));

@@ -35,7 +35,7 @@ impl RemainingStages {
 mod tests {
     use super::*;
 
-    fn remaining() -> RemainingStages {
+    fn remaining_of_two_stages() -> RemainingStages {
         let stage = |name: &str, machine_s| RehearsedStage { name: name.to_owned(), machine_s };
         RemainingStages::new(vec![
             stage("find", 1.0),
@@ -46,8 +46,8 @@ mod tests {
     }
 
     #[test]
-    fn stages_that_were_not_rehearsed_take_nothing_away() {
-        let mut remaining = remaining();
+    fn unrehearsed_stages_do_not_reduce_the_time_left() {
+        let mut remaining = remaining_of_two_stages();
         let names = ["find", "find, once more", "reference", "at rest?", "measure", "reference"];
         let left = names.map(|name| {
             remaining.begin(name);
@@ -57,8 +57,8 @@ mod tests {
     }
 
     #[test]
-    fn of_a_resumed_run_the_stages_before_are_not_ahead() {
-        let mut remaining = remaining();
+    fn stages_done_before_a_resume_are_not_counted() {
+        let mut remaining = remaining_of_two_stages();
         remaining.begin("measure");
         assert_eq!(remaining.machine_s(), 8.0);
     }

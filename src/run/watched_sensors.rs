@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_may_enter_the_range_of_a_sensor_but_not_leave_it() {
+    fn ball_can_enter_the_range_of_a_sensor_but_not_leave_it() {
         let out_of_range = sample(None, ReadingFlag::Range);
         let accepts = entry_condition([-1.0, 1.0]);
         // At the far end of the range noise makes the distance appear and disappear.

@@ -25,20 +25,20 @@ fn resolve_state_dir(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsS
 mod tests {
     use super::*;
 
-    fn with(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
+    fn resolve_with(given: Option<&str>, variables: &[(&str, &str)]) -> Option<String> {
         let lookup =
             |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| OsString::from(value));
         resolve_state_dir(given.map(Path::new), lookup).map(|path| path.display().to_string())
     }
 
     #[test]
-    fn the_nearest_wish_wins() {
+    fn option_overrides_environment_overrides_default() {
         let all = [("STATE_DIRECTORY", "/s:/t"), ("XDG_STATE_HOME", "/x"), ("HOME", "/h")];
-        assert_eq!(with(Some("here"), &all).unwrap(), "here");
-        assert_eq!(with(None, &all).unwrap(), "/s");
-        assert_eq!(with(None, &all[1..]).unwrap(), "/x/trued");
-        assert_eq!(with(None, &all[2..]).unwrap(), "/h/.local/state/trued");
-        assert_eq!(with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(), "/h/.local/state/trued");
-        assert_eq!(with(None, &[("STATE_DIRECTORY", "")]), None);
+        assert_eq!(resolve_with(Some("here"), &all).unwrap(), "here");
+        assert_eq!(resolve_with(None, &all).unwrap(), "/s");
+        assert_eq!(resolve_with(None, &all[1..]).unwrap(), "/x/trued");
+        assert_eq!(resolve_with(None, &all[2..]).unwrap(), "/h/.local/state/trued");
+        assert_eq!(resolve_with(None, &[("XDG_STATE_HOME", "x"), ("HOME", "/h")]).unwrap(), "/h/.local/state/trued");
+        assert_eq!(resolve_with(None, &[("STATE_DIRECTORY", "")]), None);
     }
 }

@@ -105,7 +105,7 @@ pub fn try_measure(
             }
             match &step.scan {
                 _ if step.kind == StepKind::Prompt => {}
-                None => readings.push(play_step(world, step, stage.repeat)),
+                None => readings.push(play(world, step, stage.repeat)),
                 Some(scan) => readings.extend(play_scan(world, step, scan, stage.repeat)),
             }
         }

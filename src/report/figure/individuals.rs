@@ -152,11 +152,11 @@ impl IndividualsChart {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{attributes, inside};
+    use super::super::tests::{attributes, is_inside_picture};
     use super::*;
 
     #[test]
-    fn values_limits_and_steps_stand_where_they_belong() {
+    fn values_limits_and_steps_are_drawn_at_their_positions() {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
         let chart = IndividualsChart {
             symbol: "EX0C".to_owned(),
@@ -166,7 +166,7 @@ mod tests {
             ..IndividualsChart::default()
         };
         let svg = chart.draw(Unit::Um).unwrap();
-        assert!(inside(&svg) && svg.contains("days before now"), "{svg}");
+        assert!(is_inside_picture(&svg) && svg.contains("days before now"), "{svg}");
         let dots: Vec<f64> = svg
             .lines()
             .filter(|line| line.contains("<circle"))
@@ -185,7 +185,7 @@ mod tests {
         assert!(soon.draw(Unit::Um).unwrap().contains("seconds before now"));
     }
 
-    fn points(line: &str) -> Vec<[f64; 2]> {
+    fn polyline_points(line: &str) -> Vec<[f64; 2]> {
         let pair = |pair: &str| -> Option<[f64; 2]> {
             let (x, y) = pair.split_once(',')?;
             Some([x.parse().ok()?, y.parse().ok()?])
@@ -194,16 +194,16 @@ mod tests {
     }
 
     /// Horizontal lines of this colour and width below the legend: both ends and the height in the picture.
-    fn across(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
+    fn horizontal_lines(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
         let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
         let lines = svg.lines().filter(|line| line.contains("<polyline"));
-        let lines = lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(points);
+        let lines = lines.filter(|line| line.contains(&colour) && line.contains(&width)).map(polyline_points);
         let level = |line: &Vec<[f64; 2]>| line.iter().all(|[_, y]| *y == line[0][1]);
         let lines = lines.filter(|line| level(line) && line[0][1] > f64::from(legend::ROW_HEIGHT));
         lines.map(|line| [line[0][0], line[line.len() - 1][0], line[0][1]]).collect()
     }
 
-    fn days(tolerance: Option<f64>) -> IndividualsChart {
+    fn daily_chart(tolerance: Option<f64>) -> IndividualsChart {
         let value = |day: i32| [-86_400.0 * f64::from(10 - day), f64::from(day % 2), 0.5];
         IndividualsChart {
             symbol: "EX0C".to_owned(),
@@ -216,13 +216,13 @@ mod tests {
 
     /// The control limits, at -1, 0.5 and 2 by construction, give the scale for the tolerance.
     #[test]
-    fn the_tolerance_is_dashed_and_lies_where_it_is_stated() {
-        let svg = days(Some(3.25)).draw(Unit::Um).unwrap();
-        assert!(inside(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits"));
-        let limits: Vec<f64> = across(&svg, "#C2571A", 3).iter().map(|line| line[2]).collect();
+    fn tolerance_is_a_dashed_line_at_its_value() {
+        let svg = daily_chart(Some(3.25)).draw(Unit::Um).unwrap();
+        assert!(is_inside_picture(&svg) && svg.contains("tolerance ±3.25 µm") && svg.contains("control limits"));
+        let limits: Vec<f64> = horizontal_lines(&svg, "#C2571A", 3).iter().map(|line| line[2]).collect();
         let [lower, upper] = limits[..] else { panic!("{limits:?}") };
         let per_um = (lower - upper) / 3.0;
-        let dashes = across(&svg, "#22262B", 4);
+        let dashes = horizontal_lines(&svg, "#22262B", 4);
         for limit in [-3.25, 3.25] {
             let y = lower - (limit + 1.0) * per_um;
             let of_line: Vec<_> = dashes.iter().filter(|dash| (dash[2] - y).abs() <= 2.0).collect();
@@ -231,18 +231,18 @@ mod tests {
             assert!(of_line.windows(2).all(|pair| pair[1][0] - pair[0][1] > 10.0), "{of_line:?}");
         }
         assert!(dashes.iter().all(|dash| dash[1] - dash[0] <= 41.0), "{dashes:?}");
-        let without = days(None).draw(Unit::Um).unwrap();
-        assert!(across(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
+        let without = daily_chart(None).draw(Unit::Um).unwrap();
+        assert!(horizontal_lines(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
     }
 
     /// For values of one or two µm, a tolerance of a millimetre is named in the legend, and the values stay
     /// visible.
     #[test]
-    fn a_tolerance_far_away_is_told_in_words() {
-        let svg = days(Some(1000.0)).draw(Unit::Um).unwrap();
+    fn tolerance_outside_the_range_is_stated_as_text() {
+        let svg = daily_chart(Some(1000.0)).draw(Unit::Um).unwrap();
         assert!(svg.contains("tolerance ±1000 µm (beyond)"));
-        assert!(across(&svg, "#22262B", 4).is_empty());
-        let far = days(Some(50.0));
+        assert!(horizontal_lines(&svg, "#22262B", 4).is_empty());
+        let far = daily_chart(Some(50.0));
         let near_one = IndividualsChart {
             values: far.values.iter().map(|[t, y, half]| [*t, y + 48.0, *half]).collect(),
             limits: None,
@@ -250,14 +250,14 @@ mod tests {
         };
         let svg = near_one.draw(Unit::Um).unwrap();
         assert!(svg.contains("tolerance ±50 µm (one line beyond)"), "{svg}");
-        assert!(!across(&svg, "#22262B", 4).is_empty());
+        assert!(!horizontal_lines(&svg, "#22262B", 4).is_empty());
     }
 
     /// The fourth and fifth run have no temperature of the spindle: its curve has two pieces without a mark
     /// between them.
     #[test]
-    fn temperatures_lie_below_over_the_same_time_and_with_gaps() {
-        let chart = days(None);
+    fn temperature_strip_has_the_same_time_axis_and_gaps() {
+        let chart = daily_chart(None);
         let spindle =
             |(day, value): (usize, &[f64; 3])| (value[0], (day != 3 && day != 4).then_some(20.0 + day as f64));
         let bed = |value: &[f64; 3]| (value[0], Some(20.0));
@@ -268,11 +268,11 @@ mod tests {
         ];
         let plain = chart.draw(Unit::Um).unwrap();
         let svg = IndividualsChart { temperatures, ..chart.clone() }.draw(Unit::Um).unwrap();
-        assert!(inside(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
+        assert!(is_inside_picture(&svg) && svg.contains("temperature spindle") && svg.contains("°C"));
         assert!(!plain.contains("temperature"));
         let circles = svg.lines().filter(|line| line.contains("<circle") && line.contains("r=\"7\""));
         let dots: Vec<f64> = circles.map(|line| attributes(line, "cx")[0].parse().unwrap()).collect();
-        let lines = svg.lines().filter(|line| line.contains("<polyline")).map(points);
+        let lines = svg.lines().filter(|line| line.contains("<polyline")).map(polyline_points);
         let below = 616.0;
         let curves: Vec<_> = lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
         let lengths: Vec<_> = curves.iter().map(Vec::len).collect();
@@ -293,8 +293,8 @@ mod tests {
     }
 
     #[test]
-    fn where_no_run_knows_a_temperature_there_is_no_strip() {
-        let chart = days(None);
+    fn no_strip_without_temperatures() {
+        let chart = daily_chart(None);
         let none = vec![("bed".to_owned(), chart.values.iter().map(|v| (v[0], None)).collect())];
         let nan = vec![("bed".to_owned(), vec![(-1.0, Some(f64::NAN))])];
         let plain = chart.draw(Unit::Um);

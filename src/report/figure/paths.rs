@@ -101,13 +101,13 @@ fn draw_marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{attributes, inside};
+    use super::super::tests::{attributes, is_inside_picture};
     use super::*;
     use machine::record::estimate::{ArrowFigure, Unit, VectorKind};
 
     /// Two positions 200 mm apart in X; the longest deviation, 40 µm, is drawn 80 units long.
     #[test]
-    fn places_are_found_where_the_magnified_deviation_leads() {
+    fn measured_points_are_drawn_at_the_magnified_deviation() {
         let arrow = |x: f64, vector, modelled| Arrow {
             label: String::new(),
             at_mm: [x, 5.0, 7.0],
@@ -137,11 +137,11 @@ mod tests {
         assert_eq!(rings("9")[4..6], [["1250", "250"], ["1270", "190"]]);
         // The model at one position in each panel, and in the legend.
         assert_eq!(svg.matches("<polygon").count(), 3 + 1 + 1, "{svg}");
-        assert!(inside(&svg) && svg.contains("commanded"));
+        assert!(is_inside_picture(&svg) && svg.contains("commanded"));
         figure.groups[0].arrows[0].vector[1] = f64::NAN;
         figure.groups[0].arrows[1].modelled = Some([f64::INFINITY; 3]);
         figure.groups[0].arrows[1].vector = [1e9; 3];
         figure.groups[0].arrows[1].flagged = true;
-        assert!(inside(&common.draw_path(&figure.groups[0]).unwrap()));
+        assert!(is_inside_picture(&common.draw_path(&figure.groups[0]).unwrap()));
     }
 }

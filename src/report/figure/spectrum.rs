@@ -69,7 +69,7 @@ fn half_bar(orders: &[f64], order: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::draw_function;
-    use super::super::tests::{attributes, coordinates, inside, wave};
+    use super::super::tests::{attributes, coordinates, is_inside_picture, sine_function};
     use machine::record::estimate::{EstimatedFunction, FigureKind};
 
     fn draw_spectrum(orders: &[f64]) -> EstimatedFunction {
@@ -80,12 +80,12 @@ mod tests {
             x: orders.to_vec(),
             y: vec![2.0; orders.len()],
             u: vec![0.5; orders.len()],
-            ..wave(FigureKind::Spectrum, 1)
+            ..sine_function(FigureKind::Spectrum, 1)
         }
     }
 
     /// Attributes of the rectangles of this colour: x, y, width, height.
-    fn rectangles(svg: &str, fill: &str) -> Vec<[f64; 4]> {
+    fn svg_rectangles(svg: &str, fill: &str) -> Vec<[f64; 4]> {
         let lines = svg.lines().filter(|line| line.contains("<rect") && line.contains(fill));
         let number = |line: &str, name| attributes(line, name)[0].parse::<f64>().unwrap();
         lines.map(|line| ["x", "y", "width", "height"].map(|name| number(line, name))).collect()
@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn orders_without_an_amplitude_are_shaded() {
         let svg = draw_function(&draw_spectrum(&[0.5, 1.0, 2.0, 6.0, 8.0]), 2.0).unwrap();
-        let bars = rectangles(&svg, "#1F6FB2");
+        let bars = svg_rectangles(&svg, "#1F6FB2");
         assert_eq!(bars.len(), 5);
         let whiskers = svg.lines().filter(|line| line.contains("stroke-width=\"3\""));
         for (whisker, bar) in whiskers.map(coordinates).zip(&bars) {
@@ -104,14 +104,14 @@ mod tests {
         }
         // Half an order apart: the bars do not touch.
         assert!(bars[0][0] + bars[0][2] < bars[1][0]);
-        let shaded = rectangles(&svg, "#D5D9DE");
+        let shaded = svg_rectangles(&svg, "#D5D9DE");
         let per_order = bars[4][0] - bars[3][0];
         // The legend, then orders 2.5 to 5.5, then 6.5 to 7.5.
         let [_, three, one] = shaded.as_slice() else { panic!("{shaded:?}") };
         assert!((three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0);
-        assert!(svg.contains("not identifiable") && svg.contains("order") && inside(&svg));
+        assert!(svg.contains("not identifiable") && svg.contains("order") && is_inside_picture(&svg));
         let all = draw_function(&draw_spectrum(&[1.0, 2.0, 3.0]), 2.0).unwrap();
-        assert!(!all.contains("not identifiable") && rectangles(&all, "#D5D9DE").is_empty());
-        assert!(inside(&all));
+        assert!(!all.contains("not identifiable") && svg_rectangles(&all, "#D5D9DE").is_empty());
+        assert!(is_inside_picture(&all));
     }
 }

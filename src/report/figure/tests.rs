@@ -2,7 +2,7 @@ use super::scale::value_bounds;
 use super::*;
 use machine::record::estimate::{Arrow, ArrowFigure, ArrowGroup, CircleFigure, Covariance, Unit, VectorKind};
 
-pub(super) fn wave(figure: FigureKind, count: u32) -> EstimatedFunction {
+pub(super) fn sine_function(figure: FigureKind, count: u32) -> EstimatedFunction {
     let x: Vec<f64> = (0..count).map(|n| f64::from(n) * 360.0 / f64::from(count)).collect();
     EstimatedFunction {
         symbol: "EXC_total".to_owned(),
@@ -17,7 +17,7 @@ pub(super) fn wave(figure: FigureKind, count: u32) -> EstimatedFunction {
     }
 }
 
-fn ring(radius: f64) -> CircleFigure {
+fn circle_figure(radius: f64) -> CircleFigure {
     let angles = (0..8).map(|n| f64::from(n) * std::f64::consts::FRAC_PI_4);
     CircleFigure {
         symbol: "axis".to_owned(),
@@ -48,34 +48,34 @@ pub(super) fn coordinates(svg: &str) -> Vec<f64> {
 
 /// Whether all coordinates are inside the picture. Pixel positions that plotters cannot represent saturate at
 /// the limits of an i32.
-pub(super) fn inside(svg: &str) -> bool {
+pub(super) fn is_inside_picture(svg: &str) -> bool {
     coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
 }
 
 #[test]
-fn the_axes_are_named_with_their_units() {
-    let svg = draw_function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
+fn axes_are_labelled_with_units() {
+    let svg = draw_function(&sine_function(FigureKind::Curve, 8), 2.0).unwrap();
     for text in ["C / °", "E_XC,total / µm", "315", "−4"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
     assert_eq!(svg.matches("<circle").count(), 8);
-    assert!(inside(&svg));
-    let svg = draw_function(&wave(FigureKind::Polar, 8), 2.0).unwrap();
+    assert!(is_inside_picture(&svg));
+    let svg = draw_function(&sine_function(FigureKind::Polar, 8), 2.0).unwrap();
     for text in ["0°", "315°", "−2 µm"] {
         assert!(svg.contains(text), "{text} in {svg}");
     }
-    assert!(inside(&svg));
-    let svg = draw_circle(&ring(3.0)).unwrap();
-    assert!(svg.contains("x / µm") && svg.contains("y / µm") && inside(&svg));
+    assert!(is_inside_picture(&svg));
+    let svg = draw_circle(&circle_figure(3.0)).unwrap();
+    assert!(svg.contains("x / µm") && svg.contains("y / µm") && is_inside_picture(&svg));
 }
 
 /// Two revolutions are two lines, each with its band.
 #[test]
-fn a_further_curve_begins_where_the_argument_falls() {
-    let one = draw_function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
-    let EstimatedFunction { x, y, u, .. } = wave(FigureKind::Curve, 8);
+fn new_curve_starts_where_the_argument_decreases() {
+    let one = draw_function(&sine_function(FigureKind::Curve, 8), 2.0).unwrap();
+    let EstimatedFunction { x, y, u, .. } = sine_function(FigureKind::Curve, 8);
     let [x, y, u] = [x, y, u].map(|values| [values.clone(), values].concat());
-    let two = draw_function(&EstimatedFunction { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
+    let two = draw_function(&EstimatedFunction { x, y, u, ..sine_function(FigureKind::Curve, 8) }, 2.0).unwrap();
     let added = |element: &str| two.matches(element).count() - one.matches(element).count();
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
 }
@@ -83,8 +83,8 @@ fn a_further_curve_begins_where_the_argument_falls() {
 /// With u = 0.5 µm about 0, the band fills the plot except for the margins (8 % of its width each), and the
 /// ticks show its width.
 #[test]
-fn the_band_is_k_times_u_wide() {
-    let flat = EstimatedFunction { y: vec![0.0; 8], ..wave(FigureKind::Curve, 8) };
+fn band_half_width_is_k_times_u() {
+    let flat = EstimatedFunction { y: vec![0.0; 8], ..sine_function(FigureKind::Curve, 8) };
     for (k, inside, outside) in [(4.0, ["2", "−2"], "3"), (2.0, ["1.0", "−1.0"], "1.5")] {
         let svg = draw_function(&flat, k).unwrap();
         let band = svg.split("<polygon").nth(1).unwrap();
@@ -100,8 +100,8 @@ fn the_band_is_k_times_u_wide() {
 
 /// With values 1 to 4 and ±2 about them, a bar is as long as the distance from one value to the next but one.
 #[test]
-fn points_stand_alone_each_with_its_bar() {
-    let mut points = wave(FigureKind::Points, 4);
+fn points_are_drawn_with_error_bars() {
+    let mut points = sine_function(FigureKind::Points, 4);
     points.y = vec![1.0, 2.0, 3.0, 4.0];
     points.u = vec![0.5; 4];
     let svg = draw_function(&points, 2.0).unwrap();
@@ -118,8 +118,8 @@ fn points_stand_alone_each_with_its_bar() {
 
 /// By construction 0 µm is on one ring and 1 µm on another.
 #[test]
-fn a_polar_figure_turns_counter_clockwise_from_the_right() {
-    let mut function = wave(FigureKind::Polar, 4);
+fn polar_figure_is_counter_clockwise_from_the_right() {
+    let mut function = sine_function(FigureKind::Polar, 4);
     function.y = vec![0.0, 1.0, 0.0, 0.0];
     function.u = vec![0.0; 4];
     let svg = super::draw_function(&function, 2.0).unwrap();
@@ -132,28 +132,28 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
 }
 
 #[test]
-fn strange_numbers_never_reach_the_picture() {
+fn non_finite_numbers_are_not_drawn() {
     let kinds = [FigureKind::Curve, FigureKind::Polar, FigureKind::Points, FigureKind::Histogram, FigureKind::Spectrum];
     for figure in kinds {
-        let mut flat = wave(figure, 8);
+        let mut flat = sine_function(figure, 8);
         flat.y = vec![5.0; 8];
         flat.u = vec![0.0; 8];
-        assert!(inside(&draw_function(&flat, 2.0).unwrap()));
-        let mut holes = wave(figure, 8);
+        assert!(is_inside_picture(&draw_function(&flat, 2.0).unwrap()));
+        let mut holes = sine_function(figure, 8);
         (holes.y[1], holes.x[2], holes.u[3]) = (f64::NAN, f64::INFINITY, f64::NAN);
-        assert!(inside(&draw_function(&holes, 2.0).unwrap()));
-        let one = EstimatedFunction { u: Vec::new(), ..wave(figure, 1) };
-        assert!(inside(&draw_function(&one, 2.0).unwrap()));
-        assert_eq!(draw_function(&wave(figure, 0), 2.0), None);
-        let many = draw_function(&wave(figure, 720), 2.0).unwrap();
-        assert!(inside(&many));
+        assert!(is_inside_picture(&draw_function(&holes, 2.0).unwrap()));
+        let one = EstimatedFunction { u: Vec::new(), ..sine_function(figure, 1) };
+        assert!(is_inside_picture(&draw_function(&one, 2.0).unwrap()));
+        assert_eq!(draw_function(&sine_function(figure, 0), 2.0), None);
+        let many = draw_function(&sine_function(figure, 720), 2.0).unwrap();
+        assert!(is_inside_picture(&many));
         assert_eq!(many.contains("r=\"7\""), figure == FigureKind::Points);
     }
-    let mut holes = ring(3.0);
+    let mut holes = circle_figure(3.0);
     (holes.x[1], holes.centre_expanded[0]) = (f64::NAN, f64::INFINITY);
-    assert!(inside(&draw_circle(&holes).unwrap()));
-    assert!(inside(&draw_circle(&ring(0.0)).unwrap()));
-    assert_eq!(draw_circle(&ring(f64::NAN)), None);
+    assert!(is_inside_picture(&draw_circle(&holes).unwrap()));
+    assert!(is_inside_picture(&draw_circle(&circle_figure(0.0)).unwrap()));
+    assert_eq!(draw_circle(&circle_figure(f64::NAN)), None);
 }
 
 fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
@@ -165,7 +165,7 @@ fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
 
 /// Variances 4 and 9 with covariance −3 give the correlation −0.5. The colours show sign and magnitude.
 #[test]
-fn a_matrix_is_coloured_by_sign_and_strength() {
+fn matrix_colour_shows_sign_and_size() {
     let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.25], [0.0, 2.25, 1.0]];
     let three = covariance(3, |i, j| known[i][j]);
     assert_eq!(correlation_coefficient(&three, 0, 1), Some(-0.5));
@@ -178,11 +178,11 @@ fn a_matrix_is_coloured_by_sign_and_strength() {
     assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.75\"", "#1F6FB2")), (0, 0));
     // A name at its row and one above its column.
     assert_eq!(svg.matches("ball_2,x").count(), 2);
-    assert!(inside(&svg));
+    assert!(is_inside_picture(&svg));
 }
 
 #[test]
-fn a_matrix_is_drawn_from_three_names_to_sixty() {
+fn matrix_is_drawn_for_3_to_60_names() {
     let unit = |i: usize, j: usize| if i == j { 1.0 } else { 0.9 };
     for (count, drawn) in [(0, false), (2, false), (3, true), (60, true), (61, false)] {
         assert_eq!(draw_matrix(&covariance(count, unit)).is_some(), drawn, "{count}");
@@ -190,10 +190,10 @@ fn a_matrix_is_drawn_from_three_names_to_sixty() {
     let mut holes = covariance(4, |i, j| if i == j { 0.0 } else { f64::NAN });
     holes.rows.truncate(3);
     assert_eq!(correlation_coefficient(&holes, 0, 0), None);
-    assert!(inside(&draw_matrix(&holes).unwrap()));
+    assert!(is_inside_picture(&draw_matrix(&holes).unwrap()));
 }
 
-fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
+fn arrow_figure(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
     let arrow = |(n, (at_mm, vector, flagged)): (usize, &([f64; 3], [f64; 3], bool))| Arrow {
         label: format!("ball {n}"),
         at_mm: *at_mm,
@@ -207,7 +207,7 @@ fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
 }
 
 /// Tips of the arrowheads: the first corner of each head.
-fn tips(svg: &str) -> Vec<(f64, f64)> {
+fn arrow_tips(svg: &str) -> Vec<(f64, f64)> {
     let corner = |points: &str| {
         let (x, y) = points.split_whitespace().next().unwrap().split_once(',').unwrap();
         (x.parse().unwrap(), y.parse().unwrap())
@@ -218,8 +218,9 @@ fn tips(svg: &str) -> Vec<(f64, f64)> {
 
 /// Two positions 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 units long.
 #[test]
-fn arrows_point_where_the_vectors_do() {
-    let figure = arrows(&[([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false), ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false)]);
+fn arrows_have_the_direction_of_the_vectors() {
+    let figure =
+        arrow_figure(&[([-100.0, 5.0, 7.0], [4.0, 0.0, 0.0], false), ([100.0, 5.0, 7.0], [0.0, 1.0, 3.0], false)]);
     let common = ArrowScales::new(&figure).unwrap();
     let svg = common.draw(&figure.groups[0]).unwrap();
     let expected = [
@@ -232,24 +233,24 @@ fn arrows_point_where_the_vectors_do() {
         // The scale: 2 µm.
         (24.0 + 40.0, 535.0),
     ];
-    assert_eq!(tips(&svg), expected);
+    assert_eq!(arrow_tips(&svg), expected);
     assert!(svg.contains("2 µm") && ["XY", "XZ", "YZ"].iter().all(|name| svg.contains(name)));
-    assert!(inside(&svg) && !common.has_shortened_arrows(&figure));
+    assert!(is_inside_picture(&svg) && !common.has_shortened_arrows(&figure));
 }
 
 #[test]
-fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
+fn flagged_arrow_is_ringed_and_does_not_change_the_scale() {
     let quiet = ([0.0; 3], [0.0, 2.0, 0.0], false);
     let loud = ([50.0, 0.0, 0.0], [0.0, 900.0, 0.0], true);
-    let figure = arrows(&[loud, quiet]);
+    let figure = arrow_figure(&[loud, quiet]);
     let common = ArrowScales::new(&figure).unwrap();
     assert!(common.has_shortened_arrows(&figure));
     let svg = common.draw(&figure.groups[0]).unwrap();
-    assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
+    assert_eq!(arrow_tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
     assert_eq!(svg.matches("r=\"13\"").count(), 3);
-    assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
+    assert!(svg.contains("ball 0") && !svg.contains("ball 1") && is_inside_picture(&svg));
     // An empty figure, and values that are not finite.
-    assert!(ArrowScales::new(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
-    let still = arrows(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
-    assert!(inside(&ArrowScales::new(&still).unwrap().draw(&still.groups[0]).unwrap()));
+    assert!(ArrowScales::new(&arrow_figure(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
+    let still = arrow_figure(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
+    assert!(is_inside_picture(&ArrowScales::new(&still).unwrap().draw(&still.groups[0]).unwrap()));
 }

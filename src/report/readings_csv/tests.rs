@@ -7,19 +7,19 @@ use estimation::random::seeded_stream;
 use machine::Position;
 use machine::record::reading::ReadingFlag;
 
-fn text(readings: &[Reading]) -> String {
+fn csv_text(readings: &[Reading]) -> String {
     let mut bytes = Vec::new();
     write_readings(readings, &[], &mut bytes).unwrap();
     String::from_utf8(bytes).unwrap()
 }
 
-fn problem(rows: &str) -> (u64, ReadingsProblem) {
+fn problem_of_rows(rows: &str) -> (u64, ReadingsProblem) {
     let error = read_readings(format!("{FIRST_LINE}\n{rows}").as_bytes()).unwrap_err();
     (error.line, error.problem)
 }
 
 /// A random reading with numbers of every size.
-fn any(step: u32, random: &mut impl RngExt) -> Reading {
+fn random_reading(step: u32, random: &mut impl RngExt) -> Reading {
     let mut number = |scale: i32| random.random_range(-1.0..1.0) * 10f64.powi(random.random_range(-scale..scale));
     let mut position = Position::new();
     for axis in Axis::LINEAR {
@@ -44,19 +44,19 @@ fn any(step: u32, random: &mut impl RngExt) -> Reading {
 }
 
 #[test]
-fn what_is_written_is_read_back_bit_for_bit() {
+fn written_readings_are_read_back_bit_for_bit() {
     let mut random = seeded_stream(7, &[]);
     for _ in 0..200 {
-        let readings: Vec<_> = (0..6).map(|step| any(step, &mut random)).collect();
-        let text = text(&readings);
+        let readings: Vec<_> = (0..6).map(|step| random_reading(step, &mut random)).collect();
+        let text = csv_text(&readings);
         let back = read_readings(text.as_bytes()).unwrap();
         assert_eq!(back, readings, "{text}");
-        assert_eq!(self::text(&back), text);
+        assert_eq!(self::csv_text(&back), text);
     }
 }
 
 #[test]
-fn angles_stand_in_degrees() {
+fn angles_are_in_degrees() {
     let third = std::f64::consts::TAU / 3.0;
     let position = Position::new().with(Axis::X, 1.5).with(Axis::Y, -0.0).with(Axis::Z, 1e-7);
     let reading = Reading {
@@ -80,7 +80,7 @@ fn angles_stand_in_degrees() {
 }
 
 #[test]
-fn other_orders_and_fewer_columns_will_do() {
+fn other_column_orders_and_missing_optional_columns_are_accepted() {
     let file = "\u{feff}# trued-readings 1\r\n# by hand\r\nz_mm, step ,y_mm,x_mm,b_deg\r\n\
                 # in between\r\n\r\n3,7,2,1,90\r\n";
     let readings = read_readings(file.as_bytes()).unwrap();
@@ -98,19 +98,19 @@ fn samples_of_a_scan_share_their_step() {
 }
 
 #[test]
-fn an_unknown_column_is_named_with_the_nearest_one() {
-    let (line, problem) = problem("# note\nstep,x_mm,y_mm,zmm\n");
+fn unknown_column_is_reported_with_the_nearest_name() {
+    let (line, problem) = problem_of_rows("# note\nstep,x_mm,y_mm,zmm\n");
     assert_eq!(line, 3);
     assert_eq!(problem.to_string(), "unknown column `zmm`; the most similar known column is `z_mm`");
     for (name, nearest) in [("c_rad", "c_deg"), ("temp_table", "temp_NAME_c"), ("Step", "step")] {
-        let (_, problem) = self::problem(&format!("{name},x_mm,y_mm,z_mm\n"));
+        let (_, problem) = self::problem_of_rows(&format!("{name},x_mm,y_mm,z_mm\n"));
         let expected = ReadingsProblem::UnknownColumn { name: name.to_owned(), nearest: nearest.to_owned() };
         assert_eq!(problem, expected);
     }
 }
 
 #[test]
-fn a_bad_line_is_said_with_its_number() {
+fn bad_line_is_reported_with_its_number() {
     let header = "# a comment\nstep,repeat,x_mm,y_mm,z_mm,flag\n0,0,1,2,3,\n# another\n";
     for (row, expected) in [
         ("1,0,1,2,3,", ReadingsProblem::CutOff),
@@ -119,12 +119,12 @@ fn a_bad_line_is_said_with_its_number() {
         ("1,0,NaN,2,3,\n", not_finite("NaN")),
         ("1,0,-inf,2,3,\n", not_finite("-inf")),
         ("1,0,1e999,2,3,\n", not_finite("1e999")),
-        ("1,0,1.2.3,2,3,\n", number("1.2.3")),
+        ("1,0,1.2.3,2,3,\n", not_a_number("1.2.3")),
         ("-1,0,1,2,3,\n", ReadingsProblem::NotACount { name: "step".to_owned(), text: "-1".to_owned() }),
         ("1,0,1,2,3,range!\n", "range!".parse::<ReadingFlag>().unwrap_err().into()),
         ("0,0,1,2,3,\n", ReadingsProblem::Duplicate { step: 0, repeat: 0, first: 4 }),
     ] {
-        assert_eq!(problem(&format!("{header}{row}")), (6, expected), "{row}");
+        assert_eq!(problem_of_rows(&format!("{header}{row}")), (6, expected), "{row}");
     }
 }
 
@@ -132,15 +132,15 @@ fn not_finite(text: &str) -> ReadingsProblem {
     ReadingsProblem::NotFinite { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
-fn number(text: &str) -> ReadingsProblem {
+fn not_a_number(text: &str) -> ReadingsProblem {
     ReadingsProblem::NotANumber { name: "x_mm".to_owned(), text: text.to_owned() }
 }
 
 #[test]
-fn a_cut_anywhere_but_between_lines_is_noticed() {
+fn truncation_within_a_line_is_detected() {
     let mut random = seeded_stream(11, &[]);
-    let readings: Vec<_> = (0..4).map(|step| any(step, &mut random)).collect();
-    let whole = text(&readings);
+    let readings: Vec<_> = (0..4).map(|step| random_reading(step, &mut random)).collect();
+    let whole = csv_text(&readings);
     for cut in 0..whole.len() {
         let cut = &whole.as_bytes()[..cut];
         match read_readings(cut) {
@@ -151,7 +151,7 @@ fn a_cut_anywhere_but_between_lines_is_noticed() {
 }
 
 #[test]
-fn a_file_that_is_something_else_is_refused() {
+fn foreign_file_is_refused() {
     for first in ["", "step,x_mm,y_mm,z_mm\n1,2,3,4\n", "# trued-readings 2\n"] {
         let error = read_readings(first.as_bytes()).unwrap_err();
         assert!(matches!(error.problem, ReadingsProblem::FirstLine { .. }), "{error}");
@@ -160,16 +160,16 @@ fn a_file_that_is_something_else_is_refused() {
     let latin1 = [FIRST_LINE.as_bytes(), b"\n# M\xfcller\nstep\n"].concat();
     let error = read_readings(&latin1).unwrap_err();
     assert_eq!((error.line, error.problem), (2, ReadingsProblem::NotUtf8));
-    assert_eq!(problem("# nothing else\n"), (2, ReadingsProblem::NoHeader));
+    assert_eq!(problem_of_rows("# nothing else\n"), (2, ReadingsProblem::NoHeader));
     let missing = ReadingsProblem::MissingColumn { name: "y_mm".to_owned() };
-    assert_eq!(problem("step,x_mm,z_mm\n"), (2, missing));
+    assert_eq!(problem_of_rows("step,x_mm,z_mm\n"), (2, missing));
     let twice = ReadingsProblem::RepeatedColumn { name: "x_mm".to_owned() };
-    assert_eq!(problem("step,x_mm,x_mm\n"), (2, twice));
+    assert_eq!(problem_of_rows("step,x_mm,x_mm\n"), (2, twice));
 }
 
 #[test]
-fn a_number_that_is_not_finite_is_not_written() {
-    let mut reading = any(0, &mut seeded_stream(1, &[]));
+fn non_finite_number_is_not_written() {
+    let mut reading = random_reading(0, &mut seeded_stream(1, &[]));
     reading.t_s = f64::NAN;
     let error = write_readings(&[reading], &[], Vec::new()).unwrap_err();
     assert!(error.to_string().contains("t_s"), "{error}");

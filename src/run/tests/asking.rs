@@ -8,12 +8,12 @@ use planning::PlanningError;
 
 /// A method that asks the operator to turn the part. Its prompt is at the head of the cycle's first stage, or
 /// after the touches of that stage, where no prompt is allowed.
-struct Turning {
+struct TurningMethod {
     inner: Box<dyn Method>,
     late: bool,
 }
 
-impl Method for Turning {
+impl Method for TurningMethod {
     fn settings(&self) -> serde_json::Value {
         self.inner.settings()
     }
@@ -51,7 +51,7 @@ impl Method for Turning {
 }
 
 /// Prompts (step, repeat) and answers in their order.
-fn talk(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
+fn prompt_events(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
     let told = |event: &Event| match event {
         Event::Asked { step, repeat, .. } => Some(("asked", *step, *repeat)),
         Event::Answered { step, repeat, .. } => Some(("answered", *step, *repeat)),
@@ -60,14 +60,14 @@ fn talk(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
     stored.events.iter().filter_map(|(_, event)| told(event)).collect()
 }
 
-const TWO: &str = "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n\
+const TWO_PROMPTS: &str = "[[prompt]]\ntext = \"the part is clean\"\n[[prompt]]\ntext = \"so is the stylus\"\n\
                    methods = [\"self-calibration\"]\n[[prompt]]\ntext = \"no\"\nmethods = [\"samba\"]\n";
 
 #[tokio::test]
-async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew() {
-    let shop = Shop::new(TWO);
+async fn nothing_is_sent_before_the_answer_and_then_the_state_is_read_again() {
+    let shop = RunWorkspace::new(TWO_PROMPTS);
     let (method, _) = shop.method();
-    let (calls, seen) = (shop.calls.clone(), Calls::default());
+    let (calls, seen) = (shop.calls.clone(), CallLog::default());
     let note = {
         let (calls, seen) = (calls.clone(), seen.clone());
         move || seen.lock().unwrap().extend(calls.lock().unwrap().last())
@@ -86,28 +86,28 @@ async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew(
         Event::Asked { .. } | Event::Answered { .. } => note(),
         _ => {}
     };
-    let (ended, stored) = shop.runs(method.as_ref(), answers, told).await;
+    let (ended, stored) = shop.run_method(method.as_ref(), answers, told).await;
     ended.unwrap();
     // Prompted, polled three times, answered; twice. Until then the control received only `prepare`.
     assert_eq!(*seen.lock().unwrap(), ["prepare"; 10]);
     // The operator was at the machine, so the control is prepared again.
     assert_eq!(shop.calls()[..3], ["prepare", "prepare", "execute"]);
     let asked = [("asked", 0, 0), ("answered", 0, 0), ("asked", 1, 0), ("answered", 1, 0)];
-    assert_eq!(talk(&stored), asked);
+    assert_eq!(prompt_events(&stored), asked);
     let ids: Vec<u32> = stored.plan.steps.iter().map(|step| step.id).collect();
     assert_eq!(ids, (0..ids.len() as u32).collect::<Vec<_>>());
     assert_eq!(stored.plan.steps[1].text.as_deref(), Some("so is the stylus"));
     let proven = |(_, event): &(_, Event)| matches!(event, Event::StageProven { .. });
     let before = stored.events.iter().take_while(|event| !proven(event)).count();
-    assert!(talk(&StoredRun { events: stored.events[before..].to_vec(), ..stored }).is_empty());
+    assert!(prompt_events(&StoredRun { events: stored.events[before..].to_vec(), ..stored }).is_empty());
 }
 
 #[tokio::test]
-async fn a_halt_ends_the_wait_and_without_anybody_nothing_begins() {
-    let shop = Shop::new(TWO);
+async fn halt_ends_the_wait_and_no_run_starts_without_operator() {
+    let shop = RunWorkspace::new(TWO_PROMPTS);
     let (method, _) = shop.method();
     let nobody = |_| PromptAnswers::none();
-    let (refused, stored) = shop.runs(method.as_ref(), nobody, |_, _| {}).await;
+    let (refused, stored) = shop.run_method(method.as_ref(), nobody, |_, _| {}).await;
     assert!(matches!(refused, Err(RunError::NoOperator { .. })), "{refused:?}");
     assert_eq!((shop.calls(), stored.summary.state), (vec![], RunState::Failed));
 
@@ -117,17 +117,17 @@ async fn a_halt_ends_the_wait_and_without_anybody_nothing_begins() {
             None
         })
     };
-    let (held, stored) = shop.runs(method.as_ref(), stops, |_, _| {}).await;
+    let (held, stored) = shop.run_method(method.as_ref(), stops, |_, _| {}).await;
     assert!(held.unwrap_err().is_stop());
     assert_eq!((shop.calls(), stored.summary.state), (vec!["prepare"], RunState::Held));
-    assert_eq!(talk(&stored), [("asked", 0, 0)]);
+    assert_eq!(prompt_events(&stored), [("asked", 0, 0)]);
 }
 
 #[tokio::test]
-async fn a_prompt_behind_a_touch_is_refused_before_anything_moves() {
-    let shop = Shop::new("");
-    let method = Turning { inner: shop.method().0, late: true };
-    let (refused, _) = shop.runs(&method, |_| ada(), |_, _| {}).await;
+async fn prompt_after_a_touch_is_refused_before_motion() {
+    let shop = RunWorkspace::new("");
+    let method = TurningMethod { inner: shop.method().0, late: true };
+    let (refused, _) = shop.run_method(&method, |_| answers_by_operator(), |_, _| {}).await;
     let late = matches!(refused, Err(RunError::Planning(PlanningError::PromptAfterMotion { .. })));
     assert!(late && shop.calls().is_empty(), "{refused:?}");
 }
@@ -135,9 +135,9 @@ async fn a_prompt_behind_a_touch_is_refused_before_anything_moves() {
 /// The cycle's second repeat prompts again. A run stopped during the wait repeats the prompt when it is
 /// resumed; a run stopped after the answer does not.
 #[tokio::test]
-async fn what_was_answered_is_not_asked_again_after_a_stop() {
-    let shop = Shop::new("");
-    let method = Turning { inner: shop.method().0, late: false };
+async fn answered_prompts_are_not_repeated_after_a_stop() {
+    let shop = RunWorkspace::new("");
+    let method = TurningMethod { inner: shop.method().0, late: false };
     let stops = |halt: Halt| {
         PromptAnswers::new(move |asked| {
             if asked.repeat == 1 {
@@ -146,24 +146,24 @@ async fn what_was_answered_is_not_asked_again_after_a_stop() {
             (asked.repeat == 0).then(|| "Ada".to_owned())
         })
     };
-    let (held, stored) = shop.runs(&method, stops, |_, _| {}).await;
+    let (held, stored) = shop.run_method(&method, stops, |_, _| {}).await;
     assert!(held.unwrap_err().is_stop());
     let prompt = stored.plan.steps.last().unwrap().id;
     let first = [("asked", prompt, 0), ("answered", prompt, 0), ("asked", prompt, 1)];
-    assert_eq!((talk(&stored), stored.summary.state), (first.to_vec(), RunState::Held));
+    assert_eq!((prompt_events(&stored), stored.summary.state), (first.to_vec(), RunState::Held));
 
     let after_one = |event: &Event, halt: &Halt| match event {
         Event::ReadingStored { reading } if reading.repeat == 1 => halt.trigger(),
         _ => {}
     };
-    let (held, stored) = shop.goes_on(&method, stored, after_one).await;
+    let (held, stored) = shop.resume(&method, stored, after_one).await;
     assert!(held.unwrap_err().is_stop());
     let again = [("asked", prompt, 1), ("answered", prompt, 1)];
-    assert_eq!(talk(&stored), [&first[..], &again].concat());
+    assert_eq!(prompt_events(&stored), [&first[..], &again].concat());
 
-    let (ended, finished) = shop.goes_on(&method, stored.clone(), |_, _| {}).await;
+    let (ended, finished) = shop.resume(&method, stored.clone(), |_, _| {}).await;
     ended.unwrap();
-    assert_eq!(talk(&finished), talk(&stored));
+    assert_eq!(prompt_events(&finished), prompt_events(&stored));
     assert_eq!(finished.summary.state, RunState::NotIdentified);
     drop(shop.folder);
 }

@@ -12,22 +12,22 @@ use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt
 use machine::record::motion::BlockOutcome;
 use planning::proof::ProvenBlock;
 
-type Calls = Arc<Mutex<Vec<&'static str>>>;
+type CallLog = Arc<Mutex<Vec<&'static str>>>;
 
 /// Counts the calls to the inner control.
-struct Counted {
+struct CountingController {
     inner: Controller,
-    calls: Calls,
+    calls: CallLog,
 }
 
-impl Counted {
+impl CountingController {
     fn count(&self, call: &'static str) -> &Controller {
         self.calls.lock().unwrap().push(call);
         &self.inner
     }
 }
 
-impl Driver for Counted {
+impl Driver for CountingController {
     async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
         self.count("prepare").prepare().await
     }
@@ -49,14 +49,14 @@ impl Driver for Counted {
     }
 }
 
-struct Shop {
+struct RunWorkspace {
     folder: tempfile::TempDir,
     journal: Journal,
     file: MachineFile,
-    calls: Calls,
+    calls: CallLog,
 }
 
-impl Shop {
+impl RunWorkspace {
     /// `more`: text added to the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -64,7 +64,7 @@ impl Shop {
         let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
         let file = MachineFile::parse("shop.toml", text).unwrap();
         let journal = Journal::open(folder.path()).unwrap();
-        Self { folder, journal, file, calls: Calls::default() }
+        Self { folder, journal, file, calls: CallLog::default() }
     }
 
     fn method(&self) -> (Box<dyn Method>, Plan) {
@@ -75,14 +75,14 @@ impl Shop {
         let mut devices = setup::open_devices(&self.file, Pace::Fast, past).await.unwrap();
         let halt = devices.controller.halt_handle();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
-        let counted = |inner| Controller::spawn(Counted { inner, calls }, halt_too);
-        let inner = std::mem::replace(&mut devices.controller, dead());
+        let counted = |inner| Controller::spawn(CountingController { inner, calls }, halt_too);
+        let inner = std::mem::replace(&mut devices.controller, unreachable_controller());
         devices.controller = counted(inner);
         (devices, halt)
     }
 
     /// Runs until the end. `answers` and `tell` get the halt handle.
-    async fn runs(
+    async fn run_method(
         &self,
         method: &dyn Method,
         answers: impl FnOnce(Halt) -> PromptAnswers,
@@ -99,7 +99,7 @@ impl Shop {
     }
 
     /// Resumes the run with an operator's acknowledgement, as in another process.
-    async fn goes_on(
+    async fn resume(
         &self,
         method: &dyn Method,
         stored: StoredRun,
@@ -113,7 +113,7 @@ impl Shop {
         let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
         let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut tell);
         let before = InterruptedRun { stages, readings, answered_prompts, elapsed_s: 60.0 };
-        let ended = run.with_answers(ada()).resume(before).await;
+        let ended = run.with_answers(answers_by_operator()).resume(before).await;
         (ended, self.journal.load_run(id).unwrap())
     }
 
@@ -123,9 +123,9 @@ impl Shop {
 }
 
 /// Placeholder for a control while it is replaced.
-fn dead() -> Controller {
-    struct Nothing;
-    impl Driver for Nothing {
+fn unreachable_controller() -> Controller {
+    struct NoMethod;
+    impl Driver for NoMethod {
         async fn prepare(&mut self) -> Result<PreparedControl, ControllerError> {
             Err(ControllerError::DriverTaskEnded)
         }
@@ -142,9 +142,9 @@ fn dead() -> Controller {
             Err(ControllerError::DriverTaskEnded)
         }
     }
-    Controller::spawn(Nothing, Halt::new(|| {}))
+    Controller::spawn(NoMethod, Halt::new(|| {}))
 }
 
-fn ada() -> PromptAnswers {
+fn answers_by_operator() -> PromptAnswers {
     PromptAnswers::new(|_| Some("Ada".to_owned()))
 }

@@ -5,11 +5,11 @@ use machine::record::estimate::Estimate;
 use methods::{IdentifyError, MethodRefusal};
 
 /// Repeats the first stage, as a method does for a measurement outside its limits.
-struct OnceMore {
+struct RepeatingMethod {
     inner: Box<dyn Method>,
 }
 
-impl Method for OnceMore {
+impl Method for RepeatingMethod {
     fn settings(&self) -> serde_json::Value {
         self.inner.settings()
     }
@@ -32,35 +32,35 @@ impl Method for OnceMore {
 }
 
 /// Label, repeat and remaining time (s) of each step that was begun.
-type Left = Mutex<Vec<(String, u32, f64)>>;
+type TimesLeft = Mutex<Vec<(String, u32, f64)>>;
 
-fn note(left: &Left, event: &Event) {
+fn record_time_left(left: &TimesLeft, event: &Event) {
     if let Event::StepStarted { label, repeat, remaining_s, .. } = event {
         left.lock().unwrap().push((label.clone(), *repeat, *remaining_s));
     }
 }
 
 #[tokio::test]
-async fn it_falls_from_step_to_step_and_a_stop_or_a_repetition_loses_nothing_of_it() {
-    let shop = Shop::new("");
-    let whole = Left::default();
-    let told = |event: &Event, _: &Halt| note(&whole, event);
-    shop.runs(shop.method().0.as_ref(), |_| ada(), told).await.0.unwrap();
+async fn time_left_decreases_and_survives_stops_and_repeats() {
+    let shop = RunWorkspace::new("");
+    let whole = TimesLeft::default();
+    let told = |event: &Event, _: &Halt| record_time_left(&whole, event);
+    shop.run_method(shop.method().0.as_ref(), |_| answers_by_operator(), told).await.0.unwrap();
     let whole = whole.into_inner().unwrap();
     assert!(whole.windows(2).all(|pair| pair[1].2 < pair[0].2), "{whole:?}");
 
-    let method = OnceMore { inner: shop.method().0 };
-    let left = Left::default();
+    let method = RepeatingMethod { inner: shop.method().0 };
+    let left = TimesLeft::default();
     let stopped_in_the_middle = |event: &Event, halt: &Halt| {
-        note(&left, event);
+        record_time_left(&left, event);
         if left.lock().unwrap().len() == whole.len() / 2 {
             halt.trigger();
         }
     };
-    let (held, stored) = shop.runs(&method, |_| ada(), stopped_in_the_middle).await;
+    let (held, stored) = shop.run_method(&method, |_| answers_by_operator(), stopped_in_the_middle).await;
     assert!(held.unwrap_err().is_stop());
-    let told = |event: &Event, _: &Halt| note(&left, event);
-    shop.goes_on(&method, stored, told).await.0.unwrap();
+    let told = |event: &Event, _: &Halt| record_time_left(&left, event);
+    shop.resume(&method, stored, told).await.0.unwrap();
     let left = left.into_inner().unwrap();
     let mut compared = 0;
     for (label, repeat, at_first_s) in &whole {

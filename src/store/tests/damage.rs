@@ -6,14 +6,14 @@ use std::path::Path;
 use jiff::Timestamp;
 use rusqlite::Connection;
 
-use super::{estimate, new_run, reading, stage, step};
+use super::{estimate, new_run, plan_stage, plan_step, reading};
 use crate::store::*;
 use machine::record::event::Event;
 
 const JOURNAL_FILE_NAME: &str = "journal.sqlite";
 
 /// All files in `dir` by name. `-shm` contains locks of connections and no data.
-fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+fn file_contents(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     let all = std::fs::read_dir(dir).unwrap().map(|file| file.unwrap());
     let named = all.map(|file| (file.file_name().into_string().unwrap(), file.path()));
     let data = named.filter(|(name, _)| !name.ends_with("-shm"));
@@ -22,13 +22,13 @@ fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
 
 /// Checks that opening and `backup` both refuse `dir` with a message that contains all of `words`, and that no
 /// file changes.
-fn refused_unchanged(dir: &Path, words: &[&str]) {
-    let (before, to) = (files(dir), tempfile::tempdir().unwrap());
+fn assert_refused_unchanged(dir: &Path, words: &[&str]) {
+    let (before, to) = (file_contents(dir), tempfile::tempdir().unwrap());
     let opened = Journal::open(dir).map(drop).unwrap_err();
-    assert_eq!(files(dir), before, "opening: {opened}");
+    assert_eq!(file_contents(dir), before, "opening: {opened}");
     let copied = backup(dir, &to.path().join("copy.sqlite")).unwrap_err();
-    assert_eq!(files(dir), before, "backup: {copied}");
-    assert_eq!(files(to.path()), BTreeMap::new(), "{copied}");
+    assert_eq!(file_contents(dir), before, "backup: {copied}");
+    assert_eq!(file_contents(to.path()), BTreeMap::new(), "{copied}");
     let path = dir.join(JOURNAL_FILE_NAME).display().to_string();
     for error in [opened, copied] {
         let told = format!("{error} {}", error.remedy());
@@ -37,14 +37,14 @@ fn refused_unchanged(dir: &Path, words: &[&str]) {
 }
 
 /// A database of another program, made by these statements.
-fn foreign(statements: &str) -> tempfile::TempDir {
+fn foreign_database(statements: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap().execute_batch(statements).unwrap();
     dir
 }
 
 #[test]
-fn a_database_of_another_program_is_refused_unchanged() {
+fn database_of_another_program_is_refused_unchanged() {
     let table = "CREATE TABLE bookmarks (id INTEGER PRIMARY KEY, url TEXT);
                  INSERT INTO bookmarks (url) VALUES ('example.org');";
     let names_of_ours = "CREATE TABLE runs (id INTEGER PRIMARY KEY, km REAL);
@@ -59,37 +59,37 @@ fn a_database_of_another_program_is_refused_unchanged() {
         "PRAGMA application_id = 252006673;".to_owned(),
         format!("PRAGMA application_id = 252006673; PRAGMA user_version = 1; {table}"),
     ] {
-        let dir = foreign(&statements);
-        refused_unchanged(dir.path(), &["not a journal of trued", "--state"]);
+        let dir = foreign_database(&statements);
+        assert_refused_unchanged(dir.path(), &["not a journal of trued", "--state"]);
     }
 }
 
 /// The log of a killed program is not copied into its database.
 #[test]
-fn a_database_with_a_log_is_refused_unchanged() {
-    let (dir, copy) = (foreign("PRAGMA journal_mode = WAL"), tempfile::tempdir().unwrap());
+fn foreign_database_with_write_ahead_log_is_refused_unchanged() {
+    let (dir, copy) = (foreign_database("PRAGMA journal_mode = WAL"), tempfile::tempdir().unwrap());
     let open = Connection::open(dir.path().join(JOURNAL_FILE_NAME)).unwrap();
     open.execute_batch("CREATE TABLE bookmarks (url TEXT)").unwrap();
     for name in [JOURNAL_FILE_NAME, "journal.sqlite-wal", "journal.sqlite-shm"] {
         std::fs::copy(dir.path().join(name), copy.path().join(name)).unwrap();
     }
-    assert!(!files(copy.path())["journal.sqlite-wal"].is_empty());
-    refused_unchanged(copy.path(), &["not a journal of trued"]);
+    assert!(!file_contents(copy.path())["journal.sqlite-wal"].is_empty());
+    assert_refused_unchanged(copy.path(), &["not a journal of trued"]);
 }
 
 #[test]
-fn an_empty_file_becomes_a_journal() {
+fn empty_file_becomes_a_journal() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join(JOURNAL_FILE_NAME), "").unwrap();
     Journal::open(dir.path()).unwrap().begin_run(&new_run()).wait().unwrap();
 }
 
 /// A journal with rows in each of its tables.
-fn journal() -> (tempfile::TempDir, RunId) {
+fn journal_with_run() -> (tempfile::TempDir, RunId) {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    journal.add_stage(run, &stage(0, vec![0, 1]), &[step(0), step(1)]).wait().unwrap();
+    journal.add_stage(run, &plan_stage(0, vec![0, 1]), &[plan_step(0), plan_step(1)]).wait().unwrap();
     journal.add_reading(run, &reading(0)).wait().unwrap();
     let sample = |number| Reading { step: 1, repeat: 0, ..reading(number) };
     journal.add_scan(run, &[sample(1), sample(2)]).wait().unwrap();
@@ -118,8 +118,8 @@ fn journal() -> (tempfile::TempDir, RunId) {
 
 /// Rows that the program itself has written and changed are sound.
 #[test]
-fn rows_that_are_changed_stay_sound() {
-    let (dir, run) = journal();
+fn rows_changed_by_the_program_keep_valid_checksums() {
+    let (dir, run) = journal_with_run();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Held).wait().unwrap();
     journal.set_state(run, RunState::Running).wait().unwrap();
@@ -138,7 +138,7 @@ fn rows_that_are_changed_stay_sound() {
 }
 
 /// One changed value in a row of each table, as by a failing disk. Page and number stay well-formed.
-const DAMAGES: [(&str, &str, bool); 12] = [
+const ROW_DAMAGES: [(&str, &str, bool); 12] = [
     ("runs", "started = replace(started, 'T', ' ')", true),
     ("runs", "state = 'closed'", true),
     ("audit", "outcome = 'dome'", true),
@@ -155,9 +155,9 @@ const DAMAGES: [(&str, &str, bool); 12] = [
 
 /// `backup` and every reader of the row refuse it. Opening refuses it if the row belongs to no single run.
 #[test]
-fn a_damaged_row_is_refused() {
-    let (sound, run) = journal();
-    for (table, change, is_verified_at_opening) in DAMAGES {
+fn damaged_row_is_refused() {
+    let (sound, run) = journal_with_run();
+    for (table, change, is_verified_at_opening) in ROW_DAMAGES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(JOURNAL_FILE_NAME);
         std::fs::copy(sound.path().join(JOURNAL_FILE_NAME), &path).unwrap();
@@ -171,14 +171,14 @@ fn a_damaged_row_is_refused() {
         drop(raw);
         let row = format!("table {table}");
         if is_verified_at_opening {
-            refused_unchanged(dir.path(), &["damaged", &row]);
+            assert_refused_unchanged(dir.path(), &["damaged", &row]);
             continue;
         }
-        let before = files(dir.path());
+        let before = file_contents(dir.path());
         let to = dir.path().join("copy.sqlite");
         let copied = backup(dir.path(), &to).unwrap_err().to_string();
         assert!(copied.contains("damaged") && copied.contains(&row), "{copied}");
-        assert_eq!(files(dir.path()), before, "{table}");
+        assert_eq!(file_contents(dir.path()), before, "{table}");
         let read = Journal::open(dir.path()).unwrap().load_run(run).unwrap_err().to_string();
         assert!(read.contains("damaged") && read.contains(&row), "{read}");
     }
@@ -186,8 +186,8 @@ fn a_damaged_row_is_refused() {
 
 /// A changed byte of the file, and missing pages.
 #[test]
-fn a_damaged_file_is_refused_unchanged() {
-    let (sound, _) = journal();
+fn damaged_file_is_refused_unchanged() {
+    let (sound, _) = journal_with_run();
     let sound = std::fs::read(sound.path().join(JOURNAL_FILE_NAME)).unwrap();
     let find = |text: &str| sound.windows(text.len()).position(|some| some == text.as_bytes());
     let changed = |at: usize, byte: u8| {
@@ -200,14 +200,14 @@ fn a_damaged_file_is_refused_unchanged() {
     for damaged in [changed(config + 1, b'x'), changed(63, 3), sound[..sound.len() / 2].to_vec()] {
         let dir = tempfile::tempdir().unwrap();
         std::fs::write(dir.path().join(JOURNAL_FILE_NAME), damaged).unwrap();
-        refused_unchanged(dir.path(), &["damaged"]);
+        assert_refused_unchanged(dir.path(), &["damaged"]);
     }
 }
 
 /// Damaged estimates in the list of runs and in trends.
 #[test]
-fn a_damaged_estimate_is_no_result() {
-    let (dir, run) = journal();
+fn damaged_estimate_is_not_a_result() {
+    let (dir, run) = journal_with_run();
     let journal = Journal::open(dir.path()).unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     assert!(journal.newest_results("mill").unwrap().result.is_some());

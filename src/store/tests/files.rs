@@ -12,7 +12,7 @@ use machine::record::reading::Reading;
 /// A run of the first version, and a run with thermometers whose mean temperatures cover readings and scans,
 /// each over the readings with a value.
 #[test]
-fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
+fn ended_run_has_mean_temperatures_but_older_formats_have_none() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
@@ -52,7 +52,7 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
 
 /// A journal in the format of the first version.
 #[test]
-fn an_older_journal_is_brought_up_to_date() {
+fn older_journal_is_migrated() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
@@ -70,18 +70,18 @@ fn an_older_journal_is_brought_up_to_date() {
 
 /// An older program would continue to write rows without checksums.
 #[test]
-fn an_older_journal_that_is_open_is_refused() {
+fn older_journal_in_use_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
-    assert!(matches!(fault(dir.path()), StoreFault::Locked));
+    assert!(matches!(open_fault(dir.path()), StoreFault::Locked));
     old.execute("UPDATE runs SET state = 'failed'", []).unwrap();
     drop(old);
     assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap()[0].state, RunState::Failed);
 }
 
 #[test]
-fn many_may_bring_an_older_journal_up_to_date_at_once() {
+fn older_journal_is_migrated_once_by_many_processes() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
@@ -94,7 +94,7 @@ fn many_may_bring_an_older_journal_up_to_date_at_once() {
 }
 
 #[test]
-fn the_lock_says_who_and_proves_that_a_run_is_dead() {
+fn lock_names_its_holder_and_shows_that_a_run_has_ended() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let mill = journal.begin_run(&new_run()).wait().unwrap();
@@ -118,7 +118,7 @@ fn the_lock_says_who_and_proves_that_a_run_is_dead() {
 }
 
 #[test]
-fn names_of_machines_cannot_leave_the_lock_directory() {
+fn machine_names_cannot_leave_the_lock_directory() {
     let dir = tempfile::tempdir().unwrap();
     let names = ["../../mill", "..", "", "a/b", "a-b", "ä".repeat(300).as_str()].map(str::to_owned);
     let locks: Vec<_> = names.iter().map(|name| MachineLock::acquire(dir.path(), name)).collect();
@@ -128,12 +128,12 @@ fn names_of_machines_cannot_leave_the_lock_directory() {
 }
 
 #[test]
-fn many_may_open_a_new_journal_at_once() {
+fn many_threads_open_a_new_journal() {
     // SQLite's own waiting fails about once in fifty rounds.
-    (0..20).for_each(|_| many_open_a_new_journal());
+    (0..20).for_each(|_| open_new_journal_in_threads());
 }
 
-fn many_open_a_new_journal() {
+fn open_new_journal_in_threads() {
     let dir = tempfile::tempdir().unwrap();
     let opened: Vec<_> = std::thread::scope(|scope| {
         let handles: Vec<_> =
@@ -147,20 +147,20 @@ fn many_open_a_new_journal() {
 }
 
 #[test]
-fn a_strange_file_is_left_as_it_is() {
+fn unknown_file_is_left_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("journal.sqlite");
     std::fs::write(&path, "not a database, but a shopping list of some length").unwrap();
     let before = std::fs::read(&path).unwrap();
-    assert!(matches!(fault(dir.path()), StoreFault::Damaged(_)));
+    assert!(matches!(open_fault(dir.path()), StoreFault::Damaged(_)));
     assert_eq!(std::fs::read(&path).unwrap(), before);
 
     std::fs::remove_file(&path).unwrap();
     drop(Journal::open(dir.path()).unwrap());
     Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
-    assert!(matches!(fault(dir.path()), StoreFault::NewerFormat { found: 99, .. }));
+    assert!(matches!(open_fault(dir.path()), StoreFault::NewerFormat { found: 99, .. }));
 }
 
-fn fault(dir: &Path) -> StoreFault {
+fn open_fault(dir: &Path) -> StoreFault {
     Journal::open(dir).map(drop).unwrap_err().fault
 }

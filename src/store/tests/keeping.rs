@@ -10,7 +10,7 @@ use super::{estimate, new_run, reading};
 use crate::store::*;
 use machine::record::event::Event;
 
-fn names(dir: &Path) -> Vec<String> {
+fn file_names(dir: &Path) -> Vec<String> {
     let files = std::fs::read_dir(dir).unwrap();
     let mut names: Vec<_> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
@@ -19,7 +19,7 @@ fn names(dir: &Path) -> Vec<String> {
 
 /// A copy made while a run writes is complete and contains at least what was acknowledged before.
 #[test]
-fn a_copy_is_whole_whoever_writes_meanwhile() {
+fn backup_is_complete_during_writes() {
     let (dir, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -39,7 +39,7 @@ fn a_copy_is_whole_whoever_writes_meanwhile() {
             let file = to.path().join(format!("{copy}")).join("journal.sqlite");
             std::fs::create_dir(file.parent().unwrap()).unwrap();
             assert_eq!(backup(dir.path(), &file).unwrap().newest, Some(run));
-            assert_eq!(names(file.parent().unwrap()), ["journal.sqlite"]);
+            assert_eq!(file_names(file.parent().unwrap()), ["journal.sqlite"]);
             let copied = Journal::open(file.parent().unwrap()).unwrap().load_run(run).unwrap();
             assert!(copied.readings.len() >= before, "{} of {before}", copied.readings.len());
             assert!(copied.readings.iter().zip(0..).all(|(kept, step)| *kept == reading(step)));
@@ -49,7 +49,7 @@ fn a_copy_is_whole_whoever_writes_meanwhile() {
 }
 
 #[test]
-fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
+fn backup_overwrites_no_file_and_leaves_no_partial_file() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("copy.sqlite");
     let missing = backup(dir.path(), &file).unwrap_err();
@@ -60,7 +60,7 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     assert_eq!(backup(&state, &file).unwrap(), BackupContent { newest: None, has_checksums: true });
     let exists = backup(&state, &file).unwrap_err();
     assert!(matches!(exists.fault, StoreFault::FileExists), "{exists}");
-    assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
+    assert_eq!(file_names(dir.path()), ["copy.sqlite", "state"]);
     // Invalid pages: the copy is verified before it gets its name.
     Journal::open(&state).unwrap().begin_run(&new_run()).wait().unwrap();
     let journal = state.join("journal.sqlite");
@@ -69,19 +69,19 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     std::fs::write(&journal, bytes).unwrap();
     let damaged = backup(&state, &dir.path().join("second.sqlite")).unwrap_err();
     assert!(matches!(damaged.fault, StoreFault::Damaged(_)), "{damaged}");
-    assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
+    assert_eq!(file_names(dir.path()), ["copy.sqlite", "state"]);
 }
 
 /// One unchanged copy of a journal of the first version is kept.
 #[test]
-fn what_was_before_a_migration_is_kept() {
+fn journal_before_a_migration_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
     drop(old);
     drop(Journal::open(dir.path()).unwrap());
     drop(Journal::open(dir.path()).unwrap());
-    let kept: Vec<_> = names(dir.path()).into_iter().filter(|name| name.starts_with("journal-")).collect();
+    let kept: Vec<_> = file_names(dir.path()).into_iter().filter(|name| name.starts_with("journal-")).collect();
     let [kept] = kept.as_slice() else { panic!("{kept:?}") };
     assert!(kept.starts_with("journal-v1-2") && kept.ends_with("Z.sqlite"), "{kept}");
     let kept = Connection::open(dir.path().join(kept)).unwrap();
@@ -94,7 +94,7 @@ fn what_was_before_a_migration_is_kept() {
 
 /// The program was killed after it copied the old journal, and restarts the migration in the same second.
 #[test]
-fn a_migration_begins_anew_within_a_second() {
+fn migration_is_retried_within_a_second() {
     let dir = tempfile::tempdir().unwrap();
     let old = Connection::open(dir.path().join("journal.sqlite")).unwrap();
     old.execute_batch(include_str!("../../../tests/data/journal_version_1.sql")).unwrap();
@@ -106,19 +106,19 @@ fn a_migration_begins_anew_within_a_second() {
         std::fs::write(dir.path().join(name), kept).unwrap();
     }
     assert_eq!(Journal::open(dir.path()).unwrap().runs().unwrap().len(), 1);
-    let all: Vec<_> = names(dir.path()).into_iter().filter(|name| name.starts_with("journal-v1-")).collect();
+    let all: Vec<_> = file_names(dir.path()).into_iter().filter(|name| name.starts_with("journal-v1-")).collect();
     let is_older = |name: &&String| std::fs::read(dir.path().join(name)).unwrap() == kept.as_bytes();
     assert_eq!((all.len(), all.iter().filter(is_older).count()), (31, 30), "{all:?}");
 }
 
 #[test]
-fn a_new_journal_has_nothing_to_keep() {
+fn new_journal_leaves_no_old_version() {
     let dir = tempfile::tempdir().unwrap();
     drop(Journal::open(dir.path()).unwrap());
-    assert!(names(dir.path()).iter().all(|name| name.starts_with("journal.sqlite")));
+    assert!(file_names(dir.path()).iter().all(|name| name.starts_with("journal.sqlite")));
 }
 
-fn scanned(journal: &Journal, state: RunState, with_estimate: bool) -> RunId {
+fn run_with_scan(journal: &Journal, state: RunState, with_estimate: bool) -> RunId {
     let run = journal.begin_run(&new_run()).wait().unwrap();
     journal.add_reading(run, &reading(0)).wait().unwrap();
     for step in [1, 3, 5] {
@@ -132,15 +132,15 @@ fn scanned(journal: &Journal, state: RunState, with_estimate: bool) -> RunId {
 }
 
 #[test]
-fn only_samples_go_and_only_where_an_estimate_stands() {
+fn only_samples_of_identified_runs_are_removed() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
-    let old = scanned(&journal, RunState::Finished, true);
+    let old = run_with_scan(&journal, RunState::Finished, true);
     let kept = [
-        scanned(&journal, RunState::Finished, false),
-        scanned(&journal, RunState::Held, true),
-        scanned(&journal, RunState::Interrupted, false),
-        scanned(&journal, RunState::Closed, true),
+        run_with_scan(&journal, RunState::Finished, false),
+        run_with_scan(&journal, RunState::Held, true),
+        run_with_scan(&journal, RunState::Interrupted, false),
+        run_with_scan(&journal, RunState::Closed, true),
     ];
     let audit = AuditEntry {
         who: "Ada".to_owned(),
@@ -171,7 +171,7 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
 
 /// Pages are newest first, without duplicates or omissions.
 #[test]
-fn the_audit_log_is_read_by_pages() {
+fn audit_log_is_paged() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let text = String::new;

@@ -13,7 +13,7 @@ use machine::record::plan::{Step, StepKind};
 use machine::record::reading::ReadingFlag;
 use machine::{Axis, Position};
 
-fn plan() -> Plan {
+fn empty_plan() -> Plan {
     serde_json::from_value(serde_json::json!({
         "trued_plan": 1,
         "method": "self-calibration",
@@ -27,10 +27,10 @@ fn plan() -> Plan {
 }
 
 fn new_run() -> NewRun {
-    NewRun { config: "[machine]\nname = \"mill\"\n".to_owned(), plan: plan() }
+    NewRun { config: "[machine]\nname = \"mill\"\n".to_owned(), plan: empty_plan() }
 }
 
-fn step(id: u32) -> Step {
+fn plan_step(id: u32) -> Step {
     let angle = f64::from(id) * std::f64::consts::TAU / 7.0;
     Step {
         id,
@@ -93,20 +93,21 @@ fn estimate(value: f64) -> Estimate {
     estimate
 }
 
-fn stage(id: u32, steps: Vec<u32>) -> Stage {
+fn plan_stage(id: u32, steps: Vec<u32>) -> Stage {
     Stage { id, name: format!("Test {id}"), repeat: 0, steps, found: None }
 }
 
 #[test]
-fn everything_comes_back_after_reopening() {
+fn all_data_is_read_back_after_reopening() {
     let dir = tempfile::tempdir().unwrap();
-    let events = [Event::StageStarted { stage: stage(0, vec![0, 1]) }, Event::Held { reason: "Ctrl-C".to_owned() }];
-    let stages = [stage(0, vec![0, 1]), stage(1, vec![2, 0])];
+    let events =
+        [Event::StageStarted { stage: plan_stage(0, vec![0, 1]) }, Event::Held { reason: "Ctrl-C".to_owned() }];
+    let stages = [plan_stage(0, vec![0, 1]), plan_stage(1, vec![2, 0])];
     let readings: Vec<_> = (0..9).map(reading).collect();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
-    journal.add_stage(run, &stages[0], &[step(0), step(1)]).wait().unwrap();
-    journal.add_stage(run, &stages[1], &[step(2)]).wait().unwrap();
+    journal.add_stage(run, &stages[0], &[plan_step(0), plan_step(1)]).wait().unwrap();
+    journal.add_stage(run, &stages[1], &[plan_step(2)]).wait().unwrap();
     for reading in &readings {
         journal.add_reading(run, reading).wait().unwrap();
     }
@@ -119,8 +120,8 @@ fn everything_comes_back_after_reopening() {
 
     let stored = Journal::open(dir.path()).unwrap().load_run(run).unwrap();
     assert_eq!(stored.config, new_run().config);
-    assert_eq!(stored.plan.steps, [step(0), step(1), step(2)]);
-    assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, plan());
+    assert_eq!(stored.plan.steps, [plan_step(0), plan_step(1), plan_step(2)]);
+    assert_eq!(Plan { steps: Vec::new(), ..stored.plan.clone() }, empty_plan());
     assert_eq!(stored.stages, stages);
     assert_eq!(stored.readings, readings);
     assert_eq!(stored.events.iter().map(|(_, event)| event.clone()).collect::<Vec<_>>(), events);
@@ -142,7 +143,7 @@ fn paper_sha256_of_abc() {
 }
 
 #[test]
-fn a_new_identification_adds_a_row() {
+fn new_identification_adds_a_row() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -155,7 +156,7 @@ fn a_new_identification_adds_a_row() {
 }
 
 #[tokio::test(flavor = "current_thread")]
-async fn an_acknowledged_reading_is_seen_by_others() {
+async fn acknowledged_reading_is_visible_to_other_connections() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).await.unwrap();
@@ -181,7 +182,7 @@ fn every_commit_is_synced_to_a_write_ahead_log() {
 }
 
 #[test]
-fn a_full_disk_is_said_and_loses_nothing_acknowledged() {
+fn full_disk_is_reported_and_loses_no_acknowledged_reading() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -218,7 +219,7 @@ fn limit_pages(journal: &Journal, select: &'static str) {
 }
 
 #[test]
-fn what_cannot_be_kept_is_refused() {
+fn unstorable_values_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -233,21 +234,21 @@ fn what_cannot_be_kept_is_refused() {
     let nobody = RunId(77);
     for error in [
         journal.add_reading(nobody, &reading(0)).wait().unwrap_err(),
-        journal.add_stage(nobody, &stage(0, vec![]), &[]).wait().unwrap_err(),
+        journal.add_stage(nobody, &plan_stage(0, vec![]), &[]).wait().unwrap_err(),
         journal.set_state(nobody, RunState::Held).wait().unwrap_err(),
         journal.load_run(nobody).unwrap_err(),
     ] {
         assert!(matches!(error.fault, StoreFault::RunNotFound(RunId(77))), "{error}");
     }
     // A step of the plan is never overwritten, and the stage that tried leaves no row.
-    journal.add_stage(run, &stage(0, vec![0]), &[step(0)]).wait().unwrap();
-    journal.add_stage(run, &stage(1, vec![0]), &[step(0)]).wait().unwrap_err();
+    journal.add_stage(run, &plan_stage(0, vec![0]), &[plan_step(0)]).wait().unwrap();
+    journal.add_stage(run, &plan_stage(1, vec![0]), &[plan_step(0)]).wait().unwrap_err();
     let stored = journal.load_run(run).unwrap();
     assert_eq!((stored.stages.len(), stored.readings.len(), stored.estimates.len()), (1, 0, 0));
 }
 
 #[test]
-fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
+fn touches_are_unique_but_scan_samples_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -268,7 +269,7 @@ fn a_touch_stands_once_and_samples_of_a_scan_as_often_as_they_come() {
 }
 
 #[test]
-fn a_scan_is_there_whole_and_once_bit_for_bit() {
+fn scan_is_stored_once_completely_and_bit_for_bit() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -297,7 +298,7 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
 }
 
 #[test]
-fn interruptions_join_the_plan_and_its_hash() {
+fn interruptions_are_in_the_plan_and_its_hash() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();

@@ -6,7 +6,7 @@ use machine::record::reading::Reading;
 
 /// With touches and scans in one run, any page equals the same part of the whole.
 #[test]
-fn some_readings_are_those_of_all() {
+fn pages_of_readings_agree_with_all_readings() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = journal.begin_run(&new_run()).wait().unwrap();
@@ -35,7 +35,7 @@ fn some_readings_are_those_of_all() {
 
 /// Finished runs only, with the last identification.
 #[test]
-fn the_newest_result_is_that_of_the_newest_finished_run() {
+fn newest_result_is_of_the_newest_finished_run() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let run = |state| {
@@ -64,7 +64,7 @@ fn the_newest_result_is_that_of_the_newest_finished_run() {
 /// A run that ended without an estimate has its own state until an estimate is stored, and then replaces the
 /// earlier result.
 #[test]
-fn a_measured_run_is_finished_by_its_estimate() {
+fn estimate_finishes_a_measured_run() {
     let dir = tempfile::tempdir().unwrap();
     let journal = Journal::open(dir.path()).unwrap();
     let measured = || {
