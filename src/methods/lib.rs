@@ -4,6 +4,8 @@
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+use std::collections::BTreeSet;
+
 use serde::de::DeserializeOwned;
 
 pub mod ball_dome;
@@ -204,6 +206,20 @@ impl IdentifyError {
         stray.map_or(Ok(()), |stray| Err(Self::UnknownStep { step: stray.step }))
     }
 
+    /// # Errors
+    /// A reading belongs to no step of the plan, or has the step and the repeat of an earlier reading.
+    pub fn check_readings(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
+        let mut known_readings = BTreeSet::new();
+        for reading in readings {
+            Self::check_steps(plan, std::slice::from_ref(reading))?;
+            let Reading { step, repeat, .. } = *reading;
+            if !known_readings.insert((step, repeat)) {
+                return Err(Self::DuplicateReading { step, repeat });
+            }
+        }
+        Ok(())
+    }
+
     /// Error for a step without a reading.
     pub fn missing_reading(step: &Step) -> Self {
         Self::MissingReading { step: step.id, label: step.label.clone() }
@@ -257,10 +273,10 @@ pub trait Method: Send + Sync {
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
         match probe_map::priors_without_probe_maps(&plan.priors).next() {
             None => Ok(()),
-            Some(prior) => Err(MethodRefusal {
-                reason: format!("this method accepts no prior estimate (given: an estimate of {})", prior.method),
-                remedy: "remove --with".to_owned(),
-            }),
+            Some(prior) => Err(MethodRefusal::new(
+                format!("this method accepts no prior estimate (given: an estimate of {})", prior.method),
+                "remove --with",
+            )),
         }
     }
 
@@ -313,10 +329,10 @@ pub trait RegisteredMethod: Method + Sized + 'static {
 fn named_sensors<'a>(method: &str, named: &[String], sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {
     let missing = named.iter().find(|name| sensors.iter().all(|sensor| sensor.name != **name));
     if let Some(name) = missing {
-        return Err(MethodRefusal {
-            reason: format!("the machine file has no [[sensor]] `{name}`"),
-            remedy: format!("correct sensors in [method.{method}], or add the [[sensor]]"),
-        });
+        return Err(MethodRefusal::new(
+            format!("the machine file has no [[sensor]] `{name}`"),
+            format!("correct sensors in [method.{method}], or add the [[sensor]]"),
+        ));
     }
     let is_named = |sensor: &&Sensor| named.is_empty() || named.contains(&sensor.name);
     Ok(sensors.iter().filter(is_named).collect())

@@ -142,9 +142,11 @@ impl KnownMotion<'_> {
 
 impl<'a> MotionForm<'a> {
     fn new(estimate: &'a Estimate, error: ErrorParameter, function: &EstimatedFunction) -> Result<Self, MethodRefusal> {
-        let points = PeriodicPoints::new(function).map_err(|reason| MethodRefusal {
-            reason: format!("{} of the estimate of {} {reason}", function.symbol, estimate.method),
-            remedy: "give an estimate of one revolution without sub-harmonics".to_owned(),
+        let points = PeriodicPoints::new(function).map_err(|reason| {
+            MethodRefusal::new(
+                format!("{} of the estimate of {} {reason}", function.symbol, estimate.method),
+                "give an estimate of one revolution without sub-harmonics",
+            )
         })?;
         let parameters = estimate.parameters.iter().filter(|own| own.unit == function.unit);
         let terms: Vec<_> = parameters
@@ -214,18 +216,18 @@ fn missing_motions_refusal(axis: Axis, estimate: &Estimate, other: Option<&Estim
         Some(other) => format!("the function {} is of the axis {}", other.symbol, other.argument),
         None => "no such function".to_owned(),
     };
-    MethodRefusal {
-        reason: format!("the estimate of {} has no error motions of {axis} over its angle: {found}", estimate.method),
-        remedy: format!(
+    MethodRefusal::new(
+        format!("the estimate of {} has no error motions of {axis} over its angle: {found}", estimate.method),
+        format!(
             "give an estimate with EX{axis}, EY{axis} (of ball-plate, multiprobe or r-test on this \
             machine), or remove --with"
         ),
-    }
+    )
 }
 
 fn duplicate_function_refusal(function: &EstimatedFunction) -> MethodRefusal {
-    MethodRefusal {
-        reason: format!("two estimates contain {}", function.symbol),
-        remedy: "give only one of these estimates with --with".to_owned(),
-    }
+    MethodRefusal::new(
+        format!("two estimates contain {}", function.symbol),
+        "give only one of these estimates with --with",
+    )
 }

@@ -50,23 +50,22 @@ impl TouchFeeds {
         let Self { fast_mm_min, .. } = feeds;
         let rapid = min_over_linear_axes(machine, |spec| spec.rapid_per_min);
         if !(min_mm_min..=rapid).contains(&fast_mm_min) {
-            return Err(MethodRefusal {
-                reason: format!(
+            return Err(MethodRefusal::new(
+                format!(
                     "the fast feed of {fast_mm_min} mm/min is not allowed: it must be at least \
                      {MIN_FEED_RATIO} times the measuring feed of {} mm/min, and at most the rapid \
                      rate of the axes, {rapid} mm/min",
                     probe.feed_mm_min
                 ),
-                remedy: "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
-                          overtravel allows"
-                    .to_owned(),
-            });
+                "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
+                          overtravel allows",
+            ));
         }
         if fits(&feeds) {
             return Ok(feeds);
         }
-        Err(MethodRefusal {
-            reason: format!(
+        Err(MethodRefusal::new(
+            format!(
                 "a touch at {fast_mm_min} mm/min would be {:.2} mm long, more than the overtravel \
                  of {overtravel} mm: {:.2} mm of it are for acceleration and for a delay of up to \
                  {} ms",
@@ -74,10 +73,9 @@ impl TouchFeeds {
                 2.0 * feeds.margin_mm,
                 MAX_DELAY_S * 1e3
             ),
-            remedy: "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
-                 (mount the part nearer to its stated position)"
-                .to_owned(),
-        })
+            "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
+                 (mount the part nearer to its stated position)",
+        ))
     }
 
     fn from_fast_feed(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {

@@ -161,14 +161,13 @@ fn scatter_at_feed(touches: &[Touch], a: &Mat<f64>, solution: &LinearSolution, f
 }
 
 fn refuse_identical_touches(feed_mm_min: f64) -> IdentifyError {
-    MethodRefusal {
-        reason: format!(
+    MethodRefusal::new(
+        format!(
             "all touches at {feed_mm_min} mm/min have identical positions, and no display \
              resolution is declared"
         ),
-        remedy: "state resolution_um of the axes; if the positions are still identical, check the \
-                  latch of the control: it does not record the position of the machine"
-            .to_owned(),
-    }
+        "state resolution_um of the axes; if the positions are still identical, check the \
+                  latch of the control: it does not record the position of the machine",
+    )
     .into()
 }

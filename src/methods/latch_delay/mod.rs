@@ -4,6 +4,7 @@
 //! (rectangular, GUM 4.3.7), which grows with the feed, unlike the scatter of the probe.
 
 mod estimate;
+mod evaluation;
 mod feeds;
 mod fit;
 mod observe;
@@ -16,11 +17,9 @@ mod texts;
 pub use scan_test::{LatchDiagnosis, ScanTime};
 pub use settings::LatchDelaySettings;
 
+use self::evaluation::EvaluatedRun;
 use self::feeds::TouchFeeds;
-use self::fit::FittedDelay;
-use self::observe::ObservedTouches;
 use self::plan::TouchPath;
-use self::scan_test::ScanTest;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use machine::artefact::position_uncertainty_mm;
 use machine::record::estimate::Estimate;
@@ -65,32 +64,23 @@ impl Method for LatchDelay {
         self.settings.check()?;
         let feeds = self.choose_feeds(plan)?;
         let touch_path = TouchPath::choose(plan, &self.settings, &feeds)?;
-        let (id, name, new_steps) = match done.len() {
-            0 => (0, "search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
+        let (name, steps) = match done.len() {
+            0 => ("search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
             1 => {
                 if let PositionSource::Measured(readings) = source {
                     observe::check_search_result(plan, &feeds, readings)?;
                 }
                 let name = format!("{} and {} mm/min", feeds.measuring_mm_min, feeds.fast_mm_min);
-                (1, name, touch_path.alternating_steps(&feeds, self.settings.touches))
+                (name, touch_path.alternating_steps(&feeds, self.settings.touches))
             }
             _ => return Ok(NextStage::Done),
         };
-        let steps = new_steps.iter().map(|step| step.id).collect();
-        Ok(NextStage::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
+        Ok(NextStage::from_new_steps(plan, done, name, steps))
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let (observed, fitted, scan) = evaluate_run(plan, readings)?;
-        Ok(estimate::build_estimate(plan, &observed, &fitted, &scan))
+        Ok(estimate::build_estimate(&EvaluatedRun::from_readings(plan, readings)?))
     }
-}
-
-fn evaluate_run(plan: &Plan, readings: &[Reading]) -> Result<(ObservedTouches, FittedDelay, ScanTest), IdentifyError> {
-    let observed = observe::observe_touches(plan, readings)?;
-    let fitted = fit::fit_delay(&observed)?;
-    let scan = scan_test::test_for_scan(&observed, &fitted);
-    Ok((observed, fitted, scan))
 }
 
 /// Results of a run for the check of the machine.
@@ -114,17 +104,15 @@ impl LatchDelayResult {
     /// # Errors
     /// The errors of [`Method::identify`].
     pub fn from_readings(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
-        let (observed, fitted, scan) = evaluate_run(plan, readings)?;
-        let declared_mm = estimate::declared_scatter_mm(plan, &observed);
+        let run = EvaluatedRun::from_readings(plan, readings)?;
         Ok(Self {
-            latch: scan.latch,
-            latch_text: texts::describe_latch(&observed, &fitted, &scan),
-            delay_s: fitted.delay_s,
-            delay_text: texts::describe_delay(&observed, &fitted),
-            scatter_text: texts::describe_scatter(&observed, &fitted, &scan, declared_mm),
-            scatter_mm: fitted.scatter[0].std_dev_mm,
-            max_explained_scatter_mm: declared_mm
-                .and_then(|mm| texts::max_explained_scatter_mm(&observed, &fitted, &scan, mm)),
+            latch: run.scan.latch,
+            latch_text: texts::describe_latch(&run),
+            delay_s: run.fitted.delay_s,
+            delay_text: texts::describe_delay(&run),
+            scatter_text: texts::describe_scatter(&run),
+            scatter_mm: run.fitted.scatter[0].std_dev_mm,
+            max_explained_scatter_mm: texts::max_explained_scatter_mm(&run),
         })
     }
 }

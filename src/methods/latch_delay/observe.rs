@@ -1,7 +1,5 @@
 //! From readings to positions along the touch.
 
-use std::collections::BTreeSet;
-
 use super::feeds::{TouchFeeds, acceleration_distance_mm};
 use super::plan::SEARCH_LABEL;
 use crate::identification::declared::display_step_mm;
@@ -73,24 +71,20 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
         Some((distance_along(step, &reading.position)?, touch_direction(step).1))
     });
     let Some((at, length)) = contact else {
-        return Err(MethodRefusal {
-            reason: "the first touch has no reading".to_owned(),
-            remedy: "start the run again".to_owned(),
-        });
+        return Err(MethodRefusal::new("the first touch has no reading", "start the run again"));
     };
     if at >= feeds.acceleration_distance_mm && length - at >= feeds.margin_mm {
         return Ok(());
     }
-    Err(MethodRefusal {
-        reason: format!(
+    Err(MethodRefusal::new(
+        format!(
             "the first contact was after {at:.3} mm of a touch of {length:.3} mm; a touch at {} \
              mm/min needs {:.3} mm before the contact and {:.3} mm beyond it",
             feeds.fast_mm_min, feeds.acceleration_distance_mm, feeds.margin_mm
         ),
-        remedy: "the part is not within uncertainty_mm of its stated position: correct centre_mm \
-                  in [artefact], or mount the part again"
-            .to_owned(),
-    })
+        "the part is not within uncertainty_mm of its stated position: correct centre_mm \
+                  in [artefact], or mount the part again",
+    ))
 }
 
 /// # Errors
@@ -98,7 +92,10 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
 /// of them; touches are of different positions or contact the part before they reach their feed.
 pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouches, IdentifyError> {
     let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH_LABEL).collect();
-    check_complete(plan, &steps, readings)?;
+    IdentifyError::check_readings(plan, readings)?;
+    if let Some(step) = steps.iter().find(|step| readings.iter().all(|reading| reading.step != step.id)) {
+        return Err(IdentifyError::missing_reading(step));
+    }
     let feeds_mm_min = find_two_feeds(&steps)?;
     let first = *steps.first().ok_or_else(|| refuse_incomplete_run("the plan has no touches".to_owned()))?;
     let mut touches = Vec::new();
@@ -132,20 +129,6 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
     Ok(ObservedTouches { touches, feeds_mm_min, resolution_mm, mean_contact_distance_mm, has_times })
 }
 
-fn check_complete(plan: &Plan, steps: &[&Step], readings: &[Reading]) -> Result<(), IdentifyError> {
-    let mut known_readings = BTreeSet::new();
-    for Reading { step, repeat, .. } in readings {
-        if plan.steps.iter().all(|known| known.id != *step) {
-            return Err(IdentifyError::UnknownStep { step: *step });
-        }
-        if !known_readings.insert((*step, *repeat)) {
-            return Err(IdentifyError::DuplicateReading { step: *step, repeat: *repeat });
-        }
-    }
-    let missing = steps.iter().find(|step| readings.iter().all(|reading| reading.step != step.id));
-    missing.map_or(Ok(()), |step| Err(IdentifyError::missing_reading(step)))
-}
-
 /// Slow and fast feed, mm/min.
 fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     let mut feeds: Vec<f64> = steps.iter().map(|step| step.feed_mm_min).collect();
@@ -172,16 +155,15 @@ fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) ->
     if at >= run_up && length - at >= run_up {
         return Ok(at);
     }
-    Err(MethodRefusal {
-        reason: format!(
+    Err(MethodRefusal::new(
+        format!(
             "{label}: contact after {at:.4} mm of {length:.4} mm; at {} mm/min the axes need \
              {run_up:.4} mm to accelerate, and as much to stop",
             step.feed_mm_min
         ),
-        remedy: "measure again with the part nearer to its stated position, or with a lower \
-                  fast_feed_mm_min"
-            .to_owned(),
-    }
+        "measure again with the part nearer to its stated position, or with a lower \
+                  fast_feed_mm_min",
+    )
     .into())
 }
 
@@ -199,5 +181,5 @@ fn check_touch_count(touches: &[Touch], feeds_mm_min: [f64; 2]) -> Result<(), Id
 
 fn refuse_incomplete_run(why: String) -> IdentifyError {
     let instead = "use the plan and readings of a complete latch-delay run".to_owned();
-    MethodRefusal { reason: why, remedy: instead }.into()
+    MethodRefusal::new(why, instead).into()
 }

@@ -49,38 +49,33 @@ impl TouchPath {
         match &plan.artefact {
             Artefact::Cylinder(part) => flank_touch(plan, settings, part, within_mm),
             Artefact::Balls(balls) => ball_touch(plan, settings, balls, within_mm),
-            Artefact::DatumCylinder(_) => Err(MethodRefusal {
-                reason: "this method touches the artefact; a datum cylinder is not touched".to_owned(),
-                remedy: "describe the part with kind = \"cylinder\"".to_owned(),
-            }),
-            Artefact::None => Err(MethodRefusal {
-                reason: "this method touches the artefact; [artefact] states that there is none".to_owned(),
-                remedy: "describe a part with kind = \"cylinder\", or balls with kind = \"balls\"".to_owned(),
-            }),
+            Artefact::DatumCylinder(_) => Err(MethodRefusal::new(
+                "this method touches the artefact; a datum cylinder is not touched",
+                "describe the part with kind = \"cylinder\"",
+            )),
+            Artefact::None => Err(MethodRefusal::new(
+                "this method touches the artefact; [artefact] states that there is none",
+                "describe a part with kind = \"cylinder\", or balls with kind = \"balls\"",
+            )),
         }
     }
 
-    fn touch_step(&self, id: u32, stage: u32, kind: StepKind, label: String, feed: f64) -> Step {
+    fn touch_step(&self, kind: StepKind, label: String, feed_mm_min: f64) -> Step {
         Step {
-            id,
-            stage,
             kind,
-            label,
             from: self.from.clone(),
             to: self.to.clone(),
-            feed_mm_min: feed,
+            feed_mm_min,
             sensors: vec!["probe".to_owned()],
             normal: self.normal,
-            scan: None,
             text: None,
-            mount: None,
-            watch: Vec::new(),
+            ..Step::prompt(label, String::new())
         }
     }
 
     /// The search touch.
     pub fn search_step(&self, feed_mm_min: f64) -> Step {
-        self.touch_step(0, 0, StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
+        self.touch_step(StepKind::Touch, SEARCH_LABEL.to_owned(), feed_mm_min)
     }
 
     /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
@@ -90,12 +85,9 @@ impl TouchPath {
         let fast = (StepKind::Touch, feeds.fast_mm_min);
         let pairs = (0..touches).flat_map(|pair| {
             let both = if pair % 2 == 0 { [slow, fast] } else { [fast, slow] };
-            both.map(|(kind, feed)| (pair + 1, kind, feed))
+            both.map(|(kind, feed)| self.touch_step(kind, format!("F{feed}/{:02}", pair + 1), feed))
         });
-        let numbered = (1..).zip(pairs);
-        numbered
-            .map(|(id, (number, kind, feed))| self.touch_step(id, 1, kind, format!("F{feed}/{number:02}"), feed))
-            .collect()
+        pairs.collect()
     }
 }
 
@@ -113,12 +105,11 @@ fn flank_touch(
 ) -> Result<TouchPath, MethodRefusal> {
     let axis = Vector3::from(part.axis);
     if axis.z <= MIN_UPRIGHT_COSINE * axis.norm() {
-        return Err(MethodRefusal {
-            reason: "the part is not upright: axis in [artefact] is not [0, 0, 1]".to_owned(),
-            remedy: "mount the part upright: this method touches the flank of an upright round \
-                      part"
-                .to_owned(),
-        });
+        return Err(MethodRefusal::new(
+            "the part is not upright: axis in [artefact] is not [0, 0, 1]",
+            "mount the part upright: this method touches the flank of an upright round \
+                      part",
+        ));
     }
     let directions = match settings.direction_deg {
         Some(degrees) => vec![degrees],
@@ -132,15 +123,14 @@ fn flank_touch(
             Some(axis) => unreachable = unreachable.or(Some(axis)),
         }
     }
-    Err(MethodRefusal {
-        reason: match unreachable {
+    Err(MethodRefusal::new(
+        match unreachable {
             Some(axis) => format!("{axis} does not reach the flank of the part"),
             None => "no direction to touch the part is left".to_owned(),
         },
-        remedy: "mount the part nearer to the middle of the travel, choose another direction_deg, \
-                  or correct centre_mm in [artefact] and tool_mm"
-            .to_owned(),
-    })
+        "mount the part nearer to the middle of the travel, choose another direction_deg, \
+                  or correct centre_mm in [artefact] and tool_mm",
+    ))
 }
 
 fn flank_touch_from(
@@ -204,13 +194,12 @@ fn ball_touch(
             Err(why) => first_reason = first_reason.or(Some(format!("ball {}: {why}", ball.id))),
         }
     }
-    Err(MethodRefusal {
-        reason: format!(
+    Err(MethodRefusal::new(
+        format!(
             "no ball can be touched with all rotary axes at zero; {}",
             first_reason.unwrap_or_else(|| "the artefact has no balls".to_owned())
         ),
-        remedy: "mount the balls so that one of them is accessible, or correct \
-                  [artefact]"
-            .to_owned(),
-    })
+        "mount the balls so that one of them is accessible, or correct \
+                  [artefact]",
+    ))
 }

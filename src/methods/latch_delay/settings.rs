@@ -32,7 +32,7 @@ const MAX_TOUCHES_PER_FEED: u32 = 200;
 impl LatchDelaySettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
-        let refused = |why, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
+        let refused = |why, instead: &str| Err(MethodRefusal::new(why, instead));
         if !(MIN_TOUCHES_PER_FEED..=MAX_TOUCHES_PER_FEED).contains(&self.touches) {
             return refused(
                 format!(

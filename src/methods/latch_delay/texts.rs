@@ -1,5 +1,6 @@
 //! Texts of the results for the operator.
 
+use super::evaluation::EvaluatedRun;
 use super::fit::FittedDelay;
 use super::observe::ObservedTouches;
 use super::scan_test::{LatchDiagnosis, SIGNIFICANCE_LEVEL, ScanTest, ScanTime};
@@ -8,18 +9,14 @@ use estimation::coverage::chi_square_bounds;
 /// Probability with which the declared scatter meets its bounds. Outside of them it counts as contradicted.
 const SCATTER_PROBABILITY: f64 = 0.998;
 
-/// Largest scatter of the slow touches that `declared_mm` and a scan explain, mm.
-pub fn max_explained_scatter_mm(
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    scan: &ScanTest,
-    declared_mm: f64,
-) -> Option<f64> {
-    let [slow, _] = fitted.scatter;
-    let explained = match scan.latch {
+/// Largest scatter of the slow touches that the declared scatter and a scan explain, mm.
+pub fn max_explained_scatter_mm(run: &EvaluatedRun) -> Option<f64> {
+    let [slow, _] = run.fitted.scatter;
+    let declared_mm = run.declared_scatter_mm?;
+    let explained = match run.scan.latch {
         // With the upper bound of the scan duration.
         LatchDiagnosis::Scan(time) => {
-            declared_mm.powi(2) + (observed.speeds_mm_s()[0] * time.upper_bound_s()).powi(2) / 12.0
+            declared_mm.powi(2) + (run.observed.speeds_mm_s()[0] * time.upper_bound_s()).powi(2) / 12.0
         }
         _ => declared_mm.powi(2),
     };
@@ -28,7 +25,8 @@ pub fn max_explained_scatter_mm(
 }
 
 /// Text on the location of the latch.
-pub fn describe_latch(observed: &ObservedTouches, fitted: &FittedDelay, scan: &ScanTest) -> String {
+pub fn describe_latch(run: &EvaluatedRun) -> String {
+    let EvaluatedRun { observed, fitted, scan, .. } = run;
     let [slow, fast] = observed.feeds_mm_min;
     let [s_slow, s_fast] = fitted.scatter.map(|scatter| scatter.std_dev_mm * 1e3);
     let scatter = format!(
@@ -58,7 +56,7 @@ pub fn describe_latch(observed: &ObservedTouches, fitted: &FittedDelay, scan: &S
 }
 
 /// Text on a delay that exceeds its uncertainty.
-pub fn describe_delay(observed: &ObservedTouches, fitted: &FittedDelay) -> Option<String> {
+pub fn describe_delay(EvaluatedRun { observed, fitted, .. }: &EvaluatedRun) -> Option<String> {
     let [slow, _] = observed.feeds_mm_min;
     let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);
     if delay_ms > expanded_ms {
@@ -80,39 +78,27 @@ pub fn describe_delay(observed: &ObservedTouches, fitted: &FittedDelay) -> Optio
 }
 
 /// Text on touches that scatter more than declared.
-pub fn describe_scatter(
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    scan: &ScanTest,
-    declared_mm: Option<f64>,
-) -> Option<String> {
-    let mm = declared_mm?;
-    let bound_mm = max_explained_scatter_mm(observed, fitted, scan, mm)?;
-    if fitted.scatter[0].std_dev_mm <= bound_mm {
+pub fn describe_scatter(run: &EvaluatedRun) -> Option<String> {
+    let (declared_mm, scatter_mm) = (run.declared_scatter_mm?, run.fitted.scatter[0].std_dev_mm);
+    if scatter_mm <= max_explained_scatter_mm(run)? {
         return None;
     }
     Some(format!(
         "touches scatter by {:.2} µm at {} mm/min; repeatability_um in [probe] and the display \
          resolution explain {:.2} µm: increase repeatability_um, or check for dirt, a loose stylus \
          or a loose part",
-        fitted.scatter[0].std_dev_mm * 1e3,
-        observed.feeds_mm_min[0],
-        mm * 1e3
+        scatter_mm * 1e3,
+        run.observed.feeds_mm_min[0],
+        declared_mm * 1e3
     ))
 }
 
-pub fn estimate_warnings(
-    observed: &ObservedTouches,
-    fitted: &FittedDelay,
-    scan: &ScanTest,
-    declared_mm: Option<f64>,
-) -> Vec<String> {
-    let is_without_scan = matches!(scan.latch, LatchDiagnosis::NoScan { .. });
-    let latch_warning = (!is_without_scan).then(|| describe_latch(observed, fitted, scan));
-    let scatter_warning = describe_scatter(observed, fitted, scan, declared_mm);
+pub fn estimate_warnings(run: &EvaluatedRun) -> Vec<String> {
+    let is_without_scan = matches!(run.scan.latch, LatchDiagnosis::NoScan { .. });
+    let latch_warning = (!is_without_scan).then(|| describe_latch(run));
     let time_warning = || "the readings have no times (t_s): the drift is fitted over their order".to_owned();
-    let lines = [latch_warning, describe_delay(observed, fitted), scatter_warning];
-    lines.into_iter().flatten().chain((!observed.has_times).then(time_warning)).collect()
+    let time_warning = (!run.observed.has_times).then(time_warning);
+    [latch_warning, describe_delay(run), describe_scatter(run), time_warning].into_iter().flatten().collect()
 }
 
 /// Text such as `F = 840 against 4.7 at 1 %`.
@@ -140,7 +126,7 @@ pub fn describe_conventions(observed: &ObservedTouches, fitted: &FittedDelay) ->
     ]
 }
 
-pub fn not_identifiable(observed: &ObservedTouches, fitted: &FittedDelay, scan: &ScanTest) -> Vec<String> {
+pub fn not_identifiable(run: &EvaluatedRun) -> Vec<String> {
     let mut lines = vec![
         "the cause of a constant delay: the filter or radio link of the probe, the control and, if \
          the control latches commanded positions, the following error of the axes have the same \
@@ -150,9 +136,8 @@ pub fn not_identifiable(observed: &ObservedTouches, fitted: &FittedDelay, scan: 
          effect is that of a constant delay"
             .to_owned(),
     ];
-    if let LatchDiagnosis::NoScan { max_undetected_s } = scan.latch {
-        let scatter = describe_latch(observed, fitted, scan);
-        lines.push(format!("a scan shorter than {:.2} ms: {scatter}", max_undetected_s * 1e3));
+    if let LatchDiagnosis::NoScan { max_undetected_s } = run.scan.latch {
+        lines.push(format!("a scan shorter than {:.2} ms: {}", max_undetected_s * 1e3, describe_latch(run)));
     }
     lines
 }

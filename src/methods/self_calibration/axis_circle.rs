@@ -1,8 +1,8 @@
 //! The axis position by ISO 230-7: the least-squares circle through the positions of E_total, in addition to the
 //! mean, which is the default.
 
+use super::identify::SolvedCycle;
 use super::model::UnknownsLayout;
-use super::solved_cycle::SolvedCycle;
 use crate::identification::{central_differences, parameter_with_budget};
 use estimation::circle::fit_circle;
 use machine::record::estimate::{CircleFigure, Estimate, Unit};
@@ -13,7 +13,7 @@ const DERIVATIVE_STEP_MM: f64 = 1e-6;
 /// Adds the centre and the figure of the circle. Adds nothing if no circle can be fitted: an axis without offset
 /// leaves only scatter.
 pub fn add_axis_circle(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
-    let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.axis.axis);
+    let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.setup.axis.axis);
     let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };
     let centre = |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
     let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };

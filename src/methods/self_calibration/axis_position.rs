@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::solved_cycle::SolvedCycle;
+use super::identify::SolvedCycle;
 use crate::identification::parameter_without_budget;
 use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
@@ -11,11 +11,11 @@ const MM_PER_UM: f64 = 1e-3;
 /// Adds X and Y of the axis, at the heights of its location errors. They do not change when `point_mm` is
 /// corrected.
 pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
-    let mean = parts.heights.iter().sum::<f64>() / parts.heights.len() as f64;
-    let stated = parts.axis.point_at_height(mean);
+    let mean = parts.setup.heights.iter().sum::<f64>() / parts.setup.heights.len() as f64;
+    let stated = parts.setup.axis.point_at_height(mean);
     let positions = location_errors(estimate).into_iter().zip(["X", "Y"]).zip(&stated);
     let positions = positions.map(|((error, direction), stated)| {
-        let symbol = format!("{direction}_{}", parts.axis.axis);
+        let symbol = format!("{direction}_{}", parts.setup.axis.axis);
         let [off_mm, u_mm] = [error.value, error.u].map(|um| um * MM_PER_UM);
         let line = |line: BudgetLine| BudgetLine { u: line.u * MM_PER_UM, ..line };
         let interval = error.interval_monte_carlo;
@@ -31,14 +31,14 @@ pub fn add_axis_position(parts: &SolvedCycle<'_>, estimate: &mut Estimate) {
 
 /// The stated axis, and the measured axis as an entry of the machine file.
 pub fn describe_axis_position(parts: &SolvedCycle<'_>, estimate: &Estimate) -> String {
-    let axis = parts.axis.axis;
+    let axis = parts.setup.axis.axis;
     let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
     let [old, new] = [vec![0.0; 2], off].map(|off: Vec<f64>| {
         let off = Vector3::from_iterator(off.into_iter().chain([0.0]));
-        let point = parts.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
+        let point = parts.setup.axis.point_mm(off).map(|mm| (mm * 1e4).round() / 1e4 + 0.0);
         format!("[{}, {}, {}]", point.x, point.y, point.z)
     });
-    let directions = match parts.axis.describe_other_axes() {
+    let directions = match parts.setup.axis.describe_other_axes() {
         others if others.is_empty() => String::new(),
         others => format!("; the directions are X and Y of the machine with {others}"),
     };

@@ -62,15 +62,14 @@ impl Design {
     /// gcd − 1 (METHODS section 1). The refusal names a design that works.
     pub fn new(settings: &SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
         let n = settings.positions;
-        if !(5..=120).contains(&n) {
-            return Err(MethodRefusal {
-                reason: format!(
-                    "{n} positions: fewer than 5 cannot separate scale, squareness and axis \
+        MethodRefusal::require(
+            (5..=120).contains(&n),
+            format!(
+                "{n} positions: fewer than 5 cannot separate scale, squareness and axis \
                      position, more than 120 take too long"
-                ),
-                remedy: "choose positions = 8 (5 to 120)".to_owned(),
-            });
-        }
+            ),
+            "choose positions = 8 (5 to 120)",
+        )?;
         let probes = match &settings.probe_angles_deg {
             Some(angles) => angles.iter().map(|deg| grid_index(*deg, n)).collect::<Result<_, _>>()?,
             None => default_probe_indices(n),
@@ -83,31 +82,28 @@ impl Design {
     fn check(&self) -> Result<(), MethodRefusal> {
         let step = 360.0 / self.position_count as f64;
         let remedy = format!("choose probe_angles_deg = [0, {step}], or remove probe_angles_deg");
-        if self.probe_indices.first() != Some(&0) || self.probe_indices.len() < 2 {
-            return Err(MethodRefusal {
-                reason: "the first of the probe_angles_deg of Test 1 must be 0°, followed by at least one more \
-                    angle"
-                    .to_owned(),
-                remedy,
-            });
-        }
+        MethodRefusal::require(
+            self.probe_indices.first() == Some(&0) && self.probe_indices.len() >= 2,
+            "the first of the probe_angles_deg of Test 1 must be 0°, followed by at least one more angle",
+            &remedy,
+        )?;
         let twice = |(i, k): (usize, &usize)| self.probe_indices[..i].contains(k);
-        if self.probe_indices.iter().enumerate().any(twice) {
-            return Err(MethodRefusal { reason: "probe_angles_deg contains an angle twice".to_owned(), remedy });
-        }
+        MethodRefusal::require(
+            !self.probe_indices.iter().enumerate().any(twice),
+            "probe_angles_deg contains an angle twice",
+            &remedy,
+        )?;
         let common = self.probe_indices.iter().fold(self.position_count, |acc, k| gcd(acc, *k));
-        if common > 1 {
-            return Err(MethodRefusal {
-                reason: format!(
-                    "with {} positions and these probe angles {} unknown(s) are inseparable (rank \
+        MethodRefusal::require(
+            common == 1,
+            format!(
+                "with {} positions and these probe angles {} unknown(s) are inseparable (rank \
                     deficiency gcd − 1, gcd = {common})",
-                    self.position_count,
-                    common - 1
-                ),
-                remedy,
-            });
-        }
-        Ok(())
+                self.position_count,
+                common - 1
+            ),
+            remedy,
+        )
     }
 
     /// Angle of a grid index, rad.
@@ -122,20 +118,13 @@ impl Design {
 
     /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
     pub fn cycle_touches(&self, references: bool) -> Vec<GridTouch> {
-        let mut touches = Vec::new();
-        let tests = (0..self.probe_indices.len())
-            .map(CalibrationTest::One)
-            .chain([CalibrationTest::Two, CalibrationTest::Three]);
-        let mut round = 0;
-        for test in tests {
-            if references {
-                touches.extend(self.reference_touches(round));
-                round += 1;
-            }
+        let first = (0..self.probe_indices.len()).map(CalibrationTest::One);
+        let tests = first.chain([CalibrationTest::Two, CalibrationTest::Three]);
+        let reference_touches = |round| references.then(|| self.reference_touches(round)).into_iter().flatten();
+        let mut touches: Vec<GridTouch> = reference_touches(0).collect();
+        for (round, test) in (1..).zip(tests) {
             touches.extend((0..self.position_count).map(|i| self.grid_touch(test, i)));
-        }
-        if references {
-            touches.extend(self.reference_touches(round));
+            touches.extend(reference_touches(round));
         }
         touches
     }
@@ -169,12 +158,11 @@ fn default_probe_indices(n: usize) -> Vec<usize> {
 fn grid_index(deg: f64, n: usize) -> Result<usize, MethodRefusal> {
     let index = deg / 360.0 * n as f64;
     let rounded = index.round();
-    if deg.abs() > 360.0 || !index.is_finite() || (index - rounded).abs() > 1e-6 {
-        return Err(MethodRefusal {
-            reason: format!("the probe angle {deg}° is not a multiple of 360°/{n}"),
-            remedy: format!("choose multiples of {}°", 360.0 / n as f64),
-        });
-    }
+    MethodRefusal::require(
+        deg.abs() <= 360.0 && index.is_finite() && (index - rounded).abs() <= 1e-6,
+        format!("the probe angle {deg}° is not a multiple of 360°/{n}"),
+        format!("choose multiples of {}°", 360.0 / n as f64),
+    )?;
     Ok((rounded as i64).rem_euclid(n as i64) as usize)
 }
 

@@ -2,13 +2,13 @@
 
 use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, describe_axis_position};
+use super::identify::SolvedCycle;
 use super::model::DRIFTING_QUANTITIES;
 use super::outputs::{axis_position_coefficients, dot};
 use super::paper_system::PaperSystem;
 use super::radial_check::RadialCheck;
 use super::sense::SenseCheck;
 use super::settings::SpindleMode;
-use super::solved_cycle::SolvedCycle;
 use crate::identification::probe_map::ProbeMap;
 use crate::identification::{MisfitAdvice, unit_slope};
 use machine::Axis;
@@ -39,11 +39,11 @@ pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
 }
 
 fn describe_gauge(parts: &SolvedCycle<'_>, estimate: &Estimate) -> Vec<String> {
-    let axis = parts.axis.axis;
+    let axis = parts.setup.axis.axis;
     let mut lines = parts.fit.layout.describe_gauge(axis);
     lines.push(describe_axis_position(parts, estimate));
     lines.extend(describe_known_motions(parts));
-    let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
+    let heights: Vec<String> = parts.setup.heights.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
         1 => format!("EX0{axis} and EY0{axis} are valid at Z = {} mm only", heights[0]),
         _ => format!(
@@ -57,7 +57,7 @@ fn describe_gauge(parts: &SolvedCycle<'_>, estimate: &Estimate) -> Vec<String> {
             "drift of X, Y and radius fitted (order {}) and removed; values are valid at the middle of the \
             cycle{}",
             parts.fit.layout.drift_order,
-            if parts.plan.gaps_s.is_empty() { "" } else { ", without the interruptions" }
+            if parts.setup.plan.gaps_s.is_empty() { "" } else { ", without the interruptions" }
         ));
     }
     lines
@@ -65,7 +65,7 @@ fn describe_gauge(parts: &SolvedCycle<'_>, estimate: &Estimate) -> Vec<String> {
 
 /// Texts on the known error motions, and on the parameters that are conventional as a result.
 fn describe_known_motions(parts: &SolvedCycle<'_>) -> Vec<String> {
-    let (axis, known_motions) = (parts.axis.axis, parts.known_motions);
+    let (axis, known_motions) = (parts.setup.axis.axis, &parts.setup.known_motions);
     if known_motions.is_empty() {
         return Vec::new();
     }
@@ -84,7 +84,7 @@ fn describe_known_motions(parts: &SolvedCycle<'_>) -> Vec<String> {
 }
 
 fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
-    let axis = parts.axis.axis;
+    let axis = parts.setup.axis.axis;
     let mut lines = vec![
         "common scale of X and Y: inseparable from the radius R".to_owned(),
         "machine origin: fixed by the gauge".to_owned(),
@@ -95,12 +95,12 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
         "error motions of {axis} at orders {n}, {}, …{}: inseparable from EX0{axis} and EY0{axis} (multiples of \
          positions = {n})",
         2 * n,
-        if parts.known_motions.is_empty() { "" } else { ", as far as not known from the given estimates" }
+        if parts.setup.known_motions.is_empty() { "" } else { ", as far as not known from the given estimates" }
     ));
-    let map = ProbeMap::from_plan(parts.plan).ok().flatten();
+    let map = ProbeMap::from_plan(parts.setup.plan).ok().flatten();
     let knows = |order: u32| map.as_ref().is_some_and(|map| map.subtracts_order(order));
     lines.push(
-        match parts.settings.spindle {
+        match parts.setup.settings.spindle {
             SpindleMode::Fixed if !knows(2) => {
                 "two lobes of the probe, backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y"
             }
@@ -108,7 +108,7 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
         }
         .to_owned(),
     );
-    if parts.settings.spindle == SpindleMode::Fixed && !knows(1) {
+    if parts.setup.settings.spindle == SpindleMode::Fixed && !knows(1) {
         lines.push(format!(
             "stylus offset and odd lobes of the probe: inseparable from EX0{axis} and EY0{axis} with a \
             fixed spindle (included in the budget; spindle = \"follow\" removes the effect)"
@@ -121,7 +121,7 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
 }
 
 fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String> {
-    let axis = parts.axis.axis;
+    let axis = parts.setup.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
         SenseCheck::Confirmed => {}
@@ -136,7 +136,7 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
     lines.extend(parts.identification.outlier_check.warnings.iter().cloned());
     lines.extend(radial.warnings(axis));
-    if !parts.has_times && parts.settings.drift_order > 0 {
+    if !parts.has_times && parts.setup.settings.drift_order > 0 {
         lines.push(
             "the readings have no times: the drift was fitted over their order and the planned machine time".to_owned(),
         );
@@ -181,7 +181,7 @@ fn describe_paper_solution_difference(parts: &SolvedCycle<'_>) -> Option<String>
     let own = [dot(&x, &parts.fit.x), dot(&y, &parts.fit.x)];
     let u = |i: usize| parts.identification.uncertainty(i).map_or(f64::NAN, |own| own.u);
     let is_far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * u(i));
-    let axis = parts.axis.axis;
+    let axis = parts.setup.axis.axis;
     is_far.then(|| {
         format!(
             "the paper's form (differences, no drift, first order) gives EX0{axis} {:.2}, EY0{axis} {:.2} um",

@@ -2,11 +2,10 @@
 
 use super::estimate;
 use super::identify::{nominal_reading, solve_cycle};
-use super::plan::StepPlanner;
-use super::settings::SelfCalibrationSettings;
+use super::setup::CycleSetup;
 use crate::IdentifyError;
 use crate::identification::{
-    KnownMotions, describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
+    describe_assumed_repeatability, describe_expected_uncertainty, with_assumed_repeatability,
 };
 use machine::Axis;
 use machine::record::plan::{Plan, Step};
@@ -21,15 +20,10 @@ const MAX_SUGGESTED_POSITIONS: usize = 72;
 ///
 /// # Errors
 /// The cycle cannot be identified.
-pub fn forecast_results(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    planner: &StepPlanner<'_>,
-    known_motions: &KnownMotions<'_>,
-    machine_s: f64,
-) -> Result<Vec<String>, IdentifyError> {
-    let mut readings = nominal_readings(plan, settings);
-    let unchecked = unchecked_steps(plan, settings, planner, known_motions)?;
+pub fn forecast_results(setup: &CycleSetup<'_>, machine_s: f64) -> Result<Vec<String>, IdentifyError> {
+    let CycleSetup { plan, settings, .. } = *setup;
+    let mut readings = nominal_readings(setup);
+    let unchecked = unchecked_steps(setup)?;
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
     let again: Vec<Reading> = again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
     let repeated =
@@ -40,14 +34,15 @@ pub fn forecast_results(
         reading.t_s = interval_s * number as f64;
     }
     let declared = nominal_plan(plan);
-    let parts = solve_cycle(&declared, settings, planner, known_motions, &readings, |_| None)?;
+    let declared = CycleSetup::new(&declared, settings)?.with_known_motions()?;
+    let parts = solve_cycle(&declared, &readings, false)?;
     let estimate = estimate::build_estimate(&parts);
     let symbols = &estimate.covariance.symbols;
     let expected =
         describe_expected_uncertainty(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
     let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASING_LINE_PREFIX));
     let limits = parts.identification.outlier_check.describe_detection_limits();
-    let better = suggest_positions(plan, planner.axis().axis, parts.fit.layout.design.position_count);
+    let better = suggest_positions(plan, setup.axis.axis, parts.fit.layout.design.position_count);
     Ok(expected
         .chain(describe_assumed_repeatability(plan))
         .chain(aliased)
@@ -73,18 +68,13 @@ fn suggest_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
 ///
 /// # Errors
 /// The errors of [`forecast_results`].
-pub fn unchecked_steps(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    planner: &StepPlanner<'_>,
-    known_motions: &KnownMotions<'_>,
-) -> Result<Vec<u32>, IdentifyError> {
-    let declared = nominal_plan(plan);
-    let readings = nominal_readings(plan, settings);
-    let parts = solve_cycle(&declared, settings, planner, known_motions, &readings, |_| None)?;
+pub fn unchecked_steps(setup: &CycleSetup<'_>) -> Result<Vec<u32>, IdentifyError> {
+    let declared = nominal_plan(setup.plan);
+    let declared = CycleSetup::new(&declared, setup.settings)?.with_known_motions()?;
+    let parts = solve_cycle(&declared, &nominal_readings(setup), false)?;
     let found = &parts.identification.outlier_check.detectable_deviations;
     let is_unchecked = |step: &&Step| found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label);
-    Ok(plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
+    Ok(setup.plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
 }
 
 /// The touches of the plan, with a declared repeatability.
@@ -96,9 +86,9 @@ fn nominal_plan(plan: &Plan) -> Plan {
     declared
 }
 
-fn nominal_readings(plan: &Plan, settings: &SelfCalibrationSettings) -> Vec<Reading> {
-    let touches = plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
+fn nominal_readings(setup: &CycleSetup<'_>) -> Vec<Reading> {
+    let touches = setup.plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
     let touches: Vec<Reading> = touches.map(nominal_reading).collect();
     let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });
-    (0..settings.repeats).flat_map(pass).collect()
+    (0..setup.settings.repeats).flat_map(pass).collect()
 }

@@ -1,24 +1,18 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::design::Design;
-use super::estimate;
 use super::fit::{Fit, LinearisedFit};
 use super::model::{Observation, UnknownsLayout};
-use super::observe::{ObservedAxis, ObservedCycle, extract_observations};
+use super::observe::{ObservedCycle, extract_observations};
 use super::outputs;
-use super::plan::StepPlanner;
-use super::sense;
-use super::settings::SelfCalibrationSettings;
-use super::solved_cycle::SolvedCycle;
+use super::sense::{self, SenseCheck};
+use super::setup::CycleSetup;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
-    self, KnownMotions, Measurement, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
+    self, Identification, Measurement, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::RankAnalysis;
 use estimation::null_names::name_null_space;
-use machine::Axis;
-use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
@@ -33,32 +27,29 @@ const MAX_NAMED_COMBINATIONS: usize = 4;
 
 /// Trials of the Monte Carlo propagation. The adaptive rule has a limit of 200 000 trials, fewer for large designs,
 /// so that it takes seconds. It usually stops earlier.
-fn trial_plan(settings: &SelfCalibrationSettings, fit: &Fit) -> TrialPlan {
+fn trial_plan(setting: usize, fit: &Fit) -> TrialPlan {
     let products = (fit.design_matrix.nrows() * fit.design_matrix.ncols()).max(1);
     let max = (4_000_000_000 / products).clamp(10_000, 200_000);
-    TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, max)
+    TrialPlan::new(MONTE_CARLO_SEED, setting, STABLE_DIGITS, max)
 }
 
 /// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
 /// nominal design, including drift and heights.
-pub fn check_well_posed(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    planner: &StepPlanner<'_>,
-) -> Result<(), MethodRefusal> {
-    let mut plan = plan.clone();
-    plan.steps = planner.cycle_steps(planner.nominal_part())?;
+pub fn check_well_posed(setup: &CycleSetup<'_>) -> Result<(), MethodRefusal> {
+    let steps = setup.plan.number_steps(0, setup.cycle_steps(setup.nominal_part())?);
+    let plan = Plan { steps, ..setup.plan.clone() };
     let readings: Vec<Reading> = plan.steps.iter().map(nominal_reading).collect();
-    let refused = |reason: IdentifyError| MethodRefusal {
-        reason: format!("this cycle does not separate the unknowns: {reason}"),
-        remedy: "lower drift_order, keep references = true, or increase the distance between the heights".to_owned(),
-    };
-    let (heights, known_motions) = (planner.heights(), KnownMotions::default());
-    let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
-    let (layout, observed) = observe_cycle(&plan, settings, &axis, &readings).map_err(refused)?;
-    let sigma = vec![1.0; observed.observations.len()];
-    let axis = planner.axis().axis;
-    fit_observations(axis, layout, observed.observations, sigma, settings).map(drop).map_err(refused)
+    let nominal = CycleSetup::new(&plan, setup.settings)?;
+    let fitted = observe_cycle(&nominal, &readings).and_then(|(layout, observed)| {
+        let sigma = vec![1.0; observed.observations.len()];
+        fit_observations(&nominal, layout, observed.observations, sigma)
+    });
+    fitted.map(drop).map_err(|reason| {
+        MethodRefusal::new(
+            format!("this cycle does not separate the unknowns: {reason}"),
+            "lower drift_order, keep references = true, or increase the distance between the heights",
+        )
+    })
 }
 
 /// A reading at the start of its touch. Only its position in the design is used.
@@ -76,15 +67,17 @@ pub fn nominal_reading(step: &Step) -> Reading {
 }
 
 fn observe_cycle(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    axis: &ObservedAxis<'_>,
+    setup: &CycleSetup<'_>,
     readings: &[Reading],
 ) -> Result<(UnknownsLayout, ObservedCycle), IdentifyError> {
-    let design = Design::new(settings)?;
-    let observed = extract_observations(plan, &design, axis, readings)?;
-    let (drift_order, gaps) = (settings.drift_order, observed.gaps.clone());
-    Ok((UnknownsLayout { design, heights: axis.heights.len(), drift_order, gaps }, observed))
+    let observed = extract_observations(setup, readings)?;
+    let layout = UnknownsLayout {
+        design: setup.design.clone(),
+        heights: setup.heights.len(),
+        drift_order: setup.settings.drift_order,
+        gaps: observed.gaps.clone(),
+    };
+    Ok((layout, observed))
 }
 
 /// The solved fit of one plan's readings, with the sources of its uncertainty.
@@ -97,80 +90,56 @@ pub struct FittedCycle {
 }
 
 /// # Errors
-/// The errors of [`identify`].
-pub fn fit_cycle(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    axis: &ObservedAxis<'_>,
-    readings: &[Reading],
-) -> Result<FittedCycle, IdentifyError> {
-    let (layout, observed) = observe_cycle(plan, settings, axis, readings)?;
+/// Readings are missing or do not belong to the plan; they do not separate the unknowns.
+pub fn fit_cycle(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
+    let (layout, observed) = observe_cycle(setup, readings)?;
     let ObservedCycle { observations, half_duration_s, has_times, skipped_readings, .. } = observed;
-    let (spindle, heights) = (settings.spindle, axis.heights);
-    let mut sources = uncertainty_sources(plan, &layout, &observations, spindle, half_duration_s, heights);
-    sources.extend(rotary_axis_sources(plan, &layout, &observations, axis));
+    let mut sources = uncertainty_sources(setup, &layout, &observations, half_duration_s);
+    sources.extend(rotary_axis_sources(setup, &layout, &observations));
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
-    let name = axis.axis.axis;
-    let fit = fit_observations(name, layout, observations, sigma, settings)?;
+    let fit = fit_observations(setup, layout, observations, sigma)?;
     if !fit.layout.gaps.is_empty() {
         sources.push(interruption_source(&fit.layout, &fit.observations, &fit.x));
     }
-    let outputs = outputs::build_outputs(&fit.layout, name, axis.heights, &fit.x);
+    let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights, &fit.x);
     Ok(FittedCycle { fit, sources, outputs, has_times, skipped_readings })
 }
 
-/// Identifies the readings of one plan.
-pub fn identify(
-    plan: &Plan,
-    settings: &SelfCalibrationSettings,
-    planner: &StepPlanner<'_>,
-    known_motions: &KnownMotions<'_>,
-    readings: &[Reading],
-) -> Result<Estimate, IdentifyError> {
-    let trials = |fit: &Fit| Some(trial_plan(settings, fit));
-    Ok(estimate::build_estimate(&solve_cycle(plan, settings, planner, known_motions, readings, trials)?))
+/// The solved cycle with its uncertainty, from which the estimate is written.
+pub struct SolvedCycle<'a> {
+    pub setup: &'a CycleSetup<'a>,
+    pub fit: Fit,
+    pub identification: Identification,
+    pub sense: SenseCheck,
+    pub has_times: bool,
+    /// Number of readings that no step connects with the rest.
+    pub skipped_readings: usize,
 }
 
-/// The solved cycle with its uncertainty.
+/// Solves the cycle. `with_trials`: whether Monte Carlo trials are computed.
 ///
 /// # Errors
-/// The errors of [`identify`].
+/// The errors of [`fit_cycle`].
 pub fn solve_cycle<'a>(
-    plan: &'a Plan,
-    settings: &'a SelfCalibrationSettings,
-    planner: &'a StepPlanner<'_>,
-    known_motions: &'a KnownMotions<'a>,
+    setup: &'a CycleSetup<'a>,
     readings: &[Reading],
-    trials: impl Fn(&Fit) -> Option<TrialPlan>,
+    with_trials: bool,
 ) -> Result<SolvedCycle<'a>, IdentifyError> {
-    let (heights, axis) = (planner.heights(), planner.axis());
-    let observed = ObservedAxis { axis, heights: &heights, known_motions };
-    let FittedCycle { fit, sources, outputs, has_times, skipped_readings } =
-        fit_cycle(plan, settings, &observed, readings)?;
+    let FittedCycle { fit, sources, outputs, has_times, skipped_readings } = fit_cycle(setup, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = Solution {
         model: &LinearisedFit::new(&fit),
         residuals: &weighted,
-        has_declared_sizes: plan.probe.repeatability_um.is_some(),
+        has_declared_sizes: setup.plan.probe.repeatability_um.is_some(),
         figures: fit.figures(&residuals),
-        measurements: &touch_measurements(plan, &fit, &residuals),
+        measurements: &touch_measurements(setup.plan, &fit, &residuals),
     };
-    let identification = identification::identify(&solution, &sources, outputs, trials(&fit))?;
+    let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
+    let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = sense::check_sense(&fit);
-    Ok(SolvedCycle {
-        plan,
-        settings,
-        axis,
-        heights,
-        known_motions,
-        fit,
-        identification,
-        sense,
-        has_times,
-        skipped_readings,
-    })
+    Ok(SolvedCycle { setup, fit, identification, sense, has_times, skipped_readings })
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
@@ -189,15 +158,14 @@ fn touch_measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurem
 }
 
 fn fit_observations(
-    axis: Axis,
+    setup: &CycleSetup<'_>,
     layout: UnknownsLayout,
     observations: Vec<Observation>,
     sigma: Vec<f64>,
-    settings: &SelfCalibrationSettings,
 ) -> Result<Fit, IdentifyError> {
-    let names = layout.names(axis);
+    let names = layout.names(setup.axis.axis);
     let lost = |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));
-    Fit::new(layout, observations, sigma, settings.second_order)
+    Fit::new(layout, observations, sigma, setup.settings.second_order)
         .map_err(|error| IdentifyError::from_solver_error(error, lost))
 }
 

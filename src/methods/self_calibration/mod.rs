@@ -19,7 +19,7 @@ mod radial_check;
 mod second_order;
 mod sense;
 mod settings;
-mod solved_cycle;
+mod setup;
 mod sources;
 mod table_axis;
 
@@ -33,15 +33,14 @@ pub use settings::SelfCalibrationSettings;
 
 use std::cmp::Ordering;
 
-use self::observe::ObservedAxis;
-use self::plan::{PartGeometry, StepPlanner};
+use self::setup::{CycleSetup, PartGeometry};
 use self::table_axis::TableAxis;
 use super::identification::KnownMotions;
 use super::{IdentifyError, Method, MethodDescription, MethodRefusal, NextStage, PositionSource, RegisteredMethod};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::estimate::Estimate;
-use machine::record::plan::{Plan, Stage, Step};
+use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
@@ -52,49 +51,21 @@ pub struct SelfCalibration {
 }
 
 impl SelfCalibration {
-    fn new_stage(&self, plan: &Plan, name: String, repeat: u32, steps: Vec<u32>) -> Stage {
-        let id = plan.steps.last().map_or(0, |step| step.stage + 1);
-        Stage { id: if repeat == 0 { id } else { id + repeat - 1 }, name, repeat, steps, found: None }
-    }
-
     /// The fit without the estimate, for the benchmark of the trials.
     ///
     /// # Errors
     /// The errors of `identify`.
     pub fn fit_cycle(&self, plan: &Plan, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
-        let planner = StepPlanner::new(plan, &self.settings)?;
-        let (heights, known_motions) = (planner.heights(), KnownMotions::default());
-        let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known_motions: &known_motions };
-        identify::fit_cycle(plan, &self.settings, &axis, readings)
-    }
-
-    fn cycle_stage(
-        &self,
-        plan: &Plan,
-        planner: &StepPlanner<'_>,
-        part: PartGeometry,
-    ) -> Result<NextStage, MethodRefusal> {
-        let new_steps = planner.cycle_steps(part)?;
-        let ids = new_steps.iter().map(|step| step.id).collect();
-        let mut stage = self.new_stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
-        stage.found = self.settings.locate.then(|| self.measured_artefact(plan, planner, part));
-        Ok(NextStage::Stage { stage, new_steps })
-    }
-
-    /// Steps of touches that no other touch checks. They are repeated.
-    fn unchecked_steps(&self, plan: &Plan, planner: &StepPlanner<'_>) -> Result<Vec<u32>, MethodRefusal> {
-        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        forecast::unchecked_steps(plan, &self.settings, planner, &known_motions)
-            .map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
+        identify::fit_cycle(&CycleSetup::new(plan, &self.settings)?, readings)
     }
 
     /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
     /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
     /// their standoff, and half of that is the position uncertainty.
-    fn measured_artefact(&self, plan: &Plan, planner: &StepPlanner<'_>, part: PartGeometry) -> Artefact {
-        let stated = planner.stated_part();
-        let ball = plan.probe.ball_radius_mm;
-        Artefact::Cylinder(planner.axis().part_in_table_frame(&Cylinder {
+    fn measured_artefact(&self, setup: &CycleSetup<'_>, part: PartGeometry) -> Artefact {
+        let stated = &setup.stated_part;
+        let ball = setup.plan.probe.ball_radius_mm;
+        Artefact::Cylinder(setup.axis.part_in_table_frame(&Cylinder {
             centre_mm: [part.centre[0], part.centre[1], stated.centre_mm[2]],
             axis: stated.axis,
             radius_mm: part.contact_radius_mm - ball,
@@ -125,45 +96,46 @@ impl Method for SelfCalibration {
     }
 
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
-        let planner = StepPlanner::new(plan, &self.settings)?;
-        let located = usize::from(self.settings.locate);
-        if self.settings.locate && done.is_empty() {
-            // All refusals come before the first move.
-            identify::check_well_posed(plan, &self.settings, &planner)?;
-            let new_steps = planner.locating_steps()?;
-            let ids = new_steps.iter().map(|step| step.id).collect();
-            let stage = self.new_stage(plan, "locate the part".to_owned(), 0, ids);
-            return Ok(NextStage::Stage { stage, new_steps });
-        }
+        let setup = CycleSetup::new(plan, &self.settings)?;
         if done.is_empty() {
-            identify::check_well_posed(plan, &self.settings, &planner)?;
-        }
-        let pass = (done.len() - located) as u32;
-        if let Some(first) = done.get(located) {
-            let (name, steps) = match pass.cmp(&self.settings.repeats) {
-                Ordering::Less => (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone()),
-                Ordering::Equal => (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), self.unchecked_steps(plan, &planner)?),
-                Ordering::Greater => return Ok(NextStage::Done),
-            };
-            if steps.is_empty() {
-                return Ok(NextStage::Done);
+            // All refusals come before the first move.
+            identify::check_well_posed(&setup)?;
+            if self.settings.locate {
+                return Ok(NextStage::from_new_steps(plan, done, "locate the part", setup.locating_steps()?));
             }
-            let mut stage = self.new_stage(plan, name, pass, steps);
-            stage.found = first.found.clone();
-            return Ok(NextStage::Stage { stage, new_steps: Vec::new() });
         }
-        let part = match source {
-            PositionSource::Measured(readings) if self.settings.locate => locate_part(plan, &planner, readings)?,
-            _ => planner.nominal_part(),
+        let located = usize::from(self.settings.locate);
+        let Some(first) = done.get(located) else {
+            let part = match source {
+                PositionSource::Measured(readings) if self.settings.locate => locate_part(&setup, readings)?,
+                _ => setup.nominal_part(),
+            };
+            let mut next = NextStage::from_new_steps(plan, done, "Tests 1a to 3", setup.cycle_steps(part)?);
+            if let NextStage::Stage { stage, .. } = &mut next {
+                stage.found = self.settings.locate.then(|| self.measured_artefact(&setup, part));
+            }
+            return Ok(next);
         };
-        self.cycle_stage(plan, &planner, part)
+        let pass = (done.len() - located) as u32;
+        let (name, steps) = match pass.cmp(&self.settings.repeats) {
+            Ordering::Less => (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone()),
+            Ordering::Equal => {
+                let steps = forecast::unchecked_steps(&setup.with_known_motions()?).map_err(refusal_from_error)?;
+                (UNCHECKED_TOUCHES_STAGE_NAME.to_owned(), steps)
+            }
+            Ordering::Greater => return Ok(NextStage::Done),
+        };
+        if steps.is_empty() {
+            return Ok(NextStage::Done);
+        }
+        let id = done.last().map_or(0, |stage| stage.id + 1);
+        let stage = Stage { id, name, repeat: pass, steps, found: first.found.clone() };
+        Ok(NextStage::Stage { stage, new_steps: Vec::new() })
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, MethodRefusal> {
-        let planner = StepPlanner::new(plan, &self.settings)?;
-        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        let lines = forecast::forecast_results(plan, &self.settings, &planner, &known_motions, machine_s);
-        lines.map_err(|error| MethodRefusal::new(error.to_string(), error.remedy()))
+        let setup = CycleSetup::new(plan, &self.settings)?.with_known_motions()?;
+        forecast::forecast_results(&setup, machine_s).map_err(refusal_from_error)
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
@@ -176,41 +148,41 @@ impl Method for SelfCalibration {
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let planner = StepPlanner::new(plan, &self.settings)?;
-        let known_motions = KnownMotions::new(planner.axis().axis, &plan.priors)?;
-        identify::identify(plan, &self.settings, &planner, &known_motions, readings)
+        let setup = CycleSetup::new(plan, &self.settings)?.with_known_motions()?;
+        Ok(estimate::build_estimate(&identify::solve_cycle(&setup, readings, true)?))
     }
 }
 
+fn refusal_from_error(error: IdentifyError) -> MethodRefusal {
+    MethodRefusal::new(error.to_string(), error.remedy())
+}
+
 /// Centre of the part and radius of the ball centres, from the locating touches.
-fn locate_part(plan: &Plan, planner: &StepPlanner<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
-    let nominal = planner.nominal_part();
-    let refused = |reason: String| MethodRefusal {
-        reason,
-        remedy: "check that the part of [artefact] is on the table, then start a new run".to_owned(),
-    };
-    let is_locating = |step: &&Step| step.label.starts_with(plan::LOCATE_LABEL_PREFIX);
-    let (tops, flank): (Vec<_>, Vec<_>) = plan
-        .steps
-        .iter()
-        .filter(is_locating)
+fn locate_part(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<PartGeometry, MethodRefusal> {
+    let nominal = setup.nominal_part();
+    let remedy = "check that the part of [artefact] is on the table, then start a new run";
+    let steps = setup.plan.steps.iter().filter(|step| step.label.starts_with(plan::LOCATE_LABEL_PREFIX));
+    let (tops, flank): (Vec<_>, Vec<_>) = steps
         .filter_map(|step| readings.iter().find(|r| r.step == step.id).map(|r| (step, r)))
-        .map(|(step, reading)| (step, planner.axis().ball_centre(step, reading)))
+        .map(|(step, reading)| (step, setup.axis.ball_centre(step, reading)))
         .partition(|(step, _)| plan::is_top_touch(step));
     let centres: Vec<[f64; 2]> = flank.iter().map(|(_, centre)| [centre.x, centre.y]).collect();
-    let found =
-        circle::fit_circle(&centres).map_err(|error| refused(format!("the part could not be located: {error}")))?;
-    let uncertainty_mm = planner.stated_part().uncertainty_mm;
+    let found = circle::fit_circle(&centres)
+        .map_err(|error| MethodRefusal::new(format!("the part could not be located: {error}"), remedy))?;
+    let uncertainty_mm = setup.stated_part.uncertainty_mm;
     let top = tops.first().map_or(nominal.top_contact_z_mm, |(_, centre)| centre.z);
     let part = PartGeometry { centre: found.centre, contact_radius_mm: found.radius, top_contact_z_mm: top };
     let away = (part.centre[0] - nominal.centre[0]).hypot(part.centre[1] - nominal.centre[1]);
     let (larger, higher) =
         (part.contact_radius_mm - nominal.contact_radius_mm, part.top_contact_z_mm - nominal.top_contact_z_mm);
-    if away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm {
-        return Err(refused(format!(
+    let is_outside = away > uncertainty_mm || larger.abs() > uncertainty_mm || higher.abs() > uncertainty_mm;
+    MethodRefusal::require(
+        !is_outside,
+        format!(
             "the located part deviates from [artefact] by {away:.3} mm in position, {larger:.3} mm in \
             radius and {higher:.3} mm in height, more than uncertainty_mm = {uncertainty_mm}"
-        )));
-    }
+        ),
+        remedy,
+    )?;
     Ok(part)
 }

@@ -1,18 +1,13 @@
 //! From readings to observations on the grid: positions of the ball centre along and across each ray.
 
-use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
-
-use nalgebra::Vector3;
 
 use super::design::Design;
 use super::interruptions;
-use super::model::{Observation, UnknownsLayout};
+use super::model::Observation;
 use super::plan::{LOCATE_LABEL_PREFIX, is_top_touch};
-use super::table_axis::TableAxis;
+use super::setup::CycleSetup;
 use crate::IdentifyError;
-use crate::identification::KnownMotions;
-use machine::Axis;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 use planning::SafeHeights;
@@ -33,55 +28,23 @@ pub struct ObservedCycle {
 /// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
 const INDEX_TOLERANCE_RAD: f64 = 1.8e-3;
 
-/// The measured axis and its known properties.
-pub struct ObservedAxis<'a> {
-    pub axis: &'a TableAxis,
-    /// Heights of the touches, machine frame, mm.
-    pub heights: &'a [f64],
-    /// Error motions that are subtracted from the observations.
-    pub known_motions: &'a KnownMotions<'a>,
-}
-
-impl ObservedAxis<'_> {
-    /// Commanded angle of an observation, rad, within a revolution.
-    pub fn commanded_angle(&self, design: &Design, observation: &Observation) -> f64 {
-        design.angle(observation.c_index) * self.axis.rotation_sense
-    }
-
-    /// Derivative of each radius by an error motion of the axis along or about `component`.
-    pub fn radii_by_motion(&self, layout: &UnknownsLayout, observations: &[Observation], component: Axis) -> Vec<f64> {
-        let of_radius = |observation: &Observation| {
-            let normal = layout.normal(observation.phi_index);
-            let across = Vector3::z().cross(&normal);
-            let centre = self.axis.point_at_height(self.heights[observation.height])
-                + observation.radius_mm * normal
-                + observation.lateral_mm * across;
-            self.axis.radius_by_motion(component, centre, normal)
-        };
-        observations.iter().map(of_radius).collect()
-    }
-}
-
 /// # Errors
 /// Missing or unknown steps, duplicates, or a table at another angle than planned.
-pub fn extract_observations(
-    plan: &Plan,
-    design: &Design,
-    axis: &ObservedAxis<'_>,
-    readings: &[Reading],
-) -> Result<ObservedCycle, IdentifyError> {
-    let by_step = readings_by_step(plan, readings)?;
+pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<ObservedCycle, IdentifyError> {
+    let plan = setup.plan;
+    IdentifyError::check_readings(plan, readings)?;
     let (mut observations, mut order) = (Vec::new(), Vec::new());
     let cycle = plan.steps.iter().filter(|step| !step.label.starts_with(LOCATE_LABEL_PREFIX));
     for (i, step) in cycle.enumerate() {
-        let Some(of_step) = by_step.get(&step.id).filter(|list| !list.is_empty()) else {
+        let of_step: Vec<&Reading> = readings.iter().filter(|reading| reading.step == step.id).collect();
+        if of_step.is_empty() {
             return Err(IdentifyError::missing_reading(step));
-        };
+        }
         if is_top_touch(step) {
             continue;
         }
         for reading in of_step.iter().filter(|reading| reading.flag == ReadingFlag::None) {
-            observations.push(reduce_reading(design, axis, step, reading)?);
+            observations.push(reduce_reading(setup, step, reading)?);
             order.push((reading.repeat as usize * plan.steps.len() + i) as f64);
         }
     }
@@ -108,31 +71,8 @@ fn planned_duration_s(plan: &Plan) -> f64 {
         .map_or(5.0 * plan.steps.len() as f64, |(_, seconds)| seconds)
 }
 
-fn readings_by_step<'a>(
-    plan: &Plan,
-    readings: &'a [Reading],
-) -> Result<BTreeMap<u32, Vec<&'a Reading>>, IdentifyError> {
-    let mut by_step: BTreeMap<u32, Vec<&Reading>> = plan.steps.iter().map(|step| (step.id, Vec::new())).collect();
-    for reading in readings {
-        let Some(list) = by_step.get_mut(&reading.step) else {
-            return Err(IdentifyError::UnknownStep { step: reading.step });
-        };
-        if list.iter().any(|other| other.repeat == reading.repeat) {
-            let Reading { step, repeat, .. } = *reading;
-            return Err(IdentifyError::DuplicateReading { step, repeat });
-        }
-        list.push(reading);
-    }
-    Ok(by_step)
-}
-
-fn reduce_reading(
-    design: &Design,
-    observed: &ObservedAxis<'_>,
-    step: &Step,
-    reading: &Reading,
-) -> Result<Observation, IdentifyError> {
-    let ObservedAxis { axis, heights, known_motions } = *observed;
+fn reduce_reading(setup: &CycleSetup<'_>, step: &Step, reading: &Reading) -> Result<Observation, IdentifyError> {
+    let CycleSetup { design, axis, heights, known_motions, .. } = setup;
     let name = axis.axis;
     let planned = step.from.get_or_zero(name);
     let actual = reading.position.get(name).unwrap_or(planned);

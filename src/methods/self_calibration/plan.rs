@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::design::{Design, GridTouch};
-use super::settings::{SelfCalibrationSettings, SpindleMode};
+use super::design::{CalibrationTest, GridTouch};
+use super::settings::SpindleMode;
+use super::setup::{CycleSetup, PartGeometry};
 use super::table_axis::TableAxis;
 use crate::MethodRefusal;
-use machine::record::artefact::{Artefact, Cylinder};
-use machine::record::plan::{Plan, Step, StepKind};
+use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
 
 /// Prefix of the labels of the locating touches, which are not used for identification.
@@ -18,72 +18,14 @@ pub fn is_top_touch(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
-/// Position and size of the part: centre with the axis at zero, radius of the ball centres.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PartGeometry {
-    pub centre: [f64; 2],
-    /// Radius of the part plus radius of the ball.
-    pub contact_radius_mm: f64,
-    /// Height of the ball centre on the top face.
-    pub top_contact_z_mm: f64,
-}
-
-/// Creates the steps of one plan.
-pub struct StepPlanner<'a> {
-    plan: &'a Plan,
-    /// The part at its position with the axis at zero.
-    stated_part: Cylinder,
-    settings: &'a SelfCalibrationSettings,
-    design: Design,
-    axis: TableAxis,
-}
-
-impl<'a> StepPlanner<'a> {
-    /// # Errors
-    /// The machine has no axis to measure, or the design is not well-posed.
-    pub fn new(plan: &'a Plan, settings: &'a SelfCalibrationSettings) -> Result<Self, MethodRefusal> {
-        let axis = TableAxis::new(plan, settings)?;
-        let stated = axis.part_in_machine_frame(artefact_cylinder(&plan.artefact)?);
-        settings.check(&stated, plan.probe.ball_radius_mm)?;
-        let design = Design::new(settings)?;
-        if settings.spindle == SpindleMode::Follow && !plan.machine.axes.contains_key(&Axis::S) {
-            return Err(MethodRefusal {
-                reason: "the spindle cannot be oriented: the machine has no axis S".to_owned(),
-                remedy: "choose spindle = \"fixed\", or add [axes.S]".to_owned(),
-            });
-        }
-        Ok(Self { plan, stated_part: stated, settings, design, axis })
-    }
-
-    pub fn axis(&self) -> &TableAxis {
-        &self.axis
-    }
-
-    /// The part of the plan at its position with the axis at zero.
-    pub fn stated_part(&self) -> &Cylinder {
-        &self.stated_part
-    }
-
-    /// The part as the plan states it.
-    pub fn nominal_part(&self) -> PartGeometry {
-        let Cylinder { centre_mm, radius_mm, height_mm, .. } = self.stated_part;
-        let ball = self.plan.probe.ball_radius_mm;
-        PartGeometry {
-            centre: [centre_mm[0], centre_mm[1]],
-            contact_radius_mm: radius_mm + ball,
-            top_contact_z_mm: centre_mm[2] + height_mm + ball,
-        }
-    }
-
+impl CycleSetup<'_> {
     /// A search touch on the top of the part and four around it, with a length for the stated position uncertainty.
-    /// The first three confirm the position of the machine.
+    /// The first three confirm the position of the machine. The steps have no numbers.
     pub fn locating_steps(&self) -> Result<Vec<Step>, MethodRefusal> {
         let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
-        let spec = |id, place: String| StepSpec {
-            id,
-            stage: 0,
+        let spec = |place: String| StepSpec {
             kind: StepKind::Touch,
             label: format!("{LOCATE_LABEL_PREFIX}{place}"),
             standoff_mm: margin,
@@ -91,18 +33,17 @@ impl<'a> StepPlanner<'a> {
             c_index: 0,
             feed_mm_min: self.plan.probe.search_feed_mm_min,
         };
-        let z = self.heights()[0];
-        let top = || self.touch_step(&spec(0, "Z".to_owned()), self.top_contact_position(part), Vector3::z());
-        let top = self.settings.touches_top().then(top).transpose()?;
-        let first = u32::from(top.is_some());
+        let z = self.heights[0];
+        let top = || self.touch_step(spec("Z".to_owned()), self.top_contact_position(part), Vector3::z());
+        let top = self.settings.touches_top().then(top);
         let round = (0..4u32).map(|quarter| {
             let angle = std::f64::consts::FRAC_PI_2 * f64::from(quarter);
             let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
             let centre = Vector3::new(part.centre[0], part.centre[1], z);
             let place = format!("P{:03}", 90 * quarter);
-            self.touch_step(&spec(first + quarter, place), centre + part.contact_radius_mm * normal, normal)
+            self.touch_step(spec(place), centre + part.contact_radius_mm * normal, normal)
         });
-        top.map(Ok).into_iter().chain(round).collect()
+        top.into_iter().chain(round).collect()
     }
 
     /// Position of the ball centre on the top face.
@@ -111,42 +52,28 @@ impl<'a> StepPlanner<'a> {
         Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top_contact_z_mm)
     }
 
-    /// The complete cycle at every height, around the part at its measured position.
+    /// The complete cycle at every height, around the part at its measured position, without step numbers.
     pub fn cycle_steps(&self, part: PartGeometry) -> Result<Vec<Step>, MethodRefusal> {
-        let first = self.plan.steps.len();
-        let stage = self.plan.steps.last().map_or(0, |step| step.stage + 1);
-        let heights = self.heights();
         let touches = self.design.cycle_touches(self.settings.references);
         let mut steps = Vec::new();
-        for z in &heights {
-            let suffix = if heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
+        for z in &self.heights {
+            let suffix = if self.heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
             for (i, touch) in touches.iter().enumerate() {
-                let id = (first + steps.len()) as u32;
                 let label = format!("{}{suffix}", self.label(*touch));
-                steps.push(self.cycle_step(self.cycle_spec(id, stage, label, *touch), *z, *touch, part)?);
+                steps.push(self.cycle_step(self.cycle_spec(label, *touch), *z, *touch, part)?);
                 let next = touches.get(i + 1).map(|next| next.test);
                 if touch.test.is_reference() && next != Some(touch.test) && self.settings.z_reference {
-                    let label = format!("{}/Z{suffix}", touch.test.name());
-                    let spec = self.cycle_spec(id + 1, stage, label, *touch);
-                    steps.push(self.touch_step(&spec, self.top_contact_position(part), Vector3::z())?);
+                    let spec = self.cycle_spec(format!("{}/Z{suffix}", touch.test.name()), *touch);
+                    steps.push(self.touch_step(spec, self.top_contact_position(part), Vector3::z())?);
                 }
             }
         }
         Ok(steps)
     }
 
-    /// Heights of the touches in the machine frame, mm.
-    pub fn heights(&self) -> Vec<f64> {
-        let Cylinder { centre_mm, height_mm, .. } = self.stated_part;
-        if self.settings.heights_mm.is_empty() {
-            return vec![centre_mm[2] + height_mm / 2.0];
-        }
-        self.settings.heights_mm.iter().map(|height| centre_mm[2] + height).collect()
-    }
-
     fn label(&self, touch: GridTouch) -> String {
         let degrees = |index| self.design.angle(index).to_degrees().round();
-        let place = if touch.c_index == 0 && !matches!(touch.test, super::design::CalibrationTest::One(_)) {
+        let place = if touch.c_index == 0 && !matches!(touch.test, CalibrationTest::One(_)) {
             format!("P{:03}", degrees(touch.phi_index))
         } else {
             format!("{}{:03}", self.axis.axis, degrees(touch.c_index))
@@ -154,11 +81,9 @@ impl<'a> StepPlanner<'a> {
         format!("{}/{place}", touch.test.name())
     }
 
-    fn cycle_spec(&self, id: u32, stage: u32, label: String, touch: GridTouch) -> StepSpec {
+    fn cycle_spec(&self, label: String, touch: GridTouch) -> StepSpec {
         let kind = if touch.test.is_reference() { StepKind::Reference } else { StepKind::Touch };
         StepSpec {
-            id,
-            stage,
             kind,
             label,
             standoff_mm: self.settings.standoff_mm,
@@ -175,21 +100,23 @@ impl<'a> StepPlanner<'a> {
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
         let off_axis = PartGeometry { centre: from_axis, ..part };
         let turned = self.design.angle(touch.c_index);
-        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| MethodRefusal {
-            reason: format!("at {} the ray from the axis misses the part", spec.label),
-            remedy: format!(
-                "move the part closer to the axis, or correct [artefact] centre_mm or [axes.{}] point_mm, \
+        let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| {
+            MethodRefusal::new(
+                format!("at {} the ray from the axis misses the part", spec.label),
+                format!(
+                    "move the part closer to the axis, or correct [artefact] centre_mm or [axes.{}] point_mm, \
                 both in machine coordinates",
-                self.axis.axis
-            ),
+                    self.axis.axis
+                ),
+            )
         })?;
         let normal = Vector3::new(angle.cos(), angle.sin(), 0.0);
-        self.touch_step(&spec, axis + radius * normal, normal)
+        self.touch_step(spec, axis + radius * normal, normal)
     }
 
     /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
-    fn touch_step(&self, spec: &StepSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
+    fn touch_step(&self, spec: StepSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == SpindleMode::Follow {
@@ -200,26 +127,20 @@ impl<'a> StepPlanner<'a> {
         let rotary = rotary.with(self.axis.axis, self.axis_command_rad(spec.c_index)?);
         // The table turns with the axis, but the ray does not.
         let place = |out: f64| self.axis.solve_linear_axes(contact + out * normal, &orientation);
-        let refused = |error: machine::kinematics::KinematicsError| MethodRefusal {
-            reason: format!("{}: {error}", spec.label),
-            remedy: "correct [machine] topology".to_owned(),
+        let refused = |error: machine::kinematics::KinematicsError| {
+            MethodRefusal::new(format!("{}: {error}", spec.label), "correct [machine] topology")
         };
         let from = place(spec.standoff_mm).map_err(refused)?;
         let to = place(spec.standoff_mm - spec.travel_mm).map_err(refused)?;
         Ok(Step {
-            id: spec.id,
-            stage: spec.stage,
             kind: spec.kind,
-            label: spec.label.clone(),
             from: from.updated_by(&rotary).rounded_to_file_resolution(),
             to: to.updated_by(&rotary).rounded_to_file_resolution(),
             feed_mm_min: spec.feed_mm_min,
             sensors: vec!["probe".to_owned()],
             normal: normal.into(),
-            scan: None,
             text: None,
-            mount: None,
-            watch: Vec::new(),
+            ..Step::prompt(spec.label, String::new())
         })
     }
 
@@ -236,31 +157,21 @@ impl<'a> StepPlanner<'a> {
             .map(|shift| commanded_rad + shift)
             .filter(|at| (min - 1e-9..=max + 1e-9).contains(at))
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
-            .ok_or_else(|| MethodRefusal {
-                reason: format!(
-                    "{axis} cannot reach {:.3}° within [{}, {}]",
-                    commanded_rad.to_degrees(),
-                    spec.min,
-                    spec.max
-                ),
-                remedy: format!("this method requires a full revolution of {axis}; correct the limits in [axes]"),
+            .ok_or_else(|| {
+                MethodRefusal::new(
+                    format!(
+                        "{axis} cannot reach {:.3}° within [{}, {}]",
+                        commanded_rad.to_degrees(),
+                        spec.min,
+                        spec.max
+                    ),
+                    format!("this method requires a full revolution of {axis}; correct the limits in [axes]"),
+                )
             })
     }
 }
 
-fn artefact_cylinder(artefact: &Artefact) -> Result<&Cylinder, MethodRefusal> {
-    match artefact {
-        Artefact::Cylinder(cylinder) => Ok(cylinder),
-        Artefact::Balls(_) | Artefact::DatumCylinder(_) | Artefact::None => Err(MethodRefusal {
-            reason: "this method measures a cylinder, but [artefact] is of another kind".to_owned(),
-            remedy: "describe the part with kind = \"cylinder\" in [artefact]".to_owned(),
-        }),
-    }
-}
-
 struct StepSpec {
-    id: u32,
-    stage: u32,
     kind: StepKind,
     label: String,
     /// Distance of the start of the touch from the expected contact, outwards.

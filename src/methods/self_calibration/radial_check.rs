@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 
 use faer::{Mat, Side};
 
+use super::identify::SolvedCycle;
 use super::model::UnknownsLayout;
 use super::outputs::dot;
-use super::solved_cycle::SolvedCycle;
 use estimation::coverage::chi_square_bounds;
 
 /// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.

@@ -93,9 +93,9 @@ impl SelfCalibrationSettings {
     pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         self.check_reach(part)?;
         self.check_heights(part, ball_radius_mm)?;
-        require(
+        MethodRefusal::require(
             (1..=100).contains(&self.repeats) && self.drift_order <= 3,
-            || "repeats must be 1 to 100, and drift_order 0 to 3".to_owned(),
+            "repeats must be 1 to 100, and drift_order 0 to 3",
             "remove both settings",
         )?;
         MethodRefusal::check_trials(self.monte_carlo_trials)
@@ -104,38 +104,34 @@ impl SelfCalibrationSettings {
     /// Checks that the touches reach the part at every position within its uncertainty.
     fn check_reach(&self, part: &Cylinder) -> Result<(), MethodRefusal> {
         let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
-        require(
+        MethodRefusal::require(
             self.standoff_mm > 0.0 && self.search_mm > 0.0,
-            || "standoff_mm and search_mm must be greater than 0".to_owned(),
+            "standoff_mm and search_mm must be greater than 0",
             "remove both settings, or choose about 0.5 and 1.0",
         )?;
-        require(
+        MethodRefusal::require(
             self.locate || *uncertainty_mm < self.standoff_mm.min(self.search_mm),
-            || {
-                format!(
-                    "with locate = false the position of the part must be known within standoff_mm = {} and \
+            format!(
+                "with locate = false the position of the part must be known within standoff_mm = {} and \
                     search_mm = {}, but [artefact] uncertainty_mm = {uncertainty_mm}",
-                    self.standoff_mm, self.search_mm
-                )
-            },
+                self.standoff_mm, self.search_mm
+            ),
             "choose locate = true, or correct [artefact] uncertainty_mm",
         )?;
         let [x, y] = self.z_reference_at_mm;
-        require(
+        MethodRefusal::require(
             !self.touches_top() || x.hypot(y) + uncertainty_mm < *radius_mm,
-            || format!("the Z reference at [{x}, {y}] mm may miss the top face"),
+            format!("the Z reference at [{x}, {y}] mm may miss the top face"),
             "choose z_reference_at_mm well inside the part's radius, or z_reference = false",
         )?;
         let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
-        require(
+        let [x, y, z] = axis.map(|part| (part / length * 1e3).round() / 1e3 + 0.0);
+        MethodRefusal::require(
             axis[2] > MIN_UPRIGHT_COSINE * length,
-            || {
-                let [x, y, z] = axis.map(|part| (part / length * 1e3).round() / 1e3 + 0.0);
-                format!(
-                    "the part is not upright in the measuring position: the axis of the part is along [{x}, \
-                    {y}, {z}] of the machine, not [0, 0, 1]"
-                )
-            },
+            format!(
+                "the part is not upright in the measuring position: the axis of the part is along [{x}, {y}, {z}] of \
+                the machine, not [0, 0, 1]"
+            ),
             "this method requires an upright cylinder: correct [artefact] axis, which is the direction with \
             all axes at zero",
         )
@@ -144,20 +140,16 @@ impl SelfCalibrationSettings {
     fn check_heights(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), MethodRefusal> {
         let on_flank = |height: &f64| *height > ball_radius_mm && *height <= part.height_mm;
         let outside = self.heights_mm.iter().find(|height| !on_flank(height));
-        require(
+        MethodRefusal::require(
             outside.is_none(),
-            || format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
+            format!("at a height of {} mm the ball is off the flank", outside.unwrap_or(&0.0)),
             "choose heights_mm above the ball's radius and up to the part's height_mm",
         )?;
         let close = |(i, a): (usize, &f64)| self.heights_mm[..i].iter().any(|b| (a - b).abs() < MIN_HEIGHT_STEP_MM);
-        require(
+        MethodRefusal::require(
             !self.heights_mm.iter().enumerate().any(close),
-            || "two values of heights_mm differ by less than 1 mm".to_owned(),
+            "two values of heights_mm differ by less than 1 mm",
             "choose heights_mm at least 1 mm apart; a large distance gives a smaller U",
         )
     }
-}
-
-fn require(holds: bool, reason: impl FnOnce() -> String, remedy: &str) -> Result<(), MethodRefusal> {
-    if holds { Ok(()) } else { Err(MethodRefusal { reason: reason(), remedy: remedy.to_owned() }) }
 }

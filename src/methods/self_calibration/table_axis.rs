@@ -45,12 +45,11 @@ impl TableAxis {
             return Err(no_upright_axis_refusal(plan, &chain, &still));
         };
         let spindle = chain.machine_from_spindle(&still, &[]).rotation * Vector3::z();
-        if spindle.z < MIN_UPRIGHT_COSINE {
-            return Err(MethodRefusal {
-                reason: format!("the spindle is not along Z with {}", describe_positions(&still, axis)),
-                remedy: "correct `at` in [method.self-calibration]".to_owned(),
-            });
-        }
+        MethodRefusal::require(
+            spindle.z >= MIN_UPRIGHT_COSINE,
+            format!("the spindle is not along Z with {}", describe_positions(&still, axis)),
+            "correct `at` in [method.self-calibration]",
+        )?;
         Ok(Self {
             axis,
             spec: spec.clone(),
@@ -153,17 +152,14 @@ fn rest_position_of_axes(plan: &Plan, at: &Position) -> Result<Position, MethodR
     for (axis, value) in at.iter() {
         let spec = plan.machine.axes.get(&axis).filter(|_| turns(axis));
         let degrees = axis.to_mm_or_deg(value);
-        if !spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)) {
-            return Err(MethodRefusal {
-                reason: format!(
-                    "`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
-                    outside its limits"
-                ),
-                remedy: "give in `at` of [method.self-calibration] only rotary axes of [axes], within their \
-                    limits"
-                    .to_owned(),
-            });
-        }
+        MethodRefusal::require(
+            spec.is_some_and(|spec| (spec.min..=spec.max).contains(&degrees)),
+            format!(
+                "`at` contains {axis} = {degrees}, which is not a rotary axis of this machine or is \
+                outside its limits"
+            ),
+            "give in `at` of [method.self-calibration] only rotary axes of [axes], within their limits",
+        )?;
     }
     let axes = plan.machine.axes.keys().copied().filter(|axis| turns(*axis));
     Ok(axes.map(|axis| (axis, at.get_or_zero(axis))).collect())
@@ -176,12 +172,10 @@ fn is_upright(line: &AxisLine) -> bool {
 fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position) -> MethodRefusal {
     let carriers = chain.topology().workpiece();
     if carriers.iter().all(|axis| axis.is_linear()) {
-        return MethodRefusal {
-            reason: "this method requires a rotary axis that carries the workpiece".to_owned(),
-            remedy: "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine \
-                file"
-                .to_owned(),
-        };
+        return MethodRefusal::new(
+            "this method requires a rotary axis that carries the workpiece",
+            "add the axis on the workpiece side of the topology (w-C-…) and as [axes.C] in the machine file",
+        );
     }
     let upright = |other: Axis, degrees: f64| {
         let at = still.clone().with(other, other.to_mm_or_rad(degrees));
@@ -194,16 +188,13 @@ fn no_upright_axis_refusal(plan: &Plan, chain: &KinematicChain, still: &Position
     let place = places.into_iter().find(|(other, degrees)| upright(*other, *degrees));
     let example =
         place.map_or(String::new(), |(other, degrees)| format!(", for example at = {{ {other} = {degrees:.1} }}"));
-    MethodRefusal {
-        reason: format!(
-            "no rotary axis that carries the workpiece is along Z with {}",
-            describe_positions(still, Axis::S)
-        ),
-        remedy: format!(
+    MethodRefusal::new(
+        format!("no rotary axis that carries the workpiece is along Z with {}", describe_positions(still, Axis::S)),
+        format!(
             "set `at` in [method.self-calibration] to positions of the other axes at which one axis is \
             along Z{example}; or correct direction in [axes]"
         ),
-    }
+    )
 }
 
 /// Text such as `A at 90°, B at 0°`, without the axis `except`.
