@@ -111,14 +111,14 @@ fn bend(bend: &SecondOrderCorrection) -> Value {
             contact.height,
             contact.normal.x,
             contact.normal.y,
-            contact.ex,
-            contact.ey,
+            contact.ex_index,
+            contact.ey_index,
             contact.theta_index,
             contact.lateral_mm
         ])
     });
     let heights = bend.heights.iter();
-    let heights = heights.map(|height| json!({"radius": height.radius, "forms": rows(&height.forms)}));
+    let heights = heights.map(|height| json!({"radius": height.radius_index, "forms": rows(&height.forms)}));
     json!({"contacts": contacts.collect::<Vec<_>>(), "heights": heights.collect::<Vec<_>>()})
 }
 

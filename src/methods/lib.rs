@@ -102,19 +102,13 @@ impl MethodRefusal {
     /// One of the `positive` settings is not greater than 0, or one of the `not_negative` settings is
     /// negative; the error names the first one.
     pub fn check_number_ranges(positive: &[(&str, f64)], not_negative: &[(&str, f64)]) -> Result<(), Self> {
-        for (name, value) in positive {
-            let is_met = *value > 0.0 && value.is_finite();
+        let positive = positive.iter().map(|(name, value)| (name, value, *value > 0.0, "is not greater than 0"));
+        let not_negative =
+            not_negative.iter().map(|(name, value)| (name, value, *value >= 0.0, "is negative or not a number"));
+        for (name, value, is_in_range, fault) in positive.chain(not_negative) {
             Self::require(
-                is_met,
-                format!("{name} = {value} is not greater than 0"),
-                "correct the value in the machine file",
-            )?;
-        }
-        for (name, value) in not_negative {
-            let is_met = *value >= 0.0 && value.is_finite();
-            Self::require(
-                is_met,
-                format!("{name} = {value} is negative or not a number"),
+                is_in_range && value.is_finite(),
+                format!("{name} = {value} {fault}"),
                 "correct the value in the machine file",
             )?;
         }
@@ -271,13 +265,13 @@ pub trait Method: Send + Sync {
     /// Checks whether this method can use the priors of the plan as known values on this machine. It is
     /// called before the first motion and before the identification. Most methods accept no priors.
     fn check_priors(&self, plan: &Plan) -> Result<(), MethodRefusal> {
-        match probe_map::priors_without_probe_maps(&plan.priors).next() {
-            None => Ok(()),
-            Some(prior) => Err(MethodRefusal::new(
+        let prior = probe_map::priors_without_probe_maps(&plan.priors).next();
+        prior.map_or(Ok(()), |prior| {
+            Err(MethodRefusal::new(
                 format!("this method accepts no prior estimate (given: an estimate of {})", prior.method),
                 "remove --with",
-            )),
-        }
+            ))
+        })
     }
 
     /// Whether the pre-travel map of a qualified probe may be subtracted from the readings of this method.

@@ -24,14 +24,14 @@ fn is_outlier_repeat(repeat: u32) -> bool {
 
 /// Readings with only the last of the repeats below `before` of each step that was measured again; it
 /// replaces the earlier ones.
-fn latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
+fn readings_of_latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
     }
     let counts = |reading: &&Reading| !is_outlier_repeat(reading.repeat) || reading.repeat < before;
     let last = |step: u32| {
-        let repeat_stage = readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
-        repeat_stage.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
+        let repeats = readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
+        repeats.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
     };
     let is_kept = |reading: &&Reading| match last(reading.step) {
         Some(last) => reading.repeat == last || reading.repeat >= FIRST_REPEAT_AFTER_STOP,
@@ -60,10 +60,10 @@ impl OutlierRepeater {
     /// the proof of a repeated stage uses what was known when that stage was planned.
     fn repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
         // An error is reported when the run is identified.
-        let estimate = self.fast_method.identify(plan, &latest_repeats(readings, u32::MAX)).ok()?;
+        let estimate = self.fast_method.identify(plan, &readings_of_latest_repeats(readings, u32::MAX)).ok()?;
         let times = |step: &Step| {
-            let repeat_stage = done.iter().filter(|stage| is_outlier_repeat(stage.repeat));
-            repeat_stage.filter(|stage| stage.steps.contains(&step.id)).count()
+            let repeat_stages = done.iter().filter(|stage| is_outlier_repeat(stage.repeat));
+            repeat_stages.filter(|stage| stage.steps.contains(&step.id)).count()
         };
         let suspects = estimate.outliers.iter().flat_map(|outlier| outlier_steps(plan, outlier));
         let suspects: Vec<&Step> = suspects.filter(|step| times(step) < MAX_REPEATS).collect();
@@ -88,14 +88,14 @@ impl OutlierRepeater {
         rounds.dedup();
         let is_measured = |outlier: &Outlier| {
             let steps = outlier_steps(plan, outlier).map(|step| step.id);
-            let mut repeat_stage = readings.iter().filter(|reading| is_outlier_repeat(reading.repeat));
-            steps.into_iter().any(|id| repeat_stage.any(|reading| reading.step == id))
+            let mut repeats = readings.iter().filter(|reading| is_outlier_repeat(reading.repeat));
+            steps.into_iter().any(|id| repeats.any(|reading| reading.step == id))
         };
         for outlier in estimate.outliers.iter_mut().filter(|outlier| is_measured(outlier)) {
             outlier.resolution = Some("measured again: still an outlier".to_owned());
         }
         for before in rounds {
-            let Ok(earlier) = self.fast_method.identify(plan, &latest_repeats(readings, before)) else {
+            let Ok(earlier) = self.fast_method.identify(plan, &readings_of_latest_repeats(readings, before)) else {
                 continue;
             };
             for outlier in earlier.outliers {
@@ -130,7 +130,7 @@ impl Method for OutlierRepeater {
             return self.method.next_stage(plan, done, source);
         };
         let ordinary: Vec<Stage> = done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
-        let last = latest_repeats(readings, u32::MAX);
+        let last = readings_of_latest_repeats(readings, u32::MAX);
         match self.method.next_stage(plan, &ordinary, PositionSource::Measured(&last))? {
             NextStage::Done => Ok(match self.repeat_stage(plan, done, readings) {
                 Some(stage) => NextStage::Stage { stage, new_steps: Vec::new() },
@@ -157,7 +157,7 @@ impl Method for OutlierRepeater {
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let mut estimate = self.method.identify(plan, &latest_repeats(readings, u32::MAX))?;
+        let mut estimate = self.method.identify(plan, &readings_of_latest_repeats(readings, u32::MAX))?;
         if readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
             self.add_repeated_outliers(plan, readings, &mut estimate);
         }

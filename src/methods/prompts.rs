@@ -29,18 +29,15 @@ impl PromptedMethod {
         Self { method, texts: Vec::new() }
     }
 
-    fn prompts(&self, stage: u32) -> impl Iterator<Item = Step> {
-        (0..).zip(&self.texts).map(move |(id, text)| Step {
-            id,
-            stage,
-            ..Step::prompt(format!("{LABEL_PREFIX}{}", id + 1), text.clone())
-        })
-    }
-
     /// Adds the prompts before the steps of the first stage.
     fn with_prompts(&self, next: NextStage) -> NextStage {
         let NextStage::Stage { mut stage, new_steps } = next else { return next };
-        let mut steps: Vec<Step> = self.prompts(stage.id).collect();
+        let prompts = (0..).zip(&self.texts).map(|(id, text)| Step {
+            id,
+            stage: stage.id,
+            ..Step::prompt(format!("{LABEL_PREFIX}{}", id + 1), text.clone())
+        });
+        let mut steps: Vec<Step> = prompts.collect();
         let count = steps.len() as u32;
         steps.extend(new_steps.into_iter().map(|step| Step { id: step.id + count, ..step }));
         let moves = stage.steps.iter().map(|id| id + count);
@@ -57,19 +54,8 @@ fn machine_prompt_count(plan: &Plan) -> usize {
 
 /// The plan without its first `count` steps; the other steps are numbered from 0.
 fn without_first_steps(plan: &Plan, count: u32) -> Plan {
-    let mut plan = plan.clone();
-    plan.steps.drain(..count as usize);
-    plan.steps.iter_mut().for_each(|step| step.id -= count);
-    plan
-}
-
-fn stage_without_prompts(stage: &Stage, count: u32) -> Stage {
-    let steps = stage.steps.iter().filter_map(|id| id.checked_sub(count));
-    Stage { steps: steps.collect(), ..stage.clone() }
-}
-
-fn reading_without_prompts(reading: &Reading, count: u32) -> Reading {
-    Reading { step: reading.step.saturating_sub(count), ..reading.clone() }
+    let steps = plan.steps.iter().skip(count as usize).map(|step| Step { id: step.id - count, ..step.clone() });
+    Plan { steps: steps.collect(), ..plan.clone() }
 }
 
 impl Method for PromptedMethod {
@@ -88,12 +74,17 @@ impl Method for PromptedMethod {
             (0, _) => return self.method.next_stage(plan, done, readings),
             (count, _) => count,
         };
-        let stages: Vec<Stage> = done.iter().map(|stage| stage_without_prompts(stage, count)).collect();
+        let without_prompt_ids = |stage: &Stage| {
+            let steps = stage.steps.iter().filter_map(|id| id.checked_sub(count));
+            Stage { steps: steps.collect(), ..stage.clone() }
+        };
+        let renumbered = |reading: &Reading| Reading { step: reading.step.saturating_sub(count), ..reading.clone() };
+        let stages: Vec<Stage> = done.iter().map(without_prompt_ids).collect();
         let measured: Vec<Reading>;
         let readings = match readings {
             PositionSource::Nominal => PositionSource::Nominal,
             PositionSource::Measured(all) => {
-                measured = all.iter().map(|reading| reading_without_prompts(reading, count)).collect();
+                measured = all.iter().map(renumbered).collect();
                 PositionSource::Measured(&measured)
             }
         };
@@ -131,11 +122,7 @@ impl Method for PromptedMethod {
 fn without_prompts(plan: &Plan) -> Cow<'_, Plan> {
     match machine_prompt_count(plan) {
         0 => Cow::Borrowed(plan),
-        count => {
-            let mut moves = plan.clone();
-            moves.steps.drain(..count);
-            Cow::Owned(moves)
-        }
+        count => Cow::Owned(Plan { steps: plan.steps[count..].to_vec(), ..plan.clone() }),
     }
 }
 
@@ -147,9 +134,9 @@ mod tests {
 
     /// Two stages with one new step each; the second stage also repeats the first step. New steps are
     /// numbered after those of the plan that the method gets.
-    struct Toy;
+    struct TwoStageMethod;
 
-    impl Method for Toy {
+    impl Method for TwoStageMethod {
         fn settings(&self) -> serde_json::Value {
             json!({})
         }
@@ -194,7 +181,7 @@ mod tests {
         .unwrap()
     }
 
-    fn header() -> Plan {
+    fn plan_without_steps() -> Plan {
         serde_json::from_value(json!({"trued_plan": 1, "method": "toy", "settings": {},
             "machine": {"name": "test", "topology": "w-C-b-Z-t", "tool_mm": [0.0, 0.0, 0.0], "axes": {}},
             "probe": {"ball_radius_mm": 3.0},
@@ -205,10 +192,10 @@ mod tests {
 
     #[test]
     fn the_method_sees_nothing_of_what_is_asked() {
-        let method = with_prompts(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
+        let method = with_prompts(Box::new(TwoStageMethod), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
-        let later = PromptedMethod::without_texts(Box::new(Toy));
-        let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());
+        let later = PromptedMethod::without_texts(Box::new(TwoStageMethod));
+        let (mut plan, mut done, mut readings) = (plan_without_steps(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {
             let source = PositionSource::Measured(&readings);
@@ -230,7 +217,7 @@ mod tests {
         // The error names the step by its number in the plan.
         let told = later.identify(&plan, &readings).unwrap_err();
         assert_eq!(told, IdentifyError::UnknownStep { step: 2 });
-        let (nominal, stages) = super::super::plan_nominal_stages(method[0], header()).unwrap();
+        let (nominal, stages) = super::super::plan_nominal_stages(method[0], plan_without_steps()).unwrap();
         assert_eq!((nominal.steps, stages), (plan.steps, done));
     }
 }

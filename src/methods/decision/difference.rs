@@ -84,7 +84,7 @@ pub fn parameter_differences(first: &Estimate, second: &Estimate, common: &[Stri
 /// Difference of one parameter. `None`: a number is missing.
 fn parameter_difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<ParameterDifference> {
     let independent = one.u.powi(2) + other.u.powi(2);
-    let shared = |source: &String| source_u(one, source) * source_u(other, source);
+    let shared = |source: &String| u_from_source(one, source) * u_from_source(other, source);
     let covariance: f64 = common.iter().map(shared).sum();
     // If all budget lines are common, rounding may give a negative variance.
     let variance = (independent - 2.0 * covariance).max(0.0);
@@ -105,7 +105,7 @@ fn parameter_difference(one: &Parameter, other: &Parameter, common: &[String]) -
 }
 
 /// Standard uncertainty of the parameter from one source.
-fn source_u(parameter: &Parameter, source: &String) -> f64 {
+fn u_from_source(parameter: &Parameter, source: &String) -> f64 {
     let lines = parameter.budget.iter().filter(|line| line.source == *source);
     lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt()
 }
@@ -132,7 +132,7 @@ mod tests {
         .unwrap()
     }
 
-    fn nothing() -> Estimate {
+    fn empty_estimate() -> Estimate {
         serde_json::from_value(serde_json::json!({
             "trued_estimate": 1, "method": "samba", "parameters": [], "functions": [],
             "covariance": {"symbols": [], "rows": []}, "rank": 1, "unknowns": 1, "condition": 1.0,
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn what_one_of_them_does_not_know_is_left_out() {
-        let mut estimate = nothing();
+        let mut estimate = empty_estimate();
         let lost = Parameter { identifiable: false, ..parameter(1.0, 1.0, None) };
         let other = Parameter { symbol: "EY0C".to_owned(), ..parameter(1.0, 1.0, None) };
         let unit = Parameter { unit: Unit::Mm, ..other.clone() };
@@ -193,7 +193,7 @@ mod tests {
         Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }
     }
 
-    fn made_with(probe: &str) -> Provenance {
+    fn provenance_with_probe(probe: &str) -> Provenance {
         Provenance {
             program: String::new(),
             machine: "mill".to_owned(),
@@ -214,11 +214,13 @@ mod tests {
         use EvaluationType::{A, B};
         let one = with_budget(10.0, &[("touches", A, 1.0), ("probe lobing", B, 3.0), ("resolution", B, 0.5)]);
         let other = with_budget(13.0, &[("touches", A, 1.2), ("probe lobing", B, 2.0), ("resolution", B, 0.5)]);
-        let [first, second] = [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..nothing() });
+        let [first, second] = [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..empty_estimate() });
         let common = common_sources(&first, &second);
         assert_eq!(common, ["probe lobing"]);
-        let with =
-            |estimate: &Estimate, probe: &str| Estimate { provenance: Some(made_with(probe)), ..estimate.clone() };
+        let with = |estimate: &Estimate, probe: &str| Estimate {
+            provenance: Some(provenance_with_probe(probe)),
+            ..estimate.clone()
+        };
         assert_eq!(common_sources(&with(&first, "a"), &with(&second, "a")), ["probe lobing"]);
         assert!(common_sources(&with(&first, "a"), &with(&second, "b")).is_empty());
         let found = &parameter_differences(&first, &second, &common)[0];

@@ -37,7 +37,7 @@ impl FunctionDifference {
         self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
     }
 
-    fn push(&mut self, [one, other]: [FunctionPoint; 2], gauge: Option<[FunctionPoint; 2]>, k: f64) {
+    fn push_point(&mut self, [one, other]: [FunctionPoint; 2], gauge: Option<[FunctionPoint; 2]>, k: f64) {
         let of_gauge = gauge.map(|[one, other]| (other.y - one.y, one.u.hypot(other.u)));
         let (shift, u_shift) = of_gauge.unwrap_or((0.0, 0.0));
         let by = other.y - one.y - shift;
@@ -144,7 +144,7 @@ fn function_difference(one: &EstimatedFunction, other: &EstimatedFunction, k: f6
         normalized: Vec::new(),
     };
     for pair in pairs.into_iter().filter(|[point, _]| Some(point.x) != gauge_at) {
-        found.push(pair, gauge, k);
+        found.push_point(pair, gauge, k);
     }
     (!found.x.is_empty()).then_some(found)
 }

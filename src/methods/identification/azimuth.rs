@@ -10,7 +10,7 @@ pub const LOBING_ORDERS: [u32; 5] = [2, 3, 4, 5, 6];
 /// Standard deviation of the cosine and of the sine part of each order. `declared` orders share the variance
 /// equally. If none are declared, each of the `possible` orders gets the total, so that the worst case is
 /// never too small.
-pub fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
+pub fn amplitude_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
     let (orders, size) = match declared {
         [] => (possible, total),
         orders => (orders, total / (orders.len() as f64).sqrt()),
@@ -38,7 +38,7 @@ pub fn azimuth_patterns(
     let pattern = |(order, size): (u32, f64), quarter_turns: f64| {
         normals.iter().map(|normal| size * azimuth_factor(order, quarter_turns, normal)).collect()
     };
-    let sizes = size_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
+    let sizes = amplitude_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
     let sizes = sizes.filter(|(order, _)| is_included(*order));
     sizes.flat_map(|size| [0.0, 0.25].map(|turns| pattern(size, turns))).collect()
 }

@@ -85,9 +85,7 @@ impl BlockFit {
             along.abs() <= MAX_UNDETERMINED_SHARE * largest
         })
     }
-}
 
-impl BlockFit {
     /// Derivatives by the unknowns of the cosine and sine part of a harmonic, without their components along
     /// the orthogonal directions `removed`. The two parts are the unknowns 2·`column` and 2·`column` + 1.
     /// `None`: not determined.
@@ -203,16 +201,10 @@ impl BlockwiseFit {
     /// A source that changes many observations together, by its `columns` in mm. It does not enter the
     /// weights; its size stays as declared.
     pub fn declared_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
-        let effect = Effect::Joint(columns.iter().map(|column| self.reduce_change(column)).collect());
-        UncertaintySource {
-            in_residuals: ResidualTreatment::Expected,
-            is_in_weights: false,
-            ..UncertaintySource::new(name, effect)
-        }
+        let columns = columns.iter().map(|column| self.reduce_change(column)).collect();
+        UncertaintySource::unweighted(name, columns, ResidualTreatment::Expected)
     }
-}
 
-impl BlockwiseFit {
     /// Root mean square residual of each block. Block n holds harmonic n, from 1.
     pub fn residual_rms_by_order(&self) -> EstimatedFunction {
         let of = |(order, block): (f64, &BlockFit)| (order, rms(&block.residuals_mm) * 1e3);

@@ -11,16 +11,16 @@ use super::probe_map::ProbeMap;
 
 /// One line of a budget.
 struct BudgetLineKey {
-    line: &'static str,
+    line_name: &'static str,
     /// Key of the machine file; `axes.*` means each of the axes.
     key: &'static str,
     /// Declared size; the largest one if there are several axes or sensors. 0: the line is proportional to no
     /// declared size.
-    size: fn(&Plan) -> f64,
+    declared_size: fn(&Plan) -> f64,
 }
 
-const fn budget_line_key(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) -> BudgetLineKey {
-    BudgetLineKey { line, key, size }
+const fn budget_line_key(line_name: &'static str, key: &'static str, declared_size: fn(&Plan) -> f64) -> BudgetLineKey {
+    BudgetLineKey { line_name, key, declared_size }
 }
 
 const BUDGET_LINE_KEYS: [BudgetLineKey; 18] = [
@@ -99,8 +99,8 @@ pub fn add_budget_sensitivities(estimate: &mut Estimate, plan: &Plan) {
 }
 
 fn budget_key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> {
-    if let Some(sized) = BUDGET_LINE_KEYS.iter().find(|sized| sized.line == line.source) {
-        return Some((sized.key.to_owned(), (sized.size)(plan)));
+    if let Some(sized) = BUDGET_LINE_KEYS.iter().find(|sized| sized.line_name == line.source) {
+        return Some((sized.key.to_owned(), (sized.declared_size)(plan)));
     }
     let name = line.source.strip_prefix(ROTARY_MOTION_PREFIX)?;
     let (axis, spec) = plan.machine.axes.iter().find(|(axis, _)| axis.name() == name)?;
@@ -111,7 +111,7 @@ fn budget_key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> 
 fn is_key_of_line(line: &BudgetLine, key: &str) -> bool {
     let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
     let axis = section.strip_prefix("axes.");
-    let mut sized = BUDGET_LINE_KEYS.iter().filter(|sized| sized.line == line.source).peekable();
+    let mut sized = BUDGET_LINE_KEYS.iter().filter(|sized| sized.line_name == line.source).peekable();
     if sized.peek().is_none() {
         return name == "error_motion_um" && axis.is_some() && axis == line.source.strip_prefix(ROTARY_MOTION_PREFIX);
     }

@@ -7,11 +7,12 @@ use estimation::revolutions::{HarmonicData, RowRevolutions};
 use estimation::smooth::{smooth_function_columns, stationary_function_columns};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorShape};
+use machine::record::machine::AxisSpec;
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
 
-use super::azimuth::{azimuth_patterns, size_by_order};
+use super::azimuth::{amplitude_by_order, azimuth_patterns};
 use super::probe_map::ProbeMap;
 
 /// Harmonic orders of the error motion of a rotary axis if none are declared. The mean is the location of the
@@ -163,16 +164,22 @@ pub fn linearity_effects_on_harmonics(
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random
 /// function of the position of each axis. The caller applies each pattern along X, Y and Z independently.
 pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    let mut patterns = Vec::new();
-    for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
-        if spec.error_motion_um > 0.0 {
-            let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
-            let size_mm = spec.error_motion_um * 1e-3;
-            patterns.extend(smooth_function_columns(&positions, size_mm, spec.error_wavelength_mm));
-        }
-    }
-    patterns
+    linear_axis_functions(plan, points, |spec| spec.error_motion_um * 1e-3).into_iter().flat_map(|of| of.1).collect()
+}
+
+/// Smooth random functions of the position of each of X, Y and Z at the axis positions `points`, with the standard
+/// deviation `size`. An axis without declared size has none.
+fn linear_axis_functions(
+    plan: &Plan,
+    points: &[Vector3<f64>],
+    size: fn(&AxisSpec) -> f64,
+) -> Vec<(Axis, Vec<Vec<f64>>)> {
+    let functions = |(k, axis): (usize, Axis)| {
+        let spec = plan.machine.axes.get(&axis).filter(|spec| size(spec) > 0.0)?;
+        let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
+        Some((axis, smooth_function_columns(&positions, size(spec), spec.error_wavelength_mm)))
+    };
+    Axis::LINEAR.into_iter().enumerate().filter_map(functions).collect()
 }
 
 /// Angular error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): rotations
@@ -180,18 +187,10 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
 /// zero.
 pub fn angular_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<(ErrorParameter, Vec<f64>)> {
     let mut patterns = Vec::new();
-    for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
-        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
-        if spec.angular_motion_urad > 0.0 {
-            let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
-            let size = spec.angular_motion_urad * 1e-6;
-            let functions = smooth_function_columns(&positions, size, spec.error_wavelength_mm);
-            for about in [Axis::A, Axis::B, Axis::C] {
-                let Ok(error) = ErrorParameter::new(about, axis, ErrorShape::Location) else {
-                    continue;
-                };
-                patterns.extend(functions.iter().map(|function| (error, function.clone())));
-            }
+    for (axis, functions) in linear_axis_functions(plan, points, |spec| spec.angular_motion_urad * 1e-6) {
+        for about in [Axis::A, Axis::B, Axis::C] {
+            let error = ErrorParameter::new(about, axis, ErrorShape::Location).ok();
+            patterns.extend(functions.iter().filter_map(|function| Some((error?, function.clone()))));
         }
     }
     patterns
@@ -204,7 +203,7 @@ pub fn rotary_error_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryErrorMot
     let mut motions = Vec::new();
     for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
         let total_mm = spec.error_motion_um * 1e-3;
-        for (n, size_mm) in size_by_order(total_mm, &spec.error_motion_orders, possible) {
+        for (n, size_mm) in amplitude_by_order(total_mm, &spec.error_motion_orders, possible) {
             for shape in [ErrorShape::Cos(n), ErrorShape::Sin(n)] {
                 let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
                 let errors = errors.into_iter().flatten();

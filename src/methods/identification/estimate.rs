@@ -51,16 +51,9 @@ pub fn identify(
     let misfit = &propagation.misfit;
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
     let trials = plan.map(run).transpose()?;
-    let checked = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
-    let likely = if misfit.is_above_bound { likely_sources(solution, sources) } else { Vec::new() };
-    Ok(Identification {
-        outputs,
-        propagation,
-        trials,
-        figures: solution.figures,
-        outlier_check: checked,
-        likely_sources: likely,
-    })
+    let outlier_check = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
+    let likely_sources = if misfit.is_above_bound { likely_sources(solution, sources) } else { Vec::new() };
+    Ok(Identification { outputs, propagation, trials, figures: solution.figures, outlier_check, likely_sources })
 }
 
 impl Identification {
@@ -106,9 +99,10 @@ impl Identification {
 
     fn build_parameter(&self, index: usize, output: &Output) -> Parameter {
         let Output { symbol, unit, value, .. } = output;
+        let interval = self.trials.as_ref().and_then(|trials| trials.shortest_interval.get(index));
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
-            interval_monte_carlo: self.trial_interval(index).map(|mm| mm.map(|x| unit.from_internal(x))),
+            interval_monte_carlo: interval.map(|mm| mm.map(|x| unit.from_internal(x))),
             ..parameter_with_budget(symbol, *unit, *value, self.output_uncertainty(index, output))
         }
     }
@@ -116,11 +110,6 @@ impl Identification {
     /// Standard uncertainty from the trials, internal unit.
     fn u_by_trials(&self, index: usize) -> Option<f64> {
         self.trials.as_ref()?.standard_deviation.get(index).copied()
-    }
-
-    /// Shortest coverage interval from the trials, internal unit.
-    fn trial_interval(&self, index: usize) -> Option<[f64; 2]> {
-        self.trials.as_ref()?.shortest_interval.get(index).copied()
     }
 
     /// Uncertainty of a parameter in its internal unit, by its index in the estimate. `None`: there is no
@@ -133,10 +122,7 @@ impl Identification {
     fn output_uncertainty(&self, index: usize, output: &Output) -> Uncertainty {
         match &output.slope {
             Some(slope) => self.propagation.uncertainty(slope),
-            None => {
-                let u = self.u_by_trials(index).unwrap_or(f64::NAN);
-                Uncertainty { u, dof: None, budget: Vec::new() }
-            }
+            None => Uncertainty { u: self.u_by_trials(index).unwrap_or(f64::NAN), dof: None, budget: Vec::new() },
         }
     }
 

@@ -6,7 +6,7 @@ use faer::Mat;
 use machine::record::estimate::{EstimatedFunction, FigureKind, Unit};
 
 use super::estimate::Identification;
-use super::outputs::{Curve, Output};
+use super::outputs::{Curve, Output, dot_product};
 use super::range::RangeOutput;
 
 /// Cosine and sine part of one harmonic.
@@ -53,7 +53,7 @@ impl HarmonicFunction {
     /// Values at `count` equally spaced angles, from 0.
     pub fn values(&self, count: usize, x: &[f64]) -> Vec<f64> {
         let slopes = (0..count).map(|i| self.slope_at(i as f64 * TAU / count as f64));
-        slopes.map(|slope| dot(&slope, x)).collect()
+        slopes.map(|slope| dot_product(&slope, x)).collect()
     }
 
     /// The curve over one revolution of the axis `argument`, with the end point equal to the start point.
@@ -64,7 +64,7 @@ impl HarmonicFunction {
             symbol: self.symbol.clone(),
             argument,
             argument_unit: "deg",
-            y: slopes.iter().map(|slope| dot(slope, x)).collect(),
+            y: slopes.iter().map(|slope| dot_product(slope, x)).collect(),
             x: at,
             unit: self.unit,
             figure: FigureKind::Polar,
@@ -74,17 +74,14 @@ impl HarmonicFunction {
 
     /// Cosine and sine part of each harmonic, with symbols such as `EXC_c2` and `EXC_s2`.
     pub fn coefficients(&self, x: &[f64]) -> Vec<Output> {
-        let of = |harmonic: &Harmonic| {
-            ["c", "s"]
-                .into_iter()
-                .zip(&harmonic.parts)
-                .map(|(part, slope)| {
-                    let symbol = format!("{}_{part}{}", self.symbol, harmonic.order);
-                    Output::from_coefficients(&symbol, self.unit, slope.clone(), x)
-                })
-                .collect::<Vec<_>>()
-        };
-        self.harmonics.iter().flat_map(of).collect()
+        let mut outputs = Vec::new();
+        for Harmonic { order, parts } in &self.harmonics {
+            for (part, slope) in ["c", "s"].into_iter().zip(parts) {
+                let symbol = format!("{}_{part}{order}", self.symbol);
+                outputs.push(Output::from_coefficients(&symbol, self.unit, slope.clone(), x));
+            }
+        }
+        outputs
     }
 
     /// Largest minus smallest value over one revolution. `None`: there are no harmonics.
@@ -121,10 +118,6 @@ pub fn function_over_numbers(symbol: &str, argument: &str, mm: impl Iterator<Ite
     }
 }
 
-fn dot(slope: &[f64], x: &[f64]) -> f64 {
-    slope.iter().zip(x).map(|(slope, x)| slope * x).sum()
-}
-
 impl Identification {
     /// Amplitudes at the solution `x` over the order. The u of an amplitude is the largest u that the
     /// harmonic has at any phase, because the phase of an amplitude near zero is unknown and its derivative
@@ -133,22 +126,16 @@ impl Identification {
         let mut points: Vec<[f64; 3]> = of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();
         points.sort_by(|one, other| one[0].total_cmp(&other[0]));
         let reported = |value: f64| of.unit.from_internal(value);
+        let amplitudes = points.iter().map(|[order, amplitude, _]| (*order, reported(*amplitude)));
         EstimatedFunction {
-            symbol: format!("{}_spectrum", of.symbol),
-            argument: "order".to_owned(),
-            argument_unit: String::new(),
-            x: points.iter().map(|[order, ..]| *order).collect(),
-            unit: of.unit,
-            y: points.iter().map(|[_, amplitude, _]| reported(*amplitude)).collect(),
             u: points.iter().map(|[.., u]| reported(*u)).collect(),
-            figure: FigureKind::Spectrum,
-            at_mm: None,
+            ..function_over_orders(&format!("{}_spectrum", of.symbol), of.unit, amplitudes)
         }
     }
 
     /// Order, amplitude and u, internal units.
     fn amplitude(&self, harmonic: &Harmonic, x: &[f64]) -> [f64; 3] {
-        let [cos, sin] = harmonic.parts.each_ref().map(|slope| dot(slope, x));
+        let [cos, sin] = harmonic.parts.each_ref().map(|slope| dot_product(slope, x));
         let slopes = Mat::from_fn(2, x.len(), |part, j| harmonic.parts[part][j]);
         let covariance = self.propagation.covariance(&slopes);
         [harmonic.order, cos.hypot(sin), largest_variance(&covariance).sqrt()]

@@ -7,7 +7,7 @@ use machine::record::estimate::{Estimate, EstimatedFunction, Parameter, Unit};
 
 use super::periodic_points::PeriodicPoints;
 use super::probe_map::priors_without_probe_maps;
-use super::source::{Effect, ResidualTreatment, UncertaintySource};
+use super::source::{ResidualTreatment, UncertaintySource};
 use crate::MethodRefusal;
 
 /// Known error motions. Each has mean zero over the revolution, because the mean is part of the location of
@@ -51,7 +51,10 @@ impl<'a> KnownMotions<'a> {
             }
             for (error, function) in own {
                 if motions.iter().any(|motion| motion.error == error) {
-                    return Err(duplicate_function_refusal(function));
+                    return Err(MethodRefusal::new(
+                        format!("two estimates contain {}", function.symbol),
+                        "give only one of these estimates with --with",
+                    ));
                 }
                 let form = MotionForm::new(estimate, error, function)?;
                 let height_mm = function.at_mm.map(|at_mm| at_mm[2]);
@@ -106,7 +109,8 @@ impl<'a> KnownMotions<'a> {
                 }
             }
             sources.extend(UncertaintySource::from_prior(estimate, &symbols, &by_coefficient));
-            sources.push(points_source(estimate, by_points));
+            let name = format!("estimate of {}", estimate.method);
+            sources.push(UncertaintySource::unweighted(name, by_points, ResidualTreatment::Expected));
         }
         sources.retain(|source| !source.is_zero());
         sources
@@ -201,16 +205,6 @@ fn has_covariance(estimate: &Estimate, symbol: &str) -> bool {
         && covariance.symbols.iter().any(|own| own == symbol)
 }
 
-/// A source that is expected in the residuals and does not enter the weights.
-fn points_source(estimate: &Estimate, columns: Vec<Vec<f64>>) -> UncertaintySource {
-    let name = format!("estimate of {}", estimate.method);
-    UncertaintySource {
-        in_residuals: ResidualTreatment::Expected,
-        is_in_weights: false,
-        ..UncertaintySource::new(name, Effect::Joint(columns))
-    }
-}
-
 fn missing_motions_refusal(axis: Axis, estimate: &Estimate, other: Option<&EstimatedFunction>) -> MethodRefusal {
     let found = match other {
         Some(other) => format!("the function {} is of the axis {}", other.symbol, other.argument),
@@ -222,12 +216,5 @@ fn missing_motions_refusal(axis: Axis, estimate: &Estimate, other: Option<&Estim
             "give an estimate with EX{axis}, EY{axis} (of ball-plate, multiprobe or r-test on this \
             machine), or remove --with"
         ),
-    )
-}
-
-fn duplicate_function_refusal(function: &EstimatedFunction) -> MethodRefusal {
-    MethodRefusal::new(
-        format!("two estimates contain {}", function.symbol),
-        "give only one of these estimates with --with",
     )
 }

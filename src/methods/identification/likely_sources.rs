@@ -18,7 +18,7 @@ const SIZE_FACTOR_EXPONENTS: std::ops::RangeInclusive<i32> = 1..=20;
 pub struct LikelySource {
     pub name: String,
     /// Factor on the declared size of the source with the largest likelihood.
-    pub factor: f64,
+    pub size_factor: f64,
     log_likelihood_gain: f64,
 }
 
@@ -57,5 +57,5 @@ fn evaluate_larger_source(solution: &Solution<'_>, source: &UncertaintySource) -
     let factors = SIZE_FACTOR_EXPONENTS.map(|power| 2f64.powf(f64::from(power) / 2.0));
     let best = factors.map(|factor| (factor, gain(factor)));
     let (factor, gain) = best.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(LikelySource { name: source.name.clone(), factor, log_likelihood_gain: gain })
+    Some(LikelySource { name: source.name.clone(), size_factor: factor, log_likelihood_gain: gain })
 }

@@ -46,12 +46,14 @@ pub use model::{
     rms, solve_each_trial,
 };
 pub use outliers::OutlierCheck;
-pub use outputs::{Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope};
+pub use outputs::{
+    Curve, NonlinearOutputs, Output, Outputs, central_differences, dot_product, reported_unit, unit_slope,
+};
 pub use propagation::{Propagation, Uncertainty};
 pub use range::{RangeOutput, range_outputs};
 pub use source::{
     DrawDistribution, Effect, EvaluationType, ObservationSpan, ResidualTreatment, UncertaintySource, block_covariances,
-    prior_covariance,
+    linear_combination, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;

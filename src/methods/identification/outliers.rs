@@ -44,7 +44,7 @@ impl OutlierCheck {
         };
         let measurements = solution.measurements;
         let check = OutlierSearch { solution, residuals, leverage: &leverage };
-        let outliers = check.outliers();
+        let outliers = check.find_outliers();
         let warnings = outliers.iter().map(|outlier| outlier_warning(outlier, measurements)).collect();
         let detectable_deviations = measurements.iter().map(|m| check.detectable_deviation(m)).collect();
         Self { outliers, detectable_deviations, warnings }
@@ -79,7 +79,7 @@ struct OutlierSearch<'a> {
 }
 
 impl OutlierSearch<'_> {
-    fn outliers(&self) -> Vec<Outlier> {
+    fn find_outliers(&self) -> Vec<Outlier> {
         let mut list: Vec<Outlier> = Vec::new();
         for measurement in self.solution.measurements {
             let Some(limit) = self.residual_limit(measurement) else { continue };

@@ -19,7 +19,7 @@ pub struct Output {
 impl Output {
     /// The output coefficients·x.
     pub fn from_coefficients(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
-        let value = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
+        let value = dot_product(&coefficients, x);
         Self { symbol: symbol.to_owned(), unit, value, slope: Some(coefficients) }
     }
 
@@ -27,6 +27,11 @@ impl Output {
     pub fn from_unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
         Self::from_coefficients(symbol, unit, unit_slope(index, x.len()), x)
     }
+}
+
+/// The sum coefficients·x.
+pub fn dot_product(coefficients: &[f64], x: &[f64]) -> f64 {
+    coefficients.iter().zip(x).map(|(c, x)| c * x).sum()
 }
 
 /// Derivative of the unknown `index` by each of the `unknowns`: a unit vector.

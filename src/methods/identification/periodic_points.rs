@@ -43,7 +43,7 @@ impl PeriodicPoints {
             PeriodicPoint { angle_deg: deg, value: y[i] * internal, u: u[i] * internal }
         };
         let points = Self(merge_equal_angles((0..x.len()).map(point).collect()));
-        let gap = points.neighbour_pairs().map(|(one, next)| gap_deg(one, next)).fold(0.0, f64::max);
+        let gap = points.neighbour_pairs().map(|(one, next)| angle_to_next_deg(one, next)).fold(0.0, f64::max);
         if points.0.len() < 2 || gap > MAX_POINT_GAP_DEG {
             return Err(format!("has a gap of more than {MAX_POINT_GAP_DEG}° between two points"));
         }
@@ -55,7 +55,7 @@ impl PeriodicPoints {
         let deg = deg.rem_euclid(REVOLUTION_DEG);
         let (count, after) = (self.0.len(), self.0.partition_point(|point| point.angle_deg <= deg));
         let (one, next) = (self.0[(after + count - 1) % count], self.0[after % count]);
-        let share = (deg - one.angle_deg).rem_euclid(REVOLUTION_DEG) / gap_deg(one, next);
+        let share = (deg - one.angle_deg).rem_euclid(REVOLUTION_DEG) / angle_to_next_deg(one, next);
         let between = |from: f64, to: f64| from + share * (to - from);
         PeriodicPoint { angle_deg: deg, value: between(one.value, next.value), u: between(one.u, next.u) }
     }
@@ -67,7 +67,7 @@ impl PeriodicPoints {
     }
 
     fn subtract_mean(mut self) -> Self {
-        let part = |(one, next)| gap_deg(one, next) * (one.value + next.value) / 2.0;
+        let part = |(one, next)| angle_to_next_deg(one, next) * (one.value + next.value) / 2.0;
         let mean = self.neighbour_pairs().map(part).sum::<f64>() / REVOLUTION_DEG;
         self.0.iter_mut().for_each(|point| point.value -= mean);
         self
@@ -75,7 +75,7 @@ impl PeriodicPoints {
 }
 
 /// Angle from a point to its neighbour, degrees; 0 if both are the same point.
-fn gap_deg(one: PeriodicPoint, next: PeriodicPoint) -> f64 {
+fn angle_to_next_deg(one: PeriodicPoint, next: PeriodicPoint) -> f64 {
     (next.angle_deg - one.angle_deg).rem_euclid(REVOLUTION_DEG)
 }
 

@@ -3,11 +3,10 @@
 
 use std::borrow::Cow;
 
-use estimation::linear::cholesky_lower;
 use nalgebra::Vector3;
 
-use super::azimuth::{LOBING_ORDERS, azimuth_factor, azimuth_patterns, size_by_order};
-use super::source::prior_covariance;
+use super::azimuth::{LOBING_ORDERS, amplitude_by_order, azimuth_factor, azimuth_patterns};
+use super::source::{prior_covariance, prior_draws};
 use crate::{IdentifyError, MethodRefusal};
 use machine::Axis;
 use machine::kinematics::KinematicChain;
@@ -111,17 +110,8 @@ impl<'a> ProbeMap<'a> {
         };
         let known: Vec<&MapCoefficient> = self.subtracted_coefficients().collect();
         let symbols: Vec<&str> = known.iter().map(|part| part.symbol.as_str()).collect();
-        let mut patterns = Vec::new();
-        if let Some(covariance) = prior_covariance(self.prior, &symbols) {
-            let root = cholesky_lower(&covariance);
-            for draw in 0..known.len() {
-                let mut sum = vec![0.0; normals.len()];
-                for (part, size) in known.iter().zip(root.col_as_slice(draw)) {
-                    sum.iter_mut().zip(column(part, *size)).for_each(|(sum, by)| *sum += by);
-                }
-                patterns.push(sum);
-            }
-        }
+        let known: Vec<Vec<f64>> = known.iter().map(|part| column(part, 1.0)).collect();
+        let mut patterns = prior_draws(self.prior, &symbols, &known).unwrap_or_default();
         let carried = self.coefficients.iter().filter(|part| !part.is_subtracted);
         patterns.extend(carried.map(|part| column(part, part.value_mm.hypot(part.u_mm))));
         let has = |order: u32| self.coefficients.iter().any(|part| part.order == order);
@@ -150,7 +140,7 @@ fn declared_order_mm(probe: &Probe, order: u32) -> Option<f64> {
     if order == 1 {
         return Some(probe.stylus_offset_um * 1e-3);
     }
-    let sizes = size_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &LOBING_ORDERS);
+    let sizes = amplitude_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &LOBING_ORDERS);
     sizes.into_iter().find(|(of, _)| *of == order).map(|(_, mm)| mm)
 }
 

@@ -77,6 +77,11 @@ impl UncertaintySource {
         }
     }
 
+    /// A normal Type B source of joint draws that does not enter the weights.
+    pub fn unweighted(name: impl Into<String>, columns: Vec<Vec<f64>>, in_residuals: ResidualTreatment) -> Self {
+        Self { in_residuals, is_in_weights: false, ..Self::new(name, Effect::Joint(columns)) }
+    }
+
     /// The source for the parameters `symbols` of an earlier estimate with their covariance. `columns[j]`:
     /// derivative of each observation by the parameter `symbols[j]`, mm per mm, rad, mm/mm or s. The source
     /// is expected in the residuals and does not enter the weights. `None`: the estimate lacks a parameter or
@@ -84,14 +89,10 @@ impl UncertaintySource {
     pub fn from_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
         let parameters: Vec<&Parameter> =
             symbols.iter().map(|symbol| find_parameter(prior, symbol)).collect::<Option<_>>()?;
-        let root = cholesky_lower(&prior_covariance(prior, symbols)?);
-        let draws = (0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw)));
-        let effect = Effect::Joint(draws.collect());
+        let columns = prior_draws(prior, symbols, columns)?;
         Some(Self {
             dof: parameters.iter().filter_map(|p| p.dof).fold(f64::INFINITY, f64::min),
-            in_residuals: ResidualTreatment::Expected,
-            is_in_weights: false,
-            ..Self::new(format!("estimate of {}", prior.method), effect)
+            ..Self::unweighted(format!("estimate of {}", prior.method), columns, ResidualTreatment::Expected)
         })
     }
 
@@ -168,8 +169,15 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
     Some(covariance)
 }
 
+/// Changes by independent draws of the parameters `symbols` of an earlier estimate. `columns[j]`: derivatives by the
+/// parameter `symbols[j]`. `None`: the estimate lacks a parameter or the covariance.
+pub fn prior_draws(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
+    let root = cholesky_lower(&prior_covariance(prior, symbols)?);
+    Some((0..symbols.len()).map(|draw| linear_combination(columns, root.col_as_slice(draw))).collect())
+}
+
 /// Sum of the columns, each multiplied by its coefficient.
-fn linear_combination(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
+pub fn linear_combination(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
     let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
     for (column, coefficient) in columns.iter().zip(coefficients) {
         sum.iter_mut().zip(column).for_each(|(sum, value)| *sum += coefficient * value);

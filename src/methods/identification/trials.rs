@@ -29,7 +29,7 @@ impl TrialPlan {
 struct SampledSource<'a> {
     source: &'a UncertaintySource,
     /// Factor from the misfit.
-    scale: f64,
+    misfit_factor: f64,
     /// Index of the source's first draw among the draws of all sources.
     first_draw: usize,
     /// Draws × observations, for joint draws.
@@ -49,7 +49,13 @@ impl<'a> SampledSource<'a> {
             [] => Mat::new(),
             changes => matrix_from_rows(changes) * slopes.transpose(),
         };
-        Self { source, scale: source.scale_factor(misfit), first_draw: first, joint_draws: joint, direct_draws: direct }
+        Self {
+            source,
+            misfit_factor: source.scale_factor(misfit),
+            first_draw: first,
+            joint_draws: joint,
+            direct_draws: direct,
+        }
     }
 
     /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of
@@ -59,14 +65,14 @@ impl<'a> SampledSource<'a> {
         if let Effect::Joint(_) = &self.source.effect {
             let own = self.source_units(units, trials);
             let changed = changes.subcols_mut(0, self.joint_draws.ncols());
-            matmul(changed, Accum::Add, own, self.joint_draws.as_ref(), self.scale, Par::Seq);
+            matmul(changed, Accum::Add, own, self.joint_draws.as_ref(), self.misfit_factor, Par::Seq);
             return;
         }
         for draw in 0..self.source.draw_count() {
             let (first, values) = self.source.draw_span(draw);
             let units = &units[(self.first_draw + draw) * trials..][..trials];
             for (i, value) in values.iter().enumerate() {
-                let size = self.scale * value;
+                let size = self.misfit_factor * value;
                 let column = changes.col_as_slice_mut(first + i).iter_mut();
                 column.zip(units).for_each(|(change, unit)| *change += size * unit);
             }
@@ -77,7 +83,7 @@ impl<'a> SampledSource<'a> {
     fn add_direct_changes(&self, units: &[f64], values: &mut Mat<f64>) {
         if self.direct_draws.nrows() > 0 {
             let own = self.source_units(units, values.nrows());
-            matmul(values, Accum::Add, own, self.direct_draws.as_ref(), self.scale, Par::Seq);
+            matmul(values, Accum::Add, own, self.direct_draws.as_ref(), self.misfit_factor, Par::Seq);
         }
     }
 

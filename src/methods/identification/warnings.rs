@@ -38,7 +38,8 @@ impl Identification {
 
     /// The sources that would explain the residuals if they were larger, the most likely first.
     fn describe_likely_sources(&self) -> String {
-        let word = |source: &LikelySource| format!("{}, {:.1} times as large as declared", source.name, source.factor);
+        let word =
+            |source: &LikelySource| format!("{}, {:.1} times as large as declared", source.name, source.size_factor);
         match self.likely_sources.iter().map(word).collect::<Vec<_>>() {
             none if none.is_empty() => String::new(),
             words => {

@@ -1,7 +1,7 @@
 //! The estimate in the terms and units of the Estimate JSON.
 
 use super::evaluation::EvaluatedRun;
-use super::fit::Scatter;
+use super::fit::FeedScatter;
 use super::scan_test::{LatchDiagnosis, ScanTest, ScanTime};
 use super::texts;
 use crate::identification::{function_over_numbers, parameter_without_budget};
@@ -30,7 +30,7 @@ pub fn build_estimate(run: &EvaluatedRun) -> Estimate {
     }
 }
 
-fn scatter_parameter(feed_mm_min: f64, Scatter { std_dev_mm, dof }: Scatter) -> Parameter {
+fn scatter_parameter(feed_mm_min: f64, FeedScatter { std_dev_mm, dof }: FeedScatter) -> Parameter {
     // Standard uncertainty of a standard deviation: GUM E.4.3.
     let u_mm = std_dev_mm / (2.0 * dof).sqrt();
     parameter_without_budget(&format!("s_{feed_mm_min}"), Unit::Um, std_dev_mm, u_mm, Some(dof))

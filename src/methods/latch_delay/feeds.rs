@@ -32,7 +32,7 @@ impl TouchFeeds {
     /// # Errors
     /// The feeds are too close to each other, no axis reaches one of them, or the touch would be longer than the
     /// overtravel.
-    pub fn choose(
+    pub fn from_settings(
         machine: &Machine,
         probe: &Probe,
         settings: &LatchDelaySettings,
@@ -49,22 +49,19 @@ impl TouchFeeds {
         }
         let Self { fast_mm_min, .. } = feeds;
         let rapid = min_over_linear_axes(machine, |spec| spec.rapid_per_min);
-        if !(min_mm_min..=rapid).contains(&fast_mm_min) {
-            return Err(MethodRefusal::new(
-                format!(
-                    "the fast feed of {fast_mm_min} mm/min is not allowed: it must be at least \
+        MethodRefusal::require(
+            (min_mm_min..=rapid).contains(&fast_mm_min),
+            format!(
+                "the fast feed of {fast_mm_min} mm/min is not allowed: it must be at least \
                      {MIN_FEED_RATIO} times the measuring feed of {} mm/min, and at most the rapid \
                      rate of the axes, {rapid} mm/min",
-                    probe.feed_mm_min
-                ),
-                "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
+                probe.feed_mm_min
+            ),
+            "state fast_feed_mm_min in [method.latch-delay], ten times feed_mm_min if the \
                           overtravel allows",
-            ));
-        }
-        if fits(&feeds) {
-            return Ok(feeds);
-        }
-        Err(MethodRefusal::new(
+        )?;
+        MethodRefusal::require(
+            fits(&feeds),
             format!(
                 "a touch at {fast_mm_min} mm/min would be {:.2} mm long, more than the overtravel \
                  of {overtravel} mm: {:.2} mm of it are for acceleration and for a delay of up to \
@@ -75,7 +72,8 @@ impl TouchFeeds {
             ),
             "reduce fast_feed_mm_min in [method.latch-delay], or uncertainty_mm in [artefact] \
                  (mount the part nearer to its stated position)",
-        ))
+        )?;
+        Ok(feeds)
     }
 
     fn from_fast_feed(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {

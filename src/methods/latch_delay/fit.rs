@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::observe::{ObservedTouches, Touch};
+use super::observe::{ObservedTouch, ObservedTouches};
 use super::outputs;
 use crate::identification::declared::rounding_u_mm;
 use crate::identification::{
@@ -18,9 +18,9 @@ const FIT_ITERATIONS: usize = 5;
 /// Part of the error message for unsolvable equations.
 const INSEPARABLE_UNKNOWNS: &str = "delay and drift (alternate the two feeds from touch to touch)";
 
-/// Scatter of the touches at one feed.
+/// FeedScatter of the touches at one feed.
 #[derive(Debug, Clone, Copy)]
-pub struct Scatter {
+pub struct FeedScatter {
     /// Standard deviation of one touch, mm, at least that of the display resolution.
     pub std_dev_mm: f64,
     pub dof: f64,
@@ -32,7 +32,7 @@ pub struct FittedDelay {
     pub delay_s: f64,
     /// Uncertainty of the delay, s.
     pub delay_uncertainty: Uncertainty,
-    pub scatter: [Scatter; 2],
+    pub scatter: [FeedScatter; 2],
     /// Drift, mm/s, positive towards the part.
     pub drift_mm_s: f64,
     /// Position of each touch less its position without delay, mm.
@@ -44,7 +44,7 @@ pub struct FittedDelay {
 /// declared.
 pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyError> {
     let touches = &observed.touches;
-    let TimeSpan { middle_s, half_span_s } = TimeSpan::of_touches(touches);
+    let [middle_s, half_span_s] = time_span(touches);
     let speeds = observed.speeds_mm_s();
     // Unknowns: the position in each segment, mm; the delay, s; half of the total drift, mm.
     let delay = touches.iter().map(|touch| touch.interruption_count).max().unwrap_or(0) + 1;
@@ -79,12 +79,15 @@ pub fn fit_delay(observed: &ObservedTouches) -> Result<FittedDelay, IdentifyErro
 }
 
 /// Iterates weights from the scatter and scatter from the residuals.
-fn iterate_weights(observed: &ObservedTouches, a: &Mat<f64>) -> Result<(LinearSolution, [Scatter; 2]), IdentifyError> {
+fn iterate_weights(
+    observed: &ObservedTouches,
+    a: &Mat<f64>,
+) -> Result<(LinearSolution, [FeedScatter; 2]), IdentifyError> {
     let touches = &observed.touches;
     let y: Vec<f64> =
         touches.iter().map(|touch| touch.contact_distance_mm - observed.mean_contact_distance_mm).collect();
     let min_mm = observed.resolution_mm / 12f64.sqrt();
-    let mut scatter = [Scatter { std_dev_mm: 1e-3, dof: 0.0 }; 2];
+    let mut scatter = [FeedScatter { std_dev_mm: 1e-3, dof: 0.0 }; 2];
     let mut solved = None;
     for _ in 0..FIT_ITERATIONS {
         let problem = LinearProblem {
@@ -98,7 +101,7 @@ fn iterate_weights(observed: &ObservedTouches, a: &Mat<f64>) -> Result<(LinearSo
             .map_err(|error| IdentifyError::from_solver_error(error, |_| vec![INSEPARABLE_UNKNOWNS.to_owned()]))?;
         scatter = [0, 1].map(|feed| scatter_at_feed(touches, a, &solution, feed, min_mm));
         if let Some(feed) = (0..2).find(|feed| scatter[*feed].std_dev_mm <= 0.0) {
-            return Err(refuse_identical_touches(observed.feeds_mm_min[feed]));
+            return Err(identical_touches_error(observed.feeds_mm_min[feed]));
         }
         solved = Some(solution);
     }
@@ -106,17 +109,17 @@ fn iterate_weights(observed: &ObservedTouches, a: &Mat<f64>) -> Result<(LinearSo
     Ok((solution, scatter))
 }
 
-fn touch_sigma(touches: &[Touch], scatter: [Scatter; 2]) -> Vec<f64> {
+fn touch_sigma(touches: &[ObservedTouch], scatter: [FeedScatter; 2]) -> Vec<f64> {
     touches.iter().map(|touch| scatter[touch.feed_index].std_dev_mm).collect()
 }
 
 /// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an
 /// effect on the delay itself. `delay`: derivative of the delay by the unknowns. χ² tests none of them, as the
 /// sizes already follow from the residuals.
-fn uncertainty_sources(observed: &ObservedTouches, scatter: [Scatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
+fn uncertainty_sources(observed: &ObservedTouches, scatter: [FeedScatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
     let feed_source = |feed: usize| {
-        let Scatter { std_dev_mm, dof } = scatter[feed];
-        let size = |touch: &Touch| if touch.feed_index == feed { std_dev_mm } else { 0.0 };
+        let FeedScatter { std_dev_mm, dof } = scatter[feed];
+        let size = |touch: &ObservedTouch| if touch.feed_index == feed { std_dev_mm } else { 0.0 };
         let each = Effect::Independent(observed.touches.iter().map(size).collect());
         let name = format!("scatter at {} mm/min", observed.feeds_mm_min[feed]);
         let evaluation = EvaluationType::A;
@@ -133,23 +136,22 @@ fn uncertainty_sources(observed: &ObservedTouches, scatter: [Scatter; 2], delay:
         .map(|source| UncertaintySource { in_residuals: ResidualTreatment::Absent, ..source })
 }
 
-struct TimeSpan {
-    middle_s: f64,
-    half_span_s: f64,
+/// Middle and half of the time span of the touches, s.
+fn time_span(touches: &[ObservedTouch]) -> [f64; 2] {
+    let times = || touches.iter().map(|touch| touch.t_s);
+    let first = times().fold(f64::INFINITY, f64::min);
+    let last = times().fold(f64::NEG_INFINITY, f64::max);
+    [(first + last) / 2.0, if last > first { (last - first) / 2.0 } else { 1.0 }]
 }
 
-impl TimeSpan {
-    fn of_touches(touches: &[Touch]) -> Self {
-        let times = || touches.iter().map(|touch| touch.t_s);
-        let first = times().fold(f64::INFINITY, f64::min);
-        let last = times().fold(f64::NEG_INFINITY, f64::max);
-        let half_span_s = if last > first { (last - first) / 2.0 } else { 1.0 };
-        Self { middle_s: (first + last) / 2.0, half_span_s }
-    }
-}
-
-/// Scatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
-fn scatter_at_feed(touches: &[Touch], a: &Mat<f64>, solution: &LinearSolution, feed: usize, min_mm: f64) -> Scatter {
+/// FeedScatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
+fn scatter_at_feed(
+    touches: &[ObservedTouch],
+    a: &Mat<f64>,
+    solution: &LinearSolution,
+    feed: usize,
+    min_mm: f64,
+) -> FeedScatter {
     let (mut squares, mut dof) = (0.0, 0.0);
     for i in (0..touches.len()).filter(|i| touches[*i].feed_index == feed) {
         let hat: f64 = (0..a.ncols()).map(|k| a[(i, k)] * solution.gain[(k, i)]).sum();
@@ -157,10 +159,10 @@ fn scatter_at_feed(touches: &[Touch], a: &Mat<f64>, solution: &LinearSolution, f
         dof += 1.0 - hat;
     }
     let std_dev_mm = if dof > 0.0 { (squares / dof).sqrt() } else { f64::NAN };
-    Scatter { std_dev_mm: std_dev_mm.max(min_mm), dof }
+    FeedScatter { std_dev_mm: std_dev_mm.max(min_mm), dof }
 }
 
-fn refuse_identical_touches(feed_mm_min: f64) -> IdentifyError {
+fn identical_touches_error(feed_mm_min: f64) -> IdentifyError {
     MethodRefusal::new(
         format!(
             "all touches at {feed_mm_min} mm/min have identical positions, and no display \

@@ -36,7 +36,7 @@ impl LatchDelay {
     fn choose_feeds(&self, plan: &Plan) -> Result<TouchFeeds, MethodRefusal> {
         let uncertainty = position_uncertainty_mm(&plan.artefact);
         let length = |margin_mm| plan::touch_length_mm(uncertainty, margin_mm);
-        TouchFeeds::choose(&plan.machine, &plan.probe, &self.settings, length)
+        TouchFeeds::from_settings(&plan.machine, &plan.probe, &self.settings, length)
     }
 }
 
@@ -63,7 +63,7 @@ impl Method for LatchDelay {
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         self.settings.check()?;
         let feeds = self.choose_feeds(plan)?;
-        let touch_path = TouchPath::choose(plan, &self.settings, &feeds)?;
+        let touch_path = TouchPath::from_plan(plan, &self.settings, &feeds)?;
         let (name, steps) = match done.len() {
             0 => ("search".to_owned(), vec![touch_path.search_step(plan.probe.search_feed_mm_min)]),
             1 => {

@@ -15,7 +15,7 @@ const START_TOLERANCE_MM: f64 = 1e-3;
 
 /// One touch.
 #[derive(Debug, Clone, Copy)]
-pub struct Touch {
+pub struct ObservedTouch {
     /// Distance from the start towards contact, mm.
     pub contact_distance_mm: f64,
     /// Index of the feed: 0 is the slow one.
@@ -26,7 +26,7 @@ pub struct Touch {
 }
 
 pub struct ObservedTouches {
-    pub touches: Vec<Touch>,
+    pub touches: Vec<ObservedTouch>,
     /// Slow and fast feed, mm/min.
     pub feeds_mm_min: [f64; 2],
     /// Resolution of the displayed position along the touch, mm.
@@ -52,7 +52,7 @@ fn touch_direction(step: &Step) -> ([f64; 3], f64) {
     (displacement.map(|part| if length > 0.0 { part / length } else { 0.0 }), length)
 }
 
-fn distance_along(step: &Step, position: &Position) -> Option<f64> {
+fn distance_along_touch(step: &Step, position: &Position) -> Option<f64> {
     let mut sum = 0.0;
     for (axis, part) in Axis::LINEAR.into_iter().zip(touch_direction(step).0) {
         sum += part * (position.get(axis)? - step.from.get_or_zero(axis));
@@ -68,7 +68,7 @@ pub fn check_search_result(plan: &Plan, feeds: &TouchFeeds, readings: &[Reading]
     let search = plan.steps.iter().find(|step| step.label == SEARCH_LABEL);
     let contact = search.and_then(|step| {
         let reading = readings.iter().find(|reading| reading.step == step.id)?;
-        Some((distance_along(step, &reading.position)?, touch_direction(step).1))
+        Some((distance_along_touch(step, &reading.position)?, touch_direction(step).1))
     });
     let Some((at, length)) = contact else {
         return Err(MethodRefusal::new("the first touch has no reading", "start the run again"));
@@ -97,13 +97,13 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
         return Err(IdentifyError::missing_reading(step));
     }
     let feeds_mm_min = find_two_feeds(&steps)?;
-    let first = *steps.first().ok_or_else(|| refuse_incomplete_run("the plan has no touches".to_owned()))?;
+    let first = *steps.first().ok_or_else(|| incomplete_run_error("the plan has no touches".to_owned()))?;
     let mut touches = Vec::new();
     for (order, step) in steps.iter().enumerate() {
         let is_elsewhere =
             |(axis, value): (Axis, f64)| (first.from.get_or_zero(axis) - value).abs() > START_TOLERANCE_MM;
         if step.from.iter().any(is_elsewhere) {
-            return Err(refuse_incomplete_run(format!(
+            return Err(incomplete_run_error(format!(
                 "{} and {} start at different positions",
                 step.label, first.label
             )));
@@ -114,13 +114,16 @@ pub fn observe_touches(plan: &Plan, readings: &[Reading]) -> Result<ObservedTouc
             let feed_index = usize::from(step.feed_mm_min == feeds_mm_min[1]);
             let interruption_count = plan.gaps_s.iter().filter(|gap| reading.t_s > **gap).count();
             let sequence = order + reading.repeat as usize * steps.len();
-            touches.push((sequence, Touch { contact_distance_mm, feed_index, t_s: reading.t_s, interruption_count }));
+            touches.push((
+                sequence,
+                ObservedTouch { contact_distance_mm, feed_index, t_s: reading.t_s, interruption_count },
+            ));
         }
     }
     let has_times = touches.iter().any(|(_, touch)| Some(touch.t_s) != touches.first().map(|t| t.1.t_s));
-    let touches: Vec<Touch> = touches
+    let touches: Vec<ObservedTouch> = touches
         .into_iter()
-        .map(|(sequence, touch)| if has_times { touch } else { Touch { t_s: sequence as f64, ..touch } })
+        .map(|(sequence, touch)| if has_times { touch } else { ObservedTouch { t_s: sequence as f64, ..touch } })
         .collect();
     check_touch_count(&touches, feeds_mm_min)?;
     let resolution_mm = display_step_mm(plan, touch_direction(first).0.into());
@@ -136,7 +139,7 @@ fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     feeds.dedup();
     match feeds.as_slice() {
         [slow, fast] if *slow > 0.0 && fast.is_finite() => Ok([*slow, *fast]),
-        _ => Err(refuse_incomplete_run(format!(
+        _ => Err(incomplete_run_error(format!(
             "the plan has {} different feeds, two are \
                                                 needed",
             feeds.len()
@@ -147,7 +150,7 @@ fn find_two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
 /// Distance from the start of a touch to the latched position, mm.
 fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
     let (label, length) = (&step.label, touch_direction(step).1);
-    let at = distance_along(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());
+    let at = distance_along_touch(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());
     let at = at.ok_or_else(|| {
         IdentifyError::IdentificationFailed(format!("{label}: X, Y, Z or the time of the reading is not a number"))
     })?;
@@ -167,11 +170,11 @@ fn contact_distance_at_full_feed(plan: &Plan, step: &Step, reading: &Reading) ->
     .into())
 }
 
-fn check_touch_count(touches: &[Touch], feeds_mm_min: [f64; 2]) -> Result<(), IdentifyError> {
+fn check_touch_count(touches: &[ObservedTouch], feeds_mm_min: [f64; 2]) -> Result<(), IdentifyError> {
     for (index, feed) in feeds_mm_min.iter().enumerate() {
         let count = touches.iter().filter(|touch| touch.feed_index == index).count();
         if count < MIN_TOUCHES_PER_FEED {
-            return Err(refuse_incomplete_run(format!(
+            return Err(incomplete_run_error(format!(
                 "{count} touches at {feed} mm/min, at least {MIN_TOUCHES_PER_FEED} are needed"
             )));
         }
@@ -179,7 +182,7 @@ fn check_touch_count(touches: &[Touch], feeds_mm_min: [f64; 2]) -> Result<(), Id
     Ok(())
 }
 
-fn refuse_incomplete_run(why: String) -> IdentifyError {
+fn incomplete_run_error(why: String) -> IdentifyError {
     let instead = "use the plan and readings of a complete latch-delay run".to_owned();
     MethodRefusal::new(why, instead).into()
 }

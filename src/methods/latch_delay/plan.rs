@@ -44,7 +44,7 @@ pub fn touch_length_mm(uncertainty_mm: f64, margin_mm: f64) -> f64 {
 impl TouchPath {
     /// # Errors
     /// The axes reach no position, or none is free of collision.
-    pub fn choose(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
+    pub fn from_plan(plan: &Plan, settings: &LatchDelaySettings, feeds: &TouchFeeds) -> Result<Self, MethodRefusal> {
         let within_mm = position_uncertainty_mm(&plan.artefact) + feeds.margin_mm;
         match &plan.artefact {
             Artefact::Cylinder(part) => flank_touch(plan, settings, part, within_mm),
@@ -104,13 +104,11 @@ fn flank_touch(
     within_mm: f64,
 ) -> Result<TouchPath, MethodRefusal> {
     let axis = Vector3::from(part.axis);
-    if axis.z <= MIN_UPRIGHT_COSINE * axis.norm() {
-        return Err(MethodRefusal::new(
-            "the part is not upright: axis in [artefact] is not [0, 0, 1]",
-            "mount the part upright: this method touches the flank of an upright round \
-                      part",
-        ));
-    }
+    MethodRefusal::require(
+        axis.z > MIN_UPRIGHT_COSINE * axis.norm(),
+        "the part is not upright: axis in [artefact] is not [0, 0, 1]",
+        "mount the part upright: this method touches the flank of an upright round part",
+    )?;
     let directions = match settings.direction_deg {
         Some(degrees) => vec![degrees],
         None => vec![0.0, 90.0, 180.0, 270.0],

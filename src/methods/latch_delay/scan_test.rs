@@ -1,6 +1,6 @@
 //! Detection of a scan between contact and latch.
 
-use super::fit::{FittedDelay, Scatter};
+use super::fit::{FeedScatter, FittedDelay};
 use super::observe::ObservedTouches;
 use estimation::coverage::{coverage_factor, variance_ratio_bound};
 
@@ -73,7 +73,7 @@ pub fn test_for_scan(observed: &ObservedTouches, fitted: &FittedDelay) -> ScanTe
 
 /// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. The variance of n touches has the variance μ₄/n − σ⁴(n − 3)/(n(n − 1)).
 /// For a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3 B².
-fn scan_time(speeds: [f64; 2], slow: Scatter, fast: Scatter) -> ScanTime {
+fn scan_time(speeds: [f64; 2], slow: FeedScatter, fast: FeedScatter) -> ScanTime {
     let span = speeds[1].powi(2) - speeds[0].powi(2);
     let more = fast.std_dev_mm.powi(2) - slow.std_dev_mm.powi(2);
     let t_s = (12.0 * more / span).sqrt();

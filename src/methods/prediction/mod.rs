@@ -72,7 +72,7 @@ pub struct Predictor<'a> {
     /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
     work_zero: Option<Position>,
     /// Displacement at the work zero.
-    zero_displacement: Option<Displacement>,
+    work_zero_displacement: Option<Displacement>,
 }
 
 /// Displacement of a point in the table frame, and its derivatives by the errors.
@@ -92,11 +92,11 @@ impl<'a> Predictor<'a> {
             WorkZero::EachRotaryPosition => None,
         };
         let measured_ranges = &estimate.measured;
-        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, zero_displacement: None }.with_work_zero())
+        Ok(Self { chain, known_errors, tip, measured_ranges, work_zero, work_zero_displacement: None }.with_work_zero())
     }
 
     fn with_work_zero(mut self) -> Self {
-        self.zero_displacement = self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
+        self.work_zero_displacement = self.work_zero.as_ref().map(|zero| self.point_displacement(zero, self.tip));
         self
     }
 
@@ -135,7 +135,7 @@ impl<'a> Predictor<'a> {
 
     /// Displacement at the work zero.
     fn displacement_at_zero(&self, at: &Position) -> Displacement {
-        self.zero_displacement.clone().unwrap_or_else(|| {
+        self.work_zero_displacement.clone().unwrap_or_else(|| {
             // X, Y, Z that are linearly independent with all axes at 0 are so everywhere.
             let zero = linear_axes_at_table_origin(&self.chain, self.tip, at).unwrap_or_default();
             self.point_displacement(&at.updated_by(&zero), self.tip)
@@ -156,7 +156,7 @@ impl<'a> Predictor<'a> {
     /// # Errors
     /// An axis is outside its range; the estimate does not state the ranges.
     pub fn check_measured_range(&self, at: &Position) -> Result<(), MethodRefusal> {
-        self.check_has_ranges()?;
+        self.check_has_measured_ranges()?;
         for (axis, value) in at.iter().filter(|(axis, _)| !self.measured_ranges.contains_key(axis)) {
             MethodRefusal::require(
                 value == 0.0,
@@ -178,7 +178,7 @@ impl<'a> Predictor<'a> {
         Ok(())
     }
 
-    fn check_has_ranges(&self) -> Result<(), MethodRefusal> {
+    fn check_has_measured_ranges(&self) -> Result<(), MethodRefusal> {
         MethodRefusal::require(
             !self.measured_ranges.is_empty(),
             "the estimate does not contain the measured ranges of the axes",

@@ -30,7 +30,7 @@ impl Predictor<'_> {
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
     pub fn slices(&self, at: &Position) -> Result<Vec<ErrorSlice>, MethodRefusal> {
-        self.check_has_ranges()?;
+        self.check_has_measured_ranges()?;
         let ranged = |axis: &Axis| self.measured_ranges.get(axis).filter(|[least, most]| least < most);
         let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);
         let linear = self.measured_ranges.iter().filter(|(axis, _)| axis.is_linear());
@@ -46,20 +46,20 @@ impl Predictor<'_> {
                 |(axis, [least, most]): (&Axis, &[f64; 2])| (*axis, axis.to_mm_or_rad(0.0_f64.clamp(*least, *most)));
             let rotary = self.measured_ranges.iter().filter(|(axis, _)| !axis.is_linear());
             let at_zero: Position = rotary.map(nearest_to_zero).collect();
-            slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.updated_by(&at_zero)));
+            slices.push(self.error_slice((Axis::X, x), (Axis::Y, y), others.updated_by(&at_zero)));
             for z in levels {
-                slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.clone().with(Axis::Z, z)));
+                slices.push(self.error_slice((Axis::X, x), (Axis::Y, y), others.clone().with(Axis::Z, z)));
             }
         }
         let rotary: Vec<(Axis, &[f64; 2])> =
             [Axis::A, Axis::B, Axis::C].into_iter().filter_map(|axis| Some((axis, ranged(&axis)?))).collect();
         if let [tilt, turn] = rotary[..] {
-            slices.push(self.slice(turn, tilt, others));
+            slices.push(self.error_slice(turn, tilt, others));
         }
         Ok(slices)
     }
 
-    fn slice(&self, horizontal: (Axis, &[f64; 2]), vertical: (Axis, &[f64; 2]), others: Position) -> ErrorSlice {
+    fn error_slice(&self, horizontal: (Axis, &[f64; 2]), vertical: (Axis, &[f64; 2]), others: Position) -> ErrorSlice {
         let positions = |[least, most]: &[f64; 2]| -> Vec<f64> {
             let step = (most - least) / (POSITIONS_PER_AXIS - 1) as f64;
             (0..POSITIONS_PER_AXIS).map(|k| least + step * k as f64).collect()

@@ -41,7 +41,7 @@ impl Predictor<'_> {
     /// # Errors
     /// The estimate does not state the ranges over which it was measured.
     pub fn grid_poses(&self) -> Result<Vec<Position>, MethodRefusal> {
-        self.check_has_ranges()?;
+        self.check_has_measured_ranges()?;
         let mut poses = vec![Position::new()];
         for (axis, [least, most]) in self.measured_ranges.iter().filter(|(axis, _)| **axis != Axis::S) {
             let count = match axis.is_linear() {

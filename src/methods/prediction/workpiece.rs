@@ -26,7 +26,7 @@ pub struct WorkpiecePoint {
 }
 
 /// Position of the stylus ball centre relative to the spindle datum, mm.
-struct Stylus {
+struct StylusOffset {
     offset_mm: Vector3<f64>,
     /// Indices of the coordinates that the estimate contains: 0 for x to 2 for z.
     estimated_axes: Vec<usize>,
@@ -40,7 +40,7 @@ pub struct WorkpieceFrame<'a> {
     chain: KinematicChain,
     /// Errors of the axes. `None`: the nominal machine.
     known_errors: Option<KnownErrors<'a>>,
-    stylus: Stylus,
+    stylus: StylusOffset,
     /// Covariance of the errors, followed by the estimated stylus coordinates, internal units.
     covariance: Mat<f64>,
 }
@@ -51,7 +51,7 @@ impl<'a> WorkpieceFrame<'a> {
     pub fn new(plan: &'a Plan, estimate: Option<&'a Estimate>) -> Result<Self, MethodRefusal> {
         let chain = KinematicChain::new(&plan.machine)?;
         let known = estimate.map(|estimate| KnownErrors::from_estimate(estimate, &chain)).transpose()?;
-        let stylus = Stylus::from_estimate(plan, estimate);
+        let stylus = StylusOffset::from_estimate(plan, estimate);
         let symbols = known.iter().flat_map(|known| known.symbols.iter().copied());
         let symbols: Vec<&str> = symbols.chain(stylus.estimated_axes.iter().map(|k| STYLUS_SYMBOLS[*k])).collect();
         let covariance = estimate.and_then(|estimate| prior_covariance(estimate, &symbols));
@@ -109,7 +109,7 @@ impl<'a> WorkpieceFrame<'a> {
     }
 }
 
-impl Stylus {
+impl StylusOffset {
     /// The stylus of the estimate; coordinates that the estimate does not contain with their covariance come
     /// from the machine file.
     fn from_estimate(plan: &Plan, estimate: Option<&Estimate>) -> Self {

@@ -22,11 +22,11 @@ pub struct GridTouch {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CalibrationTest {
     /// Test 1 with the given probe angle: 0 is 1a, 1 is 1b, 2 is 1c.
-    One(usize),
+    Test1(usize),
     /// Test 2: the probe moves around the part at rest.
-    Two,
+    Test2,
     /// Test 3: the probe follows one point of the turning part.
-    Three,
+    Test3,
     /// Drift references before (0) and after each test.
     Reference(usize),
 }
@@ -38,9 +38,9 @@ impl CalibrationTest {
 
     pub fn name(self) -> String {
         match self {
-            CalibrationTest::One(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
-            CalibrationTest::Two => "2".to_owned(),
-            CalibrationTest::Three => "3".to_owned(),
+            CalibrationTest::Test1(probe) => format!("1{}", char::from(b'a' + (probe % 26) as u8)),
+            CalibrationTest::Test2 => "2".to_owned(),
+            CalibrationTest::Test3 => "3".to_owned(),
             CalibrationTest::Reference(number) => format!("R{number}"),
         }
     }
@@ -75,11 +75,11 @@ impl Design {
             None => default_probe_indices(n),
         };
         let design = Self { position_count: n, probe_indices: probes };
-        design.check()?;
+        design.check_separability()?;
         Ok(design)
     }
 
-    fn check(&self) -> Result<(), MethodRefusal> {
+    fn check_separability(&self) -> Result<(), MethodRefusal> {
         let step = 360.0 / self.position_count as f64;
         let remedy = format!("choose probe_angles_deg = [0, {step}], or remove probe_angles_deg");
         MethodRefusal::require(
@@ -107,7 +107,7 @@ impl Design {
     }
 
     /// Angle of a grid index, rad.
-    pub fn angle(&self, index: usize) -> f64 {
+    pub fn grid_angle(&self, index: usize) -> f64 {
         TAU * index as f64 / self.position_count as f64
     }
 
@@ -118,8 +118,8 @@ impl Design {
 
     /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
     pub fn cycle_touches(&self, references: bool) -> Vec<GridTouch> {
-        let first = (0..self.probe_indices.len()).map(CalibrationTest::One);
-        let tests = first.chain([CalibrationTest::Two, CalibrationTest::Three]);
+        let first = (0..self.probe_indices.len()).map(CalibrationTest::Test1);
+        let tests = first.chain([CalibrationTest::Test2, CalibrationTest::Test3]);
         let reference_touches = |round| references.then(|| self.reference_touches(round)).into_iter().flatten();
         let mut touches: Vec<GridTouch> = reference_touches(0).collect();
         for (round, test) in (1..).zip(tests) {
@@ -131,11 +131,11 @@ impl Design {
 
     fn grid_touch(&self, test: CalibrationTest, i: usize) -> GridTouch {
         match test {
-            CalibrationTest::One(probe) => GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] },
-            CalibrationTest::Three => {
+            CalibrationTest::Test1(probe) => GridTouch { test, c_index: i, phi_index: self.probe_indices[probe] },
+            CalibrationTest::Test3 => {
                 GridTouch { test, c_index: i, phi_index: (self.position_count - i) % self.position_count }
             }
-            CalibrationTest::Two | CalibrationTest::Reference(_) => GridTouch { test, c_index: 0, phi_index: i },
+            CalibrationTest::Test2 | CalibrationTest::Reference(_) => GridTouch { test, c_index: 0, phi_index: i },
         }
     }
 

@@ -4,13 +4,13 @@ use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, describe_axis_position};
 use super::identify::SolvedCycle;
 use super::model::DRIFTING_QUANTITIES;
-use super::outputs::{axis_position_coefficients, dot};
+use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
-use super::radial_check::RadialCheck;
-use super::sense::SenseCheck;
+use super::radial_check::RadialErrorCheck;
+use super::sense::RotationSenseCheck;
 use super::settings::SpindleMode;
 use crate::identification::probe_map::ProbeMap;
-use crate::identification::{MisfitAdvice, unit_slope};
+use crate::identification::{MisfitAdvice, dot_product, unit_slope};
 use machine::Axis;
 use machine::record::estimate::{Estimate, Verdict};
 
@@ -25,13 +25,13 @@ pub fn build_estimate(parts: &SolvedCycle<'_>) -> Estimate {
     add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
         // With the wrong sense of the axis the values are not those of the stated parameters.
-        parameter.identifiable = parts.sense != SenseCheck::Contradicted;
+        parameter.identifiable = parts.sense != RotationSenseCheck::Contradicted;
     }
     estimate.gauge = describe_gauge(parts, &estimate);
     estimate.not_identifiable = describe_not_identifiable(parts);
-    let radial = RadialCheck::new(parts);
+    let radial = RadialErrorCheck::new(parts);
     estimate.not_identifiable.extend(parts.identification.outlier_check.describe_detection_limits());
-    if radial.higher.as_ref().is_some_and(|higher| higher.is_excessive) {
+    if radial.higher_harmonics.as_ref().is_some_and(|higher| higher.is_excessive) {
         estimate.verdict = Verdict::UndecidedModel;
     }
     estimate.warnings = collect_warnings(parts, &radial);
@@ -114,22 +114,22 @@ fn describe_not_identifiable(parts: &SolvedCycle<'_>) -> Vec<String> {
             fixed spindle (included in the budget; spindle = \"follow\" removes the effect)"
         ));
     }
-    if parts.fit.layout.heights == 1 {
+    if parts.fit.layout.height_count == 1 {
         lines.push(format!("EA0{axis} and EB0{axis}: two heights are required (heights_mm)"));
     }
     lines
 }
 
-fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String> {
+fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialErrorCheck) -> Vec<String> {
     let axis = parts.setup.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
-        SenseCheck::Confirmed => {}
-        SenseCheck::NotConfirmed => lines.push(format!(
+        RotationSenseCheck::Confirmed => {}
+        RotationSenseCheck::NotConfirmed => lines.push(format!(
             "the readings do not confirm the sense of {axis}: use an eccentric or lobed part, and a number \
             of positions divisible by 4"
         )),
-        SenseCheck::Contradicted => {
+        RotationSenseCheck::Contradicted => {
             lines.push(format!("the readings contradict the stated sense of {axis}: check [axes.{axis}] positive"))
         }
     }
@@ -151,21 +151,21 @@ fn collect_warnings(parts: &SolvedCycle<'_>, radial: &RadialCheck) -> Vec<String
 fn describe_interruption_steps(parts: &SolvedCycle<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, quantity: usize| {
-        let at = layout.step_index(quantity, gap);
-        let slope = unit_slope(at, layout.unknowns());
+        let at = layout.interruption_step_index(quantity, gap);
+        let slope = unit_slope(at, layout.unknown_count());
         let expanded = parts.identification.propagation.uncertainty(&slope).expanded();
         format!("{} {:+.2} ± {:.2}", DRIFTING_QUANTITIES[quantity], parts.fit.x[at] * 1e3, expanded * 1e3)
     };
-    let mut lines: Vec<String> = (0..layout.gaps.len())
+    let mut lines: Vec<String> = (0..layout.interruption_times.len())
         .map(|gap| {
             let steps: Vec<String> = (0..DRIFTING_QUANTITIES.len()).map(|quantity| um(gap, quantity)).collect();
             format!("interruption: a step was fitted and removed, {} µm", steps.join(", "))
         })
         .collect();
-    if parts.skipped_readings > 0 {
+    if parts.skipped_reading_count > 0 {
         lines.push(format!(
             "{} readings between interruptions without references were not used",
-            parts.skipped_readings
+            parts.skipped_reading_count
         ));
     }
     lines
@@ -178,7 +178,7 @@ fn describe_paper_solution_difference(parts: &SolvedCycle<'_>) -> Option<String>
     design.probe_indices.truncate(2);
     let paper = PaperSystem::new(&design).axis_position(&parts.fit.observations)?;
     let (x, y) = axis_position_coefficients(&parts.fit.layout, 0);
-    let own = [dot(&x, &parts.fit.x), dot(&y, &parts.fit.x)];
+    let own = [dot_product(&x, &parts.fit.x), dot_product(&y, &parts.fit.x)];
     let u = |i: usize| parts.identification.uncertainty(i).map_or(f64::NAN, |own| own.u);
     let is_far = (0..2).any(|i| (paper[i] - own[i]).abs() > 4.0 * u(i));
     let axis = parts.setup.axis.axis;

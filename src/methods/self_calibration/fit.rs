@@ -40,9 +40,9 @@ impl Fit {
         sigma: Vec<f64>,
         second_order: bool,
     ) -> Result<Self, LinearError> {
-        let a = layout.matrix(&observations);
+        let a = layout.design_matrix(&observations);
         let radii: Vec<f64> = observations.iter().map(|observation| observation.radius_mm).collect();
-        let gauge = layout.gauge();
+        let gauge = layout.gauge_matrix();
         let solution = linear::solve_least_squares(&LinearProblem {
             a: a.as_ref(),
             y: &radii,
@@ -67,7 +67,7 @@ impl Fit {
         let mut unsettled: Vec<usize> = (0..x.nrows()).collect();
         for _ in 0..MAX_CORRECTION_STEPS {
             let mut corrected = changes.to_owned();
-            bend.add_terms(&x, &mut corrected);
+            bend.add_second_order_terms(&x, &mut corrected);
             let next = add_to_columns(corrected * gain.transpose(), linear);
             // The result of a converged trial must not depend on the other trials.
             unsettled.retain(|trial| {
@@ -87,14 +87,14 @@ impl Fit {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
         let mut radii = Mat::from_fn(1, self.observations.len(), |_, i| self.observations[i].radius_mm);
         if let Some(bend) = &self.second_order {
-            bend.add_terms(&x, &mut radii);
+            bend.add_second_order_terms(&x, &mut radii);
         }
         let model = multiply_vector(&self.design_matrix, &self.x);
         radii.row(0).iter().zip(model).map(|(radius, model)| radius - model).collect()
     }
 
     pub fn figures(&self, residuals: &[f64]) -> FitQuality {
-        let unknowns = self.layout.unknowns() - self.layout.gauge().nrows();
+        let unknowns = self.layout.unknown_count() - self.layout.gauge_matrix().nrows();
         FitQuality { unknowns, residual_rms_mm: rms(residuals), ..FitQuality::from_linear(&self.solution) }
     }
 
@@ -122,6 +122,12 @@ impl<'a> LinearisedFit<'a> {
     pub fn new(fit: &'a Fit) -> Self {
         Self { fit, sensitivity: fit.sensitivity() }
     }
+
+    /// The fit without second-order correction.
+    fn linear_fit(&self) -> LinearFit<'_> {
+        let Fit { x, design_matrix, sigma, solution, .. } = self.fit;
+        LinearFit { x, design_matrix, sigma, gain: &solution.gain }
+    }
 }
 
 impl ObservationModel for LinearisedFit<'_> {
@@ -134,15 +140,12 @@ impl ObservationModel for LinearisedFit<'_> {
     }
 
     fn linear_response(&self, change: &[f64]) -> Response {
-        let Fit { x, design_matrix: a, sigma, solution, .. } = self.fit;
-        let linear = LinearFit { x, design_matrix: a, sigma, gain: &solution.gain };
-        let residuals = linear.residual_change(change);
+        let residuals = self.linear_fit().residual_change(change);
         Response { unknowns: multiply_vector(&self.sensitivity, change), residuals }
     }
 
     fn leverage(&self) -> Vec<f64> {
-        let Fit { x, design_matrix: a, sigma, solution, .. } = self.fit;
-        LinearFit { x, design_matrix: a, sigma, gain: &solution.gain }.leverage()
+        self.linear_fit().leverage()
     }
 
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
@@ -157,7 +160,7 @@ impl ObservationModel for LinearisedFit<'_> {
         let mut radii = changes.to_owned();
         if let Some(bend) = bend {
             let near = add_to_columns(changes * self.sensitivity.transpose(), x);
-            bend.add_terms(&near, &mut radii);
+            bend.add_second_order_terms(&near, &mut radii);
         }
         let gain = slopes * &solution.gain;
         let at_readings = slopes * MatRef::from_column_major_slice(&solution.x, slopes.ncols(), 1);

@@ -4,7 +4,7 @@ use super::fit::{Fit, LinearisedFit};
 use super::model::{Observation, UnknownsLayout};
 use super::observe::{ObservedCycle, extract_observations};
 use super::outputs;
-use super::sense::{self, SenseCheck};
+use super::sense::{self, RotationSenseCheck};
 use super::setup::CycleSetup;
 use super::sources::{interruption_source, rotary_axis_sources, uncertainty_sources};
 use crate::identification::{
@@ -73,9 +73,9 @@ fn observe_cycle(
     let observed = extract_observations(setup, readings)?;
     let layout = UnknownsLayout {
         design: setup.design.clone(),
-        heights: setup.heights.len(),
+        height_count: setup.heights.len(),
         drift_order: setup.settings.drift_order,
-        gaps: observed.gaps.clone(),
+        interruption_times: observed.interruption_times.clone(),
     };
     Ok((layout, observed))
 }
@@ -86,24 +86,24 @@ pub struct FittedCycle {
     pub sources: Vec<UncertaintySource>,
     pub outputs: Outputs,
     has_times: bool,
-    skipped_readings: usize,
+    skipped_reading_count: usize,
 }
 
 /// # Errors
 /// Readings are missing or do not belong to the plan; they do not separate the unknowns.
 pub fn fit_cycle(setup: &CycleSetup<'_>, readings: &[Reading]) -> Result<FittedCycle, IdentifyError> {
     let (layout, observed) = observe_cycle(setup, readings)?;
-    let ObservedCycle { observations, half_duration_s, has_times, skipped_readings, .. } = observed;
+    let ObservedCycle { observations, half_duration_s, has_times, skipped_reading_count, .. } = observed;
     let mut sources = uncertainty_sources(setup, &layout, &observations, half_duration_s);
     sources.extend(rotary_axis_sources(setup, &layout, &observations));
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
     let fit = fit_observations(setup, layout, observations, sigma)?;
-    if !fit.layout.gaps.is_empty() {
+    if !fit.layout.interruption_times.is_empty() {
         sources.push(interruption_source(&fit.layout, &fit.observations, &fit.x));
     }
     let outputs = outputs::build_outputs(&fit.layout, setup.axis.axis, &setup.heights, &fit.x);
-    Ok(FittedCycle { fit, sources, outputs, has_times, skipped_readings })
+    Ok(FittedCycle { fit, sources, outputs, has_times, skipped_reading_count })
 }
 
 /// The solved cycle with its uncertainty, from which the estimate is written.
@@ -111,10 +111,10 @@ pub struct SolvedCycle<'a> {
     pub setup: &'a CycleSetup<'a>,
     pub fit: Fit,
     pub identification: Identification,
-    pub sense: SenseCheck,
+    pub sense: RotationSenseCheck,
     pub has_times: bool,
     /// Number of readings that no step connects with the rest.
-    pub skipped_readings: usize,
+    pub skipped_reading_count: usize,
 }
 
 /// Solves the cycle. `with_trials`: whether Monte Carlo trials are computed.
@@ -126,7 +126,7 @@ pub fn solve_cycle<'a>(
     readings: &[Reading],
     with_trials: bool,
 ) -> Result<SolvedCycle<'a>, IdentifyError> {
-    let FittedCycle { fit, sources, outputs, has_times, skipped_readings } = fit_cycle(setup, readings)?;
+    let FittedCycle { fit, sources, outputs, has_times, skipped_reading_count } = fit_cycle(setup, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = Solution {
@@ -138,8 +138,8 @@ pub fn solve_cycle<'a>(
     };
     let trials = with_trials.then(|| trial_plan(setup.settings.monte_carlo_trials, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
-    let sense = sense::check_sense(&fit);
-    Ok(SolvedCycle { setup, fit, identification, sense, has_times, skipped_readings })
+    let sense = sense::check_rotation_sense(&fit);
+    Ok(SolvedCycle { setup, fit, identification, sense, has_times, skipped_reading_count })
 }
 
 /// One measurement per touch. Deviations are along the ray, positive outward.
@@ -163,7 +163,7 @@ fn fit_observations(
     observations: Vec<Observation>,
     sigma: Vec<f64>,
 ) -> Result<Fit, IdentifyError> {
-    let names = layout.names(setup.axis.axis);
+    let names = layout.unknown_names(setup.axis.axis);
     let lost = |survey: &RankAnalysis| truncate_lines(name_null_space(survey.null_space.as_ref(), &names));
     Fit::new(layout, observations, sigma, setup.settings.second_order)
         .map_err(|error| IdentifyError::from_solver_error(error, lost))

@@ -36,13 +36,13 @@ pub fn remove_interruptions(
     segments.retain(|observation| direction_count(observation) >= MIN_SEGMENT_DIRECTIONS);
     let gaps = join_segments(&mut segments);
     *observations = segments.concat();
-    let skipped_readings = count - observations.len();
+    let skipped_reading_count = count - observations.len();
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed(
             "too few directions were touched between the interruptions".to_owned(),
         ));
     }
-    Ok((gaps, skipped_readings))
+    Ok((gaps, skipped_reading_count))
 }
 
 fn direction_count(observation: &[Observation]) -> usize {

@@ -35,11 +35,11 @@ pub struct Observation {
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
     pub design: Design,
-    pub heights: usize,
+    pub height_count: usize,
     pub drift_order: usize,
     /// Times of the interruptions, as `Observation::time`. A step is fitted at each, as the motion of the machine
     /// during an interruption is unknown.
-    pub gaps: Vec<f64>,
+    pub interruption_times: Vec<f64>,
 }
 
 /// The drifting quantities: the table relative to the spindle in X and Y, and the radius.
@@ -50,8 +50,9 @@ impl UnknownsLayout {
         4 * self.design.position_count + 1
     }
 
-    pub fn unknowns(&self) -> usize {
-        self.heights * self.unknowns_per_height() + DRIFTING_QUANTITIES.len() * (self.drift_order + self.gaps.len())
+    pub fn unknown_count(&self) -> usize {
+        self.height_count * self.unknowns_per_height()
+            + DRIFTING_QUANTITIES.len() * (self.drift_order + self.interruption_times.len())
     }
 
     pub fn radius_index(&self, height: usize) -> usize {
@@ -75,30 +76,30 @@ impl UnknownsLayout {
     }
 
     fn drift_index(&self, quantity: usize, power: usize) -> usize {
-        self.heights * self.unknowns_per_height() + quantity * self.drift_order + power - 1
+        self.height_count * self.unknowns_per_height() + quantity * self.drift_order + power - 1
     }
 
     /// Index of the step of one drifting quantity at an interruption.
-    pub fn step_index(&self, quantity: usize, gap: usize) -> usize {
-        let before = self.heights * self.unknowns_per_height() + DRIFTING_QUANTITIES.len() * self.drift_order;
+    pub fn interruption_step_index(&self, quantity: usize, gap: usize) -> usize {
+        let before = self.height_count * self.unknowns_per_height() + DRIFTING_QUANTITIES.len() * self.drift_order;
         before + DRIFTING_QUANTITIES.len() * gap + quantity
     }
 
     /// Function with a unit step at an interruption and the value zero at time zero: the results are valid for the
     /// middle of the cycle, as with drift.
-    pub fn step_function(&self, observation: &Observation, gap: usize) -> f64 {
-        let after = |time: f64| if time > self.gaps[gap] { 1.0 } else { 0.0 };
+    pub fn interruption_step_value(&self, observation: &Observation, gap: usize) -> f64 {
+        let after = |time: f64| if time > self.interruption_times[gap] { 1.0 } else { 0.0 };
         after(observation.relative_time) - after(0.0)
     }
 
     /// Names of the unknowns. `axis`: the measured rotary axis.
-    pub fn names(&self, axis: Axis) -> Vec<String> {
-        let mut names = vec![String::new(); self.unknowns()];
-        for height in 0..self.heights {
-            let at = if self.heights > 1 { format!(" at height {height}") } else { String::new() };
+    pub fn unknown_names(&self, axis: Axis) -> Vec<String> {
+        let mut names = vec![String::new(); self.unknown_count()];
+        for height in 0..self.height_count {
+            let at = if self.height_count > 1 { format!(" at height {height}") } else { String::new() };
             names[self.radius_index(height)] = format!("R{at}");
             for i in 0..self.design.position_count {
-                let deg = (self.design.angle(i).to_degrees() * 1e6).round() / 1e6;
+                let deg = (self.design.grid_angle(i).to_degrees() * 1e6).round() / 1e6;
                 names[self.ex_index(height, i)] = format!("EX{axis}_total({deg}°){at}");
                 names[self.ey_index(height, i)] = format!("EY{axis}_total({deg}°){at}");
                 names[self.er_index(height, i)] = format!("E_radial({deg}°){at}");
@@ -109,24 +110,25 @@ impl UnknownsLayout {
             for power in 1..=self.drift_order {
                 names[self.drift_index(quantity, power)] = format!("drift of {name}, power {power}");
             }
-            for gap in 0..self.gaps.len() {
-                names[self.step_index(quantity, gap)] = format!("step of {name}, interruption {}", gap + 1);
+            for gap in 0..self.interruption_times.len() {
+                names[self.interruption_step_index(quantity, gap)] =
+                    format!("step of {name}, interruption {}", gap + 1);
             }
         }
         names
     }
 
     /// Unit vector along the ray at a grid angle, machine frame.
-    pub fn normal(&self, index: usize) -> Vector3<f64> {
-        let (sin, cos) = self.design.angle(index).sin_cos();
+    pub fn ray_direction(&self, index: usize) -> Vector3<f64> {
+        let (sin, cos) = self.design.grid_angle(index).sin_cos();
         Vector3::new(cos, sin, 0.0)
     }
 
     /// Rows × unknowns: the derivative of each radius by each unknown.
-    pub fn matrix(&self, observations: &[Observation]) -> Mat<f64> {
-        let mut a = Mat::zeros(observations.len(), self.unknowns());
+    pub fn design_matrix(&self, observations: &[Observation]) -> Mat<f64> {
+        let mut a = Mat::zeros(observations.len(), self.unknown_count());
         for (row, observation) in observations.iter().enumerate() {
-            let normal = self.normal(observation.phi_index);
+            let normal = self.ray_direction(observation.phi_index);
             let theta = self.design.theta_index(observation.c_index, observation.phi_index);
             a[(row, self.radius_index(observation.height))] = 1.0;
             a[(row, self.ex_index(observation.height, observation.c_index))] = normal.x;
@@ -137,8 +139,9 @@ impl UnknownsLayout {
                 for power in 1..=self.drift_order {
                     a[(row, self.drift_index(quantity, power))] = observation.relative_time.powi(power as i32) * along;
                 }
-                for gap in 0..self.gaps.len() {
-                    a[(row, self.step_index(quantity, gap))] = self.step_function(observation, gap) * along;
+                for gap in 0..self.interruption_times.len() {
+                    a[(row, self.interruption_step_index(quantity, gap))] =
+                        self.interruption_step_value(observation, gap) * along;
                 }
             }
         }
@@ -147,11 +150,11 @@ impl UnknownsLayout {
 
     /// The six gauge conditions per height that the cycle does not determine (paper 1, boundary conditions 1–3), as
     /// rows of C·x = 0.
-    pub fn gauge(&self) -> Mat<f64> {
+    pub fn gauge_matrix(&self) -> Mat<f64> {
         let per_height = 6;
         let n = self.design.position_count;
-        let mut rows = Mat::zeros(per_height * self.heights, self.unknowns());
-        for height in 0..self.heights {
+        let mut rows = Mat::zeros(per_height * self.height_count, self.unknown_count());
+        for height in 0..self.height_count {
             let row = per_height * height;
             rows[(row, self.ex_index(height, 0))] = 1.0;
             rows[(row + 1, self.ey_index(height, 0))] = 1.0;
@@ -164,7 +167,7 @@ impl UnknownsLayout {
                 rows[(row + 5, self.er_index(height, 3 * n / 4))] = -1.0;
             } else {
                 for i in 0..n {
-                    let (sin, cos) = self.design.angle(i).sin_cos();
+                    let (sin, cos) = self.design.grid_angle(i).sin_cos();
                     rows[(row + 4, self.er_index(height, i))] = cos;
                     rows[(row + 5, self.er_index(height, i))] = sin;
                 }

@@ -20,9 +20,9 @@ pub struct ObservedCycle {
     /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
     /// Times of the interruptions, as `Observation::time`.
-    pub gaps: Vec<f64>,
+    pub interruption_times: Vec<f64>,
     /// Number of readings between interruptions that are not connected with the rest.
-    pub skipped_readings: usize,
+    pub skipped_reading_count: usize,
 }
 
 /// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
@@ -51,8 +51,9 @@ pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Res
     if observations.is_empty() {
         return Err(IdentifyError::IdentificationFailed("all readings are flagged".to_owned()));
     }
-    let (mut gaps, skipped_readings) = interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
-    let mut half_duration_s = scale_times(&mut observations, &mut gaps);
+    let (mut interruption_times, skipped_reading_count) =
+        interruptions::remove_interruptions(&mut observations, &plan.gaps_s)?;
+    let mut half_duration_s = scale_times(&mut observations, &mut interruption_times);
     let has_times = half_duration_s > 0.0;
     if !has_times {
         for (observation, place) in observations.iter_mut().zip(order) {
@@ -61,7 +62,7 @@ pub fn extract_observations(setup: &CycleSetup<'_>, readings: &[Reading]) -> Res
         scale_times(&mut observations, &mut []);
         half_duration_s = planned_duration_s(plan) / 2.0;
     }
-    Ok(ObservedCycle { observations, half_duration_s, has_times, gaps, skipped_readings })
+    Ok(ObservedCycle { observations, half_duration_s, has_times, interruption_times, skipped_reading_count })
 }
 
 /// Machine time of the plan, s, or 5 s per touch if it cannot be planned.
@@ -125,12 +126,12 @@ fn nearest_height(heights: &[f64], z: f64) -> usize {
 }
 
 /// Scales the times to −1 … 1 around the middle of the cycle. Returns half the duration of the cycle, s.
-fn scale_times(observations: &mut [Observation], gaps: &mut [f64]) -> f64 {
+fn scale_times(observations: &mut [Observation], interruption_times: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|observation| observation.relative_time);
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);
     let half = if last > first { (last - first) / 2.0 } else { 0.0 };
-    for time in observations.iter_mut().map(|observation| &mut observation.relative_time).chain(gaps) {
+    for time in observations.iter_mut().map(|observation| &mut observation.relative_time).chain(interruption_times) {
         *time = if half > 0.0 { (*time - first - half) / half } else { 0.0 };
     }
     half

@@ -2,7 +2,7 @@
 //! functions of angle.
 
 use super::model::UnknownsLayout;
-use crate::identification::{Curve, Output, Outputs};
+use crate::identification::{Curve, Output, Outputs, dot_product, linear_combination, unit_slope};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
@@ -15,7 +15,7 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
     let curves = |height| build_functions(layout, axis, height, &suffix(height), x);
     Outputs {
         parameters: build_parameters(layout, axis, heights, x),
-        curves: (0..layout.heights).flat_map(curves).collect(),
+        curves: (0..layout.height_count).flat_map(curves).collect(),
         nonlinear: None,
     }
 }
@@ -23,46 +23,39 @@ pub fn build_outputs(layout: &UnknownsLayout, axis: Axis, heights: &[f64], x: &[
 /// Axis position, tilts, scale difference and squareness. `z` are the heights in the machine
 /// frame, mm.
 fn build_parameters(layout: &UnknownsLayout, axis: Axis, z: &[f64], x: &[f64]) -> Vec<Output> {
-    let heights = layout.heights as f64;
-    let radius = (0..layout.heights).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
-    let output = |symbol: &str, unit, coefficients: Vec<f64>| Output::from_coefficients(symbol, unit, coefficients, x);
+    let heights = layout.height_count as f64;
+    let radius = (0..layout.height_count).map(|h| x[layout.radius_index(h)]).sum::<f64>() / heights;
+    let output = |symbol: &str, unit, columns: &[Vec<f64>], weights: &[f64]| {
+        Output::from_coefficients(symbol, unit, linear_combination(columns, weights), x)
+    };
     let location = |component| format!("E{component}0{axis}");
+    let equal_weights = vec![1.0 / heights; layout.height_count];
+    let position = |height| axis_position_coefficients(layout, height);
+    let (position_x, position_y): (Vec<_>, Vec<_>) = (0..layout.height_count).map(position).unzip();
     let mut list = vec![
-        output(
-            &location("X"),
-            Unit::Um,
-            sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).0, 1.0 / heights)),
-        ),
-        output(
-            &location("Y"),
-            Unit::Um,
-            sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).1, 1.0 / heights)),
-        ),
+        output(&location("X"), Unit::Um, &position_x, &equal_weights),
+        output(&location("Y"), Unit::Um, &position_y, &equal_weights),
     ];
     let mean = z.iter().sum::<f64>() / heights;
     let spread: f64 = z.iter().map(|value| (value - mean).powi(2)).sum();
-    if layout.heights > 1 && spread > 0.0 {
+    if layout.height_count > 1 && spread > 0.0 {
         // A tilt a about X moves the axis by −a·z in Y, a tilt b about Y by +b·z in X.
-        let a = sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).1, -(z[h] - mean) / spread));
-        let b = sum_over_heights(layout, |h| (axis_position_coefficients(layout, h).0, (z[h] - mean) / spread));
-        list.push(output(&location("A"), Unit::Urad, a));
-        list.push(output(&location("B"), Unit::Urad, b));
+        let about_y: Vec<f64> = z.iter().map(|z| (z - mean) / spread).collect();
+        let about_x: Vec<f64> = about_y.iter().map(|weight| -weight).collect();
+        list.push(output(&location("A"), Unit::Urad, &position_y, &about_x));
+        list.push(output(&location("B"), Unit::Urad, &position_x, &about_y));
     }
-    let scale = sum_over_heights(layout, |h| (scale_and_squareness_coefficients(layout, h, radius).0, 1.0 / heights));
-    let square = sum_over_heights(layout, |h| (scale_and_squareness_coefficients(layout, h, radius).1, 1.0 / heights));
-    list.push(output("EYY1-EXX1", Unit::UmPerM, scale));
-    list.push(output("EC0Y", Unit::Urad, square));
+    let linear_errors = |height| scale_and_squareness_coefficients(layout, height, radius);
+    let (scale, squareness): (Vec<_>, Vec<_>) = (0..layout.height_count).map(linear_errors).unzip();
+    list.push(output("EYY1-EXX1", Unit::UmPerM, &scale, &equal_weights));
+    list.push(output("EC0Y", Unit::Urad, &squareness, &equal_weights));
     list
 }
 
 /// The functions of one height.
 fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &str, x: &[f64]) -> Vec<Curve> {
     let n = layout.design.position_count;
-    let unit_vector = |index: usize| {
-        let mut coefficients = vec![0.0; layout.unknowns()];
-        coefficients[index] = 1.0;
-        coefficients
-    };
+    let unit_vector = |index: usize| unit_slope(index, layout.unknown_count());
     let motion = |i, along_y| error_motion_coefficients(layout, height, i, along_y);
     let function = |symbol: &str, argument, figure, point: &dyn Fn(usize) -> Vec<f64>| {
         let slopes: Vec<Vec<f64>> = (0..n).map(point).collect();
@@ -70,8 +63,8 @@ fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &
             symbol: format!("{symbol}{suffix}"),
             argument,
             argument_unit: "deg",
-            x: (0..n).map(|i| rounded_deg(layout.design.angle(i))).collect(),
-            y: slopes.iter().map(|slope| dot(slope, x)).collect(),
+            x: (0..n).map(|i| rounded_deg(layout.design.grid_angle(i))).collect(),
+            y: slopes.iter().map(|slope| dot_product(slope, x)).collect(),
             unit: Unit::Um,
             figure,
             slopes,
@@ -94,11 +87,10 @@ fn build_functions(layout: &UnknownsLayout, axis: Axis, height: usize, suffix: &
 /// Error motion at the grid angle `i`: the displacement without the effect of the axis position.
 pub fn error_motion_coefficients(layout: &UnknownsLayout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
     let (cx, cy) = axis_position_coefficients(layout, height);
-    let (sin, cos) = layout.design.angle(i).sin_cos();
+    let (sin, cos) = layout.design.grid_angle(i).sin_cos();
     let own = if along_y { layout.ey_index(height, i) } else { layout.ex_index(height, i) };
     let (near, far, turn) = if along_y { (&cy, &cx, -sin) } else { (&cx, &cy, sin) };
-    let mut coefficients = vec![0.0; layout.unknowns()];
-    coefficients[own] = 1.0;
+    let mut coefficients = unit_slope(own, layout.unknown_count());
     for (k, c) in coefficients.iter_mut().enumerate() {
         *c += turn * far[k] - (1.0 - cos) * near[k];
     }
@@ -109,15 +101,11 @@ fn rounded_deg(angle: f64) -> f64 {
     (angle.to_degrees() * 1e9).round() / 1e9
 }
 
-pub fn dot(coefficients: &[f64], x: &[f64]) -> f64 {
-    coefficients.iter().zip(x).map(|(c, x)| c * x).sum()
-}
-
 /// Mean of E_total over a turn: the axis position, unbiased for zero-mean error motion (METHODS
 /// section 1). Coefficients for x and y.
 pub fn axis_position_coefficients(layout: &UnknownsLayout, height: usize) -> (Vec<f64>, Vec<f64>) {
-    let mut x = vec![0.0; layout.unknowns()];
-    let mut y = vec![0.0; layout.unknowns()];
+    let mut x = vec![0.0; layout.unknown_count()];
+    let mut y = vec![0.0; layout.unknown_count()];
     for i in 0..layout.design.position_count {
         x[layout.ex_index(height, i)] = 1.0 / layout.design.position_count as f64;
         y[layout.ey_index(height, i)] = 1.0 / layout.design.position_count as f64;
@@ -128,35 +116,23 @@ pub fn axis_position_coefficients(layout: &UnknownsLayout, height: usize) -> (Ve
 /// W without its mean and first harmonic: the form of the part without its set-up error.
 fn form_coefficients(layout: &UnknownsLayout, height: usize, i: usize) -> Vec<f64> {
     let n = layout.design.position_count;
-    let mut coefficients = vec![0.0; layout.unknowns()];
+    let mut coefficients = vec![0.0; layout.unknown_count()];
     for j in 0..n {
-        let angle = layout.design.angle(i) - layout.design.angle(j);
+        let angle = layout.design.grid_angle(i) - layout.design.grid_angle(j);
         coefficients[layout.w_index(height, j)] -= (1.0 + 2.0 * angle.cos()) / n as f64;
     }
     coefficients[layout.w_index(height, i)] += 1.0;
     coefficients
 }
 
-/// Weighted sum over the heights of coefficient vectors.
-fn sum_over_heights(layout: &UnknownsLayout, part: impl Fn(usize) -> (Vec<f64>, f64)) -> Vec<f64> {
-    let mut total = vec![0.0; layout.unknowns()];
-    for height in 0..layout.heights {
-        let (coefficients, weight) = part(height);
-        for (t, c) in total.iter_mut().zip(&coefficients) {
-            *t += weight * c;
-        }
-    }
-    total
-}
-
 /// Coefficients over the unknowns of E_YY1 − E_XX1 and of E_C0Y, from the second harmonic of E_r:
 /// with E_lin = (−E_C0Y·y, (E_YY1 − E_XX1)·y), E_r = L(d·sin²φ − E_C0Y·sinφ·cosφ).
 pub fn scale_and_squareness_coefficients(layout: &UnknownsLayout, height: usize, radius: f64) -> (Vec<f64>, Vec<f64>) {
     let n = layout.design.position_count;
-    let mut scale = vec![0.0; layout.unknowns()];
-    let mut square = vec![0.0; layout.unknowns()];
+    let mut scale = vec![0.0; layout.unknown_count()];
+    let mut square = vec![0.0; layout.unknown_count()];
     for i in 0..n {
-        let (sin, cos) = (2.0 * layout.design.angle(i)).sin_cos();
+        let (sin, cos) = (2.0 * layout.design.grid_angle(i)).sin_cos();
         let weight = -4.0 / (n as f64 * radius);
         scale[layout.er_index(height, i)] = weight * cos;
         square[layout.er_index(height, i)] = weight * sin;

@@ -8,7 +8,8 @@ use faer::Mat;
 use super::design::{CalibrationTest, Design, GridTouch};
 use super::fit::RANK_THRESHOLD;
 use super::model::{Observation, UnknownsLayout};
-use super::outputs::{axis_position_coefficients, dot};
+use super::outputs::axis_position_coefficients;
+use crate::identification::dot_product;
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Linear system of the paper for a design. That of the paper has one probe angle φ_b in addition to 0.
@@ -23,13 +24,14 @@ pub struct PaperSystem {
 impl PaperSystem {
     pub fn new(design: &Design) -> Self {
         let touches: Vec<GridTouch> = design.cycle_touches(false);
-        let layout = UnknownsLayout { design: design.clone(), heights: 1, drift_order: 0, gaps: Vec::new() };
+        let layout =
+            UnknownsLayout { design: design.clone(), height_count: 1, drift_order: 0, interruption_times: Vec::new() };
         let observations: Vec<Observation> = touches.iter().map(|t| unmeasured_observation(*t)).collect();
-        let full = layout.matrix(&observations);
-        let without_r = layout.unknowns() - 1;
+        let full = layout.design_matrix(&observations);
+        let without_r = layout.unknown_count() - 1;
         // The first touch of the cycle, Test 1a at C = 0, is the reference of every difference.
         let a = Mat::from_fn(full.nrows(), without_r, |i, j| full[(i, j + 1)] - full[(0, j + 1)]);
-        let gauge = layout.gauge();
+        let gauge = layout.gauge_matrix();
         let gauge = Mat::from_fn(gauge.nrows(), without_r, |i, j| gauge[(i, j + 1)]);
         Self { layout, touches, design_matrix: a, gauge }
     }
@@ -59,7 +61,7 @@ impl PaperSystem {
             self.touches.iter().map(|t| radius(t).map(|r| r - reference)).collect::<Option<_>>()?;
         let x = self.solve(&differences, 1.0).ok()?.x;
         let (cx, cy) = axis_position_coefficients(&self.layout, 0);
-        Some([dot(&cx[1..], &x), dot(&cy[1..], &x)])
+        Some([dot_product(&cx[1..], &x), dot_product(&cy[1..], &x)])
     }
 }
 

@@ -25,7 +25,7 @@ impl CycleSetup<'_> {
         let uncertainty_mm = self.stated_part.uncertainty_mm;
         let part = self.nominal_part();
         let margin = uncertainty_mm + self.settings.standoff_mm;
-        let spec = |place: String| StepSpec {
+        let spec = |place: String| TouchSpec {
             kind: StepKind::Touch,
             label: format!("{LOCATE_LABEL_PREFIX}{place}"),
             standoff_mm: margin,
@@ -59,11 +59,11 @@ impl CycleSetup<'_> {
         for z in &self.heights {
             let suffix = if self.heights.len() > 1 { format!("/Z{z:.0}") } else { String::new() };
             for (i, touch) in touches.iter().enumerate() {
-                let label = format!("{}{suffix}", self.label(*touch));
-                steps.push(self.cycle_step(self.cycle_spec(label, *touch), *z, *touch, part)?);
+                let label = format!("{}{suffix}", self.touch_label(*touch));
+                steps.push(self.flank_touch_step(self.cycle_touch_spec(label, *touch), *z, *touch, part)?);
                 let next = touches.get(i + 1).map(|next| next.test);
                 if touch.test.is_reference() && next != Some(touch.test) && self.settings.z_reference {
-                    let spec = self.cycle_spec(format!("{}/Z{suffix}", touch.test.name()), *touch);
+                    let spec = self.cycle_touch_spec(format!("{}/Z{suffix}", touch.test.name()), *touch);
                     steps.push(self.touch_step(spec, self.top_contact_position(part), Vector3::z())?);
                 }
             }
@@ -71,9 +71,9 @@ impl CycleSetup<'_> {
         Ok(steps)
     }
 
-    fn label(&self, touch: GridTouch) -> String {
-        let degrees = |index| self.design.angle(index).to_degrees().round();
-        let place = if touch.c_index == 0 && !matches!(touch.test, CalibrationTest::One(_)) {
+    fn touch_label(&self, touch: GridTouch) -> String {
+        let degrees = |index| self.design.grid_angle(index).to_degrees().round();
+        let place = if touch.c_index == 0 && !matches!(touch.test, CalibrationTest::Test1(_)) {
             format!("P{:03}", degrees(touch.phi_index))
         } else {
             format!("{}{:03}", self.axis.axis, degrees(touch.c_index))
@@ -81,9 +81,9 @@ impl CycleSetup<'_> {
         format!("{}/{place}", touch.test.name())
     }
 
-    fn cycle_spec(&self, label: String, touch: GridTouch) -> StepSpec {
+    fn cycle_touch_spec(&self, label: String, touch: GridTouch) -> TouchSpec {
         let kind = if touch.test.is_reference() { StepKind::Reference } else { StepKind::Touch };
-        StepSpec {
+        TouchSpec {
             kind,
             label,
             standoff_mm: self.settings.standoff_mm,
@@ -94,12 +94,18 @@ impl CycleSetup<'_> {
     }
 
     /// A touch of the flank along its ray through the stated axis.
-    fn cycle_step(&self, spec: StepSpec, z: f64, touch: GridTouch, part: PartGeometry) -> Result<Step, MethodRefusal> {
-        let angle = self.design.angle(touch.phi_index);
+    fn flank_touch_step(
+        &self,
+        spec: TouchSpec,
+        z: f64,
+        touch: GridTouch,
+        part: PartGeometry,
+    ) -> Result<Step, MethodRefusal> {
+        let angle = self.design.grid_angle(touch.phi_index);
         let axis = self.axis.point_at_height(z);
         let from_axis = [part.centre[0] - axis.x, part.centre[1] - axis.y];
         let off_axis = PartGeometry { centre: from_axis, ..part };
-        let turned = self.design.angle(touch.c_index);
+        let turned = self.design.grid_angle(touch.c_index);
         let radius = expected_radius(off_axis, turned, angle).ok_or_else(|| {
             MethodRefusal::new(
                 format!("at {} the ray from the axis misses the part", spec.label),
@@ -116,7 +122,7 @@ impl CycleSetup<'_> {
 
     /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
-    fn touch_step(&self, spec: StepSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
+    fn touch_step(&self, spec: TouchSpec, contact: Vector3<f64>, normal: Vector3<f64>) -> Result<Step, MethodRefusal> {
         let mut orientation = Position::new();
         // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == SpindleMode::Follow {
@@ -148,7 +154,7 @@ impl CycleSetup<'_> {
     /// limits require it.
     fn axis_command_rad(&self, index: usize) -> Result<f64, MethodRefusal> {
         let TableAxis { axis, spec, rotation_sense: sense, .. } = &self.axis;
-        let commanded_rad = self.design.angle(index) * sense;
+        let commanded_rad = self.design.grid_angle(index) * sense;
         let (min, max) = (axis.to_mm_or_rad(spec.min), axis.to_mm_or_rad(spec.max));
         let turn = std::f64::consts::TAU;
         // Prefer the turn nearest to zero.
@@ -171,7 +177,7 @@ impl CycleSetup<'_> {
     }
 }
 
-struct StepSpec {
+struct TouchSpec {
     kind: StepKind,
     label: String,
     /// Distance of the start of the touch from the expected contact, outwards.

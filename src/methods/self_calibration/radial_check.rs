@@ -7,7 +7,7 @@ use faer::{Mat, Side};
 
 use super::identify::SolvedCycle;
 use super::model::UnknownsLayout;
-use super::outputs::dot;
+use crate::identification::dot_product;
 use estimation::coverage::chi_square_bounds;
 
 /// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.
@@ -21,7 +21,7 @@ const PARAMETER_ORDER: usize = 2;
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialHarmonics {
     /// Square root of the sum of squares of the cosine and sine parts, mm.
-    pub size_mm: f64,
+    pub amplitude_mm: f64,
     pub chi2: f64,
     /// Expectation of χ² if all sources are as declared.
     pub expected: f64,
@@ -32,12 +32,12 @@ pub struct RadialHarmonics {
 /// The second harmonic, which is reported as parameters, and the higher ones, which are in no parameter. `None`:
 /// the grid does not have them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct RadialCheck {
+pub struct RadialErrorCheck {
     pub second_harmonic: Option<RadialHarmonics>,
-    pub higher: Option<RadialHarmonics>,
+    pub higher_harmonics: Option<RadialHarmonics>,
 }
 
-impl RadialCheck {
+impl RadialErrorCheck {
     pub fn new(parts: &SolvedCycle<'_>) -> Self {
         let highest = parts.fit.layout.design.position_count / 2;
         let of_orders = |orders: std::ops::RangeInclusive<usize>| {
@@ -46,14 +46,14 @@ impl RadialCheck {
         };
         Self {
             second_harmonic: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER),
-            higher: of_orders(PARAMETER_ORDER + 1..=highest),
+            higher_harmonics: of_orders(PARAMETER_ORDER + 1..=highest),
         }
     }
 
     pub fn warnings(&self, axis: machine::Axis) -> Vec<String> {
         let mut lines = Vec::new();
         let line = |what: &str, of: &RadialHarmonics, meaning: String| {
-            let (um, chi2, expected) = (of.size_mm * 1e3, of.chi2, of.expected);
+            let (um, chi2, expected) = (of.amplitude_mm * 1e3, of.chi2, of.expected);
             format!(
                 "{what} {um:.2} µm, more than the declared sources explain (χ² {chi2:.1} where \
                      {expected:.0} is expected): {meaning}"
@@ -68,7 +68,7 @@ impl RadialCheck {
                     .to_owned(),
             ));
         }
-        if let Some(higher) = self.higher.as_ref().filter(|higher| higher.is_excessive) {
+        if let Some(higher) = self.higher_harmonics.as_ref().filter(|higher| higher.is_excessive) {
             lines.push(line(
                 "the harmonics of E_radial_XY above the second are",
                 higher,
@@ -88,11 +88,11 @@ impl RadialCheck {
 fn harmonic_slopes(layout: &UnknownsLayout, order: usize) -> Vec<Vec<f64>> {
     let n = layout.design.position_count;
     let part = |quarter_turns: f64| {
-        let mut slope = vec![0.0; layout.unknowns()];
-        for height in 0..layout.heights {
+        let mut slope = vec![0.0; layout.unknown_count()];
+        for height in 0..layout.height_count {
             for i in 0..n {
-                let phase = order as f64 * layout.design.angle(i) - quarter_turns * TAU;
-                let weight = 2.0 / (n * layout.heights) as f64;
+                let phase = order as f64 * layout.design.grid_angle(i) - quarter_turns * TAU;
+                let weight = 2.0 / (n * layout.height_count) as f64;
                 slope[layout.er_index(height, i)] += weight * phase.cos();
             }
         }
@@ -107,14 +107,14 @@ fn combine_harmonics(parts: &SolvedCycle<'_>, slopes: &[Vec<f64>]) -> Option<Rad
     if slopes.is_empty() {
         return None;
     }
-    let unknowns = parts.fit.layout.unknowns();
-    let values: Vec<f64> = slopes.iter().map(|slope| dot(slope, &parts.fit.x)).collect();
+    let unknowns = parts.fit.layout.unknown_count();
+    let values: Vec<f64> = slopes.iter().map(|slope| dot_product(slope, &parts.fit.x)).collect();
     let slopes = Mat::from_fn(slopes.len(), unknowns, |i, j| slopes[i][j]);
     let covariance = parts.identification.propagation.covariance(&slopes);
     let (chi2, rank) = weighted_square(&values, &covariance)?;
     let (_, upper) = chi_square_bounds(rank as f64, CHI_SQUARE_PROBABILITY)?;
-    let size_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
-    Some(RadialHarmonics { size_mm, chi2, expected: rank as f64, is_excessive: chi2 > upper })
+    let amplitude_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
+    Some(RadialHarmonics { amplitude_mm, chi2, expected: rank as f64, is_excessive: chi2 > upper })
 }
 
 /// Weighted square vᵀ·C⁺·v of the values v, and the rank of their covariance C.

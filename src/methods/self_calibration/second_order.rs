@@ -20,8 +20,8 @@ pub struct Contact {
     pub height: usize,
     pub normal: Vector3<f64>,
     /// Indices of the unknowns E_x and E_y.
-    pub ex: usize,
-    pub ey: usize,
+    pub ex_index: usize,
+    pub ey_index: usize,
     /// Grid angle on the part.
     pub theta_index: usize,
     pub lateral_mm: f64,
@@ -30,7 +30,7 @@ pub struct Contact {
 /// Linear forms over the unknowns at one height.
 pub struct HeightForms {
     /// Index of R.
-    pub radius: usize,
+    pub radius_index: usize,
     /// Unknowns × forms: the derivative of W at each grid angle, 1/rad, then scale difference and squareness for R
     /// = 1 mm.
     pub forms: Mat<f64>,
@@ -39,16 +39,16 @@ pub struct HeightForms {
 impl SecondOrderCorrection {
     pub fn new(layout: &UnknownsLayout, observations: &[Observation]) -> Self {
         let contacts = observations.iter().map(|observation| Contact::new(layout, observation)).collect();
-        let heights = (0..layout.heights).map(|height| HeightForms::new(layout, height)).collect();
+        let heights = (0..layout.height_count).map(|height| HeightForms::new(layout, height)).collect();
         Self { contacts, heights }
     }
 
     /// Adds τW′/L + τ²/2L, τ = (E − E_lin)·t − lateral, L = R, to `radii` (trials × observations, mm) at
     /// the unknowns `x` (trials × unknowns).
-    pub fn add_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
+    pub fn add_second_order_terms(&self, x: &Mat<f64>, radii: &mut Mat<f64>) {
         let heights: Vec<HeightTrials> = self.heights.iter().map(|height| height.evaluate_trials(x)).collect();
         for (i, contact) in self.contacts.iter().enumerate() {
-            contact.add_terms(x, &heights[contact.height], radii.col_as_slice_mut(i));
+            contact.add_second_order_terms(x, &heights[contact.height], radii.col_as_slice_mut(i));
         }
     }
 }
@@ -66,23 +66,23 @@ impl Contact {
     fn new(layout: &UnknownsLayout, observation: &Observation) -> Self {
         Self {
             height: observation.height,
-            normal: layout.normal(observation.phi_index),
-            ex: layout.ex_index(observation.height, observation.c_index),
-            ey: layout.ey_index(observation.height, observation.c_index),
+            normal: layout.ray_direction(observation.phi_index),
+            ex_index: layout.ex_index(observation.height, observation.c_index),
+            ey_index: layout.ey_index(observation.height, observation.c_index),
             theta_index: layout.design.theta_index(observation.c_index, observation.phi_index),
             lateral_mm: observation.lateral_mm,
         }
     }
 
-    fn add_terms(&self, x: &Mat<f64>, shared: &HeightTrials, radii: &mut [f64]) {
+    fn add_second_order_terms(&self, x: &Mat<f64>, shared: &HeightTrials, radii: &mut [f64]) {
         let form = |j: usize| shared.forms.col_as_slice(j);
         let scale = shared.forms.ncols() - 2;
-        shared.arch.dispatch(AddTerms {
+        shared.arch.dispatch(SecondOrderTerms {
             cos: self.normal.x,
             sin: self.normal.y,
             lateral_mm: self.lateral_mm,
-            ex: x.col_as_slice(self.ex),
-            ey: x.col_as_slice(self.ey),
+            ex: x.col_as_slice(self.ex_index),
+            ey: x.col_as_slice(self.ey_index),
             slope: form(self.theta_index),
             scale: form(scale),
             squareness: form(scale + 1),
@@ -94,7 +94,7 @@ impl Contact {
 
 /// The terms of one contact in all trials. A struct instead of a closure: only this form is inlined with the wide
 /// registers enabled.
-struct AddTerms<'a> {
+struct SecondOrderTerms<'a> {
     cos: f64,
     sin: f64,
     lateral_mm: f64,
@@ -107,7 +107,7 @@ struct AddTerms<'a> {
     radii: &'a mut [f64],
 }
 
-impl WithSimd for AddTerms<'_> {
+impl WithSimd for SecondOrderTerms<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -130,23 +130,23 @@ impl WithSimd for AddTerms<'_> {
 impl HeightForms {
     fn new(layout: &UnknownsLayout, height: usize) -> Self {
         let n = layout.design.position_count;
-        let mut forms = Mat::zeros(layout.unknowns(), n + 2);
+        let mut forms = Mat::zeros(layout.unknown_count(), n + 2);
         for j in 0..n {
             let mut unit = vec![0.0; n];
             unit[j] = 1.0;
             let interpolant = TrigonometricInterpolant::new(&unit);
             for i in 0..n {
-                forms[(layout.w_index(height, j), i)] = interpolant.derivative(layout.design.angle(i));
+                forms[(layout.w_index(height, j), i)] = interpolant.derivative(layout.design.grid_angle(i));
             }
         }
         let (scale_difference, squareness) = scale_and_squareness_coefficients(layout, height, 1.0);
         forms.col_as_slice_mut(n).copy_from_slice(&scale_difference);
         forms.col_as_slice_mut(n + 1).copy_from_slice(&squareness);
-        Self { radius: layout.radius_index(height), forms }
+        Self { radius_index: layout.radius_index(height), forms }
     }
 
     fn evaluate_trials(&self, x: &Mat<f64>) -> HeightTrials {
-        let curvature = x.col_as_slice(self.radius).iter().map(|radius| 1.0 / radius).collect();
+        let curvature = x.col_as_slice(self.radius_index).iter().map(|radius| 1.0 / radius).collect();
         HeightTrials { forms: x * &self.forms, curvature, arch: Arch::new() }
     }
 }

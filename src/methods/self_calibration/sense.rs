@@ -2,11 +2,12 @@
 
 use super::fit::Fit;
 use super::model::{Observation, UnknownsLayout};
-use super::outputs::{dot, error_motion_coefficients};
+use super::outputs::error_motion_coefficients;
+use crate::identification::dot_product;
 
 /// Result of the check of the stated sense of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SenseCheck {
+pub enum RotationSenseCheck {
     Confirmed,
     /// Both senses explain the readings: the part is too round and centred, or the design has too few touches.
     NotConfirmed,
@@ -16,7 +17,7 @@ pub enum SenseCheck {
 
 /// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
 /// twice its eccentricity. With the correct one the error motion is small.
-pub fn check_sense(fit: &Fit) -> SenseCheck {
+pub fn check_rotation_sense(fit: &Fit) -> RotationSenseCheck {
     let n = fit.layout.design.position_count;
     let turned: Vec<Observation> = fit
         .observations
@@ -24,21 +25,21 @@ pub fn check_sense(fit: &Fit) -> SenseCheck {
         .map(|observation| Observation { c_index: (n - observation.c_index) % n, ..*observation })
         .collect();
     let Ok(other) = Fit::new(fit.layout.clone(), turned, fit.sigma.clone(), false) else {
-        return SenseCheck::NotConfirmed;
+        return RotationSenseCheck::NotConfirmed;
     };
     let stated = error_motion_rms(&fit.layout, &fit.x);
     let opposite = error_motion_rms(&fit.layout, &other.x);
     // Scatter does not change the ratio of the two values by a factor of five.
     if opposite > 5.0 * stated {
-        SenseCheck::Confirmed
+        RotationSenseCheck::Confirmed
     } else if stated > 5.0 * opposite {
-        SenseCheck::Contradicted
+        RotationSenseCheck::Contradicted
     } else {
-        SenseCheck::NotConfirmed
+        RotationSenseCheck::NotConfirmed
     }
 }
 
 fn error_motion_rms(layout: &UnknownsLayout, x: &[f64]) -> f64 {
-    let at = |i| [false, true].map(|along_y| dot(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
+    let at = |i| [false, true].map(|along_y| dot_product(&error_motion_coefficients(layout, 0, i, along_y), x).powi(2));
     (0..layout.design.position_count).flat_map(at).sum::<f64>().sqrt()
 }

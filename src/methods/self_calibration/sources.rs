@@ -45,11 +45,7 @@ pub fn uncertainty_sources(
 
 /// A normal source of joint draws that does not contribute to the expectation of χ².
 fn source_absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
-    UncertaintySource {
-        in_residuals: ResidualTreatment::Absent,
-        is_in_weights: false,
-        ..UncertaintySource::new(name, Effect::Joint(columns))
-    }
+    UncertaintySource::unweighted(name, columns, ResidualTreatment::Absent)
 }
 
 /// Error motions of the measured axis: the uncertainty of the known ones, and the declared ones at orders that are
@@ -62,7 +58,8 @@ pub fn rotary_axis_sources(
 ) -> Vec<UncertaintySource> {
     let CycleSetup { plan, axis, known_motions, .. } = setup;
     // Commanded angles of the observations within a revolution, rad.
-    let commanded_angle = |observation: &Observation| layout.design.angle(observation.c_index) * axis.rotation_sense;
+    let commanded_angle =
+        |observation: &Observation| layout.design.grid_angle(observation.c_index) * axis.rotation_sense;
     let angles: Vec<f64> = observations.iter().map(commanded_angle).collect();
     let by_component = |component| radii_by_motion(setup, layout, observations, component);
     let is_lost = |error: &ErrorParameter| match error.shape() {
@@ -93,7 +90,7 @@ fn radii_by_motion(
     component: Axis,
 ) -> Vec<f64> {
     let of_radius = |observation: &Observation| {
-        let normal = layout.normal(observation.phi_index);
+        let normal = layout.ray_direction(observation.phi_index);
         let across = Vector3::z().cross(&normal);
         let centre = setup.axis.point_at_height(setup.heights[observation.height])
             + observation.radius_mm * normal
@@ -116,7 +113,7 @@ struct CycleTouches<'a> {
 impl<'a> CycleTouches<'a> {
     fn new(setup: &CycleSetup<'a>, layout: &UnknownsLayout, observations: &'a [Observation]) -> Self {
         let CycleSetup { plan, heights, .. } = setup;
-        let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.normal(s.phi_index)).collect();
+        let normals: Vec<Vector3<f64>> = observations.iter().map(|s| layout.ray_direction(s.phi_index)).collect();
         let mean = heights.iter().sum::<f64>() / heights.len() as f64;
         let point = |(s, n): (&Observation, &Vector3<f64>)| n * s.radius_mm + Vector3::z() * (heights[s.height] - mean);
         let points = observations.iter().zip(&normals).map(point).collect();
@@ -182,15 +179,15 @@ impl<'a> CycleTouches<'a> {
 /// likely. `x`: the solution with its steps.
 pub fn interruption_source(layout: &UnknownsLayout, observations: &[Observation], x: &[f64]) -> UncertaintySource {
     let column = |gap: usize, k: usize| {
-        let step = x[layout.step_index(k, gap)] / 3f64.sqrt();
+        let step = x[layout.interruption_step_index(k, gap)] / 3f64.sqrt();
         let at = |s: &Observation| {
             let theta = layout.design.theta_index(s.c_index, s.phi_index);
-            let turned = layout.normal(theta)[k] - layout.normal(s.phi_index)[k];
-            step * layout.step_function(s, gap) * turned
+            let turned = layout.ray_direction(theta)[k] - layout.ray_direction(s.phi_index)[k];
+            step * layout.interruption_step_value(s, gap) * turned
         };
         observations.iter().map(at).collect()
     };
-    let columns = (0..layout.gaps.len()).flat_map(|gap| [0, 1].map(|k| column(gap, k))).collect();
+    let columns = (0..layout.interruption_times.len()).flat_map(|gap| [0, 1].map(|k| column(gap, k))).collect();
     let source = source_absent_in_residuals("what moved when interrupted", columns);
     UncertaintySource { shape: identification::DrawDistribution::Rectangular, ..source }
 }

@@ -8,11 +8,12 @@ use rand_distr::{Distribution, StandardNormal};
 use super::design::Design;
 use super::fit::{Fit, RANK_THRESHOLD};
 use super::model::{Observation, UnknownsLayout};
-use super::outputs::{axis_position_coefficients, dot};
+use super::outputs::axis_position_coefficients;
 use super::paper_system::PaperSystem;
 use super::settings::SelfCalibrationSettings;
 use crate::identification::{
-    Effect, FitQuality, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
+    Effect, FitQuality, LinearFit, Output, Outputs, Solution, TrialPlan, UncertaintySource, dot_product, identify,
+    multiply_vector,
 };
 use estimation::linear::{LinearSolution, analyse_rank};
 use estimation::monte_carlo::TrialCount;
@@ -132,7 +133,7 @@ fn regress_uncertainty_of_the_mean_axis_position() {
     let (x, y) = axis_position_coefficients(&form.layout, 0);
     let u = |c: &[f64]| {
         let product = multiply_vector(&solution.covariance, &c[1..]);
-        dot(&c[1..], &product).sqrt()
+        dot_product(&c[1..], &product).sqrt()
     };
     assert!((u(&x) - 0.97).abs() < 0.006, "{}", u(&x));
     assert!((u(&y) - 1.06).abs() < 0.006, "{}", u(&y));
@@ -199,16 +200,16 @@ fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
             height: 0,
             c_index: t.c_index,
             phi_index: t.phi_index,
-            radius_mm: part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)),
+            radius_mm: part.radius_index(design.grid_angle(t.c_index), design.grid_angle(t.phi_index)),
             lateral_mm: 0.0,
             relative_time: 0.0,
         })
         .collect();
-    let layout = UnknownsLayout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
+    let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
     let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, second_order).unwrap();
     let (cx, cy) = axis_position_coefficients(&layout, 0);
-    [dot(&cx, &x), dot(&cy, &x)]
+    [dot_product(&cx, &x), dot_product(&cy, &x)]
 }
 
 /// METHODS section 1: e = 1.5 mm, c = (50, −30) um, R = 45, r_ball = 3.
@@ -255,7 +256,7 @@ fn paper_table_6_circle_centre() {
     let form = paper_design(8, 1);
     let layout = &form.layout;
     let truth = |i: usize| {
-        let (sin, cos) = layout.design.angle(i).sin_cos();
+        let (sin, cos) = layout.design.grid_angle(i).sin_cos();
         let c = [3.0, 5.1];
         [c[0] - cos * c[0] - sin * c[1], c[1] + sin * c[0] - cos * c[1]]
     };
@@ -299,9 +300,9 @@ fn regress_drift_needs_references_only_where_it_says_so() {
         .enumerate()
         .map(|(i, t)| {
             let time = 2.0 * i as f64 / last - 1.0;
-            let (sin, cos) = design.angle(t.phi_index).sin_cos();
+            let (sin, cos) = design.grid_angle(t.phi_index).sin_cos();
             let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
-            let radius = part.radius_index(design.angle(t.c_index), design.angle(t.phi_index)) + drift;
+            let radius = part.radius_index(design.grid_angle(t.c_index), design.grid_angle(t.phi_index)) + drift;
             Observation {
                 step: 0,
                 height: 0,
@@ -313,12 +314,12 @@ fn regress_drift_needs_references_only_where_it_says_so() {
             }
         })
         .collect();
-    let layout = UnknownsLayout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
+    let layout = UnknownsLayout { design, height_count: 1, drift_order: 1, interruption_times: Vec::new() };
     let sigma = vec![1e-3; observations.len()];
     let Fit { layout, x, .. } = Fit::new(layout, observations, sigma, true).unwrap();
     let (cx, cy) = axis_position_coefficients(&layout, 0);
-    assert!((dot(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot(&cx, &x));
-    assert!((dot(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot(&cy, &x));
+    assert!((dot_product(&cx, &x) - 0.02).abs() < 5e-5, "{}", dot_product(&cx, &x));
+    assert!((dot_product(&cy, &x) + 0.01).abs() < 5e-5, "{}", dot_product(&cy, &x));
 }
 
 #[test]
@@ -326,7 +327,7 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
     for n in 5..=36 {
         let design =
             Design::new(&SelfCalibrationSettings { positions: n, ..SelfCalibrationSettings::default() }).unwrap();
-        let layout = UnknownsLayout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
+        let layout = UnknownsLayout { design, height_count: 1, drift_order: 1, interruption_times: Vec::new() };
         let touches = layout.design.cycle_touches(true);
         let last = touches.len() as f64;
         let seen: Vec<Observation> = touches
@@ -342,8 +343,8 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
                 relative_time: 2.0 * i as f64 / last - 1.0,
             })
             .collect();
-        let a = layout.matrix(&seen);
-        let gauge = layout.gauge();
+        let a = layout.design_matrix(&seen);
+        let gauge = layout.gauge_matrix();
         let found = linear::analyse_rank(a.as_ref(), Some(gauge.as_ref()), RANK_THRESHOLD).unwrap();
         assert_eq!(found.nullity, 0, "N = {n}");
     }

@@ -128,7 +128,7 @@ fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
     let days: Vec<f64> = points.iter().map(|point| (point.t_s - origin) / SECONDS_PER_DAY).collect();
     let values: Vec<f64> = points.iter().map(|point| point.value).collect();
     let all = candidate_changes(&days);
-    let scatter = sum_of_squares(&values);
+    let scatter = squared_deviation_sum(&values);
     let size = values.iter().map(|value| value * value).sum::<f64>();
     // The scatter is rounding only.
     if scatter <= f64::EPSILON.powi(2) * size * values.len() as f64 {
@@ -141,7 +141,7 @@ fn most_significant_change(points: &[TrendPoint]) -> Option<Change> {
 }
 
 /// Sum of squares: Σ(value − mean)².
-fn sum_of_squares(values: &[f64]) -> f64 {
+fn squared_deviation_sum(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     values.iter().map(|value| (value - mean).powi(2)).sum()
 }
@@ -154,7 +154,7 @@ fn random_probability(all: &[CandidateChange], count: usize, share: f64) -> Opti
     let (mut as_much, mut draw) = (0, vec![0.0; count]);
     for _ in 0..SIMULATED_SERIES_COUNT {
         draw.fill_with(|| StandardNormal.sample(&mut rng));
-        let enough = share * sum_of_squares(&draw);
+        let enough = share * squared_deviation_sum(&draw);
         as_much += u32::from(all.iter().any(|possible| possible.explained_squares(&draw) >= enough));
         if as_much >= most {
             return None;
@@ -166,7 +166,8 @@ fn random_probability(all: &[CandidateChange], count: usize, share: f64) -> Opti
 fn change_from_candidate(all: &[CandidateChange], best: &CandidateChange, values: &[f64], chance: f64) -> Change {
     // Level, height and position of the change are fitted to the values.
     let dof = (values.len() - 3) as f64;
-    let left = |possible: &CandidateChange| (sum_of_squares(values) - possible.explained_squares(values)).max(0.0);
+    let left =
+        |possible: &CandidateChange| (squared_deviation_sum(values) - possible.explained_squares(values)).max(0.0);
     let least = left(best);
     let u = (least / dof).sqrt() / best.norm;
     let bound = least * (1.0 + coverage::two_sided_factor(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);

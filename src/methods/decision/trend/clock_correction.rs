@@ -42,7 +42,7 @@ fn longest_ordered_subset(points: &[TrendPoint]) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    fn mended(times: &[f64]) -> Vec<f64> {
+    fn corrected_times(times: &[f64]) -> Vec<f64> {
         let mut points: Vec<TrendPoint> = times.iter().map(|t_s| TrendPoint { t_s: *t_s, value: 0.0 }).collect();
         correct_times(&mut points);
         points.iter().map(|point| point.t_s).collect()
@@ -50,14 +50,14 @@ mod tests {
 
     #[test]
     fn a_wrong_clock_moves_only_its_own_runs() {
-        assert!(mended(&[]).is_empty());
-        assert_eq!(mended(&[3.0, 4.0, 4.0, 5.0]), [3.0, 4.0, 4.0, 5.0]);
+        assert!(corrected_times(&[]).is_empty());
+        assert_eq!(corrected_times(&[3.0, 4.0, 4.0, 5.0]), [3.0, 4.0, 4.0, 5.0]);
         // The clock battery was empty at the end, at the beginning and in between; one clock was far ahead.
-        assert_eq!(mended(&[10.0, 20.0, 30.0, 0.0]), [10.0, 20.0, 30.0, 30.0]);
-        assert_eq!(mended(&[99.0, 10.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
-        assert_eq!(mended(&[10.0, 12.0, 14.0, 0.0, 1.0, 20.0])[2..5], [14.0, 14.0, 14.0]);
-        assert_eq!(mended(&[10.0, 99.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
+        assert_eq!(corrected_times(&[10.0, 20.0, 30.0, 0.0]), [10.0, 20.0, 30.0, 30.0]);
+        assert_eq!(corrected_times(&[99.0, 10.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
+        assert_eq!(corrected_times(&[10.0, 12.0, 14.0, 0.0, 1.0, 20.0])[2..5], [14.0, 14.0, 14.0]);
+        assert_eq!(corrected_times(&[10.0, 99.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
         // The clock was set back permanently: the newer times are kept as soon as there are more of them.
-        assert_eq!(mended(&[90.0, 91.0, 10.0, 11.0, 12.0]), [10.0, 10.0, 10.0, 11.0, 12.0]);
+        assert_eq!(corrected_times(&[90.0, 91.0, 10.0, 11.0, 12.0]), [10.0, 10.0, 10.0, 11.0, 12.0]);
     }
 }

@@ -7,10 +7,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::super::fit::{Fit, LinearisedFit};
 use super::super::model::{Observation, UnknownsLayout};
-use super::super::outputs::{axis_position_coefficients, build_outputs, dot};
+use super::super::outputs::{axis_position_coefficients, build_outputs};
 use super::RoundPart;
 use crate::identification::{
-    Effect, Identification, ResidualTreatment, Solution, TrialPlan, UncertaintySource, identify, multiply_vector,
+    Effect, Identification, ResidualTreatment, Solution, TrialPlan, UncertaintySource, dot_product, identify,
+    multiply_vector,
 };
 use crate::self_calibration::design::Design;
 use estimation::coverage::{chi_square_bounds, effective_dof};
@@ -29,7 +30,7 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
     let observations = design.cycle_touches(true).into_iter().map(|touch| {
         let (c, phi) = (touch.c_index, touch.phi_index);
         let deviation: f64 = noise.next().unwrap();
-        let radius = part.radius_index(design.angle(c), design.angle(phi)) + noise_mm * deviation;
+        let radius = part.radius_index(design.grid_angle(c), design.grid_angle(phi)) + noise_mm * deviation;
         Observation {
             step: 0,
             height: 0,
@@ -42,7 +43,7 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
     });
     let observations: Vec<Observation> = observations.collect();
     let sigma = vec![SIGMA_MM; observations.len()];
-    let layout = UnknownsLayout { design, heights: 1, drift_order: 0, gaps: Vec::new() };
+    let layout = UnknownsLayout { design, height_count: 1, drift_order: 0, interruption_times: Vec::new() };
     Fit::new(layout, observations, sigma, second_order).unwrap()
 }
 
@@ -88,9 +89,9 @@ fn regress_the_residuals_scale_the_touches_alone() {
         assert!(!misfit.is_below_bound && (fit.solution.chi2 > lower || !has_declared_sizes));
         let factor = if is_above || !has_declared_sizes { per_dof.sqrt() } else { 1.0 };
         let (c, _) = axis_position_coefficients(&fit.layout, 0);
-        let touch = factor.powi(2) * dot(&c, &multiply_vector(&fit.solution.covariance, &c));
+        let touch = factor.powi(2) * dot_product(&c, &multiply_vector(&fit.solution.covariance, &c));
         let [_, stylus] = uncertainty_sources(&fit);
-        let offset = dot(&c, &multiply_vector(&fit.solution.gain, stylus.draw_span(0).1)).powi(2);
+        let offset = dot_product(&c, &multiply_vector(&fit.solution.gain, stylus.draw_span(0).1)).powi(2);
         let found = &estimate.parameters[0];
         assert!((found.u / (1e3 * (touch + offset).sqrt()) - 1.0).abs() < 1e-10, "{}", found.u);
         assert!((found.budget[0].u / (1e3 * touch.sqrt()) - 1.0).abs() < 1e-10);
