@@ -95,8 +95,8 @@ pub trait ObservationModel: Sync {
     /// observations, mm). The solution is nonlinear if the model is.
     fn solve_each_perturbation(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// Linear functions of the unknowns of [`solve_each_perturbation`](Self::solve_near): trials × functions. `slopes`:
-    /// functions × unknowns.
+    /// Linear functions of the unknowns of [`solve_each_perturbation`](Self::solve_each_perturbation): trials ×
+    /// functions. `slopes`: functions × unknowns.
     fn functions_with_changes(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         self.solve_each_perturbation(changes) * slopes.transpose()
     }

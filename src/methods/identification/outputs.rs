@@ -98,7 +98,7 @@ impl Outputs {
     }
 
     /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
-    /// [`functions_per_trial`](Self::trial_slopes). A linear parameter is computed as slope·x; if its value differs
+    /// [`functions_per_trial`](Self::functions_per_trial). A linear parameter is computed as slope·x; if its value differs
     /// from that, its trials are shifted by a constant.
     pub fn evaluate_trials(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };

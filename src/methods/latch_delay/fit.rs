@@ -144,7 +144,7 @@ fn time_span(touches: &[ObservedTouch]) -> [f64; 2] {
     [(first + last) / 2.0, if last > first { (last - first) / 2.0 } else { 1.0 }]
 }
 
-/// FeedScatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
+/// Scatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
 fn scatter_at_feed(
     touches: &[ObservedTouch],
     a: &Mat<f64>,

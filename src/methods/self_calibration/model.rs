@@ -37,8 +37,8 @@ pub struct UnknownsLayout {
     pub design: Design,
     pub height_count: usize,
     pub drift_order: usize,
-    /// Times of the interruptions, as `Observation::time`. A step is fitted at each, as the motion of the machine
-    /// during an interruption is unknown.
+    /// Times of the interruptions, as `Observation::relative_time`. A step is fitted at each, as the motion of the
+    /// machine during an interruption is unknown.
     pub interruption_times: Vec<f64>,
 }
 

@@ -15,11 +15,11 @@ use planning::SafeHeights;
 /// The observations of one cycle with their common data.
 pub struct ObservedCycle {
     pub observations: Vec<Observation>,
-    /// Half the duration of the cycle, s: the unit of `Observation::time`.
+    /// Half the duration of the cycle, s: the unit of `Observation::relative_time`.
     pub half_duration_s: f64,
     /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub has_times: bool,
-    /// Times of the interruptions, as `Observation::time`.
+    /// Times of the interruptions, as `Observation::relative_time`.
     pub interruption_times: Vec<f64>,
     /// Number of readings between interruptions that are not connected with the rest.
     pub skipped_reading_count: usize,
