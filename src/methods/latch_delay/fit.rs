@@ -18,7 +18,7 @@ const FIT_ITERATIONS: usize = 5;
 /// Part of the error message for unsolvable equations.
 const INSEPARABLE_UNKNOWNS: &str = "delay and drift (alternate the two feeds from touch to touch)";
 
-/// FeedScatter of the touches at one feed.
+/// Scatter of the touches at one feed.
 #[derive(Debug, Clone, Copy)]
 pub struct FeedScatter {
     /// Standard deviation of one touch, mm, at least that of the display resolution.
