@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::centres::{CentreEquations, DwellPointRow, beam_frame};
+use super::centres::{CentreEquations, DwellPointRow};
 use super::position_history::TimedSample;
 use super::scan_data::{ScanData, SpotMean};
 use super::setup::LaserSetup;
@@ -108,15 +108,7 @@ impl ScanSphere {
             reading_mm: sample.reading_mm,
             u_mm: MIN_CELL_WIDTH_MM,
         };
-        let centres = CentreEquations {
-            beam_frame: beam_frame(setup.beam_direction()),
-            radius_mm: setup.measuring_radius_mm(),
-            rows: samples.iter().map(row).collect(),
-            group_count: 1,
-            is_beam_free: false,
-            is_radius_free: false,
-            fixed_beam: [0.0; 3],
-        };
+        let centres = CentreEquations::with_nominal_beam(setup, samples.iter().map(row).collect());
         let centre = centres.group_centre(&centres.solve().ok()?.x, 0);
         Some(Self { centre, radius: setup.measuring_radius_mm(), beam: machine_from_spindle * setup.beam_direction() })
     }

@@ -8,7 +8,8 @@
 use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::scan_data::ScanData;
+use super::scan_data::{ScanData, SpotMean};
+use super::setup::LaserSetup;
 use crate::identification::ObservationEquation;
 use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
 use estimation::schur::BlockRows;
@@ -51,7 +52,7 @@ pub struct CentreEquations {
 }
 
 /// Columns: two directions perpendicular to the beam (nearly X and Y), and the beam.
-pub fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
+fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
     let across = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
     let second = across.cross(&beam);
     // For a beam that points down, `second` is +Y.
@@ -59,6 +60,19 @@ pub fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl CentreEquations {
+    /// The fit of one group, with the nominal beam and the stated radius.
+    pub fn with_nominal_beam(setup: &LaserSetup<'_>, rows: Vec<DwellPointRow>) -> Self {
+        Self {
+            beam_frame: beam_frame(setup.beam_direction()),
+            radius_mm: setup.measuring_radius_mm(),
+            rows,
+            group_count: 1,
+            is_beam_free: false,
+            is_radius_free: false,
+            fixed_beam: [0.0; BEAM_UNKNOWN_COUNT],
+        }
+    }
+
     /// Number of unknowns of the beam in this fit.
     pub fn beam_unknown_count(&self) -> usize {
         if self.is_beam_free { BEAM_UNKNOWN_COUNT } else { 0 }
@@ -133,11 +147,10 @@ impl CentreEquations {
     /// Initial values: each centre is one radius behind the mean light spot.
     fn initial_values(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.beam_unknown_count()];
+        let beam = self.beam_frame.column(2);
         for group in 0..self.group_count {
-            let rows = self.rows.iter().filter(|row| row.group == group);
-            let beam = self.beam_frame.column(2);
             let (mut sum, mut count, mut along) = (Vector3::zeros(), 0.0, Vector3::zeros());
-            for row in rows {
+            for row in self.rows.iter().filter(|row| row.group == group) {
                 sum += row.displacement_mm + row.machine_from_spindle * beam * row.reading_mm;
                 along = row.machine_from_spindle * beam;
                 count += 1.0;
@@ -176,9 +189,8 @@ pub fn gain_deviation(unknown: f64) -> f64 {
 
 /// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
 pub fn determines_centre(scan: &ScanData, beam: Vector3<f64>, radius: f64) -> bool {
-    let points =
-        scan.spots.iter().map(|spot| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm);
-    let points: Vec<Vector3<f64>> = points.collect();
+    let light_spot = |spot: &SpotMean| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm;
+    let points: Vec<Vector3<f64>> = scan.spots.iter().map(light_spot).collect();
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let centre = mean + scan.machine_from_spindle * beam * radius;
     let mut sum = Matrix3::zeros();

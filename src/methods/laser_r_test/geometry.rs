@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
+use super::model::{CentreObservation, CentresLeastSquares, SphereModel};
 use super::observe::observe_scans;
 use super::pose_groups::{GroupedScans, group_scans};
 use super::scan_step::ExpectedGeometry;
@@ -31,10 +31,7 @@ pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result
     if readings.is_empty() {
         return Ok(nominal);
     }
-    let refused = |why: String| MethodRefusal {
-        reason: why,
-        remedy: "check the sphere and the sensor, and start a new run".to_owned(),
-    };
+    let refused = |why: String| MethodRefusal::new(why, "check the sphere and the sensor, and start a new run");
     let mut observed = observe_scans(setup, readings).map_err(|why| match why {
         IdentifyError::Refused(why) => why,
         error => refused(error.to_string()),
@@ -42,7 +39,7 @@ pub fn measured_geometry(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result
     let GroupedScans { groups, centres, .. } = group_scans(setup, &mut observed)?;
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let centre_observations = groups.iter().enumerate().map(|(i, group)| {
-        let axis_positions = with_linear_axes(&group.rotary, group.xyz_at(centres.group_centre(&fitted.x, i)));
+        let axis_positions = group.axis_positions(centres.group_centre(&fitted.x, i));
         CentreObservation { axis_positions, weight: Matrix3::identity() / PROVISIONAL_CENTRE_U_MM }
     });
     let problem = CentresLeastSquares {
@@ -67,14 +64,12 @@ fn check_sphere_position(setup: &LaserSetup<'_>, geometry: &ExpectedGeometry) ->
     let offset_mm =
         (geometry.ball_centre - setup.ball_centre()).norm() + (geometry.zero_point - setup.zero_point()).norm();
     let limit = 2.0 * setup.balls.uncertainty_mm + MAX_ZERO_POINT_ERROR_MM;
-    if offset_mm <= limit && geometry.ball_centre.iter().all(|mm| mm.is_finite()) {
-        return Ok(());
-    }
-    Err(MethodRefusal {
-        reason: format!(
-            "the measured position of the sphere differs by {offset_mm:.2} mm from the stated one; \
-             the limit is {limit} mm (twice uncertainty_mm of [artefact], plus 1 mm for zero_mm)"
+    MethodRefusal::require(
+        offset_mm <= limit && geometry.ball_centre.iter().all(|mm| mm.is_finite()),
+        format!(
+            "the measured position of the sphere differs by {offset_mm:.2} mm from the stated one; the limit is \
+             {limit} mm (twice uncertainty_mm of [artefact], plus 1 mm for zero_mm)"
         ),
-        remedy: "check centre_mm of the sphere and zero_mm of the sensor".to_owned(),
-    })
+        "check centre_mm of the sphere and zero_mm of the sensor",
+    )
 }

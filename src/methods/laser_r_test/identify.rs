@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::latency::LatencyEstimate;
-use super::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
+use super::model::{CentreObservation, CentresLeastSquares, SphereModel};
 use super::observe::{ObservedScans, observe_scans};
 use super::outputs;
 use super::parameters;
@@ -91,7 +91,7 @@ fn fit_centres(
     check_height_count(setup, &observed, &grouped)?;
     let mut centre_fit = solve_centres(&grouped)?;
     if !setup.uses_touch_probe() && remove_oblique_samples(setup, &mut observed, &grouped, &centre_fit) {
-        grouped = super::pose_groups::group_scans(setup, &mut observed)?;
+        grouped = group_scans(setup, &mut observed)?;
         check_height_count(setup, &observed, &grouped)?;
         centre_fit = solve_centres(&grouped)?;
     }
@@ -99,13 +99,7 @@ fn fit_centres(
 }
 
 fn solve_centres(grouped: &GroupedScans) -> Result<NonlinearSolution, IdentifyError> {
-    let failed = |why: NonlinearError| {
-        IdentifyError::IdentificationFailed(format!(
-            "fit of the spheres: \
-                                                                         {why}"
-        ))
-    };
-    grouped.centres.solve().map_err(failed)
+    grouped.centres.solve().map_err(|error| IdentifyError::IdentificationFailed(format!("fit of the spheres: {error}")))
 }
 
 fn check_height_count(
@@ -113,29 +107,21 @@ fn check_height_count(
     observed: &ObservedScans,
     grouped: &GroupedScans,
 ) -> Result<(), MethodRefusal> {
-    let (free, count) = (grouped.centres.is_beam_free, grouped.height_count);
-    let skipped_heights: Vec<&str> = observed
-        .skipped_scans
-        .iter()
-        .filter(|line| ScanPurpose::from_label(line) == Some(ScanPurpose::Height))
-        .map(String::as_str)
-        .collect();
-    if free || setup.uses_touch_probe() {
-        return Ok(());
-    }
-    let missing = match skipped_heights.as_slice() {
+    let count = grouped.height_count;
+    let is_height = |line: &&String| ScanPurpose::from_label(line) == Some(ScanPurpose::Height);
+    let missing = match observed.skipped_scans.iter().filter(is_height).cloned().collect::<Vec<_>>().as_slice() {
         [] => String::new(),
         lines => format!(" ({})", lines.join("; ")),
     };
-    Err(MethodRefusal {
-        reason: format!(
-            "the beam direction needs scans at three heights, the readings have {count}{missing}; \
-             from one height its uncertainty is hundreds of urad"
+    MethodRefusal::require(
+        grouped.centres.is_beam_free || setup.uses_touch_probe(),
+        format!(
+            "the beam direction needs scans at three heights, the readings have {count}{missing}; from one height its \
+             uncertainty is hundreds of urad"
         ),
-        remedy: "measure the stage `beam direction` at three heights_mm that are well apart, each \
-                  along two lines that cross at the pole"
-            .to_owned(),
-    })
+        "measure the stage `beam direction` at three heights_mm that are well apart, each along two lines that cross \
+         at the pole",
+    )
 }
 
 /// Removes and counts samples beyond the incidence limit. Returns whether there were any.
@@ -166,11 +152,11 @@ fn remove_oblique_samples(
 /// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.
 fn centre_observations(grouped: &GroupedScans, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<CentreObservation> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
-    let centre_observations = groups.map(|((i, group), covariance)| CentreObservation {
-        axis_positions: with_linear_axes(&group.rotary, group.xyz_at(grouped.centres.group_centre(x, i))),
+    let observation = |((i, group), covariance): ((usize, &PoseGroup), Matrix3<f64>)| CentreObservation {
+        axis_positions: group.axis_positions(grouped.centres.group_centre(x, i)),
         weight: whitening_matrix(covariance) * group.machine_from_table,
-    });
-    centre_observations.collect()
+    };
+    groups.map(observation).collect()
 }
 
 /// One measurement for the sphere at each pose.
@@ -179,18 +165,14 @@ fn pose_outlier_measurements(
     groups: &[PoseGroup],
     residuals: &[Vector3<f64>],
 ) -> Vec<Measurement> {
-    let all = problem.centre_observations.iter().zip(groups).zip(residuals).enumerate();
-    let measurement =
-        |(i, ((observation, group), residual)): (usize, ((&CentreObservation, &PoseGroup), &Vector3<f64>))| {
-            Measurement {
-                label: group.label.clone(),
-                description: format!("the sphere at {}", group.label),
-                rows: 3 * i..3 * i + 3,
-                residual_mm: residual.norm(),
-                u_mm: mean_coordinate_u_mm(&observation.weight),
-            }
-        };
-    all.map(measurement).collect()
+    let measurement = |(i, group): (usize, &PoseGroup)| Measurement {
+        label: group.label.clone(),
+        description: format!("the sphere at {}", group.label),
+        rows: 3 * i..3 * i + 3,
+        residual_mm: residuals[i].norm(),
+        u_mm: mean_coordinate_u_mm(&problem.centre_observations[i].weight),
+    };
+    groups.iter().enumerate().map(measurement).collect()
 }
 
 fn solve_machine(
@@ -198,9 +180,8 @@ fn solve_machine(
     problem: &CentresLeastSquares,
     names: &[String],
 ) -> Result<(RankAnalysis, NonlinearSolution), IdentifyError> {
-    let mut start = vec![0.0; problem.model.parameters.len()];
-    start.extend(&setup.zero_point());
-    start.extend(&setup.ball_centre());
+    let errors = vec![0.0; problem.model.parameters.len()];
+    let start = [&errors, setup.zero_point().as_slice(), setup.ball_centre().as_slice()].concat();
     let unsolved = |why: NonlinearError| {
         IdentifyError::from_solver_error(why, |lost| name_null_space(lost.null_space.as_ref(), names))
     };

@@ -106,13 +106,12 @@ pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<La
             return Ok(estimate);
         }
     }
-    Err(IdentifyError::Refused(MethodRefusal {
-        reason: "the latency between sensor and axis positions does not converge".to_owned(),
-        remedy: "check that the time stamps of both are evenly spaced (`trued watch` lists those \
-                  of the sensor) and measure again, or measure with dwell points: sampling = \
-                  \"dwell\""
-            .to_owned(),
-    }))
+    Err(MethodRefusal::new(
+        "the latency between sensor and axis positions does not converge",
+        "check that the time stamps of both are evenly spaced (`trued watch` lists those of the sensor) and measure \
+         again, or measure with dwell points: sampling = \"dwell\"",
+    )
+    .into())
 }
 
 /// The reliable samples of one scan, by cells.
@@ -182,16 +181,15 @@ impl LatencyIteration {
         }
         cells.retain(|rows| !rows.is_empty());
         let samples: usize = cells.iter().map(Vec::len).sum();
-        if samples > 2 * cells.len() + 2 * axes.len() {
-            return Ok(Self { axes, cells });
-        }
-        Err(IdentifyError::Refused(MethodRefusal {
-            reason: format!(
-                "{samples} samples of the stage `latency` are usable: too few for the latency of \
-                 the sensor, which continuous scans need"
+        MethodRefusal::require(
+            samples > 2 * cells.len() + 2 * axes.len(),
+            format!(
+                "{samples} samples of the stage `latency` are usable: too few for the latency of the sensor, which \
+                 continuous scans need"
             ),
-            remedy: LATENCY_REMEDY.to_owned(),
-        }))
+            LATENCY_REMEDY,
+        )?;
+        Ok(Self { axes, cells })
     }
 
     fn unknown_count(&self) -> usize {
@@ -268,17 +266,17 @@ const LATENCY_REMEDY: &str = "measure the complete stage `latency`: both lines f
 
 /// Refusal that names the unknowns that are not separable, without the unknowns of cells.
 fn not_separable_error(rank: &str, names: Vec<String>) -> IdentifyError {
-    let is_latency_unknown = |name: &String| name.contains("latency") || name.contains("reversal");
-    let names: Vec<String> =
-        names.into_iter().filter(is_latency_unknown).map(|name| names_without_cells(&name)).collect();
-    IdentifyError::Refused(MethodRefusal {
-        reason: format!(
-            "{rank}: the passes do not separate the latency of the sensor from the lost motion of \
-             the axes at reversals ({})",
-            names.join(", ")
+    let is_latency_unknown = |name: &&String| name.contains("latency") || name.contains("reversal");
+    let names = names.iter().filter(is_latency_unknown).map(|name| names_without_cells(name));
+    MethodRefusal::new(
+        format!(
+            "{rank}: the passes do not separate the latency of the sensor from the lost motion of the axes at \
+             reversals ({})",
+            names.collect::<Vec<_>>().join(", ")
         ),
-        remedy: LATENCY_REMEDY.to_owned(),
-    })
+        LATENCY_REMEDY,
+    )
+    .into()
 }
 
 /// Names of the latency and of the reversal errors in a combination of unknowns.

@@ -16,9 +16,12 @@ const MIN_REPORTED_GAIN: f64 = 1e-3;
 const MIN_REPORTED_GAIN_RATIO: f64 = 4.0;
 
 pub fn estimate_warnings(result: &IdentificationResult<'_>) -> Vec<String> {
-    let mut lines: Vec<String> = skipped_scan_warnings(result);
+    let is_not_search = |line: &&String| ScanPurpose::from_label(line) != Some(ScanPurpose::Search);
+    let skipped = result.observed.skipped_scans.iter().filter(is_not_search);
+    let mut lines: Vec<String> = skipped.map(|line| format!("not used: {line}")).collect();
     lines.extend(result.observed.describe_excluded_samples());
-    lines.extend(sparse_motion_warnings(result));
+    // With too few samples of a motion, forward and backward have unequal weight.
+    lines.extend(result.observed.sparse_motions.iter().filter(is_not_search).cloned());
     lines.extend(misfit_warning(result));
     lines.extend(result.identification.outlier_check.warnings.iter().cloned());
     lines.extend(gain_warning(result));
@@ -26,18 +29,6 @@ pub fn estimate_warnings(result: &IdentificationResult<'_>) -> Vec<String> {
     lines.extend(noise_warning(result));
     lines.extend(result.identification.trials_warning());
     lines
-}
-
-fn skipped_scan_warnings(result: &IdentificationResult<'_>) -> Vec<String> {
-    let is_not_search = |line: &&String| ScanPurpose::from_label(line) != Some(ScanPurpose::Search);
-    let lines = result.observed.skipped_scans.iter().filter(is_not_search);
-    lines.map(|line| format!("not used: {line}")).collect()
-}
-
-/// Warnings for motions with too few samples, where forward and backward have unequal weight.
-fn sparse_motion_warnings(result: &IdentificationResult<'_>) -> impl Iterator<Item = String> {
-    let is_not_search = |line: &&String| ScanPurpose::from_label(line) != Some(ScanPurpose::Search);
-    result.observed.sparse_motions.iter().filter(is_not_search).cloned()
 }
 
 fn misfit_warning(result: &IdentificationResult<'_>) -> Option<String> {
@@ -68,8 +59,7 @@ fn gain_warning(result: &IdentificationResult<'_>) -> Option<String> {
 
 fn form_warning(result: &IdentificationResult<'_>) -> Option<String> {
     let forms = result.form_errors_mm();
-    let worst = forms.iter().zip(&result.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0));
-    let (form, group) = worst?;
+    let (form, group) = forms.iter().zip(&result.grouped.groups).max_by(|a, b| a.0.total_cmp(b.0))?;
     let (subject, remedy) = match result.setup.uses_touch_probe() {
         true => ("touches of the sphere", "clean the sphere and the stylus, and check that both are tight"),
         false => ("the sphere's scan", "clean the sphere, and check its radius and incidence_limit_deg"),
@@ -146,15 +136,11 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
 /// Result of the paper's own estimator, for comparison.
 fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
     let [a, b, c, x, a_cb] = paper::identify_like_paper(result.setup, &result.grouped, &result.centre_fit.x)?;
-    let urad = |value: f64| Unit::Urad.from_internal(value);
+    let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.from_internal(rad));
     Some(format!(
-        "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts \
-         as true): EA0B {:.2}, EB0B {:.2}, EC0B {:.2} urad, EX0C {:.2} um, EA0C {:.2} urad",
-        urad(a),
-        urad(b),
-        urad(c),
-        Unit::Um.from_internal(x),
-        urad(a_cb)
+        "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts as true): \
+         EA0B {a:.2}, EB0B {b:.2}, EC0B {c:.2} urad, EX0C {:.2} um, EA0C {a_cb:.2} urad",
+        Unit::Um.from_internal(x)
     ))
 }
 
@@ -171,19 +157,18 @@ pub fn not_identifiable(result: &IdentificationResult<'_>) -> Vec<String> {
         format!("position of the axis of rotation nearest to the bed: it only shifts the {}", zero_point_name(result)),
         match result.setup.uses_touch_probe() {
             true => {
-                "separate values of sphere radius, stylus ball radius and mean pre-travel of \
-                     the probe: only their combination is measured"
+                "separate values of sphere radius, stylus ball radius and mean pre-travel of the probe: only \
+                     their combination is measured"
             }
             false => "separate values of sphere radius and zero error of the sensor",
         }
         .to_owned(),
     ];
-    let orders = &result.setup.settings.harmonics;
-    if orders.is_empty() {
+    if result.setup.settings.harmonics.is_empty() {
         lines.push("error motions of the rotary axes: location errors are means over the angles measured".to_owned());
     }
-    let angles =
-        |axis: Axis| -> Vec<f64> { result.grouped.groups.iter().map(|group| group.rotary.get_or_zero(axis)).collect() };
+    let groups = &result.grouped.groups;
+    let angles = |axis: Axis| groups.iter().map(|group| group.rotary.get_or_zero(axis)).collect::<Vec<f64>>();
     let axes = result.setup.chain.topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
     lines.extend(rotary.filter_map(|axis| describe_aliased_orders(axis, &angles(axis), LOCATION_ERRORS_TEXT)));

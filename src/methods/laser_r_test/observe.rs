@@ -13,7 +13,7 @@ use super::setup::LaserSetup;
 use crate::decision::reference_check::largest_shift_limit_mm;
 use crate::{IdentifyError, MethodRefusal};
 use machine::Position;
-use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Sampling, Scan, Step};
+use machine::record::plan::{FIRST_REPEAT_AFTER_STOP, Plan, Sampling, Step};
 use machine::record::reading::{Reading, ReadingFlag};
 
 /// Largest motion of an axis that counts as standing still, mm.
@@ -59,8 +59,7 @@ impl ObservedScans {
 
     pub fn describe_excluded_samples(&self) -> Option<String> {
         let count: usize = self.excluded_samples.values().sum();
-        let counts = self.excluded_samples.iter().map(|(why, count)| format!("{why} {count}"));
-        let counts: Vec<String> = counts.collect();
+        let counts: Vec<String> = self.excluded_samples.iter().map(|(why, count)| format!("{why} {count}")).collect();
         (count > 0).then(|| format!("{count} of {} samples were not used: {}", self.sample_count, counts.join(", ")))
     }
 }
@@ -104,23 +103,22 @@ fn sorted_path(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
 
 /// Times and limits of the interruptions. The limit is that of the reference measurements after the interruption.
 fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyError> {
-    let ordinary = |reading: &&Reading| reading.repeat < FIRST_REPEAT_AFTER_STOP;
-    let has_later_readings = |gap_s: f64| readings.iter().filter(ordinary).any(|reading| reading.t_s > gap_s);
-    let with_limit = |gap_s: f64| {
-        let refusal = || MethodRefusal {
-            reason: format!(
-                "the run was interrupted {gap_s:.0} s after its start, and the readings contain no \
-                 references after the interruption"
+    let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_AFTER_STOP).collect();
+    let has_later_readings = |gap_s: &f64| ordinary.iter().any(|reading| reading.t_s > *gap_s);
+    let with_limit = |gap_s: f64| match largest_shift_limit_mm(plan, readings, gap_s) {
+        Some(limit_mm) => Ok((gap_s, limit_mm)),
+        None => Err(MethodRefusal::new(
+            format!(
+                "the run was interrupted {gap_s:.0} s after its start, and the readings contain no references after \
+                 the interruption"
             ),
-            remedy: format!(
-                "take the readings as `trued export` writes them: those of references measured again have \
-                 a repeat of {FIRST_REPEAT_AFTER_STOP} and more"
+            format!(
+                "take the readings as `trued export` writes them: those of references measured again have a repeat \
+                 of {FIRST_REPEAT_AFTER_STOP} and more"
             ),
-        };
-        largest_shift_limit_mm(plan, readings, gap_s).map(|mm| (gap_s, mm)).ok_or_else(refusal)
+        )),
     };
-    let stops = plan.gaps_s.iter().copied().filter(|gap_s| has_later_readings(*gap_s)).map(with_limit);
-    stops.collect::<Result<_, _>>().map_err(IdentifyError::Refused)
+    Ok(plan.gaps_s.iter().copied().filter(has_later_readings).map(with_limit).collect::<Result<_, _>>()?)
 }
 
 /// Estimates the latency from the latency scans.
@@ -128,18 +126,15 @@ fn estimate_latency(
     setup: &LaserSetup<'_>,
     uncorrected_scans: &[UncorrectedScan],
 ) -> Result<Option<LatencyEstimate>, IdentifyError> {
-    let timed = uncorrected_scans.iter().filter_map(|UncorrectedScan { scanned, history, .. }| {
-        let history = history.as_ref().filter(|_| scanned.purpose == ScanPurpose::Latency);
-        let machine_from_xyz = setup.machine_from_xyz(&scanned.rotary);
-        history.map(|(history, _)| TimedScan {
-            machine_from_xyz,
-            machine_from_spindle: scanned.machine_from_spindle,
-            history,
-        })
+    if uncorrected_scans.iter().all(|uncorrected_scan| uncorrected_scan.history.is_none()) {
+        return Ok(None);
+    }
+    let latency_scans = uncorrected_scans.iter().filter(|scan| scan.scanned.purpose == ScanPurpose::Latency);
+    let timed = latency_scans.filter_map(|UncorrectedScan { scanned, history, .. }| {
+        let (machine_from_xyz, (history, _)) = (setup.machine_from_xyz(&scanned.rotary), history.as_ref()?);
+        Some(TimedScan { machine_from_xyz, machine_from_spindle: scanned.machine_from_spindle, history })
     });
-    let timed: Vec<TimedScan<'_>> = timed.collect();
-    let continuous = uncorrected_scans.iter().any(|uncorrected_scan| uncorrected_scan.history.is_some());
-    if continuous { fit_latency(setup, &timed).map(Some) } else { Ok(None) }
+    fit_latency(setup, &timed.collect::<Vec<_>>()).map(Some)
 }
 
 /// Adds a measurement to `observed`, corrected for latency and lost motion.
@@ -204,7 +199,7 @@ fn read_uncorrected_scan(
     let history = step
         .scan
         .as_ref()
-        .filter(|scan| is_continuous(scan))
+        .filter(|scan| matches!(scan.sampling, Sampling::Continuous { .. }))
         .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect()));
     let points = if history.is_some() { Vec::new() } else { group_into_points(step, spots) };
     let spots = points.iter().map(|all| mean_spot(all, &mut observed.scatter_sums)).collect();
@@ -216,14 +211,9 @@ fn read_uncorrected_scan(
     }
 }
 
-fn is_continuous(scan: &Scan) -> bool {
-    matches!(scan.sampling, Sampling::Continuous { .. })
-}
-
-/// Groups samples into points. Samples at unchanged axis positions belong to one point; each touch is a point. The
+/// Groups samples of a step without continuous motion into points. Samples at unchanged axis positions belong to one point; each touch is a point. The
 /// measured positions are used, not those of the plan, which may differ.
 fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
-    let dwells = |scan: &Scan| matches!(scan.sampling, Sampling::Dwell { .. });
     let mut points: Vec<Vec<SpotMean>> = Vec::new();
     for spot in spots {
         let is_same_point = |point: &&mut Vec<SpotMean>| {
@@ -231,7 +221,7 @@ fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
             first.is_some_and(|first| first.xyz.metric_distance(&spot.xyz) < MAX_STANDSTILL_MOTION_MM)
         };
         match points.last_mut().filter(is_same_point) {
-            Some(point) if step.scan.as_ref().is_some_and(dwells) => point.push(spot),
+            Some(point) if step.scan.is_some() => point.push(spot),
             _ => points.push(vec![spot]),
         }
     }

@@ -11,7 +11,7 @@ use super::notes;
 use super::pose_groups::PoseGroup;
 use super::result::IdentificationResult;
 use super::scan_purpose::describe_rotary_position;
-use crate::identification::{Output, Outputs, reported_unit};
+use crate::identification::{Output, Outputs, function_over_numbers, reported_unit};
 use machine::record::estimate::{
     Arrow, ArrowFigure, ArrowGroup, Estimate, EstimatedFunction, FigureKind, Unit, VectorKind,
 };
@@ -26,7 +26,7 @@ pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
     let residuals = position_residuals(&result.problem, &result.grouped.groups, &result.machine_fit.x);
     Estimate {
         functions: deviation_functions(result),
-        arrows: vec![deviation_arrows(result, &residuals), residual_arrows(result, &residuals)],
+        arrows: vec![deviation_arrows(result, &residuals), arrow_figure(result, "residuals", &residuals, None)],
         gauge: notes::gauge_lines(result),
         not_identifiable: notes::not_identifiable(result),
         warnings: notes::estimate_warnings(result),
@@ -70,16 +70,11 @@ pub fn position_residuals(problem: &CentresLeastSquares, groups: &[PoseGroup], x
 /// position follows from the positions of sphere and zero point on a machine without errors.
 fn deviation_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = result.machine_fit.x.clone();
-    let errors = result.problem.model.parameters.len();
-    without.iter_mut().take(errors).for_each(|error| *error = 0.0);
-    let total = self::position_residuals(&result.problem, &result.grouped.groups, &without);
+    without[..result.problem.model.parameters.len()].fill(0.0);
+    let total = position_residuals(&result.problem, &result.grouped.groups, &without);
     let modelled: Vec<Vector3<f64>> = total.iter().zip(residuals).map(|(total, residual)| total - residual).collect();
     let figure = arrow_figure(result, "measured less commanded sphere", &total, Some(&modelled));
     ArrowFigure { figure: VectorKind::Paths, ..figure }
-}
-
-fn residual_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>]) -> ArrowFigure {
-    arrow_figure(result, "residuals", residuals, None)
 }
 
 /// Figure with one group of arrows for each position of the tilting axis, ordered by the angle of the turning axis.
@@ -94,16 +89,14 @@ fn arrow_figure(
     let ball = result.problem.model.ball_centre(&result.machine_fit.x);
     let mut groups: Vec<(Position, ArrowGroup)> = Vec::new();
     for i in pose_order(result, tilting) {
-        let (Some(group), Some(vector)) = (result.grouped.groups.get(i), vectors.get(i)) else {
-            continue;
-        };
+        let (group, vector) = (&result.grouped.groups[i], vectors[i]);
         let tilted = group.rotary.filter_axes(tilting);
         let table = chain.machine_from_table(&with_linear_axes(&group.rotary, Vector3::zeros()), &[]);
         let arrow = Arrow {
             label: describe_rotary_position(&group.rotary.filter_axes(|axis| !tilting(axis))),
             at_mm: table.transform_point(&ball.into()).coords.into(),
-            vector: (*vector * 1e3).into(),
-            modelled: modelled.and_then(|all| all.get(i)).map(|vector| (*vector * 1e3).into()),
+            vector: (vector * 1e3).into(),
+            modelled: modelled.map(|all| (all[i] * 1e3).into()),
             flagged: false,
         };
         match groups.iter_mut().find(|(at, _)| *at == tilted) {
@@ -124,32 +117,20 @@ fn arrow_figure(
 
 /// Indices of the poses, ordered by the angle of the axis that turns the table.
 fn pose_order(result: &IdentificationResult<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
-    let turn_angle = |i: &usize| {
-        let group = result.grouped.groups.get(*i);
-        let turning = group.and_then(|group| group.rotary.iter().find(|(axis, _)| !tilting(*axis)));
-        turning.map_or(0.0, |(_, angle)| angle)
-    };
-    let mut order: Vec<usize> = (0..result.grouped.groups.len()).collect();
+    let groups = &result.grouped.groups;
+    let turn_angle =
+        |i: &usize| groups[*i].rotary.iter().find(|(axis, _)| !tilting(*axis)).map_or(0.0, |(_, angle)| angle);
+    let mut order: Vec<usize> = (0..groups.len()).collect();
     order.sort_by(|a, b| turn_angle(a).total_cmp(&turn_angle(b)));
     order
 }
 
 /// Form error of each scan in the order of the poses, and deviations of the points of all scans from their spheres.
 fn deviation_functions(result: &IdentificationResult<'_>) -> Vec<EstimatedFunction> {
-    let function = |symbol: &str, argument: &str, mm: Vec<f64>, figure| EstimatedFunction {
-        symbol: symbol.to_owned(),
-        argument: argument.to_owned(),
-        argument_unit: String::new(),
-        x: (1..=mm.len()).map(|number| number as f64).collect(),
-        unit: Unit::Um,
-        u: vec![0.0; mm.len()],
-        y: mm.into_iter().map(|mm| Unit::Um.from_internal(mm)).collect(),
-        figure,
-        at_mm: None,
-    };
     let points = result.grouped.centres.surface_deviations_mm(&result.centre_fit.x);
+    let deviations = function_over_numbers("deviation", "point", points.into_iter());
     vec![
-        function("form", "pose", result.form_errors_mm(), FigureKind::Points),
-        function("deviation", "point", points, FigureKind::Histogram),
+        function_over_numbers("form", "pose", result.form_errors_mm().into_iter()),
+        EstimatedFunction { figure: FigureKind::Histogram, ..deviations },
     ]
 }

@@ -87,26 +87,24 @@ fn harmonic_candidates(chain: &KinematicChain, orders: &[u32]) -> Result<Vec<Err
         return Ok(Vec::new());
     }
     let axis = table_rotary_axes(chain).into_iter().find(|axis| tilts_table(chain, *axis));
-    let axis = axis.ok_or_else(|| MethodRefusal {
-        reason: "harmonics belong to the axis that tilts the table; this machine has no such \
-              axis"
-            .to_owned(),
-        remedy: "omit harmonics".to_owned(),
+    let axis = axis.ok_or_else(|| {
+        MethodRefusal::new(
+            "harmonics belong to the axis that tilts the table; this machine has no such axis",
+            "omit harmonics",
+        )
     })?;
     let shapes = orders.iter().flat_map(|n| [ErrorShape::Cos(*n), ErrorShape::Sin(*n)]);
     let all = shapes.flat_map(|shape| ERROR_COMPONENTS.map(|c| ErrorParameter::new(c, axis, shape)));
-    all.collect::<Result<_, _>>().map_err(|why| MethodRefusal {
-        reason: why.to_string(),
-        remedy: "use orders from 1, e.g. harmonics = [2]".to_owned(),
-    })
+    all.collect::<Result<_, _>>()
+        .map_err(|why| MethodRefusal::new(why.to_string(), "use orders from 1, e.g. harmonics = [2]"))
 }
 
 fn parse_parameters(chain: &KinematicChain, names: &[String]) -> Result<Vec<ErrorParameter>, MethodRefusal> {
-    let refused = |why: String| MethodRefusal {
-        reason: why,
-        remedy: "correct `parameters`, or omit it: then all errors that one sphere separates are \
-                  identified"
-            .to_owned(),
+    let refused = |why: String| {
+        MethodRefusal::new(
+            why,
+            "correct `parameters`, or omit it: then all errors that one sphere separates are identified",
+        )
     };
     let mut parameters: Vec<ErrorParameter> = Vec::new();
     for name in names {

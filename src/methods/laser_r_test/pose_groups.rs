@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::centres::{CentreEquations, DwellPointRow, beam_frame, determines_centre};
+use super::centres::{CentreEquations, DwellPointRow, determines_centre};
+use super::model::with_linear_axes;
 use super::observe::ObservedScans;
 use super::scan_data::{ScanData, SpotMean};
 use super::scan_purpose::ScanPurpose;
@@ -65,12 +66,10 @@ type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a ScanData)>);
 pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Result<GroupedScans, MethodRefusal> {
     let radius = setup.measuring_radius_mm();
     let is_flat = |scan: &ScanData| !determines_centre(scan, setup.beam_direction(), radius);
-    let lines = observed.scans.iter().filter(|scan| is_flat(scan)).map(|scan| {
+    let flat_scans = observed.scans.extract_if(.., |scan| is_flat(scan)).map(|scan| {
         format!("{}: the samples lie nearly on one great circle and do not determine the centre", scan.label)
     });
-    let lines: Vec<String> = lines.collect();
-    observed.skipped_scans.extend(lines);
-    observed.scans.retain(|scan| !is_flat(scan));
+    observed.skipped_scans.extend(flat_scans);
     // Scans used for the latency are not used a second time. If there are continuous scans, dwell scans are not
     // used either: their lost motion is unknown.
     let has_continuous = observed.latency.is_some();
@@ -114,18 +113,17 @@ fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
     if let Some(excluded) = observed.describe_excluded_samples() {
         why = format!("{why}; {excluded}");
     }
-    MethodRefusal {
-        reason: why,
-        remedy: "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan \
-                  along two lines that cross at the pole"
-            .to_owned(),
-    }
+    MethodRefusal::new(
+        why,
+        "check centre_mm of the sphere and zero_mm, direction and range_mm of the sensor; scan along two lines that \
+         cross at the pole",
+    )
 }
 
 fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<GroupWithScans<'_>>) -> GroupedScans {
     let (noise, resolution) = (sample_noise_mm(setup, observed), resolution_u_mm(setup));
     let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut row_origins, mut most, mut index) = (Vec::new(), 0, 0);
+    let (mut row_origins, mut most) = (Vec::new(), 0);
     for (mut group, scans) in members {
         let poles: Vec<f64> = scans.iter().map(|(_, scan)| pole_reading_mm(scan)).collect();
         most = most.max(count_heights(&poles));
@@ -133,9 +131,9 @@ fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<
         for (number, scan) in scans {
             for (point, spot) in scan.spots.iter().enumerate() {
                 let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_POINT_U_MM);
-                let (displacement_mm, machine_from_spindle, reading_mm) =
-                    (spot.displacement_mm, scan.machine_from_spindle, spot.reading_mm);
-                rows.push(DwellPointRow { group: index, displacement_mm, machine_from_spindle, reading_mm, u_mm });
+                let SpotMean { displacement_mm, reading_mm, .. } = *spot;
+                let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
+                rows.push(DwellPointRow { group, displacement_mm, machine_from_spindle, reading_mm, u_mm });
                 spots.push(*spot);
                 row_origins.push((number, point));
             }
@@ -143,16 +141,12 @@ fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<
         let times = spots[first..].iter().map(|spot| spot.t_s);
         group.t_s = times.sum::<f64>() / (spots.len() - first).max(1) as f64;
         groups.push(group);
-        index += 1;
     }
     let centres = CentreEquations {
-        beam_frame: beam_frame(setup.beam_direction()),
-        radius_mm: setup.measuring_radius_mm(),
-        rows,
         group_count: groups.len(),
         is_beam_free: most >= 3 && !setup.uses_touch_probe(),
         is_radius_free: setup.uses_touch_probe(),
-        fixed_beam: [0.0; 3],
+        ..CentreEquations::with_nominal_beam(setup, rows)
     };
     GroupedScans { groups, centres, spots, row_origins, height_count: most }
 }
@@ -169,8 +163,8 @@ fn resolution_u_mm(setup: &LaserSetup<'_>) -> f64 {
 }
 
 impl PoseGroup {
-    /// Axis positions X, Y, Z of a centre given in the machine frame.
-    pub fn xyz_at(&self, centre: Vector3<f64>) -> Vector3<f64> {
-        self.xyz_from_machine * centre
+    /// Positions of all axes with the zero point at a centre given in the machine frame.
+    pub fn axis_positions(&self, centre: Vector3<f64>) -> Position {
+        with_linear_axes(&self.rotary, self.xyz_from_machine * centre)
     }
 }

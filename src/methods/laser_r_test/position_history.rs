@@ -61,11 +61,12 @@ impl PositionHistory {
         sorted.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
         let t_s: Vec<f64> = sorted.iter().map(|reading| reading.t_s).collect();
         let xyz: Vec<Vector3<f64>> = sorted.iter().map(|reading| reading.position.xyz()).collect();
-        let mut apart: Vec<f64> = t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        apart.sort_by(f64::total_cmp);
-        let min_gap_s = MIN_GAP_RATIO * apart.get(apart.len() / 2).copied().unwrap_or_default();
-        let stamp_velocities = stamp_velocities(&t_s, &xyz, min_gap_s);
-        let is_interpolable = interpolable_intervals(&t_s, &xyz);
+        let intervals = stamp_intervals(&t_s, &xyz);
+        let mut durations_s: Vec<f64> = intervals.iter().map(|interval| interval.duration_s).collect();
+        durations_s.sort_by(f64::total_cmp);
+        let min_gap_s = MIN_GAP_RATIO * durations_s.get(durations_s.len() / 2).copied().unwrap_or_default();
+        let stamp_velocities: Vec<_> = (0..xyz.len()).map(|k| stamp_velocity(&intervals, k, min_gap_s)).collect();
+        let is_interpolable = (0..intervals.len()).map(|i| is_interpolable(&intervals, i)).collect();
         let max_speed = stamp_velocities.iter().map(|velocity| velocity.norm()).fold(0.0, f64::max);
         let mut last_motion_sign: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
         // After a gap the direction of the last motion is unknown.
@@ -138,37 +139,38 @@ impl PositionHistory {
     }
 }
 
-/// Whether the interpolation error between two stamps is small enough. For different accelerations at the ends it
-/// is a sixteenth of the second difference of the neighbouring velocities, times the duration.
-fn interpolable_intervals(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<bool> {
-    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
-    let interval = |pair: &[(f64, Vector3<f64>)]| match pair {
-        &[(t0, p0), (t1, p1)] => (t1 - t0, (p1 - p0) / (t1 - t0)),
-        _ => (0.0, Vector3::zeros()),
-    };
-    let intervals: Vec<(f64, Vector3<f64>)> = nodes.windows(2).map(interval).collect();
-    let velocity = |k: usize| intervals.get(k).map(|(_, velocity)| *velocity);
-    let is_interpolable = |(k, (duration_s, own)): (usize, &(f64, Vector3<f64>))| {
-        let before = k.checked_sub(1).and_then(velocity).unwrap_or(*own);
-        let after = velocity(k + 1).unwrap_or(*own);
-        (before + after - *own * 2.0).norm() * duration_s / 16.0 <= MAX_INTERPOLATION_ERROR_MM
-    };
-    intervals.iter().enumerate().map(is_interpolable).collect()
+/// Motion from one stamp to the next.
+struct StampInterval {
+    duration_s: f64,
+    /// Mean velocity, mm/s.
+    velocity: Vector3<f64>,
 }
 
-/// Derivatives at the stamps, from the parabola through each stamp and its neighbours. At a gap, from the one
-/// neighbour on the same side.
-fn stamp_velocities(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
-    let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
-    let interval_velocity = |k: usize| match nodes.get(k..k + 2) {
-        Some(&[(t0, p0), (t1, p1)]) if t1 - t0 <= gap_s => Some((t1 - t0, (p1 - p0) / (t1 - t0))),
-        _ => None,
+fn stamp_intervals(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<StampInterval> {
+    let interval = |(t, p): (&[f64], &[Vector3<f64>])| {
+        let duration_s = t[1] - t[0];
+        StampInterval { duration_s, velocity: (p[1] - p[0]) / duration_s }
     };
-    let slope = |k: usize| match (k.checked_sub(1).and_then(interval_velocity), interval_velocity(k)) {
-        (Some((h0, d0)), Some((h1, d1))) => (d0 * h1 + d1 * h0) / (h0 + h1),
-        (before, after) => before.or(after).map_or(Vector3::zeros(), |(_, slope)| slope),
-    };
-    (0..nodes.len()).map(slope).collect()
+    t_s.windows(2).zip(xyz.windows(2)).map(interval).collect()
+}
+
+/// Whether the interpolation error in the interval `i` is small enough. For different accelerations at the ends it
+/// is a sixteenth of the second difference of the neighbouring velocities, times the duration.
+fn is_interpolable(intervals: &[StampInterval], i: usize) -> bool {
+    let StampInterval { duration_s, velocity } = intervals[i];
+    let neighbour = |k: Option<usize>| k.and_then(|k| intervals.get(k)).map_or(velocity, |interval| interval.velocity);
+    let (before, after) = (neighbour(i.checked_sub(1)), neighbour(i.checked_add(1)));
+    (before + after - velocity * 2.0).norm() * duration_s / 16.0 <= MAX_INTERPOLATION_ERROR_MM
+}
+
+/// Derivative at a stamp, from the parabola through the stamp and its neighbours. At a gap, from the one neighbour
+/// on the same side.
+fn stamp_velocity(intervals: &[StampInterval], stamp: usize, gap_s: f64) -> Vector3<f64> {
+    let interval = |k: usize| intervals.get(k).filter(|interval| interval.duration_s <= gap_s);
+    match (stamp.checked_sub(1).and_then(interval), interval(stamp)) {
+        (Some(a), Some(b)) => (a.velocity * b.duration_s + b.velocity * a.duration_s) / (a.duration_s + b.duration_s),
+        (before, after) => before.or(after).map_or(Vector3::zeros(), |interval| interval.velocity),
+    }
 }
 
 /// [`motion_signs`] of X, Y and Z. `None` where one of them reverses.

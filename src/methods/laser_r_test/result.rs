@@ -27,13 +27,11 @@ impl IdentificationResult<'_> {
     /// Form error of each scan: largest less smallest residual, mm.
     pub fn form_errors_mm(&self) -> Vec<f64> {
         let deviations = self.grouped.centres.surface_deviations_mm(&self.centre_fit.x);
-        let form_error = |group: usize| {
-            let rows = self.grouped.centres.rows.iter().zip(&deviations);
-            let group_deviations = rows.filter(|(row, _)| row.group == group).map(|(_, deviation)| *deviation);
-            let (least, most) = group_deviations
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), deviation| (a.min(deviation), b.max(deviation)));
-            most - least
-        };
-        (0..self.grouped.groups.len()).map(form_error).collect()
+        let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); self.grouped.groups.len()];
+        for (row, deviation) in self.grouped.centres.rows.iter().zip(deviations) {
+            let (least, most) = &mut ranges[row.group];
+            (*least, *most) = (least.min(deviation), most.max(deviation));
+        }
+        ranges.into_iter().map(|(least, most)| most - least).collect()
     }
 }

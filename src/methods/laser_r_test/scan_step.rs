@@ -89,30 +89,27 @@ fn half_length_mm(
 ) -> Result<f64, MethodRefusal> {
     let radius = setup.ball.radius_mm;
     let half = radius * setup.incidence_limit_rad().sin() - geometry.position_uncertainty_mm;
-    if half < 0.1 * radius {
-        return Err(MethodRefusal {
-            reason: format!(
-                "at {}: for a sphere of {radius} mm radius with a position error of up to {:.2} \
-                 mm, the incidence angle may exceed the limit of {}°",
-                describe_rotary_position(rotary),
-                geometry.position_uncertainty_mm,
-                setup.sensor.incidence_limit_deg
-            ),
-            remedy: "reduce uncertainty_mm of [artefact] (mount the sphere nearer to its stated \
-                 position), or use a larger sphere"
-                .to_owned(),
-        });
-    }
+    MethodRefusal::require(
+        half >= 0.1 * radius,
+        format!(
+            "at {}: for a sphere of {radius} mm radius with a position error of up to {:.2} mm, the incidence \
+                 angle may exceed the limit of {}°",
+            describe_rotary_position(rotary),
+            geometry.position_uncertainty_mm,
+            setup.sensor.incidence_limit_deg
+        ),
+        "reduce uncertainty_mm of [artefact] (mount the sphere nearer to its stated position), or use a larger \
+             sphere",
+    )?;
     let table = setup.chain.machine_from_table(rotary, &[]).rotation;
     let stem = table * unit_vector(Vector3::from(setup.ball.stem)).unwrap_or_default();
     let to_sensor = -(setup.machine_from_spindle(rotary) * unit_vector(geometry.beam_direction).unwrap_or_default());
     let min_angle = (setup.ball.stem_radius_mm / radius).clamp(0.0, 1.0).asin() + setup.incidence_limit_rad();
-    if stem.angle(&to_sensor) < min_angle {
-        return Err(MethodRefusal {
-            reason: format!("at {} the sphere's stem points at the sensor", describe_rotary_position(rotary)),
-            remedy: "remove the position from tilt_deg, or correct stem of the sphere".to_owned(),
-        });
-    }
+    MethodRefusal::require(
+        stem.angle(&to_sensor) >= min_angle,
+        format!("at {} the sphere's stem points at the sensor", describe_rotary_position(rotary)),
+        "remove the position from tilt_deg, or correct stem of the sphere",
+    )?;
     Ok(half)
 }
 
@@ -127,23 +124,18 @@ fn check_sensor_range(
     let reach = (half + geometry.position_uncertainty_mm).min(radius);
     let sag = radius - (radius * radius - reach * reach).sqrt();
     let [least, most] = setup.sensor.range_mm;
-    let (lowest, highest) = (
-        request.height_mm - geometry.position_uncertainty_mm,
-        request.height_mm + sag + geometry.position_uncertainty_mm,
-    );
-    if lowest >= least && highest <= most {
-        return Ok(());
-    }
-    Err(MethodRefusal {
-        reason: format!(
-            "at {} the sphere may be out of the sensor's range: the expected readings are \
-             {lowest:.2} to {highest:.2} mm, the range is {least} to {most} mm",
+    let lowest = request.height_mm - geometry.position_uncertainty_mm;
+    let highest = request.height_mm + sag + geometry.position_uncertainty_mm;
+    MethodRefusal::require(
+        lowest >= least && highest <= most,
+        format!(
+            "at {} the sphere may be out of the sensor's range: the expected readings are {lowest:.2} to {highest:.2} \
+             mm, the range is {least} to {most} mm",
             describe_rotary_position(&request.rotary)
         ),
-        remedy: "choose heights_mm nearer to the middle of the range, reduce uncertainty_mm of \
-                  [artefact], or correct range_mm of the sensor"
-            .to_owned(),
-    })
+        "choose heights_mm nearer to the middle of the range, reduce uncertainty_mm of [artefact], or correct range_mm \
+         of the sensor",
+    )
 }
 
 fn scan_path(
@@ -164,21 +156,20 @@ fn scan_path(
     let beam = setup.machine_from_spindle(rotary) * beam;
     let along = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
     let above = -beam * (setup.ball.radius_mm + request.height_mm);
-    let points = setup.settings.points;
-    let line = |direction: Vector3<f64>| {
-        let share = move |k: usize| 2.0 * k as f64 / (points - 1) as f64 - 1.0;
-        (0..points).map(move |k| above + direction * (half * share(k)))
-    };
     let across = along.cross(&beam);
-    let end = |direction: Vector3<f64>| above + direction * half;
+    let points = setup.settings.points;
+    let shares = (0..points).map(|k| 2.0 * k as f64 / (points - 1) as f64 - 1.0);
     let offsets: Vec<Vector3<f64>> = match request.motion {
-        ScanMotion::Dwell => line(along).chain(line(across)).collect(),
+        ScanMotion::Dwell => [along, across]
+            .into_iter()
+            .flat_map(|line| shares.clone().map(move |share| line * (half * share)))
+            .collect(),
         // Each line goes from the pole to both ends and back. Every section is traversed in both directions, so
         // that effects proportional to velocity cancel.
-        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along].map(end).to_vec(),
+        _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along].map(|end| end * half).to_vec(),
     };
     let position = |offset: Vector3<f64>| {
-        with_linear_axes(rotary, centre + xyz_from_machine * offset).rounded_to_file_resolution()
+        with_linear_axes(rotary, centre + xyz_from_machine * (above + offset)).rounded_to_file_resolution()
     };
     Ok(offsets.into_iter().map(position).collect())
 }
@@ -187,24 +178,22 @@ fn check_axis_travel(setup: &LaserSetup<'_>, rotary: &Position, at: &Position) -
     for (axis, value) in at.iter() {
         let Some(spec) = setup.plan.machine.axes.get(&axis) else { continue };
         let value = axis.to_mm_or_deg(value);
-        if !(spec.min - 1e-9..=spec.max + 1e-9).contains(&value) {
-            return Err(MethodRefusal {
-                reason: format!(
-                    "at {} the scan needs {axis} {value:.3}, outside its limits [{}, {}]",
-                    describe_rotary_position(rotary),
-                    spec.min,
-                    spec.max
-                ),
-                remedy: match axis {
-                    Axis::X | Axis::Y | Axis::Z => {
-                        "remove the position from tilt_deg and turn_deg, mount the sphere at \
-                         another position, or correct zero_mm of the sensor"
-                    }
-                    _ => "remove the position from tilt_deg and turn_deg",
+        MethodRefusal::require(
+            (spec.min - 1e-9..=spec.max + 1e-9).contains(&value),
+            format!(
+                "at {} the scan needs {axis} {value:.3}, outside its limits [{}, {}]",
+                describe_rotary_position(rotary),
+                spec.min,
+                spec.max
+            ),
+            match axis {
+                Axis::X | Axis::Y | Axis::Z => {
+                    "remove the position from tilt_deg and turn_deg, mount the sphere at another position, or correct \
+                     zero_mm of the sensor"
                 }
-                .to_owned(),
-            });
-        }
+                _ => "remove the position from tilt_deg and turn_deg",
+            },
+        )?;
     }
     Ok(())
 }

@@ -111,14 +111,13 @@ const MAX_HARMONIC_ORDER: u32 = 36;
 impl LaserRTestSettings {
     /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), MethodRefusal> {
-        let positive = |value: f64| value > 0.0 && value.is_finite();
         MethodRefusal::require(
             (3..=1000).contains(&self.points),
             format!("points = {} is outside 3 to 1000", self.points),
             "choose points = 13",
         )?;
         MethodRefusal::require(
-            positive(self.margin_mm) && positive(self.feed_mm_min) && self.samples > 0,
+            is_positive(self.margin_mm) && is_positive(self.feed_mm_min) && self.samples > 0,
             "margin_mm, feed_mm_min and samples must be greater than 0",
             "omit them, or choose about 0.8, 600 and 20",
         )?;
@@ -135,7 +134,7 @@ impl LaserRTestSettings {
         )?;
         self.check_harmonics()?;
         MethodRefusal::require(
-            positive(self.form_limit_um),
+            is_positive(self.form_limit_um),
             "form_limit_um must be greater than 0",
             "omit it, or choose about 10",
         )?;
@@ -145,58 +144,55 @@ impl LaserRTestSettings {
 
     fn check_heights(&self) -> Result<(), MethodRefusal> {
         let count = count_heights(&self.heights_mm);
-        if self.heights_mm.is_empty() || count >= 3 {
-            return Ok(());
-        }
-        Err(MethodRefusal {
-            reason: format!("heights_mm has {count} different heights; the beam direction needs three"),
-            remedy: "state three or more heights, well apart within the sensor's range, or omit \
-                      heights_mm"
-                .to_owned(),
-        })
+        MethodRefusal::require(
+            self.heights_mm.is_empty() || count >= 3,
+            format!("heights_mm has {count} different heights; the beam direction needs three"),
+            "state three or more heights, well apart within the sensor's range, or omit heights_mm",
+        )
     }
 
     fn check_continuous(&self) -> Result<(), MethodRefusal> {
-        let refused = |why: String, instead: &str| Err(MethodRefusal { reason: why, remedy: instead.to_owned() });
-        let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
-        match self.sampling {
-            SamplingMode::Dwell => Ok(()),
-            SamplingMode::Continuous if self.by == MeasuringDevice::Probe => refused(
-                "sampling = \"continuous\" is not possible with a touch probe".to_owned(),
-                "omit sampling, or set by = \"laser\"",
-            ),
-            SamplingMode::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => refused(
-                format!("rate_hz = {} is not a positive number", self.rate_hz),
-                "omit it, or choose the sample rate of the sensor, about 1000",
-            ),
-            SamplingMode::Continuous if !(fast.is_finite() && fast >= MIN_FEED_RATIO * feed) => refused(
-                format!(
-                    "fast_feed_mm_min is {fast}, feed_mm_min is {feed}: feeds with a ratio below \
-                     {MIN_FEED_RATIO} do not separate the latency of the sensor from the lost \
-                     motion of the axes at reversals"
-                ),
-                "choose fast_feed_mm_min about three times feed_mm_min",
-            ),
-            SamplingMode::Continuous => Ok(()),
+        if self.sampling == SamplingMode::Dwell {
+            return Ok(());
         }
+        MethodRefusal::require(
+            self.by == MeasuringDevice::Laser,
+            "sampling = \"continuous\" is not possible with a touch probe",
+            "omit sampling, or set by = \"laser\"",
+        )?;
+        MethodRefusal::require(
+            is_positive(self.rate_hz),
+            format!("rate_hz = {} is not a positive number", self.rate_hz),
+            "omit it, or choose the sample rate of the sensor, about 1000",
+        )?;
+        let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
+        MethodRefusal::require(
+            fast.is_finite() && fast >= MIN_FEED_RATIO * feed,
+            format!(
+                "fast_feed_mm_min is {fast}, feed_mm_min is {feed}: feeds with a ratio below {MIN_FEED_RATIO} do not \
+                 separate the latency of the sensor from the lost motion of the axes at reversals"
+            ),
+            "choose fast_feed_mm_min about three times feed_mm_min",
+        )
+    }
+
+    fn check_harmonics(&self) -> Result<(), MethodRefusal> {
+        for order in &self.harmonics {
+            MethodRefusal::require(
+                (1..=MAX_HARMONIC_ORDER).contains(order),
+                format!("harmonics contains order {order}; allowed are 1 to {MAX_HARMONIC_ORDER}"),
+                "choose orders that the positions of tilt_deg separate, e.g. harmonics = [2]",
+            )?;
+        }
+        let repeated = self.harmonics.iter().enumerate().find(|(i, order)| self.harmonics[..*i].contains(order));
+        repeated.map_or(Ok(()), |(_, order)| {
+            Err(MethodRefusal::new(format!("harmonics contains order {order} twice"), "list each order once"))
+        })
     }
 }
 
-impl LaserRTestSettings {
-    fn check_harmonics(&self) -> Result<(), MethodRefusal> {
-        let orders = || self.harmonics.iter().enumerate();
-        let is_repeated = |(at, order): &(usize, &u32)| self.harmonics.iter().take(*at).any(|o| o == *order);
-        let is_outside = |order: &&u32| !(1..=MAX_HARMONIC_ORDER).contains(*order);
-        let (why, instead) = match (self.harmonics.iter().find(is_outside), orders().find(is_repeated)) {
-            (Some(order), _) => (
-                format!("harmonics contains order {order}; allowed are 1 to {MAX_HARMONIC_ORDER}"),
-                "choose orders that the positions of tilt_deg separate, e.g. harmonics = [2]",
-            ),
-            (None, Some((_, order))) => (format!("harmonics contains order {order} twice"), "list each order once"),
-            (None, None) => return Ok(()),
-        };
-        Err(MethodRefusal { reason: why, remedy: instead.to_owned() })
-    }
+fn is_positive(value: f64) -> bool {
+    value > 0.0 && value.is_finite()
 }
 
 /// Number of different heights among these readings at the pole.

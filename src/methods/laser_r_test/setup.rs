@@ -17,9 +17,6 @@ const DEFAULT_TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 /// Tolerance of an axis limit, degrees.
 const LIMIT_TOLERANCE_DEG: f64 = 1e-9;
 
-/// A rotary axis and its positions in degrees.
-pub type RotaryAxisPositions = (Axis, Vec<f64>);
-
 /// A plan with the derived data that this method needs.
 pub struct LaserSetup<'a> {
     pub plan: &'a Plan,
@@ -102,88 +99,65 @@ impl<'a> LaserSetup<'a> {
         axes.map(|axis| (axis, 0.0)).collect()
     }
 
-    /// Positions of the axis that tilts the table and of the axis that turns it, zero first. A missing axis has
+    /// Positions of the axis that tilts the table and of the axis that turns it, without zero. A missing axis has
     /// none.
     ///
     /// # Errors
     /// A configured position is outside the axis' limits, or an axis does not reach zero.
-    pub fn rotary_axis_positions(&self) -> Result<[Option<RotaryAxisPositions>; 2], MethodRefusal> {
+    pub fn rotary_axis_positions(&self) -> Result<[Vec<Position>; 2], MethodRefusal> {
         let axes = table_rotary_axes(&self.chain);
         let tilt = axes.iter().find(|axis| tilts_table(&self.chain, **axis));
         let turn = axes.iter().rev().find(|axis| Some(*axis) != tilt);
-        if tilt.is_none() && turn.is_none() {
-            return Err(MethodRefusal {
-                reason: format!("the table of {} has no rotary axis", self.chain.topology()),
-                remedy: "this method measures rotary axes of the table; correct topology in [machine]".to_owned(),
-            });
-        }
-        let positions_of = |axis: Option<&Axis>, configured: &[f64], default: &[f64], key| {
-            axis.map(|axis| {
-                self.allowed_positions_deg(*axis, configured, default, key).map(|positions| (*axis, positions))
-            })
-            .transpose()
-        };
+        MethodRefusal::require(
+            tilt.is_some() || turn.is_some(),
+            format!("the table of {} has no rotary axis", self.chain.topology()),
+            "this method measures rotary axes of the table; correct topology in [machine]",
+        )?;
+        let settings = self.settings;
         Ok([
-            positions_of(tilt, &self.settings.tilt_deg, &DEFAULT_TILT_DEG, "tilt_deg")?,
-            positions_of(turn, &self.settings.turn_deg, &DEFAULT_TURN_DEG, "turn_deg")?,
+            self.allowed_positions(tilt, &settings.tilt_deg, &DEFAULT_TILT_DEG, "tilt_deg")?,
+            self.allowed_positions(turn, &settings.turn_deg, &DEFAULT_TURN_DEG, "turn_deg")?,
         ])
     }
 
-    fn allowed_positions_deg(
+    fn allowed_positions(
         &self,
-        axis: Axis,
-        configured: &[f64],
-        default: &[f64],
+        axis: Option<&Axis>,
+        configured_deg: &[f64],
+        default_deg: &[f64],
         key: &str,
-    ) -> Result<Vec<f64>, MethodRefusal> {
-        let Some(spec) = self.plan.machine.axes.get(&axis) else { return Ok(Vec::new()) };
+    ) -> Result<Vec<Position>, MethodRefusal> {
+        let Some((axis, spec)) = axis.and_then(|axis| self.plan.machine.axes.get_key_value(axis)) else {
+            return Ok(Vec::new());
+        };
         let is_inside =
             |degrees: &f64| (spec.min - LIMIT_TOLERANCE_DEG..=spec.max + LIMIT_TOLERANCE_DEG).contains(degrees);
-        let limits = || format!("outside its limits [{}, {}]", spec.min, spec.max);
-        if let Some(outside) = configured.iter().find(|degrees| !is_inside(degrees)) {
-            return Err(MethodRefusal {
-                reason: format!("{key} contains {axis} {outside}°, {}", limits()),
-                remedy: format!(
-                    "remove this position from {key}, or correct the limits in \
-                                  [axes.{axis}]"
-                ),
-            });
+        let limits = format!("outside its limits [{}, {}]", spec.min, spec.max);
+        if let Some(outside) = configured_deg.iter().find(|degrees| !is_inside(degrees)) {
+            return Err(MethodRefusal::new(
+                format!("{key} contains {axis} {outside}°, {limits}"),
+                format!("remove this position from {key}, or correct the limits in [axes.{axis}]"),
+            ));
         }
-        if !is_inside(&0.0) {
-            return Err(MethodRefusal {
-                reason: format!("{axis} 0° is {}", limits()),
-                remedy: "correct the limits in [axes]: this method starts with all rotary axes at \
-                          zero"
-                    .to_owned(),
-            });
-        }
-        let list = if configured.is_empty() { default } else { configured };
-        let mut all = vec![0.0];
-        all.extend(list.iter().copied().filter(|degrees| is_inside(degrees) && *degrees != 0.0));
-        Ok(all)
+        MethodRefusal::require(
+            is_inside(&0.0),
+            format!("{axis} 0° is {limits}"),
+            "correct the limits in [axes]: this method starts with all rotary axes at zero",
+        )?;
+        let positions_deg = if configured_deg.is_empty() { default_deg } else { configured_deg };
+        let allowed = positions_deg.iter().filter(|degrees| is_inside(degrees) && **degrees != 0.0);
+        Ok(allowed.map(|degrees| Position::new().with(*axis, axis.to_mm_or_rad(*degrees))).collect())
     }
 }
 
 fn find_ball<'a>(plan: &'a Plan, settings: &LaserRTestSettings) -> Result<(&'a Balls, &'a Ball), MethodRefusal> {
-    let refused = |why: String| MethodRefusal {
-        reason: why,
-        remedy: "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml".to_owned(),
+    let refusal = |reason: &str| {
+        MethodRefusal::new(reason, "state one precision sphere as [artefact] kind = \"balls\"; see config/laser.toml")
     };
-    let Artefact::Balls(balls) = &plan.artefact else {
-        return Err(refused("the artefact is not a sphere".to_owned()));
-    };
-    let selected = match settings.ball.as_str() {
-        "" => balls.balls.first(),
-        id => balls.balls.iter().find(|ball| ball.id == id),
-    };
-    let selected = selected.ok_or_else(|| {
-        refused(format!(
-            "the artefact has no sphere \
-                                                           `{}`",
-            settings.ball
-        ))
-    })?;
-    Ok((balls, selected))
+    let Artefact::Balls(balls) = &plan.artefact else { return Err(refusal("the artefact is not a sphere")) };
+    let id = &settings.ball;
+    let ball = balls.balls.iter().find(|ball| id.is_empty() || ball.id == *id);
+    Ok((balls, ball.ok_or_else(|| refusal(&format!("the artefact has no sphere `{id}`")))?))
 }
 
 /// The stylus as a sensor whose reading is always zero.
@@ -210,38 +184,28 @@ fn stylus_as_sensor(plan: &Plan) -> Sensor {
 /// # Errors
 /// There is no sensor, none with that name, or its direction is zero.
 pub fn select_sensor<'a>(sensors: &'a [Sensor], settings: &LaserRTestSettings) -> Result<&'a Sensor, MethodRefusal> {
-    let selected = match settings.sensor.as_str() {
-        "" => sensors.iter().find(|sensor| sensor.mount.is_spindle()),
-        name => sensors.iter().find(|sensor| sensor.name == name),
-    };
-    let sensor = selected.ok_or_else(|| {
+    let name = settings.sensor.as_str();
+    let is_selected = |sensor: &&Sensor| if name.is_empty() { sensor.mount.is_spindle() } else { sensor.name == name };
+    let sensor = sensors.iter().find(is_selected).ok_or_else(|| {
         let names: Vec<&str> = sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-        MethodRefusal {
-            reason: match (settings.sensor.as_str(), names.as_slice()) {
-                (_, []) => "the machine has no displacement sensor".to_owned(),
-                (name, _) => format!(
-                    "the machine file has no sensor `{name}`; its sensors are \
-                                      {}",
-                    names.join(", ")
-                ),
+        MethodRefusal::new(
+            match names.as_slice() {
+                [] => "the machine has no displacement sensor".to_owned(),
+                names => format!("the machine file has no sensor `{name}`; its sensors are {}", names.join(", ")),
             },
-            remedy: "describe the sensor in [[sensor]] of the machine file, or measure with the touch \
-                      probe: by = \"probe\" in [method.laser-r-test]"
-                .to_owned(),
-        }
+            "describe the sensor in [[sensor]] of the machine file, or measure with the touch probe: by = \"probe\" in \
+             [method.laser-r-test]",
+        )
     })?;
-    if !sensor.mount.is_spindle() {
-        return Err(MethodRefusal {
-            reason: format!("sensor `{}` is not in the spindle", sensor.name),
-            remedy: "name a sensor in the spindle in [method.laser-r-test] sensor".to_owned(),
-        });
-    }
-    let direction = Vector3::from(sensor.direction);
-    if !(direction.norm() - 1.0).abs().is_finite() || (direction.norm() - 1.0).abs() > 0.05 {
-        return Err(MethodRefusal {
-            reason: format!("direction of sensor `{}` is not a unit vector", sensor.name),
-            remedy: "state the direction in which the readings increase, e.g. [0.0, 0.0, -1.0]".to_owned(),
-        });
-    }
+    MethodRefusal::require(
+        sensor.mount.is_spindle(),
+        format!("sensor `{}` is not in the spindle", sensor.name),
+        "name a sensor in the spindle in [method.laser-r-test] sensor",
+    )?;
+    MethodRefusal::require(
+        (Vector3::from(sensor.direction).norm() - 1.0).abs() <= 0.05,
+        format!("direction of sensor `{}` is not a unit vector", sensor.name),
+        "state the direction in which the readings increase, e.g. [0.0, 0.0, -1.0]",
+    )?;
     Ok(sensor)
 }

@@ -1,10 +1,9 @@
 //! Sources of uncertainty: the change of each dwell point's distance from the sphere's centre by each draw, mm. The
 //! magnitudes are declared by the plan (METHODS section 6).
 
-mod outside;
-
 use nalgebra::Vector3;
 
+use super::centres::DwellPointRow;
 use super::latency::LatencyEstimate;
 use super::model::with_linear_axes;
 use super::observe::ObservedScans;
@@ -37,15 +36,14 @@ pub fn uncertainty_sources(
     latency_index: usize,
 ) -> Vec<UncertaintySource> {
     let centres = &grouped.centres;
-    let normal = |row| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
+    let normal = |row: &DwellPointRow| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
     let normals: Vec<Vector3<f64>> = centres.rows.iter().map(normal).collect();
     let beam = unit_vector(centres.beam_vector(x)).unwrap_or_default();
-    let along = centres.rows.iter().zip(&normals);
-    let along = along.map(|(row, n)| match setup.uses_touch_probe() {
+    let along = |(row, n): (&DwellPointRow, &Vector3<f64>)| match setup.uses_touch_probe() {
         true => -1.0,
         false => n.dot(&(row.machine_from_spindle * beam)),
-    });
-    let distance_per_reading = along.collect();
+    };
+    let distance_per_reading = centres.rows.iter().zip(&normals).map(along).collect();
     let points = DwellPoints { setup, grouped, normals, distance_per_reading };
     let mut list = vec![
         points.noise_source(sample_noise_mm(setup, observed)),
@@ -173,24 +171,15 @@ impl DwellPoints<'_> {
         UncertaintySource::new("error motions of rotary axes", Effect::Joint(columns.collect()))
     }
 
+    /// Components along the normals of the displacement of each pose by an error motion.
     fn rotary_motion_column(&self, x: &[f64], motion: RotaryErrorMotion) -> Vec<f64> {
-        let shifts = self.shifts_per_unit(x, motion.error).into_iter();
-        self.along_normals(&shifts.map(|shift| shift * motion.size_mm).collect::<Vec<_>>())
-    }
-
-    /// Displacement of each pose by one unit of an error, machine frame.
-    fn shifts_per_unit(&self, x: &[f64], error: ErrorParameter) -> Vec<Vector3<f64>> {
         let (chain, tip) = (&self.setup.chain, Point::from_vec(self.setup.zero_point()));
         let shift = |(i, group): (usize, &PoseGroup)| {
-            let at = with_linear_axes(&group.rotary, group.xyz_at(self.grouped.centres.group_centre(x, i)));
-            let column = chain.jacobian(&at, tip, &[], &[error]);
-            group.machine_from_table * column.first().copied().unwrap_or_default()
+            let at = group.axis_positions(self.grouped.centres.group_centre(x, i));
+            let column = chain.jacobian(&at, tip, &[], &[motion.error]);
+            group.machine_from_table * column.first().copied().unwrap_or_default() * motion.size_mm
         };
-        self.grouped.groups.iter().enumerate().map(shift).collect()
-    }
-
-    /// Components along the normals of `shifts`, one per pose.
-    fn along_normals(&self, shifts: &[Vector3<f64>]) -> Vec<f64> {
+        let shifts: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(shift).collect();
         let rows = self.grouped.centres.rows.iter().zip(&self.normals);
         rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
     }
@@ -232,8 +221,7 @@ impl DwellPoints<'_> {
 
     fn radius_source(&self) -> UncertaintySource {
         // The radius of a touched sphere is an unknown.
-        let stated = if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um };
-        let u = stated * 1e-3;
+        let u = if self.setup.uses_touch_probe() { 0.0 } else { self.setup.settings.radius_u_um * 1e-3 };
         common_source("radius of the sphere", Effect::Joint(vec![vec![-u; self.normals.len()]]))
     }
 
@@ -261,6 +249,61 @@ impl DwellPoints<'_> {
             direct_changes,
             ..common_source("latency of the sensor", Effect::Joint(columns))
         }
+    }
+
+    /// Squareness errors: X moves in proportion to Y and Z, Y in proportion to Z.
+    fn squareness_source(&self) -> UncertaintySource {
+        const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+        let sigma = self.setup.plan.machine.squareness_urad * 1e-6;
+        let spots = &self.grouped.spots;
+        let sum: Vector3<f64> = spots.iter().map(|spot| spot.xyz).sum();
+        let mean = sum / spots.len().max(1) as f64;
+        let column = |(along, by): (usize, usize)| {
+            let spots = spots.iter().zip(&self.normals);
+            spots.map(|(spot, n)| n[along] * sigma * (spot.xyz[by] - mean[by])).collect()
+        };
+        UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(PAIRS.map(column).into()))
+    }
+
+    /// Second-degree form error that turns with the table: the radius along a unit vector u changes by uᵀ·S·u, S
+    /// symmetric and without trace, of the declared standard deviation along every u.
+    fn form_source(&self) -> UncertaintySource {
+        let sigma = self.setup.settings.form_u_um * 1e-3;
+        let groups = &self.grouped.groups;
+        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        let outward = rows.map(|(row, normal)| groups[row.group].machine_from_table.inverse() * normal);
+        let outward: Vec<Vector3<f64>> = outward.collect();
+        let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
+        // Variances 1 on the diagonal and 1/2 off it, less the trace: the variance along every u is 2/3.
+        let own = |k: usize| column(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
+        let mixed = |i: usize, j: usize| column(&move |u| 3f64.sqrt() * u[i] * u[j]);
+        let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
+        UncertaintySource::new("form of the sphere", Effect::Joint(columns.into()))
+    }
+
+    /// Reading error on a surface that is inclined to the beam: one part proportional to the squared tangent of the
+    /// inclination, two proportional to the tangent along two perpendicular directions. Each has the declared
+    /// standard deviation at 45°.
+    fn incidence_source(&self) -> UncertaintySource {
+        let name = "lean of the surface";
+        let sigma = self.setup.sensor.incidence_um * 1e-3;
+        // Touches surround the sphere, where the tangent is not bounded.
+        if sigma == 0.0 || self.setup.uses_touch_probe() {
+            return common_source(name, Effect::Joint(Vec::new()));
+        }
+        let frame = self.grouped.centres.beam_frame;
+        let inclinations = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
+            let n = (row.machine_from_spindle * frame).transpose() * normal;
+            // If the surface faces the beam, n is (0, 0, −1).
+            [n.x / -n.z, n.y / -n.z]
+        });
+        let inclinations: Vec<[f64; 2]> = inclinations.collect();
+        let column = |effect: fn(&[f64; 2]) -> f64| {
+            let rows = inclinations.iter().zip(&self.distance_per_reading);
+            rows.map(|(inclination, along)| sigma * along * effect(inclination)).collect()
+        };
+        let columns = [column(|[x, y]| x * x + y * y), column(|[x, _]| *x), column(|[_, y]| *y)];
+        common_source(name, Effect::Joint(columns.into()))
     }
 }
 

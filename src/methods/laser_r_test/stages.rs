@@ -5,13 +5,14 @@ use super::parameters;
 use super::scan_purpose::ScanPurpose;
 use super::scan_step::{ExpectedGeometry, ScanMotion, ScanRequest, plan_scan_step};
 use super::settings::SamplingMode;
-use super::setup::{LaserSetup, RotaryAxisPositions};
+use super::setup::LaserSetup;
 use super::touches;
 use crate::MethodRefusal;
 use estimation::null_names::name_null_space;
+use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Stage, Step, StepKind};
-use machine::{Axis, Position};
+use nalgebra::Matrix3;
 
 /// Heights relative to the middle of the range, in units of half the range.
 const HEIGHT_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
@@ -33,75 +34,57 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let middle = mid_range_mm(setup);
     let continuous = setup.settings.sampling == SamplingMode::Continuous;
     let default_motion = if continuous { ScanMotion::SlowContinuous } else { ScanMotion::Dwell };
-    let pose = |purpose: ScanPurpose, detail: &str, rotary: Position, height_mm| {
-        let label = purpose.label(detail, &rotary);
-        ScanRequest { rotary, height_mm, label, is_reference: false, motion: default_motion }
+    let request = |purpose: ScanPurpose, detail: &str, rotary: &Position, motion: ScanMotion| {
+        let label = purpose.label(detail, rotary);
+        ScanRequest { rotary: rotary.clone(), height_mm: middle, label, is_reference: false, motion }
     };
-    let poses =
-        |all: Vec<Position>| all.into_iter().map(|at| pose(ScanPurpose::Pose, "", at, middle)).collect::<Vec<_>>();
-    let (tilted, turned, others) = split_rotary_positions(setup)?;
+    let poses = |all: &[Position]| {
+        all.iter().map(|at| request(ScanPurpose::Pose, "", at, default_motion)).collect::<Vec<ScanRequest>>()
+    };
+    let [tilted, turned, others] = split_rotary_positions(setup)?;
     let zero = setup.rotary_at_zero();
     check_rank(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
     // The touch probe has no beam.
     let heights = pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
-    let heights = heights.map(|(height, n)| pose(ScanPurpose::Height, &format!("{n}"), zero.clone(), height));
-    let at_zero = |purpose: ScanPurpose, detail: &str, motion: ScanMotion| ScanRequest {
-        motion,
-        ..pose(purpose, detail, zero.clone(), middle)
-    };
-    let find = vec![at_zero(ScanPurpose::Search, "", ScanMotion::Dwell)];
+    let heights = heights.map(|(height_mm, n)| ScanRequest {
+        height_mm,
+        ..request(ScanPurpose::Height, &format!("{n}"), &zero, default_motion)
+    });
+    let find = vec![request(ScanPurpose::Search, "", &zero, ScanMotion::Dwell)];
     // References use dwell points: the comparison after an interruption must not depend on a latency.
     let reference = |detail: &str| {
-        vec![ScanRequest { is_reference: true, ..at_zero(ScanPurpose::Pose, detail, ScanMotion::Dwell) }]
+        vec![ScanRequest { is_reference: true, ..request(ScanPurpose::Pose, detail, &zero, ScanMotion::Dwell) }]
     };
     let feeds = [("1", ScanMotion::SlowContinuous), ("2", ScanMotion::FastContinuous)];
     let feeds = feeds.into_iter().filter(|_| continuous);
-    let feeds = feeds.map(|(detail, motion)| at_zero(ScanPurpose::Latency, detail, motion)).collect();
+    let feeds = feeds.map(|(detail, motion)| request(ScanPurpose::Latency, detail, &zero, motion)).collect();
     let mut stage_plans = vec![
         StagePlan { name: "find the sphere", purpose: ScanPurpose::Search, scans: find },
         StagePlan { name: "latency", purpose: ScanPurpose::Latency, scans: feeds },
         StagePlan { name: "beam direction", purpose: ScanPurpose::Height, scans: heights.collect() },
         StagePlan { name: "reference", purpose: ScanPurpose::Pose, scans: reference("first") },
-        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::Pose, scans: poses(tilted) },
-        StagePlan { name: "zero position: turned", purpose: ScanPurpose::Pose, scans: poses(turned) },
-        StagePlan { name: "poses", purpose: ScanPurpose::Pose, scans: poses(others) },
+        StagePlan { name: "zero position: tilted", purpose: ScanPurpose::Pose, scans: poses(&tilted) },
+        StagePlan { name: "zero position: turned", purpose: ScanPurpose::Pose, scans: poses(&turned) },
+        StagePlan { name: "poses", purpose: ScanPurpose::Pose, scans: poses(&others) },
         StagePlan { name: "reference, again", purpose: ScanPurpose::Pose, scans: reference("last") },
     ];
     stage_plans.retain(|stage| !stage.scans.is_empty());
     Ok(stage_plans)
 }
 
-type RotaryPositions = Vec<Position>;
-
 /// All positions except zero: the tilting axis alone, the turning axis alone, both. Consecutive positions are close
 /// together.
-fn split_rotary_positions(
-    setup: &LaserSetup<'_>,
-) -> Result<(RotaryPositions, RotaryPositions, RotaryPositions), MethodRefusal> {
-    let [tilt, turn] = setup.rotary_axis_positions()?;
+fn split_rotary_positions(setup: &LaserSetup<'_>) -> Result<[Vec<Position>; 3], MethodRefusal> {
     let zero = setup.rotary_at_zero();
-    let at = |axis: Option<Axis>, degrees: f64, from: &Position| match axis {
-        Some(axis) => from.clone().with(axis, axis.to_mm_or_rad(degrees)),
-        None => from.clone(),
-    };
-    let split = |positions: Option<RotaryAxisPositions>| match positions {
-        Some((axis, mut all)) => {
-            all.retain(|degrees| *degrees != 0.0);
-            (Some(axis), all)
-        }
-        None => (None, Vec::new()),
-    };
-    let ((tilt, tilts), (turn, turns)) = (split(tilt), split(turn));
-    let tilted = tilts.iter().map(|b| at(tilt, *b, &zero)).collect();
-    let turned = turns.iter().map(|c| at(turn, *c, &zero)).collect();
+    let [tilts, turns] = setup.rotary_axis_positions()?;
+    let [tilted, turned] = [&tilts, &turns].map(|all| all.iter().map(|at| zero.updated_by(at)).collect::<Vec<_>>());
     let mut others = Vec::new();
-    for (number, b) in tilts.iter().enumerate() {
-        let tilted = at(tilt, *b, &zero);
-        let row: Vec<Position> = turns.iter().map(|c| at(turn, *c, &tilted)).collect();
+    for (number, tilted) in tilted.iter().enumerate() {
+        let row = turns.iter().map(|turn| tilted.updated_by(turn));
         // Alternate the direction, so that the table does not return by a whole turn.
-        if number % 2 == 0 { others.extend(row) } else { others.extend(row.into_iter().rev()) }
+        if number % 2 == 0 { others.extend(row) } else { others.extend(row.rev()) }
     }
-    Ok((tilted, turned, others))
+    Ok([tilted, turned, others])
 }
 
 fn mid_range_mm(setup: &LaserSetup<'_>) -> f64 {
@@ -126,19 +109,12 @@ fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRe
     let count = selection.parameters.len();
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters };
     let (zero, ball) = (setup.zero_point(), setup.ball_centre());
-    let centre_observations: Vec<CentreObservation> = poses
-        .iter()
-        .map(|rotary| {
-            let xyz = parameters::nominal_xyz(&setup.chain, rotary, zero, ball)?;
-            Ok(CentreObservation {
-                axis_positions: with_linear_axes(rotary, xyz),
-                weight: nalgebra::Matrix3::identity(),
-            })
-        })
-        .collect::<Result<_, MethodRefusal>>()?;
-    let mut x = vec![0.0; count];
-    x.extend(&zero);
-    x.extend(&ball);
+    let observation = |rotary: &Position| -> Result<CentreObservation, MethodRefusal> {
+        let xyz = parameters::nominal_xyz(&setup.chain, rotary, zero, ball)?;
+        Ok(CentreObservation { axis_positions: with_linear_axes(rotary, xyz), weight: Matrix3::identity() })
+    };
+    let centre_observations = poses.iter().map(observation).collect::<Result<_, _>>()?;
+    let x = [&vec![0.0; count], zero.as_slice(), ball.as_slice()].concat();
     let survey = CentresLeastSquares { model, centre_observations, zero_point_prior: None }.survey(&x);
     let survey = survey.map_err(|why| refuse_rank(why.to_string()))?;
     if survey.nullity == 0 {
@@ -155,12 +131,11 @@ fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRe
 }
 
 fn refuse_rank(why: String) -> MethodRefusal {
-    MethodRefusal {
-        reason: why,
-        remedy: "add positions to tilt_deg and turn_deg, mount the sphere away from the axes, or \
-                  remove the inseparable errors from parameters and harmonics"
-            .to_owned(),
-    }
+    MethodRefusal::new(
+        why,
+        "add positions to tilt_deg and turn_deg, mount the sphere away from the axes, or remove the inseparable errors \
+         from parameters and harmonics",
+    )
 }
 
 /// Creates the stage of a task, with step numbers from `id`.

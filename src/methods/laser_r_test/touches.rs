@@ -27,11 +27,11 @@ pub fn touch_steps(
     purpose: ScanPurpose,
     request: &ScanRequest,
 ) -> Result<Vec<Step>, MethodRefusal> {
-    let refused = |why: String| MethodRefusal {
-        reason: format!("at {}: {why}", describe_rotary_position(&request.rotary)),
-        remedy: "remove the position from tilt_deg and turn_deg, or mount the sphere at another \
-                  position"
-            .to_owned(),
+    let refused = |why: String| {
+        MethodRefusal::new(
+            format!("at {}: {why}", describe_rotary_position(&request.rotary)),
+            "remove the position from tilt_deg and turn_deg, or mount the sphere at another position",
+        )
     };
     let access = TouchAccess::new(setup.plan, &setup.plan.artefact).map_err(|why| refused(why.to_string()))?;
     // Centre of the sphere for which the stated stylus has the same axis positions as the measured stylus.

@@ -13,38 +13,34 @@ use crate::MethodRefusal;
 
 /// Minimum angle between a suggested sensor and the others, for the space of its housing.
 const MIN_HOUSING_ANGLE_DEG: f64 = 30.0;
-/// Step of the search for a better angle.
-const SEARCH_STEP_DEG: f64 = 10.0;
 
 /// Refuses surfaces that the observation equation does not describe.
 ///
 /// # Errors
 /// A section has no height; a face has no two sections, or its sensors have different radii.
 pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
-    let refuse = |why: &str, instead: &str| Err(MethodRefusal::new(why, instead));
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &Channel| !matches!(c.surface, Surface::Section(i) if i >= sections);
-    if !(1..=2).contains(&sections) || !layout.channels.iter().all(is_placed) {
-        return refuse("a sensor measures at a section without a declared height", "declare one or two sections");
-    }
+    MethodRefusal::require(
+        (1..=2).contains(&sections) && layout.channels.iter().all(is_placed),
+        "a sensor measures at a section without a declared height",
+        "declare one or two sections",
+    )?;
     let radius = |c: &Channel| match c.surface {
         Surface::Face { radius_mm } => Some(radius_mm),
         Surface::Section(_) => None,
     };
     let radii: Vec<f64> = layout.channels.iter().filter_map(radius).collect();
-    if !radii.is_empty() && sections < 2 {
-        return refuse(
-            "an axial sensor without two sections: axial motion and tilt are inseparable",
-            "add radial sensors at a second section, or remove the axial sensor",
-        );
-    }
-    if radii.windows(2).any(|pair| pair[0] != pair[1]) {
-        return refuse(
-            "axial sensors on different radii do not measure the same form of the face",
-            "move all axial sensors to one radius",
-        );
-    }
-    Ok(())
+    MethodRefusal::require(
+        radii.is_empty() || sections == 2,
+        "an axial sensor without two sections: axial motion and tilt are inseparable",
+        "add radial sensors at a second section, or remove the axial sensor",
+    )?;
+    MethodRefusal::require(
+        radii.windows(2).all(|pair| pair[0] == pair[1]),
+        "axial sensors on different radii do not measure the same form of the face",
+        "move all axial sensors to one radius",
+    )
 }
 
 /// Refuses coinciding and opposed sensors of one section.
@@ -52,17 +48,15 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), MethodRefusal> {
 /// # Errors
 /// Names the two sensors, and the best angle for the second one outside the `exclusions`.
 pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), MethodRefusal> {
-    for (i, first) in layout.channels.iter().enumerate() {
-        for second in &layout.channels[i + 1..] {
-            let is_radial = matches!(first.surface, Surface::Section(_));
-            let [a, b] = [first, second].map(|channel| channel.angle_rad.to_degrees());
-            let is_near = sensor_angle_deg(a, b) < MIN_SENSOR_ANGLE_DEG;
-            if is_radial && first.surface == second.surface && is_near {
-                return Err(refuse_coinciding_sensors(layout, [first, second], exclusions));
-            }
-        }
-    }
-    Ok(())
+    let channels = layout.channels.iter().enumerate();
+    let mut pairs = channels.flat_map(|(i, first)| layout.channels[i + 1..].iter().map(move |second| [first, second]));
+    let is_coinciding = |[first, second]: &[&Channel; 2]| {
+        let [a, b] = [first, second].map(|channel| channel.angle_rad.to_degrees());
+        let is_same_section = matches!(first.surface, Surface::Section(_)) && first.surface == second.surface;
+        is_same_section && sensor_angle_deg(a, b) < MIN_SENSOR_ANGLE_DEG
+    };
+    let coinciding = pairs.find(is_coinciding);
+    coinciding.map_or(Ok(()), |pair| Err(refuse_coinciding_sensors(layout, pair, exclusions)))
 }
 
 fn refuse_coinciding_sensors(
@@ -95,7 +89,7 @@ fn channel_angle_deg(channel: &Channel) -> f64 {
 fn best_third_angle(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
     let housings = pair_deg.map(|deg| AngleRange::centred_at(deg, MIN_HOUSING_ANGLE_DEG));
     let exclusions = [exclusions, &housings].concat();
-    third_sensor_angles(pair_deg, SEARCH_STEP_DEG, &exclusions).into_iter().next()
+    third_sensor_angles(pair_deg, &exclusions).into_iter().next()
 }
 
 /// Refuses a layout that does not determine one of the `orders` of an error motion. The co-rotating first harmonic
@@ -144,10 +138,7 @@ pub fn describe_weak_points(
     let lost = (!lost.is_empty()).then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
     let gains = noise_gains(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
     let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {
-        format!(
-            " Largest uncertainty in {ex}: harmonic {order}, {gain:.1} times the uncertainty \
-                 of one sensor."
-        )
+        format!(" Largest uncertainty in {ex}: harmonic {order}, {gain:.1} times the uncertainty of one sensor.")
     });
     let third = describe_third_sensor(&layout.first_section(), exclusions)?;
     Ok([lost, weakest, third].into_iter().flatten().collect())

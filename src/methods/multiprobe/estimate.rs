@@ -67,9 +67,8 @@ pub fn build_estimate(
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
     let motions = ReportedMotions::new(&setup.layout, &separated.fit);
     let with_harmonics = motions.motions().filter(|(_, motion)| !motion.harmonics.is_empty());
-    estimate
-        .functions
-        .extend(with_harmonics.map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())));
+    let spectra = with_harmonics.map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution()));
+    estimate.functions.extend(spectra);
     if settings.sampling == TurnSampling::Continuous {
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward_rows));
     }

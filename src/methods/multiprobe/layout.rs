@@ -16,6 +16,9 @@ pub const RANKED_HARMONICS: RangeInclusive<usize> = 2..=20;
 /// Minimum angle between two sensors, and between a sensor and the opposite side of another. Below it they do not
 /// separate X from Y.
 pub const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
+/// Step of the search for a better angle.
+const SEARCH_STEP_DEG: usize = 10;
+
 /// Selection of the measurements of a layout that are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Separation {
@@ -66,10 +69,9 @@ pub fn unit_noise_fit(layout: &ProbeLayout, rows: Vec<RowKey>, orders: usize) ->
     SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
-/// Angles of the third sensor in steps of `step_deg` outside the `exclusions`, with the noise gain of the
+/// Angles of the third sensor in steps of [`SEARCH_STEP_DEG`] outside the `exclusions`, with the noise gain of the
 /// multiprobe separation, in ascending order of it. Angles that do not determine all [`RANKED_HARMONICS`] are omitted.
-pub fn third_sensor_angles(pair_deg: [f64; 2], step_deg: f64, exclusions: &[AngleRange]) -> Vec<(f64, f64)> {
-    let count = (360.0 / step_deg).round().max(1.0) as usize;
+pub fn third_sensor_angles(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Vec<(f64, f64)> {
     let is_free = |deg: &f64| {
         !exclusions.iter().any(|range| range.contains(*deg))
             && pair_deg.iter().all(|other| sensor_angle_deg(*deg, *other) >= MIN_SENSOR_ANGLE_DEG)
@@ -78,9 +80,8 @@ pub fn third_sensor_angles(pair_deg: [f64; 2], step_deg: f64, exclusions: &[Angl
         let layout = ProbeLayout::radial(&[pair_deg[0], pair_deg[1], deg], 1);
         Some((deg, rms_noise_gain(&layout, Separation::Multiprobe).ok()?))
     };
-    let free = (0..count).map(|i| i as f64 * step_deg).filter(is_free);
-    let candidates = free.filter_map(gain).filter(|(_, gain)| gain.is_finite());
-    let mut candidates: Vec<(f64, f64)> = candidates.collect();
+    let free = (0..360).step_by(SEARCH_STEP_DEG).map(f64::from).filter(is_free);
+    let mut candidates: Vec<(f64, f64)> = free.filter_map(gain).filter(|(_, gain)| gain.is_finite()).collect();
     candidates.sort_by(|a, b| a.1.total_cmp(&b.1));
     candidates
 }

@@ -36,11 +36,9 @@ impl<'a> ReportedMotions<'a> {
              and tilt of the artefact and of the indexing stage"
         );
         let derivatives = |(column, component)| {
-            let parts =
-                fit.blocks.iter().enumerate().map(|(block, harmonic)| {
-                    harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
-                });
-            (component, parts.collect())
+            let removed = |block| if block == 0 { removed.as_slice() } else { &[] };
+            let blocks = fit.blocks.iter().enumerate();
+            (component, blocks.map(|(block, harmonic)| harmonic.identifiable_parts(column, removed(block))).collect())
         };
         let components = layout.components().into_iter().enumerate();
         Self { layout, fit, derivatives: components.map(derivatives).collect(), gauge }

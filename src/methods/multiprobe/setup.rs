@@ -114,9 +114,8 @@ fn position_at_zero(plan: &Plan, settings: &MultiprobeSettings, table: &TableAxi
         format!("`at` contains {axis}, the measured axis"),
         format!("remove {axis} from `at`"),
     )?;
-    let linear = plan.machine.axes.keys().filter(|axis| axis.is_linear());
-    let missing = linear.into_iter().find(|axis| settings.at.get(**axis).is_none());
-    if let Some(axis) = missing {
+    let is_missing = |axis: &&Axis| axis.is_linear() && settings.at.get(**axis).is_none();
+    if let Some(axis) = plan.machine.axes.keys().find(is_missing) {
         let instead = format!(
             "move the machine until the sensors point at the sections, and state the displayed \
              {axis} in [method.{}] at",

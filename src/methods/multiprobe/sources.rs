@@ -29,38 +29,25 @@ pub struct SourceSizes<'a> {
     pub linearity: Vec<Vec<f64>>,
 }
 
-/// Changes an uncertain quantity of the layout, by mm or rad.
-type LayoutChange = Box<dyn Fn(&mut ProbeLayout, f64)>;
-
-fn change_channel_angle(channel: usize) -> LayoutChange {
-    Box::new(move |layout, by| layout.channels[channel].angle_rad += by)
+fn change_section_distance(layout: &mut ProbeLayout, by_mm: f64) {
+    layout.section_z_mm.iter_mut().skip(1).for_each(|z_mm| *z_mm += by_mm);
 }
 
-fn change_index_angle(index: usize) -> LayoutChange {
-    Box::new(move |layout, by| layout.index_angles_rad[index] += by)
-}
-
-fn change_section_distance() -> LayoutChange {
-    Box::new(|layout, by| layout.section_z_mm.iter_mut().skip(1).for_each(|z_mm| *z_mm += by))
-}
-
-fn change_face_radius() -> LayoutChange {
-    Box::new(|layout, by| {
-        for channel in &mut layout.channels {
-            if let Surface::Face { radius_mm } = &mut channel.surface {
-                *radius_mm += by;
-            }
+fn change_face_radius(layout: &mut ProbeLayout, by_mm: f64) {
+    for channel in &mut layout.channels {
+        if let Surface::Face { radius_mm } = &mut channel.surface {
+            *radius_mm += by_mm;
         }
-    })
+    }
 }
 
-/// Effect of the standard uncertainty `u` on all observations, mm.
+/// Effect on all observations, mm, of the standard uncertainty `u` of the quantity that `change` changes by mm or rad.
 fn layout_error_effect(
-    change: &LayoutChange,
-    u: f64,
     layout: &ProbeLayout,
     rows: &[RowKey],
     fit: &SeparationFit,
+    u: f64,
+    change: impl Fn(&mut ProbeLayout, f64),
 ) -> Vec<f64> {
     let predicted = |by: f64| {
         let mut changed = layout.clone();
@@ -78,21 +65,23 @@ pub fn uncertainty_sources(
     sizes: &SourceSizes<'_>,
 ) -> Vec<UncertaintySource> {
     let declared = sizes.settings;
+    let (rows, u_index) = (&data.rows, declared.u_index_angle_deg.to_radians());
+    let index_error =
+        |index| layout_error_effect(layout, rows, fit, u_index, |layout, by| layout.index_angles_rad[index] += by);
     // The first mounting defines the angle of the artefact.
-    let indexes = 1..layout.index_angles_rad.len();
-    let errors: [(&str, f64, Vec<LayoutChange>); 3] = [
-        ("index angle", declared.u_index_angle_deg.to_radians(), indexes.map(change_index_angle).collect()),
-        ("section distance", declared.u_section_distance_mm, vec![change_section_distance()]),
-        ("face radius", declared.u_face_radius_mm, vec![change_face_radius()]),
+    let index_errors = (1..layout.index_angles_rad.len()).map(index_error).collect();
+    let distance_error =
+        layout_error_effect(layout, rows, fit, declared.u_section_distance_mm, change_section_distance);
+    let radius_error = layout_error_effect(layout, rows, fit, declared.u_face_radius_mm, change_face_radius);
+    let mut all = vec![
+        noise_source(data, fit),
+        fit.declared_source("gain and angle of the sensors", sensor_error_effects(layout, data, fit, sizes)),
+        fit.declared_source("index angle", index_errors),
+        fit.declared_source("section distance", vec![distance_error]),
+        fit.declared_source("face radius", vec![radius_error]),
+        fit.declared_source("linearity of the sensors", sizes.linearity.clone()),
+        fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)),
     ];
-    let of_sensors = sensor_error_effects(layout, data, fit, sizes);
-    let mut all = vec![noise_source(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
-    for (name, u, errors) in errors {
-        let columns = errors.iter().map(|change| layout_error_effect(change, u, layout, &data.rows, fit));
-        all.push(fit.declared_source(name, columns.collect()));
-    }
-    all.push(fit.declared_source("linearity of the sensors", sizes.linearity.clone()));
-    all.push(fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)));
     all.retain(|source| !source.is_zero());
     all
 }
@@ -113,13 +102,13 @@ fn sensor_error_effects(
     sizes: &SourceSizes<'_>,
 ) -> Vec<Vec<f64>> {
     let count = layout.channels.len();
-    let channels = 0..count;
-    let gains = channels.clone().map(|channel| gain_effect(data, channel));
-    let angle = |channel| {
-        let changes = layout_error_effect(&change_channel_angle(channel), ANGLE_STEP_RAD, layout, &data.rows, fit);
+    let gains = (0..count).map(|channel| gain_effect(data, channel));
+    let angle = |channel: usize| {
+        let change = |layout: &mut ProbeLayout, by| layout.channels[channel].angle_rad += by;
+        let changes = layout_error_effect(layout, &data.rows, fit, ANGLE_STEP_RAD, change);
         changes.into_iter().map(|effect| effect / ANGLE_STEP_RAD).collect()
     };
-    let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
+    let effects: Vec<Vec<f64>> = gains.chain((0..count).map(angle)).collect();
     let (u_gain, u_angle) = (sizes.settings.u_gain, sizes.settings.u_sensor_angle_rad());
     let declared = |i: usize| if i < count { u_gain } else { u_angle };
     let independent = || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });

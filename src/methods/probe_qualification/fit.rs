@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use super::layout::UnknownsLayout;
-use super::observe::ObservedTouches;
+use super::observe::{MeasuredTouch, ObservedTouches};
 use super::outputs;
 use super::setup::QualificationSetup;
 use super::sources::{PooledScatter, uncertainty_sources};
@@ -95,23 +95,22 @@ fn pooled_scatter(
     let step_um = axes.map(|(_, spec)| spec.resolution_um).fold(0.0, f64::max);
     let s_mm = (squares / dof.max(1) as f64).sqrt();
     let scatter = PooledScatter { s_mm, dof, step_mm: step_um * 1e-3 };
-    if dof > 0 && scatter.u_mm() > 0.0 {
-        return Ok(scatter);
-    }
-    Err(MethodRefusal::new(
+    MethodRefusal::require(
+        dof > 0 && scatter.u_mm() > 0.0,
         "the repeated touches of a direction do not scatter, or no touch was repeated",
         "set resolution_um of the axes; if all touches still have equal readings, check that the readings \
         come from the machine",
-    )
-    .into())
+    )?;
+    Ok(scatter)
 }
 
 fn touch_measurements(observed: &ObservedTouches, residuals: &[f64], u_mm: f64) -> Vec<Measurement> {
-    let touches = observed.touches.iter().zip(residuals).enumerate();
-    let measurement = |(i, (touch, residual)): (usize, (&super::observe::MeasuredTouch, &f64))| {
-        let in_words = format!("touch {}", touch.label);
-        let (label, residual_mm) = (touch.label.clone(), *residual);
-        Measurement { label, description: in_words, rows: i..i + 1, residual_mm, u_mm }
+    let measurement = |(i, touch): (usize, &MeasuredTouch)| Measurement {
+        label: touch.label.clone(),
+        description: format!("touch {}", touch.label),
+        rows: i..i + 1,
+        residual_mm: residuals[i],
+        u_mm,
     };
-    touches.map(measurement).collect()
+    observed.touches.iter().enumerate().map(measurement).collect()
 }

@@ -79,9 +79,11 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
     let step_readings = match_readings(setup, readings)?;
     let slow = step_readings.iter().filter(|step_readings| !step_readings.is_fast(setup));
     let points: Vec<[f64; 3]> = slow.map(|step_readings| step_readings.stylus_mm.into()).collect();
-    let sphere = fit_sphere(&points).map_err(|reason| MethodRefusal {
-        reason: format!("the slow touches do not fit a sphere: {reason}"),
-        remedy: "give plan and readings of a complete run of probe-qualification".to_owned(),
+    let sphere = fit_sphere(&points).map_err(|reason| {
+        MethodRefusal::new(
+            format!("the slow touches do not fit a sphere: {reason}"),
+            "give plan and readings of a complete run of probe-qualification",
+        )
     })?;
     let radius_mm = setup.measured_ball()?.radius_mm + setup.plan.probe.ball_radius_mm;
     let table = setup.chain.machine_from_table(&setup.rotary, &[]).rotation;

@@ -125,19 +125,17 @@ impl<'a> QualificationSetup<'a> {
 
     /// Centre of a ball from its search touches, table frame, mm.
     fn measured_centre(&self, id: &str, readings: &[Reading]) -> Result<Vector3<f64>, MethodRefusal> {
-        let again = || "start a new run".to_owned();
+        let refusal = |reason: String| MethodRefusal::new(reason, "start a new run");
         let of_ball = |step: &&Step| {
             let mut parts = step.label.split('/');
             parts.next() == Some(SEARCH_LABEL) && parts.next() == Some(id)
         };
         let mut touches = Vec::new();
         for step in self.plan.steps.iter().filter(of_ball) {
-            let latest = latest_readings(step, readings)
-                .map_err(|reason| MethodRefusal { reason: reason.to_string(), remedy: again() })?;
+            let latest = latest_readings(step, readings).map_err(|error| refusal(error.to_string()))?;
             touches.extend(latest.first().map(|reading| step.from.updated_by(&reading.position)));
         }
         let measured = evaluate_ball(id, &touches, &self.plan.machine, &self.plan.probe);
-        let measured = measured.map_err(|reason| MethodRefusal { reason: reason.to_string(), remedy: again() })?;
-        Ok(measured.centre_mm)
+        Ok(measured.map_err(|error| refusal(error.to_string()))?.centre_mm)
     }
 }

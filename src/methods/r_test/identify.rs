@@ -1,17 +1,20 @@
 //! Identification: from plan and readings to the estimate.
 
-use super::fit::{solve_equation, survey_rank, weighted_equation};
 use super::model::SensorEquations;
 use super::nest::SensorNest;
 use super::observe::{ObservedMeans, SensorMean, observe_means};
 use super::settings::RTestSettings;
-use super::sources::uncertainty_sources;
+use super::sources::{standard_uncertainties, uncertainty_sources};
 use super::{METHOD_NAME, outputs};
 use crate::identification::{
-    self, FitQuality, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan, rms,
+    self, FitQuality, Identification, LeastSquares, Measurement, MisfitAdvice, ObservationEquation, Solution,
+    TrialPlan, rms,
 };
 use crate::{IdentifyError, MethodRefusal};
-use estimation::nonlinear::NonlinearSolution;
+use estimation::linear::{LinearError, RankAnalysis};
+use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
+use estimation::null_names::name_null_space;
+use estimation::schur::factorise;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -43,11 +46,10 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
     equation.check_sensors(&minimum.x)?;
     let survey =
         survey_rank(&equation, &minimum.x).map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))?;
-    let model = LeastSquares { equation: &equation, minimum: &minimum };
     let unknowns = minimum.x.len();
     let weighted = minimum.residuals.iter().zip(&equation.sigma_mm);
     let solution = Solution {
-        model: &model,
+        model: &LeastSquares { equation: &equation, minimum: &minimum },
         residuals: &minimum.residuals,
         has_declared_sizes: nest.sensors.iter().all(|sensor| sensor.noise_um.is_some()),
         figures: FitQuality {
@@ -63,8 +65,7 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
     let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let outputs = outputs::build_outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
-    let axis = nest.axis;
-    let at_mm = nest.sphere_position().into();
+    let (axis, sphere) = (nest.axis, nest.sphere_position());
     Ok(Estimate {
         gauge: vec![format!(
             "the nest at {axis} 0° is the origin: the error motion at 0° counts as a displacement \
@@ -75,7 +76,7 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
                 "EA{axis}, EB{axis}, EC{axis}: three sensors at one point do not measure \
                  rotations; EX{axis} and EY{axis} are valid at the height of the sphere, Z = {:.1} \
                  mm",
-                nest.sphere_position().z
+                sphere.z
             ),
             format!(
                 "harmonics of EX{axis} and EY{axis} at multiples of {n} (the stops of a \
@@ -88,19 +89,49 @@ pub fn identify(plan: &Plan, settings: &RTestSettings, readings: &[Reading]) -> 
         .chain(identified.outlier_check.describe_detection_limits())
         .collect(),
         warnings: estimate_warnings(&equation, &observed, &identified),
-        ..identified.estimate(METHOD_NAME).with_displacement_point(at_mm)
+        ..identified.estimate(METHOD_NAME).with_displacement_point(sphere.into())
     })
+}
+
+/// The equation, weighted by the sources that are independent between observations.
+pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMeans) -> SensorEquations<'a> {
+    let equation = SensorEquations::unweighted(nest, observed);
+    let sigma = standard_uncertainties(&equation);
+    SensorEquations { sigma_mm: sigma, ..equation }
+}
+
+/// # Errors
+/// The means do not separate the unknowns, or the iteration does not converge.
+pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
+    let sensors: Vec<&str> = equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let names = equation.unknowns.names(&sensors);
+    let unsolved = |why: NonlinearError| {
+        let lost = |survey: &RankAnalysis| name_null_space(survey.null_space.as_ref(), &names);
+        IdentifyError::from_solver_error(why, lost)
+    };
+    let survey = survey_rank(equation, &equation.initial_values()).map_err(unsolved)?;
+    if survey.nullity > 0 {
+        return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
+    }
+    let unchanged = vec![0.0; equation.observations()];
+    let residuals = |x: &[f64]| equation.residuals(x, &unchanged);
+    minimise_squares(equation.initial_values(), |x| equation.rows(x), residuals).map_err(unsolved)
+}
+
+fn survey_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
+    Ok(factorise(equation.rows(x)).0.analyse_rank()?)
 }
 
 /// One measurement for the mean of each sensor at each point.
 fn sensor_measurements(equation: &SensorEquations<'_>, minimum: &NonlinearSolution) -> Vec<Measurement> {
-    let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma_mm).enumerate();
-    let measurement = |(i, ((mean, residual), sigma)): (usize, ((&SensorMean, &f64), &f64))| {
-        let label = mean.label.clone();
-        let in_words = format!("the mean {label}");
-        Measurement { label, description: in_words, rows: i..i + 1, residual_mm: residual * sigma, u_mm: *sigma }
+    let measurement = |(i, mean): (usize, &SensorMean)| Measurement {
+        label: mean.label.clone(),
+        description: format!("the mean {}", mean.label),
+        rows: i..i + 1,
+        residual_mm: minimum.residuals[i] * equation.sigma_mm[i],
+        u_mm: equation.sigma_mm[i],
     };
-    rows.map(measurement).collect()
+    equation.means.iter().enumerate().map(measurement).collect()
 }
 
 fn estimate_warnings(

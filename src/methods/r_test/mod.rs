@@ -5,9 +5,7 @@
 //! Small moves of the linear axes calibrate the sensors ([`model`]). The displacement of the sphere relative to the
 //! nest at each stop gives the motion of the table ([`outputs`]).
 
-mod fit;
 mod identify;
-mod label;
 mod model;
 mod nest;
 mod observe;

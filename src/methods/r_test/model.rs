@@ -13,6 +13,7 @@ use super::nest::SensorNest;
 use super::observe::{Displacement, ObservedMeans, SensorMean};
 use crate::MethodRefusal;
 use crate::identification::ObservationEquation;
+use machine::record::sensor::Sensor;
 
 /// Number of unknowns of a sensor.
 const UNKNOWNS_PER_SENSOR: usize = 4;
@@ -191,32 +192,23 @@ impl<'a> SensorEquations<'a> {
     pub fn check_sensors(&self, x: &[f64]) -> Result<(), MethodRefusal> {
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
             let gradient = self.gradient(x, number);
-            let cosine = |direction: &Vector3<f64>| gradient.normalize().dot(direction);
-            if cosine(&Vector3::from(sensor.direction)) < MIN_DIRECTION_COSINE {
-                let is_like = |candidate: &&&_| cosine(&sensor_direction(candidate)) >= MIN_DIRECTION_COSINE;
-                let swapped = self.nest.sensors.iter().find(is_like);
+            let cosine = |sensor: &Sensor| gradient.normalize().dot(&Vector3::from(sensor.direction));
+            if cosine(sensor) < MIN_DIRECTION_COSINE {
+                let swapped = self.nest.sensors.iter().find(|other| cosine(other) >= MIN_DIRECTION_COSINE);
                 return Err(refuse_direction(&sensor.name, gradient, swapped.map(|s| s.name.as_str())));
             }
-            if (gradient.norm() - 1.0).abs() > MAX_GAIN_ERROR {
-                return Err(MethodRefusal {
-                    reason: format!(
-                        "the reading of sensor {} changes by {:.2} mm if the sphere moves by 1 mm \
-                         along its direction",
-                        sensor.name,
-                        gradient.norm()
-                    ),
-                    remedy: "correct the scale of the sensor in [[sensor]], and start a new \
-                              run"
-                    .to_owned(),
-                });
-            }
+            MethodRefusal::require(
+                (gradient.norm() - 1.0).abs() <= MAX_GAIN_ERROR,
+                format!(
+                    "the reading of sensor {} changes by {:.2} mm if the sphere moves by 1 mm along its direction",
+                    sensor.name,
+                    gradient.norm()
+                ),
+                "correct the scale of the sensor in [[sensor]], and start a new run",
+            )?;
         }
         Ok(())
     }
-}
-
-fn sensor_direction(sensor: &machine::record::sensor::Sensor) -> Vector3<f64> {
-    Vector3::from(sensor.direction)
 }
 
 fn refuse_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -> MethodRefusal {
@@ -226,19 +218,15 @@ fn refuse_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) -
          declared direction"
     );
     match swapped {
-        Some(other) => MethodRefusal {
-            reason: format!("{reason}, but along the direction of {other}"),
-            remedy: format!(
-                "exchange the cables of {name} and {other}, or their addresses in \
-                              [[sensor]]"
-            ),
-        },
-        None => MethodRefusal {
+        Some(other) => MethodRefusal::new(
+            format!("{reason}, but along the direction of {other}"),
+            format!("exchange the cables of {name} and {other}, or their addresses in [[sensor]]"),
+        ),
+        None => MethodRefusal::new(
             reason,
-            remedy: "correct the direction of the sensor in [[sensor]], or check that the sensor \
-                      measures the sphere; then start a new run"
-                .to_owned(),
-        },
+            "correct the direction of the sensor in [[sensor]], or check that the sensor measures the sphere; then \
+             start a new run",
+        ),
     }
 }
 

@@ -96,11 +96,7 @@ impl<'a> SensorNest<'a> {
 fn nest_centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, MethodRefusal> {
     MethodRefusal::require(
         sensors.len() >= 3,
-        format!(
-            "{} sensors do not measure the displacement of the sphere in X, Y and \
-                 Z",
-            sensors.len()
-        ),
+        format!("{} sensors do not measure the displacement of the sphere in X, Y and Z", sensors.len()),
         "describe three [[sensor]] with mount = \"table\"",
     )?;
     if let Some(sensor) = sensors.iter().find(|sensor| sensor.mount != SensorMount::Table) {
@@ -112,18 +108,16 @@ fn nest_centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Meth
     let directions = || sensors.iter().map(|sensor| Vector3::from(sensor.direction));
     let normal: Matrix3<f64> = directions().map(|along| along * along.transpose()).sum();
     let scale = sensors.len() as f64 / 3.0;
-    let inverse =
-        normal.try_inverse().filter(|_| normal.determinant().sqrt() > MIN_DIRECTION_DETERMINANT * scale.powf(1.5));
-    let Some(inverse) = inverse else {
-        return Err(MethodRefusal::new(
+    let is_spatial = normal.determinant().sqrt() > MIN_DIRECTION_DETERMINANT * scale.powf(1.5);
+    let inverse = normal.try_inverse().filter(|_| is_spatial).ok_or_else(|| {
+        MethodRefusal::new(
             "the directions of the sensors are coplanar",
             "correct the directions: they must not lie in one plane; right angles are best",
-        ));
-    };
-    let contact_point = |sensor: &&Sensor| Vector3::from(sensor.zero_mm) + Vector3::from(sensor.direction) * radius_mm;
+        )
+    })?;
     let along = |sensor: &&Sensor| {
         let direction = Vector3::from(sensor.direction);
-        direction * direction.dot(&contact_point(sensor))
+        direction * direction.dot(&(Vector3::from(sensor.zero_mm) + direction * radius_mm))
     };
     let centre = inverse * sensors.iter().map(along).sum::<Vector3<f64>>();
     let is_missed = |sensor: &&&Sensor| {

@@ -4,12 +4,16 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Rotation3, Vector3};
 
-use super::label::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL};
 use super::nest::SensorNest;
 use crate::{IdentifyError, latest_readings};
 use machine::Position;
 use machine::record::plan::Step;
 use machine::record::reading::{Reading, ReadingFlag};
+
+/// Labels of the scans that the identification uses.
+pub const CALIBRATION_LABEL: &str = "calibration";
+pub const FORWARD_LABEL: &str = "turn/forward";
+pub const BACKWARD_LABEL: &str = "turn/backward";
 
 /// Displacement of the sphere relative to the nest.
 #[derive(Debug, Clone, Copy, PartialEq)]

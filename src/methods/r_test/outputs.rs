@@ -6,6 +6,7 @@
 //! compared.
 
 use machine::record::estimate::{FigureKind, Unit};
+use nalgebra::Matrix3;
 
 use super::model::SensorEquations;
 use crate::identification::{Curve, Output, Outputs, RangeOutput, range_outputs};
@@ -55,12 +56,12 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
 /// Derivatives of E_total at a stop.
 fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> Derivatives {
     let SensorEquations { nest, unknowns, .. } = equation;
-    let turn = nest.machine_from_table(nest.dwell_angle(stop));
-    let turn = turn.matrix();
+    let turn = nest.machine_from_table(nest.dwell_angle(stop)).into_inner();
+    let lever = Matrix3::identity() - turn;
     let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
     for (k, slope) in slopes.iter_mut().enumerate() {
         for i in 0..2 {
-            slope[unknowns.sphere() + i] = f64::from(u8::from(k == i)) - turn[(k, i)];
+            slope[unknowns.sphere() + i] = lever[(k, i)];
         }
         if let Some(first) = unknowns.displacement(stop) {
             (0..3).for_each(|i| slope[first + i] = -turn[(k, i)]);
@@ -87,13 +88,12 @@ fn error_motion_derivatives(
     total: &Derivatives,
     mean: &Derivatives,
 ) -> Derivatives {
-    let turn = equation.nest.machine_from_table(equation.nest.dwell_angle(stop));
-    let turn = turn.matrix();
+    let turn = equation.nest.machine_from_table(equation.nest.dwell_angle(stop)).into_inner();
+    let lever = Matrix3::identity() - turn;
     let mut motion = total.clone();
     for (k, slope) in motion.iter_mut().enumerate() {
         for (j, slope) in slope.iter_mut().enumerate() {
-            let of_axis = |i: usize| (f64::from(u8::from(k == i)) - turn[(k, i)]) * mean[i][j];
-            *slope -= if k == 2 { mean[2][j] } else { of_axis(0) + of_axis(1) };
+            *slope -= if k == 2 { mean[2][j] } else { lever[(k, 0)] * mean[0][j] + lever[(k, 1)] * mean[1][j] };
         }
     }
     motion

@@ -2,9 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::label::CALIBRATION_LABEL;
 use super::model::SensorEquations;
-use super::observe::{Displacement, SensorMean};
+use super::observe::{CALIBRATION_LABEL, Displacement, SensorMean};
 use crate::identification::azimuth::{LOBING_ORDERS, azimuth_patterns};
 use crate::identification::declared::{
     backlash_lags_mm, drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_u_mm,

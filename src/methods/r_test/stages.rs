@@ -1,9 +1,8 @@
 //! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
-use super::fit;
-use super::label::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, MOUNT_PROMPT_LABEL, REFERENCE_LABEL};
+use super::identify::{solve_equation, weighted_equation};
 use super::nest::SensorNest;
-use super::observe::observe_means;
+use super::observe::{BACKWARD_LABEL, CALIBRATION_LABEL, FORWARD_LABEL, observe_means};
 use super::settings::RTestSettings;
 use crate::revolution_steps::RevolutionSteps;
 use crate::{MethodRefusal, NextStage, PositionSource};
@@ -11,6 +10,9 @@ use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::watch::WatchedSensor;
 use machine::{Axis, Position};
+
+const MOUNT_PROMPT_LABEL: &str = "mount nest";
+const REFERENCE_LABEL: &str = "reference";
 
 /// The stage that follows the `done` ones.
 ///
@@ -42,8 +44,8 @@ fn check_sensors(nest: &SensorNest<'_>, readings: &[Reading]) -> Result<(), Meth
     let failed =
         |why: String| MethodRefusal::new(why, "check that each sensor measures the sphere, then start a new run");
     let observed = observe_means(nest, readings).map_err(|error| failed(error.to_string()))?;
-    let equation = fit::weighted_equation(nest, &observed);
-    let minimum = fit::solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
+    let equation = weighted_equation(nest, &observed);
+    let minimum = solve_equation(&equation).map_err(|error| failed(error.to_string()))?;
     equation.check_sensors(&minimum.x)
 }
 
@@ -63,7 +65,7 @@ fn mount_prompt(nest: &SensorNest<'_>) -> Step {
 fn calibration_scan(nest: &SensorNest<'_>) -> Step {
     let step_mm = nest.settings.calibration_mm;
     let mut path = vec![nest.origin.clone()];
-    for axis in [Axis::X, Axis::Y, Axis::Z] {
+    for axis in Axis::LINEAR {
         for by in [step_mm, -step_mm] {
             let at = nest.origin.get_or_zero(axis) + by;
             path.push(nest.origin.clone().with(axis, at));

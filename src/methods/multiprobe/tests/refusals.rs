@@ -44,12 +44,12 @@ fn regress_a_step_that_suppresses_a_harmonic() {
 
 #[test]
 fn regress_best_third_angle_outside_exclusions() {
-    let free = third_sensor_angles([0.0, 90.0], 10.0, &[]);
+    let free = third_sensor_angles([0.0, 90.0], &[]);
     println!("{:?}", &free[..6]);
     assert!(free.windows(2).all(|pair| pair[0].1 <= pair[1].1));
     assert!(free.iter().all(|(deg, _)| ![0.0, 90.0, 180.0, 270.0, 240.0].contains(deg)));
     let exclusions = [AngleRange { from_deg: 350.0, to_deg: 200.0 }, AngleRange { from_deg: 265.0, to_deg: 345.0 }];
-    let limited = third_sensor_angles([0.0, 90.0], 10.0, &exclusions);
+    let limited = third_sensor_angles([0.0, 90.0], &exclusions);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
     let combined = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
