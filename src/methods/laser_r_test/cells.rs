@@ -7,11 +7,11 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use super::centres::{CentreEquations, DwellPointRow};
+use super::centres::{CentreEquations, DwellPoint};
+use super::measured_scan::{MeasuredScan, SampleMean};
 use super::position_history::TimedSample;
-use super::scan_data::{ScanData, SpotMean};
 use super::setup::LaserSetup;
 use machine::Axis;
 use machine::frame::unit_vector;
@@ -27,29 +27,23 @@ const MIN_CELL_WIDTH_MM: f64 = 0.01;
 /// mm² with its degrees of freedom. The spots of `scan` are not used.
 pub fn average_cells(
     setup: &LaserSetup<'_>,
-    scan: &ScanData,
+    scan: &MeasuredScan,
     samples: &[TimedSample],
-) -> (Vec<SpotMean>, (f64, usize)) {
-    let machine_from_xyz = setup.machine_from_xyz(&scan.rotary);
+) -> (Vec<SampleMean>, (f64, usize)) {
     let mut scatter = (0.0, 0);
-    let Some(sphere) = ScanSphere::fit(setup, machine_from_xyz, scan.machine_from_spindle, samples) else {
-        return (Vec::new(), scatter);
-    };
+    let Some(sphere) = ScanSphere::fit(setup, scan, samples) else { return (Vec::new(), scatter) };
     let spot = |all: Vec<&TimedSample>| {
-        let deviation = |sample: &&TimedSample| {
-            Some(sample.reading_mm - sphere.predicted_reading_mm(machine_from_xyz * sample.xyz)?)
-        };
-        let deviations: Vec<f64> = all.iter().map(deviation).collect::<Option<_>>()?;
-        let (count, mean_deviation) =
-            (deviations.len() as f64, deviations.iter().sum::<f64>() / deviations.len() as f64);
+        let deviations: Vec<f64> = all.iter().map(|sample| sphere.deviation_mm(sample)).collect::<Option<_>>()?;
+        let count = deviations.len() as f64;
+        let mean_deviation = deviations.iter().sum::<f64>() / count;
         let mean = |pick: fn(&TimedSample) -> Vector3<f64>| all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count;
         let xyz = mean(|sample| sample.xyz);
-        let reading_mm = sphere.predicted_reading_mm(machine_from_xyz * xyz)? + mean_deviation;
+        let reading_mm = sphere.predicted_reading_mm(xyz)? + mean_deviation;
         scatter.0 += deviations.iter().map(|deviation| (deviation - mean_deviation).powi(2)).sum::<f64>();
         scatter.1 += deviations.len() - 1;
-        Some(SpotMean {
+        Some(SampleMean {
             xyz,
-            displacement_mm: machine_from_xyz * xyz,
+            displacement_mm: sphere.machine_from_xyz * xyz,
             reading_mm,
             sample_count: deviations.len(),
             t_s: all.iter().map(|sample| sample.t_s).sum::<f64>() / count,
@@ -57,8 +51,8 @@ pub fn average_cells(
             last_motion_sign: mean(|sample| sample.last_motion_sign),
         })
     };
-    let spots = group_by_cell(setup, samples).into_iter().filter_map(spot).collect();
-    (spots, scatter)
+    let sample_means = group_by_cell(setup, samples).into_iter().filter_map(spot).collect();
+    (sample_means, scatter)
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
@@ -86,6 +80,8 @@ fn longest_side_mm(samples: &[TimedSample]) -> f64 {
 
 /// Sphere fitted to one scan alone, with the nominal beam.
 pub struct ScanSphere {
+    /// Matrix from X, Y, Z to the machine frame.
+    machine_from_xyz: Matrix3<f64>,
     centre: Vector3<f64>,
     radius: f64,
     /// Direction of the beam, machine frame.
@@ -93,15 +89,11 @@ pub struct ScanSphere {
 }
 
 impl ScanSphere {
-    /// Fits the sphere. `machine_from_xyz`: from X, Y, Z to the machine frame. `machine_from_spindle`: from the
-    /// spindle frame to the machine frame. `None`: the samples do not determine the sphere.
-    pub fn fit(
-        setup: &LaserSetup<'_>,
-        machine_from_xyz: Matrix3<f64>,
-        machine_from_spindle: Rotation3<f64>,
-        samples: &[TimedSample],
-    ) -> Option<Self> {
-        let row = |sample: &TimedSample| DwellPointRow {
+    /// Fits the sphere to the samples of a scan. `None`: they do not determine the sphere.
+    pub fn fit(setup: &LaserSetup<'_>, scan: &MeasuredScan, samples: &[TimedSample]) -> Option<Self> {
+        let machine_from_spindle = scan.machine_from_spindle;
+        let machine_from_xyz = setup.machine_from_xyz(&scan.rotary);
+        let row = |sample: &TimedSample| DwellPoint {
             group: 0,
             displacement_mm: machine_from_xyz * sample.xyz,
             machine_from_spindle,
@@ -110,21 +102,27 @@ impl ScanSphere {
         };
         let centres = CentreEquations::with_nominal_beam(setup, samples.iter().map(row).collect());
         let centre = centres.group_centre(&centres.solve().ok()?.x, 0);
-        Some(Self { centre, radius: setup.measuring_radius_mm(), beam: machine_from_spindle * setup.beam_direction() })
+        let beam = machine_from_spindle * setup.beam_direction();
+        Some(Self { machine_from_xyz, centre, radius: setup.measuring_radius_mm(), beam })
     }
 
-    /// Reading of the sensor with the spindle at `at`. `None`: the beam misses the sphere.
-    pub fn predicted_reading_mm(&self, at: Vector3<f64>) -> Option<f64> {
-        let from_centre = at - self.centre;
+    /// Reading less the predicted one. `None`: the beam misses the sphere.
+    pub fn deviation_mm(&self, sample: &TimedSample) -> Option<f64> {
+        Some(sample.reading_mm - self.predicted_reading_mm(sample.xyz)?)
+    }
+
+    /// Reading of the sensor at these positions of X, Y, Z. `None`: the beam misses the sphere.
+    fn predicted_reading_mm(&self, xyz: Vector3<f64>) -> Option<f64> {
+        let from_centre = self.machine_from_xyz * xyz - self.centre;
         let half = from_centre.dot(&self.beam);
         let root = half * half - from_centre.norm_squared() + self.radius * self.radius;
         (root > 0.0).then(|| -half - root.sqrt())
     }
 
-    /// Derivative of [`predicted_reading_mm`](Self::predicted_reading_mm) with respect to `at`.
-    pub fn reading_gradient(&self, at: Vector3<f64>) -> Option<Vector3<f64>> {
-        let normal = at + self.beam * self.predicted_reading_mm(at)? - self.centre;
-        Some(-normal / normal.dot(&self.beam))
+    /// Derivatives of [`predicted_reading_mm`](Self::predicted_reading_mm) by X, Y, Z.
+    pub fn reading_gradient(&self, xyz: Vector3<f64>) -> Option<Vector3<f64>> {
+        let normal = self.machine_from_xyz * xyz + self.beam * self.predicted_reading_mm(xyz)? - self.centre;
+        Some(self.machine_from_xyz.transpose() * (-normal / normal.dot(&self.beam)))
     }
 }
 

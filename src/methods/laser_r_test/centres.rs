@@ -8,7 +8,7 @@
 use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::scan_data::{ScanData, SpotMean};
+use super::measured_scan::{MeasuredScan, SampleMean};
 use super::setup::LaserSetup;
 use crate::identification::ObservationEquation;
 use estimation::nonlinear::{NonlinearError, NonlinearSolution, minimise_squares};
@@ -21,7 +21,7 @@ pub const GAIN_INDEX: usize = 2;
 
 /// A dwell point of the fit.
 #[derive(Debug, Clone, Copy)]
-pub struct DwellPointRow {
+pub struct DwellPoint {
     /// Index of the centre.
     pub group: usize,
     /// Displacement of the spindle relative to the table, machine frame, mm.
@@ -41,7 +41,7 @@ pub struct CentreEquations {
     pub beam_frame: Matrix3<f64>,
     pub radius_mm: f64,
     /// Dwell points, group after group.
-    pub rows: Vec<DwellPointRow>,
+    pub dwell_points: Vec<DwellPoint>,
     pub group_count: usize,
     /// Whether the beam is unknown. If not, it is given by `fixed_beam`.
     pub is_beam_free: bool,
@@ -61,11 +61,11 @@ fn beam_frame(beam: Vector3<f64>) -> Matrix3<f64> {
 
 impl CentreEquations {
     /// The fit of one group, with the nominal beam and the stated radius.
-    pub fn with_nominal_beam(setup: &LaserSetup<'_>, rows: Vec<DwellPointRow>) -> Self {
+    pub fn with_nominal_beam(setup: &LaserSetup<'_>, dwell_points: Vec<DwellPoint>) -> Self {
         Self {
             beam_frame: beam_frame(setup.beam_direction()),
             radius_mm: setup.measuring_radius_mm(),
-            rows,
+            dwell_points,
             group_count: 1,
             is_beam_free: false,
             is_radius_free: false,
@@ -97,28 +97,28 @@ impl CentreEquations {
         self.beam_frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
     }
 
-    /// Centre of a group, machine frame, relative to the same origin as [`DwellPointRow::displacement_mm`].
+    /// Centre of a group, machine frame, relative to the same origin as [`DwellPoint::displacement_mm`].
     pub fn group_centre(&self, x: &[f64], group: usize) -> Vector3<f64> {
         let first = self.first_unknown(group);
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
     /// Vector from the centre to the light spot.
-    pub fn centre_to_spot(&self, x: &[f64], row: &DwellPointRow) -> Vector3<f64> {
+    pub fn centre_to_spot(&self, x: &[f64], row: &DwellPoint) -> Vector3<f64> {
         row.displacement_mm + row.machine_from_spindle * (self.beam_vector(x) * row.reading_mm)
             - self.group_centre(x, row.group)
     }
 
     /// Distances of the dwell points from their spheres, positive outside, unweighted, mm.
     pub fn surface_deviations_mm(&self, x: &[f64]) -> Vec<f64> {
-        let deviation = |row: &DwellPointRow| self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group);
-        self.rows.iter().map(deviation).collect()
+        let deviation = |row: &DwellPoint| self.centre_to_spot(x, row).norm() - self.group_radius_mm(x, row.group);
+        self.dwell_points.iter().map(deviation).collect()
     }
 
     fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let (common, own) = (self.beam_unknown_count(), self.unknowns_per_centre());
         let group_rows = |group: usize| {
-            let rows: Vec<&DwellPointRow> = self.rows.iter().filter(|row| row.group == group).collect();
+            let rows: Vec<&DwellPoint> = self.dwell_points.iter().filter(|row| row.group == group).collect();
             let mut block = BlockRows::zeros(rows.len(), own, common);
             for (i, row) in rows.into_iter().enumerate() {
                 let arm = self.centre_to_spot(x, row);
@@ -150,7 +150,7 @@ impl CentreEquations {
         let beam = self.beam_frame.column(2);
         for group in 0..self.group_count {
             let (mut sum, mut count, mut along) = (Vector3::zeros(), 0.0, Vector3::zeros());
-            for row in self.rows.iter().filter(|row| row.group == group) {
+            for row in self.dwell_points.iter().filter(|row| row.group == group) {
                 sum += row.displacement_mm + row.machine_from_spindle * beam * row.reading_mm;
                 along = row.machine_from_spindle * beam;
                 count += 1.0;
@@ -167,7 +167,7 @@ impl CentreEquations {
 /// Observations: the distance of each dwell point from its centre.
 impl ObservationEquation for CentreEquations {
     fn observations(&self) -> usize {
-        self.rows.len()
+        self.dwell_points.len()
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
@@ -177,7 +177,7 @@ impl ObservationEquation for CentreEquations {
     }
 
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
-        change.iter().zip(&self.rows).map(|(change, row)| -change / row.u_mm).collect()
+        change.iter().zip(&self.dwell_points).map(|(change, row)| -change / row.u_mm).collect()
     }
 }
 
@@ -188,9 +188,9 @@ pub fn gain_deviation(unknown: f64) -> f64 {
 }
 
 /// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
-pub fn determines_centre(scan: &ScanData, beam: Vector3<f64>, radius: f64) -> bool {
-    let light_spot = |spot: &SpotMean| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm;
-    let points: Vec<Vector3<f64>> = scan.spots.iter().map(light_spot).collect();
+pub fn determines_centre(scan: &MeasuredScan, beam: Vector3<f64>, radius: f64) -> bool {
+    let light_spot = |spot: &SampleMean| spot.displacement_mm + scan.machine_from_spindle * beam * spot.reading_mm;
+    let points: Vec<Vector3<f64>> = scan.sample_means.iter().map(light_spot).collect();
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let centre = mean + scan.machine_from_spindle * beam * radius;
     let mut sum = Matrix3::zeros();

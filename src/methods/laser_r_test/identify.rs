@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::combined_fit::{CentresThenMachine, centre_covariances, observation_sensitivities};
 use super::latency::LatencyEstimate;
 use super::model::{CentreObservation, CentresLeastSquares, SphereModel};
 use super::observe::{ObservedScans, observe_scans};
@@ -12,7 +13,6 @@ use super::result::IdentificationResult;
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use super::sources::uncertainty_sources;
-use super::two_fits::{CentresThenMachine, centre_covariances, observation_sensitivities};
 use crate::identification::{self, FitQuality, LeastSquares, Measurement, Solution, TrialPlan, mean_coordinate_u_mm};
 use crate::{IdentifyError, MethodRefusal};
 use estimation::linear::{LinearError, RankAnalysis};
@@ -52,7 +52,7 @@ pub fn identify_scans<'a>(
     let model = SphereModel { chain: setup.chain.clone(), parameters: selection.parameters.clone() };
     let problem = CentresLeastSquares { model, centre_observations, zero_point_prior: None };
     let (survey, minimum) = solve_machine(setup, &problem, &names)?;
-    let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::values);
+    let latency = observed.latency.as_ref().map_or_else(Vec::new, LatencyEstimate::unknown_values);
     let x = [&minimum.x, &centre_fit.x[..grouped.centres.beam_unknown_count()], &latency].concat();
     let machine = LeastSquares { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
@@ -74,7 +74,7 @@ pub fn identify_scans<'a>(
         grouped,
         centre_fit,
         selection,
-        problem,
+        machine_equations: problem,
         machine_fit: minimum,
         unknown_names: names,
         identification: identified,
@@ -134,7 +134,7 @@ fn remove_oblique_samples(
     let centres = &grouped.centres;
     let beam = unit_vector(centres.beam_vector(&centre_fit.x)).unwrap_or_default();
     let mut oblique: Vec<(usize, usize)> = Vec::new();
-    for (row, origin) in centres.rows.iter().zip(&grouped.row_origins) {
+    for (row, origin) in centres.dwell_points.iter().zip(&grouped.row_origins) {
         let towards = -(row.machine_from_spindle * beam);
         if centres.centre_to_spot(&centre_fit.x, row).angle(&towards) > setup.incidence_limit_rad() {
             oblique.push(*origin);
@@ -143,7 +143,7 @@ fn remove_oblique_samples(
     // Remove from the end, so that the remaining indices stay valid.
     oblique.sort_unstable_by(|a, b| b.cmp(a));
     for (scan, point) in &oblique {
-        let spot = observed.scans[*scan].spots.remove(*point);
+        let spot = observed.scans[*scan].sample_means.remove(*point);
         *observed.excluded_samples.entry("beyond the incidence limit").or_default() += spot.sample_count;
     }
     !oblique.is_empty()
@@ -185,7 +185,7 @@ fn solve_machine(
     let unsolved = |why: NonlinearError| {
         IdentifyError::from_solver_error(why, |lost| name_null_space(lost.null_space.as_ref(), names))
     };
-    let survey = problem.survey(&start).map_err(unsolved)?;
+    let survey = problem.analyse_rank(&start).map_err(unsolved)?;
     if survey.nullity > 0 {
         return Err(unsolved(LinearError::RankDeficient(Box::new(survey)).into()));
     }

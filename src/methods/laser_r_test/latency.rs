@@ -6,9 +6,10 @@
 //! tilt of its beam are the same there in both directions, and are an unknown of the cell.
 
 use faer::Mat;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::Vector3;
 
 use super::cells::{ScanSphere, group_by_cell};
+use super::measured_scan::MeasuredScan;
 use super::position_history::{PositionHistory, TimedSample};
 use super::setup::LaserSetup;
 use crate::{IdentifyError, MethodRefusal};
@@ -22,14 +23,14 @@ const ASSUMED_SAMPLE_U_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a sample, mm.
 const MIN_SAMPLE_U_MM: f64 = 1e-6;
 /// Maximum number of iterations. Each one interpolates the positions again.
-const MAX_ITERATIONS: usize = 30;
+const MAX_LATENCY_ITERATIONS: usize = 30;
 /// The iteration ends when the latency changes by less than this, s, or by less than the fraction
 /// [`LATENCY_TOLERANCE_RATIO`] of its standard uncertainty.
 const LATENCY_TOLERANCE_S: f64 = 1e-8;
 const LATENCY_TOLERANCE_RATIO: f64 = 0.05;
 /// Iterations in which the reliable samples are selected again. Later the selection is fixed, otherwise some
 /// samples would alternate between iterations.
-const SELECTION_ITERATIONS: usize = 4;
+const SAMPLE_SELECTION_ITERATIONS: usize = 4;
 /// Largest ratio by which the other unknowns may increase an unknown's uncertainty. Beyond it the unknown counts as
 /// not separable. For two feeds in the ratio r, r > 1, it is (r + 1)/(r − 1).
 const MAX_UNCERTAINTY_INFLATION: f64 = 5.5;
@@ -50,10 +51,9 @@ pub struct LatencyEstimate {
     pub sample_count: usize,
 }
 
-/// One scan: transformation from X, Y, Z to the machine frame, rotation from the spindle frame, samples.
+/// A continuous scan with its samples.
 pub struct TimedScan<'a> {
-    pub machine_from_xyz: Matrix3<f64>,
-    pub machine_from_spindle: Rotation3<f64>,
+    pub scan: &'a MeasuredScan,
     pub history: &'a PositionHistory,
 }
 
@@ -64,7 +64,7 @@ impl LatencyEstimate {
     }
 
     /// Derivatives of the true position by τ (per s) and by the lags (per mm).
-    pub fn derivatives(&self, velocity: Vector3<f64>, last_motion_sign: Vector3<f64>) -> Vec<Vector3<f64>> {
+    pub fn position_derivatives(&self, velocity: Vector3<f64>, last_motion_sign: Vector3<f64>) -> Vec<Vector3<f64>> {
         let lags = self.moved_axes.iter().map(|axis| half_lag_direction(*axis, last_motion_sign));
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
     }
@@ -74,7 +74,7 @@ impl LatencyEstimate {
     }
 
     /// Values in the order of the names, s and mm.
-    pub fn values(&self) -> Vec<f64> {
+    pub fn unknown_values(&self) -> Vec<f64> {
         let lags = self.moved_axes.iter().map(|axis| self.lost_motion_mm.dot(&axis.direction()));
         std::iter::once(self.latency_s).chain(lags).collect()
     }
@@ -88,8 +88,8 @@ fn half_lag_direction(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64
 /// No sample is on the sphere, or the passes do not separate latency and lags.
 pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<LatencyEstimate, IdentifyError> {
     let (mut latency_s, mut reliable_samples) = (0.0, Vec::new());
-    for number in 0..MAX_ITERATIONS {
-        if number < SELECTION_ITERATIONS {
+    for number in 0..MAX_LATENCY_ITERATIONS {
+        if number < SAMPLE_SELECTION_ITERATIONS {
             reliable_samples = scans.iter().map(|scan| ReliableSamples::new(setup, scan, latency_s)).collect();
         }
         let iteration = LatencyIteration::new(setup, &reliable_samples, latency_s)?;
@@ -101,7 +101,8 @@ pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<La
         }
         let estimate = iteration.into_estimate(latency_s, &factored, &x);
         let u_s = estimate.covariance_root[(0, 0)];
-        if number + 1 >= SELECTION_ITERATIONS && change_s.abs() < LATENCY_TOLERANCE_S.max(LATENCY_TOLERANCE_RATIO * u_s)
+        if number + 1 >= SAMPLE_SELECTION_ITERATIONS
+            && change_s.abs() < LATENCY_TOLERANCE_S.max(LATENCY_TOLERANCE_RATIO * u_s)
         {
             return Ok(estimate);
         }
@@ -116,35 +117,35 @@ pub fn fit_latency(setup: &LaserSetup<'_>, scans: &[TimedScan<'_>]) -> Result<La
 
 /// The reliable samples of one scan, by cells.
 struct ReliableSamples<'a> {
-    scan: &'a TimedScan<'a>,
-    cells: Vec<Vec<TimedSample>>,
+    timed_scan: &'a TimedScan<'a>,
+    samples_by_cell: Vec<Vec<TimedSample>>,
 }
 
 impl<'a> ReliableSamples<'a> {
-    fn new(setup: &LaserSetup<'_>, scan: &'a TimedScan<'a>, latency_s: f64) -> Self {
-        let samples = scan.history.timed_samples(latency_s);
+    fn new(setup: &LaserSetup<'_>, timed_scan: &'a TimedScan<'a>, latency_s: f64) -> Self {
+        let samples = timed_scan.history.timed_samples(latency_s);
         let cells = group_by_cell(setup, &samples).into_iter();
-        Self { scan, cells: cells.map(|all| all.into_iter().copied().collect()).collect() }
+        Self { timed_scan, samples_by_cell: cells.map(|all| all.into_iter().copied().collect()).collect() }
     }
 
     fn with_latency(&self, latency_s: f64) -> Vec<Vec<TimedSample>> {
-        let sample_at = |sample: &TimedSample| self.scan.history.at_latency(sample, latency_s);
-        self.cells.iter().map(|all| all.iter().filter_map(sample_at).collect()).collect()
+        let sample_at = |sample: &TimedSample| self.timed_scan.history.at_latency(sample, latency_s);
+        self.samples_by_cell.iter().map(|all| all.iter().filter_map(sample_at).collect()).collect()
     }
 }
 
 /// The samples at the positions that one value of the latency gives.
 struct LatencyIteration {
-    axes: Vec<Axis>,
+    moved_axes: Vec<Axis>,
     /// Rows of each cell, from the samples of one scan.
-    cells: Vec<Vec<LatencyRow>>,
+    rows_by_cell: Vec<Vec<LatencyRow>>,
 }
 
 struct LatencyRow {
     /// Reading less that of the fitted sphere, mm.
     deviation_mm: f64,
     /// Derivatives of `deviation_mm` by τ (per s) and by the lags (per mm).
-    derivatives: Vec<f64>,
+    deviation_derivatives: Vec<f64>,
 }
 
 impl LatencyIteration {
@@ -155,26 +156,22 @@ impl LatencyIteration {
         reliable_samples: &[ReliableSamples<'_>],
         latency_s: f64,
     ) -> Result<Self, IdentifyError> {
-        let all = || reliable_samples.iter().flat_map(|reliable| reliable.cells.iter().flatten());
+        let all = || reliable_samples.iter().flat_map(|reliable| reliable.samples_by_cell.iter().flatten());
         let has_moved = |k: usize| all().any(|sample| sample.last_motion_sign[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| has_moved(*k));
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
         let mut cells: Vec<Vec<LatencyRow>> = Vec::new();
         for reliable in reliable_samples {
-            let (scan, timed_cells) = (reliable.scan, reliable.with_latency(latency_s));
+            let (scan, timed_cells) = (reliable.timed_scan.scan, reliable.with_latency(latency_s));
             let samples = timed_cells.concat();
-            let Some(sphere) = ScanSphere::fit(setup, scan.machine_from_xyz, scan.machine_from_spindle, &samples)
-            else {
-                continue;
-            };
+            let Some(sphere) = ScanSphere::fit(setup, scan, &samples) else { continue };
             for all in &timed_cells {
                 let rows = all.iter().filter_map(|sample| {
-                    let at = scan.machine_from_xyz * sample.xyz;
-                    let deviation_mm = sample.reading_mm - sphere.predicted_reading_mm(at)?;
-                    let slope = scan.machine_from_xyz.transpose() * sphere.reading_gradient(at)?;
+                    let deviation_mm = sphere.deviation_mm(sample)?;
+                    let slope = sphere.reading_gradient(sample.xyz)?;
                     let lags = axes.iter().map(|axis| slope.dot(&half_lag_direction(*axis, sample.last_motion_sign)));
                     let columns = std::iter::once(slope.dot(&sample.velocity)).chain(lags);
-                    Some(LatencyRow { deviation_mm, derivatives: columns.map(|by| -by).collect() })
+                    Some(LatencyRow { deviation_mm, deviation_derivatives: columns.map(|by| -by).collect() })
                 });
                 cells.push(rows.collect());
             }
@@ -189,11 +186,11 @@ impl LatencyIteration {
             ),
             LATENCY_REMEDY,
         )?;
-        Ok(Self { axes, cells })
+        Ok(Self { moved_axes: axes, rows_by_cell: cells })
     }
 
     fn unknown_count(&self) -> usize {
-        1 + self.axes.len()
+        1 + self.moved_axes.len()
     }
 
     fn row_blocks(&self) -> Vec<BlockRows> {
@@ -202,16 +199,16 @@ impl LatencyIteration {
             for (i, row) in rows.iter().enumerate() {
                 block.set_own(i, 0, 1.0 / ASSUMED_SAMPLE_U_MM);
                 block.set_value(i, row.deviation_mm / ASSUMED_SAMPLE_U_MM);
-                let columns = row.derivatives.iter().enumerate();
+                let columns = row.deviation_derivatives.iter().enumerate();
                 columns.for_each(|(j, by)| block.set_common(i, j, by / ASSUMED_SAMPLE_U_MM));
             }
             block
         };
-        self.cells.iter().map(block).collect()
+        self.rows_by_cell.iter().map(block).collect()
     }
 
     fn weighted_deviations(&self) -> Vec<f64> {
-        self.cells.iter().flatten().map(|row| row.deviation_mm / ASSUMED_SAMPLE_U_MM).collect()
+        self.rows_by_cell.iter().flatten().map(|row| row.deviation_mm / ASSUMED_SAMPLE_U_MM).collect()
     }
 
     /// # Errors
@@ -219,8 +216,8 @@ impl LatencyIteration {
     fn solve(&self) -> Result<(BlockFactorisation, Vec<f64>), IdentifyError> {
         let (factored, _) = factorise(self.row_blocks());
         let survey = factored.analyse_rank().map_err(|why| IdentifyError::IdentificationFailed(why.to_string()))?;
-        let mut names = latency_unknown_names(&self.axes);
-        names.extend((0..self.cells.len()).map(|cell| format!("cell_{cell}")));
+        let mut names = latency_unknown_names(&self.moved_axes);
+        names.extend((0..self.rows_by_cell.len()).map(|cell| format!("cell_{cell}")));
         let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
         if survey.nullity > 0 {
             let lost = name_null_space(survey.null_space.as_ref(), &names);
@@ -238,19 +235,19 @@ impl LatencyIteration {
     }
 
     fn into_estimate(self, latency_s: f64, factored: &BlockFactorisation, x: &[f64]) -> LatencyEstimate {
-        let samples: usize = self.cells.iter().map(Vec::len).sum();
+        let samples: usize = self.rows_by_cell.iter().map(Vec::len).sum();
         let chi2: f64 = factored.remainder(&self.weighted_deviations()).iter().map(|rest| rest * rest).sum();
         let dof = samples.saturating_sub(factored.unknowns()).max(1) as f64;
         let scale = (chi2 / dof).max((MIN_SAMPLE_U_MM / ASSUMED_SAMPLE_U_MM).powi(2));
         let (covariance, count) = (factored.covariance(), self.unknown_count());
         let own = Mat::from_fn(count, count, |i, j| scale * covariance[(i, j)]);
-        let lags = self.axes.iter().zip(x.iter().skip(1));
+        let lags = self.moved_axes.iter().zip(x.iter().skip(1));
         LatencyEstimate {
             latency_s,
             lost_motion_mm: lags.map(|(axis, by)| axis.direction() * *by).sum(),
             covariance_root: cholesky_lower(&own),
             sample_count: samples,
-            moved_axes: self.axes,
+            moved_axes: self.moved_axes,
         }
     }
 }

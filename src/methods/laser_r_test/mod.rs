@@ -3,19 +3,20 @@
 
 mod cells;
 mod centres;
+mod combined_fit;
 mod geometry;
 mod identify;
 mod latency;
+mod measured_scan;
 mod model;
 mod notes;
 mod observe;
 mod outputs;
-mod paper;
+mod paper_estimator;
 mod parameters;
 mod pose_groups;
 mod position_history;
 mod result;
-mod scan_data;
 mod scan_purpose;
 mod scan_step;
 mod settings;
@@ -25,7 +26,6 @@ mod stages;
 #[cfg(test)]
 mod tests;
 mod touches;
-mod two_fits;
 
 pub use settings::LaserRTestSettings;
 
@@ -66,15 +66,13 @@ impl Method for LaserRTest {
     fn next_stage(&self, plan: &Plan, done: &[Stage], source: PositionSource<'_>) -> Result<NextStage, MethodRefusal> {
         let setup = LaserSetup::new(plan, &self.settings)?;
         let stage_plans = stages::plan_stages(&setup)?;
-        let id = done.last().map_or(0, |stage| stage.id + 1);
         let stage_count = done.iter().filter(|stage| stage.repeat == 0).count();
         let Some(stage_plan) = stage_plans.get(stage_count) else { return Ok(NextStage::Done) };
         let geometry = match source {
             PositionSource::Nominal => geometry::nominal_geometry(&setup),
             PositionSource::Measured(readings) => geometry::measured_geometry(&setup, readings)?,
         };
-        let (stage, new_steps) = stages::build_stage(&setup, stage_plan, &geometry, id)?;
-        Ok(NextStage::Stage { stage, new_steps })
+        stages::build_stage(&setup, stage_plan, &geometry, done)
     }
 
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, MethodRefusal> {

@@ -31,7 +31,7 @@ impl SphereModel {
         self.parameters.len() + POSITION_UNKNOWN_COUNT
     }
 
-    fn terms(&self, x: &[f64]) -> Vec<ErrorTerm> {
+    fn error_terms(&self, x: &[f64]) -> Vec<ErrorTerm> {
         let pairs = self.parameters.iter().zip(x);
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
@@ -49,12 +49,12 @@ impl SphereModel {
     /// Zero point at the axis positions `at`, less the sphere's centre: table frame, mm.
     pub fn misclosure(&self, at: &Position, x: &[f64]) -> Vector3<f64> {
         let tip = Point::from_vec(self.zero_point(x));
-        self.chain.tip_in_table(at, tip, &self.terms(x)).mm - self.ball_centre(x)
+        self.chain.tip_in_table(at, tip, &self.error_terms(x)).mm - self.ball_centre(x)
     }
 
     /// Derivatives of the misclosure, in the order of the unknowns.
     pub fn misclosure_derivatives(&self, at: &Position, x: &[f64]) -> Vec<Vector3<f64>> {
-        let terms = self.terms(x);
+        let terms = self.error_terms(x);
         let tip = Point::from_vec(self.zero_point(x));
         let mut columns = self.chain.jacobian(at, tip, &terms, &self.parameters);
         let table = self.chain.machine_from_table(at, &terms).rotation;
@@ -85,12 +85,12 @@ pub struct CentresLeastSquares {
 }
 
 impl CentresLeastSquares {
-    fn unchanged_residuals(&self, x: &[f64]) -> Vec<f64> {
+    fn weighted_residuals(&self, x: &[f64]) -> Vec<f64> {
         self.residuals(x, &vec![0.0; self.observations()])
     }
 
-    fn rows(&self, x: &[f64]) -> Vec<BlockRows> {
-        let residuals = self.unchanged_residuals(x);
+    fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
+        let residuals = self.weighted_residuals(x);
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.model.unknown_count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
         for (i, observation) in self.centre_observations.iter().enumerate() {
@@ -108,12 +108,12 @@ impl CentresLeastSquares {
     }
 
     /// Analyses which unknowns the observations determine near `x`.
-    pub fn survey(&self, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
-        Ok(factorise(self.rows(x)).0.analyse_rank()?)
+    pub fn analyse_rank(&self, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
+        Ok(factorise(self.row_blocks(x)).0.analyse_rank()?)
     }
 
     pub fn solve(&self, start: Vec<f64>) -> Result<NonlinearSolution, NonlinearError> {
-        minimise_squares(start, |x| self.rows(x), |x| self.unchanged_residuals(x))
+        minimise_squares(start, |x| self.row_blocks(x), |x| self.weighted_residuals(x))
     }
 }
 

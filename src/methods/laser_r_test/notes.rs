@@ -2,7 +2,7 @@
 
 use super::centres::GAIN_INDEX;
 use super::observe::ObservedScans;
-use super::paper;
+use super::paper_estimator;
 use super::result::IdentificationResult;
 use super::scan_purpose::ScanPurpose;
 use crate::identification::{LOCATION_ERRORS_TEXT, MisfitAdvice, describe_aliased_orders};
@@ -107,7 +107,7 @@ pub fn gauge_lines(result: &IdentificationResult<'_>) -> Vec<String> {
             held.join(", ")
         ));
     }
-    lines.extend(result.selection.gauge.iter().cloned());
+    lines.extend(result.selection.gauge_lines.iter().cloned());
     lines.extend(latency_note(result));
     lines.extend(paper_comparison(result));
     lines
@@ -119,7 +119,7 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
     let latency = latency.as_ref()?;
     let first = result.unknown_names.len() + result.grouped.centres.beam_unknown_count();
     let expanded = |k: usize| result.identification.uncertainty(first + k).map_or(f64::NAN, |u| u.expanded());
-    let lags = latency.moved_axes.iter().zip(latency.values().into_iter().skip(1)).enumerate();
+    let lags = latency.moved_axes.iter().zip(latency.unknown_values().into_iter().skip(1)).enumerate();
     let lags = lags.map(|(k, (axis, lag))| format!("{axis} by {:.2} um (U {:.2})", lag * 1e3, expanded(k + 1) * 1e3));
     Some(format!(
         "continuous scans: a sensor reading belongs to the axis positions {:.3} ms (U {:.3}) \
@@ -135,7 +135,8 @@ fn latency_note(result: &IdentificationResult<'_>) -> Option<String> {
 
 /// Result of the paper's own estimator, for comparison.
 fn paper_comparison(result: &IdentificationResult<'_>) -> Option<String> {
-    let [a, b, c, x, a_cb] = paper::identify_like_paper(result.setup, &result.grouped, &result.centre_fit.x)?;
+    let [a, b, c, x, a_cb] =
+        paper_estimator::identify_by_paper_method(result.setup, &result.grouped, &result.centre_fit.x)?;
     let [a, b, c, a_cb] = [a, b, c, a_cb].map(|rad| Unit::Urad.from_internal(rad));
     Some(format!(
         "for comparison, by the estimator of paper 2 (the single measurement at B = C = 0 counts as true): \

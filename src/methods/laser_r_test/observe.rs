@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use super::cells::{average_cells, describe_sparse_motions};
 use super::latency::{LatencyEstimate, TimedScan, fit_latency};
+use super::measured_scan::{MeasuredScan, SampleMean};
 use super::position_history::PositionHistory;
-use super::scan_data::{ScanData, SpotMean};
 use super::scan_purpose::ScanPurpose;
 use super::setup::LaserSetup;
 use crate::decision::reference_check::largest_shift_limit_mm;
@@ -22,7 +22,7 @@ const MAX_STANDSTILL_MOTION_MM: f64 = 0.005;
 /// All scans, and the data that was not used.
 #[derive(Debug, Clone, Default)]
 pub struct ObservedScans {
-    pub scans: Vec<ScanData>,
+    pub scans: Vec<MeasuredScan>,
     /// Descriptions of the steps that contain no usable data.
     pub skipped_scans: Vec<String>,
     /// Number of unused samples by reason.
@@ -34,17 +34,24 @@ pub struct ObservedScans {
     pub latency: Option<LatencyEstimate>,
     /// Number of samples of continuous scans at a reversal of an axis, or without a position.
     pub reversal_sample_count: usize,
-    /// Interruptions of the measurement: time in s, and limit of the reference check in mm.
-    pub interruptions: Vec<(f64, f64)>,
+    pub interruptions: Vec<Interruption>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub sparse_motions: Vec<String>,
     /// Times in s and axis positions X, Y, Z in mm of all readings, in the order of time.
-    pub path: Vec<(f64, Vector3<f64>)>,
+    pub positions_by_time: Vec<(f64, Vector3<f64>)>,
+}
+
+/// Interruption of the measurement.
+#[derive(Debug, Clone, Copy)]
+pub struct Interruption {
+    pub time_s: f64,
+    /// Largest shift that the check of the references after the interruption accepts, mm.
+    pub shift_limit_mm: f64,
 }
 
 /// One measurement of the plan with its usable data.
 struct UncorrectedScan {
-    scanned: ScanData,
+    measured_scan: MeasuredScan,
     /// Samples of a continuous scan, and X, Y, Z of its path.
     history: Option<(PositionHistory, Vec<Vector3<f64>>)>,
     step_count: usize,
@@ -74,7 +81,7 @@ pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<Obs
     for reading in readings.iter().filter(|reading| reading.repeat < FIRST_REPEAT_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);
     }
-    let mut observed = ObservedScans { path: sorted_path(readings), ..ObservedScans::default() };
+    let mut observed = ObservedScans { positions_by_time: positions_by_time(readings), ..ObservedScans::default() };
     let mut uncorrected_scans: Vec<UncorrectedScan> = Vec::new();
     for steps in setup.plan.steps.chunk_by(|a, b| measurement_label(a) == measurement_label(b)) {
         let Some((first, purpose)) = steps.first().and_then(|s| Some((s, ScanPurpose::from_label(&s.label)?))) else {
@@ -95,18 +102,17 @@ pub fn observe_scans(setup: &LaserSetup<'_>, readings: &[Reading]) -> Result<Obs
     Ok(observed)
 }
 
-fn sorted_path(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
+fn positions_by_time(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
     let mut path: Vec<_> = readings.iter().map(|r| (r.t_s, r.position.xyz())).collect();
     path.sort_by(|a, b| a.0.total_cmp(&b.0));
     path
 }
 
-/// Times and limits of the interruptions. The limit is that of the reference measurements after the interruption.
-fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyError> {
+fn find_interruptions(plan: &Plan, readings: &[Reading]) -> Result<Vec<Interruption>, IdentifyError> {
     let ordinary: Vec<&Reading> = readings.iter().filter(|r| r.repeat < FIRST_REPEAT_AFTER_STOP).collect();
     let has_later_readings = |gap_s: &f64| ordinary.iter().any(|reading| reading.t_s > *gap_s);
     let with_limit = |gap_s: f64| match largest_shift_limit_mm(plan, readings, gap_s) {
-        Some(limit_mm) => Ok((gap_s, limit_mm)),
+        Some(shift_limit_mm) => Ok(Interruption { time_s: gap_s, shift_limit_mm }),
         None => Err(MethodRefusal::new(
             format!(
                 "the run was interrupted {gap_s:.0} s after its start, and the readings contain no references after \
@@ -129,31 +135,31 @@ fn estimate_latency(
     if uncorrected_scans.iter().all(|uncorrected_scan| uncorrected_scan.history.is_none()) {
         return Ok(None);
     }
-    let latency_scans = uncorrected_scans.iter().filter(|scan| scan.scanned.purpose == ScanPurpose::Latency);
-    let timed = latency_scans.filter_map(|UncorrectedScan { scanned, history, .. }| {
-        let (machine_from_xyz, (history, _)) = (setup.machine_from_xyz(&scanned.rotary), history.as_ref()?);
-        Some(TimedScan { machine_from_xyz, machine_from_spindle: scanned.machine_from_spindle, history })
+    let latency_scans = uncorrected_scans.iter().filter(|scan| scan.measured_scan.purpose == ScanPurpose::Latency);
+    let timed = latency_scans.filter_map(|UncorrectedScan { measured_scan, history, .. }| {
+        let (history, _) = history.as_ref()?;
+        Some(TimedScan { scan: measured_scan, history })
     });
     fit_latency(setup, &timed.collect::<Vec<_>>()).map(Some)
 }
 
 /// Adds a measurement to `observed`, corrected for latency and lost motion.
 fn add_corrected_scan(setup: &LaserSetup<'_>, uncorrected_scan: UncorrectedScan, observed: &mut ObservedScans) {
-    let UncorrectedScan { mut scanned, history, step_count } = uncorrected_scan;
+    let UncorrectedScan { mut measured_scan, history, step_count } = uncorrected_scan;
     if let (Some((history, path)), Some(latency)) = (&history, &observed.latency) {
         let mut samples = history.timed_samples(latency.latency_s);
         samples.iter_mut().for_each(|sample| sample.xyz = latency.corrected_xyz(sample.xyz, sample.last_motion_sign));
         observed.reversal_sample_count += history.reading_count() - samples.len();
         let sparse = describe_sparse_motions(path, &samples).into_iter();
-        observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", scanned.label)));
-        let (spots, within) = average_cells(setup, &scanned, &samples);
-        scanned.spots = spots;
+        observed.sparse_motions.extend(sparse.map(|text| format!("{}: {text}", measured_scan.label)));
+        let (sample_means, within) = average_cells(setup, &measured_scan, &samples);
+        measured_scan.sample_means = sample_means;
         observed.scatter_sums.0 += within.0;
         observed.scatter_sums.1 += within.1;
     }
-    match scanned.spots.len() < step_count {
-        true => observed.skipped_scans.push(format!("{}: no usable sample", scanned.label)),
-        false => observed.scans.push(scanned),
+    match measured_scan.sample_means.len() < step_count {
+        true => observed.skipped_scans.push(format!("{}: no usable sample", measured_scan.label)),
+        false => observed.scans.push(measured_scan),
     }
 }
 
@@ -181,7 +187,7 @@ fn read_uncorrected_scan(
 ) -> UncorrectedScan {
     let rotary = step.from.filter_axes(|axis| !axis.is_linear());
     let machine_from_xyz = setup.machine_from_xyz(&rotary);
-    let mut spots: Vec<SpotMean> = Vec::new();
+    let mut samples: Vec<SampleMean> = Vec::new();
     for reading in readings {
         observed.sample_count += 1;
         // A touch has the distance 0.
@@ -192,31 +198,37 @@ fn read_uncorrected_scan(
             continue;
         };
         let xyz = reading.position.xyz();
-        let (velocity, last_motion_sign) = (Vector3::zeros(), Vector3::zeros());
-        let (displacement_mm, t_s) = (machine_from_xyz * xyz, reading.t_s);
-        spots.push(SpotMean { xyz, displacement_mm, reading_mm, sample_count: 1, t_s, velocity, last_motion_sign });
+        samples.push(SampleMean {
+            xyz,
+            displacement_mm: machine_from_xyz * xyz,
+            reading_mm,
+            sample_count: 1,
+            t_s: reading.t_s,
+            velocity: Vector3::zeros(),
+            last_motion_sign: Vector3::zeros(),
+        });
     }
     let history = step
         .scan
         .as_ref()
         .filter(|scan| matches!(scan.sampling, Sampling::Continuous { .. }))
         .map(|scan| (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect()));
-    let points = if history.is_some() { Vec::new() } else { group_into_points(step, spots) };
-    let spots = points.iter().map(|all| mean_spot(all, &mut observed.scatter_sums)).collect();
+    let points = if history.is_some() { Vec::new() } else { group_into_points(step, samples) };
+    let sample_means = points.iter().map(|all| average_samples(all, &mut observed.scatter_sums)).collect();
     let (label, machine_from_spindle) = (measurement_label(step).to_owned(), setup.machine_from_spindle(&rotary));
     UncorrectedScan {
-        scanned: ScanData { purpose, label, machine_from_spindle, rotary, spots },
+        measured_scan: MeasuredScan { purpose, label, machine_from_spindle, rotary, sample_means },
         history,
         step_count: steps,
     }
 }
 
-/// Groups samples of a step without continuous motion into points. Samples at unchanged axis positions belong to one point; each touch is a point. The
-/// measured positions are used, not those of the plan, which may differ.
-fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
-    let mut points: Vec<Vec<SpotMean>> = Vec::new();
-    for spot in spots {
-        let is_same_point = |point: &&mut Vec<SpotMean>| {
+/// Groups samples of a step without continuous motion into points. Samples at unchanged axis positions belong to one
+/// point; each touch is a point. The measured positions are used, not those of the plan, which may differ.
+fn group_into_points(step: &Step, samples: Vec<SampleMean>) -> Vec<Vec<SampleMean>> {
+    let mut points: Vec<Vec<SampleMean>> = Vec::new();
+    for spot in samples {
+        let is_same_point = |point: &&mut Vec<SampleMean>| {
             let first = point.first();
             first.is_some_and(|first| first.xyz.metric_distance(&spot.xyz) < MAX_STANDSTILL_MOTION_MM)
         };
@@ -228,14 +240,14 @@ fn group_into_points(step: &Step, spots: Vec<SpotMean>) -> Vec<Vec<SpotMean>> {
     points
 }
 
-fn mean_spot(all: &[SpotMean], within: &mut (f64, usize)) -> SpotMean {
+fn average_samples(all: &[SampleMean], within: &mut (f64, usize)) -> SampleMean {
     let count = all.len().max(1) as f64;
-    let average = |pick: fn(&SpotMean) -> f64| all.iter().map(pick).sum::<f64>() / count;
-    let sum = |pick: fn(&SpotMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
+    let average = |pick: fn(&SampleMean) -> f64| all.iter().map(pick).sum::<f64>() / count;
+    let sum = |pick: fn(&SampleMean) -> Vector3<f64>| all.iter().map(pick).sum::<Vector3<f64>>() / count;
     let reading_mm = average(|spot| spot.reading_mm);
     within.0 += all.iter().map(|spot| (spot.reading_mm - reading_mm).powi(2)).sum::<f64>();
     within.1 += all.len().saturating_sub(1);
-    SpotMean {
+    SampleMean {
         xyz: sum(|spot| spot.xyz),
         displacement_mm: sum(|spot| spot.displacement_mm),
         reading_mm,

@@ -19,11 +19,11 @@ use machine::{Axis, Position};
 
 /// Outputs of the beam: tilt from its nominal direction along two perpendicular directions (X and Y for a beam that
 /// points down), and deviation of the sensor's scale from 1.
-const BEAM_NAMES: [&str; BEAM_UNKNOWN_COUNT] = ["beam_x", "beam_y", "gain"];
-const BEAM_UNITS: [Unit; BEAM_UNKNOWN_COUNT] = [Unit::Urad, Unit::Urad, Unit::UmPerM];
+const BEAM_OUTPUT_NAMES: [&str; BEAM_UNKNOWN_COUNT] = ["beam_x", "beam_y", "gain"];
+const BEAM_OUTPUT_UNITS: [Unit; BEAM_UNKNOWN_COUNT] = [Unit::Urad, Unit::Urad, Unit::UmPerM];
 
 pub fn build_estimate(result: &IdentificationResult<'_>) -> Estimate {
-    let residuals = position_residuals(&result.problem, &result.grouped.groups, &result.machine_fit.x);
+    let residuals = position_residuals(&result.machine_equations, &result.grouped.groups, &result.machine_fit.x);
     Estimate {
         functions: deviation_functions(result),
         arrows: vec![deviation_arrows(result, &residuals), arrow_figure(result, "residuals", &residuals, None)],
@@ -45,7 +45,7 @@ pub fn build_outputs(
     let beam = x.len() - names.len() - latency.len();
     let errors = problem.model.parameters.iter().map(reported_unit);
     let machine_names = names.iter().cloned().zip(errors.chain(repeat(Unit::Mm)));
-    let beam_names = BEAM_NAMES.map(str::to_owned).into_iter().zip(BEAM_UNITS).take(beam);
+    let beam_names = BEAM_OUTPUT_NAMES.map(str::to_owned).into_iter().zip(BEAM_OUTPUT_UNITS).take(beam);
     let latency = latency.into_iter().zip(once(Unit::Ms).chain(repeat(Unit::Um)));
     let all = machine_names.chain(beam_names).chain(latency).enumerate();
     let parameters = all.map(|(i, (name, unit))| Output::from_unknown(&name, unit, i, x));
@@ -70,8 +70,8 @@ pub fn position_residuals(problem: &CentresLeastSquares, groups: &[PoseGroup], x
 /// position follows from the positions of sphere and zero point on a machine without errors.
 fn deviation_arrows(result: &IdentificationResult<'_>, residuals: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = result.machine_fit.x.clone();
-    without[..result.problem.model.parameters.len()].fill(0.0);
-    let total = position_residuals(&result.problem, &result.grouped.groups, &without);
+    without[..result.machine_equations.model.parameters.len()].fill(0.0);
+    let total = position_residuals(&result.machine_equations, &result.grouped.groups, &without);
     let modelled: Vec<Vector3<f64>> = total.iter().zip(residuals).map(|(total, residual)| total - residual).collect();
     let figure = arrow_figure(result, "measured less commanded sphere", &total, Some(&modelled));
     ArrowFigure { figure: VectorKind::Paths, ..figure }
@@ -86,7 +86,7 @@ fn arrow_figure(
 ) -> ArrowFigure {
     let chain = &result.setup.chain;
     let tilting = |axis: Axis| super::parameters::tilts_table(chain, axis) && axis != Axis::S;
-    let ball = result.problem.model.ball_centre(&result.machine_fit.x);
+    let ball = result.machine_equations.model.ball_centre(&result.machine_fit.x);
     let mut groups: Vec<(Position, ArrowGroup)> = Vec::new();
     for i in pose_order(result, tilting) {
         let (group, vector) = (&result.grouped.groups[i], vectors[i]);

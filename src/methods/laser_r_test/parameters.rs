@@ -12,7 +12,7 @@ use machine::{Axis, Position, frame::Point};
 
 /// Number of poses with incommensurate angles. Errors that are separable at any poses are separable at these.
 const TEST_POSE_COUNT: usize = 24;
-const POSE_STEPS_RAD: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
+const TEST_POSE_STEPS_RAD: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
 /// Minimum fraction of a column's length that is independent of the other columns. A column with less is their
 /// combination.
 const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
@@ -25,7 +25,7 @@ pub struct ParameterSelection {
     /// Candidates held at zero, because they are equivalent to errors that are already included.
     pub held_at_zero: Vec<ErrorParameter>,
     /// Descriptions of the combinations that include the held harmonics.
-    pub gauge: Vec<String>,
+    pub gauge_lines: Vec<String>,
 }
 
 /// Rotary axes of the table, from the bed outwards.
@@ -72,7 +72,7 @@ pub fn select_parameters(
         format!("{} is held at zero: {combination}", candidates[*i])
     });
     let gauge = gauge.collect();
-    Ok(ParameterSelection { parameters: pick(&kept), held_at_zero: pick(&held), gauge })
+    Ok(ParameterSelection { parameters: pick(&kept), held_at_zero: pick(&held), gauge_lines: gauge })
 }
 
 fn location_error_candidates(chain: &KinematicChain) -> Vec<ErrorParameter> {
@@ -134,7 +134,7 @@ fn position_derivatives(chain: &KinematicChain, parameters: &[ErrorParameter]) -
     let axes = table_rotary_axes(chain);
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); parameters.len() + POSITION_UNKNOWN_COUNT];
     for pose in 0..TEST_POSE_COUNT {
-        let angles = axes.iter().zip(POSE_STEPS_RAD).map(|(axis, step)| (*axis, step * pose as f64));
+        let angles = axes.iter().zip(TEST_POSE_STEPS_RAD).map(|(axis, step)| (*axis, step * pose as f64));
         let rotary: Position = angles.collect();
         let Ok(xyz) = nominal_xyz(chain, &rotary, zero, ball) else { continue };
         let derivatives = model.misclosure_derivatives(&with_linear_axes(&rotary, xyz), &x);

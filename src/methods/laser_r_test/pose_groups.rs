@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::centres::{CentreEquations, DwellPointRow, determines_centre};
+use super::centres::{CentreEquations, DwellPoint, determines_centre};
+use super::measured_scan::{MeasuredScan, SampleMean};
 use super::model::with_linear_axes;
 use super::observe::ObservedScans;
-use super::scan_data::{ScanData, SpotMean};
 use super::scan_purpose::ScanPurpose;
 use super::settings::count_heights;
 use super::setup::LaserSetup;
@@ -14,9 +14,9 @@ use crate::identification::declared;
 use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample if none is declared or observed, mm.
-const DEFAULT_NOISE_MM: f64 = 1e-3;
+const DEFAULT_SAMPLE_NOISE_MM: f64 = 1e-3;
 /// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
-const MIN_POINT_U_MM: f64 = 1e-6;
+const MIN_DWELL_POINT_U_MM: f64 = 1e-6;
 
 /// Scans of the sphere at one pose.
 #[derive(Debug, Clone)]
@@ -24,7 +24,6 @@ pub struct PoseGroup {
     pub label: String,
     /// Positions of all rotary axes.
     pub rotary: Position,
-    pub t_s: f64,
     /// Matrix from X, Y, Z to the machine frame.
     pub machine_from_xyz: Matrix3<f64>,
     /// Matrix from the machine frame to X, Y, Z.
@@ -38,7 +37,7 @@ pub struct GroupedScans {
     pub groups: Vec<PoseGroup>,
     pub centres: CentreEquations,
     /// Axis positions, samples and time of each row.
-    pub spots: Vec<SpotMean>,
+    pub sample_means: Vec<SampleMean>,
     /// For each row, the index of its scan and of the dwell point in the scan.
     pub row_origins: Vec<(usize, usize)>,
     /// Number of different heights among the scans that determine the beam.
@@ -52,12 +51,12 @@ pub fn sample_noise_mm(setup: &LaserSetup<'_>, observed: &ObservedScans) -> f64 
     match (declared, observed_mm, &observed.latency) {
         // In motion, the jitter of both clocks adds to the scatter.
         (Some(declared), Some(observed_mm), Some(_)) => declared.max(observed_mm),
-        _ => declared.or(observed_mm).unwrap_or(DEFAULT_NOISE_MM),
+        _ => declared.or(observed_mm).unwrap_or(DEFAULT_SAMPLE_NOISE_MM),
     }
 }
 
 /// A group with its scans and their indices.
-type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a ScanData)>);
+type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a MeasuredScan)>);
 
 /// Groups the scans by pose. Scans that do not determine a centre are removed and reported in `skipped_scans`.
 ///
@@ -65,7 +64,7 @@ type GroupWithScans<'a> = (PoseGroup, Vec<(usize, &'a ScanData)>);
 /// No scan is left, or the linear axes do not span space.
 pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Result<GroupedScans, MethodRefusal> {
     let radius = setup.measuring_radius_mm();
-    let is_flat = |scan: &ScanData| !determines_centre(scan, setup.beam_direction(), radius);
+    let is_flat = |scan: &MeasuredScan| !determines_centre(scan, setup.beam_direction(), radius);
     let flat_scans = observed.scans.extract_if(.., |scan| is_flat(scan)).map(|scan| {
         format!("{}: the samples lie nearly on one great circle and do not determine the centre", scan.label)
     });
@@ -73,8 +72,8 @@ pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Resu
     // Scans used for the latency are not used a second time. If there are continuous scans, dwell scans are not
     // used either: their lost motion is unknown.
     let has_continuous = observed.latency.is_some();
-    let is_dwell = |scan: &ScanData| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
-    let is_auxiliary = |scan: &ScanData| {
+    let is_dwell = |scan: &MeasuredScan| scan.sample_means.iter().all(|spot| spot.velocity == Vector3::zeros());
+    let is_auxiliary = |scan: &MeasuredScan| {
         matches!(scan.purpose, ScanPurpose::Search | ScanPurpose::Latency) || has_continuous && is_dwell(scan)
     };
     let has_pose_scans = observed.scans.iter().any(|scan| !is_auxiliary(scan));
@@ -95,14 +94,14 @@ pub fn group_scans(setup: &LaserSetup<'_>, observed: &mut ObservedScans) -> Resu
     if members.is_empty() {
         return Err(refuse_no_scans(observed));
     }
-    Ok(assemble_rows(setup, observed, members))
+    Ok(assemble_dwell_points(setup, observed, members))
 }
 
-fn pose_group(setup: &LaserSetup<'_>, scan: &ScanData) -> Result<PoseGroup, MethodRefusal> {
+fn pose_group(setup: &LaserSetup<'_>, scan: &MeasuredScan) -> Result<PoseGroup, MethodRefusal> {
     let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
     let (machine_from_xyz, xyz_from_machine) = (setup.machine_from_xyz(&rotary), setup.xyz_from_machine(&rotary)?);
     let machine_from_table = setup.chain.machine_from_table(&rotary, &[]).rotation;
-    Ok(PoseGroup { label, t_s: 0.0, machine_from_xyz, xyz_from_machine, machine_from_table, rotary })
+    Ok(PoseGroup { label, machine_from_xyz, xyz_from_machine, machine_from_table, rotary })
 }
 
 fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
@@ -120,26 +119,27 @@ fn refuse_no_scans(observed: &ObservedScans) -> MethodRefusal {
     )
 }
 
-fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<GroupWithScans<'_>>) -> GroupedScans {
+fn assemble_dwell_points(
+    setup: &LaserSetup<'_>,
+    observed: &ObservedScans,
+    members: Vec<GroupWithScans<'_>>,
+) -> GroupedScans {
     let (noise, resolution) = (sample_noise_mm(setup, observed), resolution_u_mm(setup));
-    let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut groups, mut rows, mut sample_means) = (Vec::new(), Vec::new(), Vec::new());
     let (mut row_origins, mut most) = (Vec::new(), 0);
-    for (mut group, scans) in members {
+    for (group, scans) in members {
         let poles: Vec<f64> = scans.iter().map(|(_, scan)| pole_reading_mm(scan)).collect();
         most = most.max(count_heights(&poles));
-        let first = spots.len();
         for (number, scan) in scans {
-            for (point, spot) in scan.spots.iter().enumerate() {
-                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_POINT_U_MM);
-                let SpotMean { displacement_mm, reading_mm, .. } = *spot;
+            for (point, spot) in scan.sample_means.iter().enumerate() {
+                let u_mm = (noise / (spot.sample_count as f64).sqrt()).hypot(resolution).max(MIN_DWELL_POINT_U_MM);
+                let SampleMean { displacement_mm, reading_mm, .. } = *spot;
                 let (group, machine_from_spindle) = (groups.len(), scan.machine_from_spindle);
-                rows.push(DwellPointRow { group, displacement_mm, machine_from_spindle, reading_mm, u_mm });
-                spots.push(*spot);
+                rows.push(DwellPoint { group, displacement_mm, machine_from_spindle, reading_mm, u_mm });
+                sample_means.push(*spot);
                 row_origins.push((number, point));
             }
         }
-        let times = spots[first..].iter().map(|spot| spot.t_s);
-        group.t_s = times.sum::<f64>() / (spots.len() - first).max(1) as f64;
         groups.push(group);
     }
     let centres = CentreEquations {
@@ -148,12 +148,12 @@ fn assemble_rows(setup: &LaserSetup<'_>, observed: &ObservedScans, members: Vec<
         is_radius_free: setup.uses_touch_probe(),
         ..CentreEquations::with_nominal_beam(setup, rows)
     };
-    GroupedScans { groups, centres, spots, row_origins, height_count: most }
+    GroupedScans { groups, centres, sample_means, row_origins, height_count: most }
 }
 
 /// Smallest reading of a scan, near the pole.
-fn pole_reading_mm(scan: &ScanData) -> f64 {
-    scan.spots.iter().map(|spot| spot.reading_mm).fold(f64::INFINITY, f64::min)
+fn pole_reading_mm(scan: &MeasuredScan) -> f64 {
+    scan.sample_means.iter().map(|spot| spot.reading_mm).fold(f64::INFINITY, f64::min)
 }
 
 /// Coarsest display resolution of the linear axes as a standard uncertainty, mm.

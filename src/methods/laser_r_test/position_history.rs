@@ -25,20 +25,20 @@ const STANDSTILL_JITTER_MM: f64 = 2e-3;
 /// Readings of one scan in the order of time.
 #[derive(Debug, Clone)]
 pub struct PositionHistory {
-    t_s: Vec<f64>,
+    stamp_times_s: Vec<f64>,
     /// Positions X, Y, Z at the stamps, and their derivatives by time.
-    xyz: Vec<Vector3<f64>>,
+    stamp_xyz: Vec<Vector3<f64>>,
     stamp_velocities: Vec<Vector3<f64>>,
     /// For each stamp, whether positions between it and the next one can be interpolated.
     is_interpolable: Vec<bool>,
     /// Direction of the last motion at each stamp: [`motion_signs`] of each axis.
-    last_motion_sign: Vec<Option<Vector3<f64>>>,
+    last_motion_signs: Vec<Option<Vector3<f64>>>,
     /// Fastest speed, mm/s.
-    max_speed: f64,
+    max_speed_mm_s: f64,
     /// Distance between two stamps above which there is a gap, s.
     min_gap_s: f64,
     /// Stamps and values of the sensor without flags.
-    readings: Vec<(f64, f64)>,
+    sensor_readings: Vec<(f64, f64)>,
 }
 
 /// A value, with the axis positions at the time of its measurement.
@@ -67,7 +67,7 @@ impl PositionHistory {
         let min_gap_s = MIN_GAP_RATIO * durations_s.get(durations_s.len() / 2).copied().unwrap_or_default();
         let stamp_velocities: Vec<_> = (0..xyz.len()).map(|k| stamp_velocity(&intervals, k, min_gap_s)).collect();
         let is_interpolable = (0..intervals.len()).map(|i| is_interpolable(&intervals, i)).collect();
-        let max_speed = stamp_velocities.iter().map(|velocity| velocity.norm()).fold(0.0, f64::max);
+        let max_speed_mm_s = stamp_velocities.iter().map(|velocity| velocity.norm()).fold(0.0, f64::max);
         let mut last_motion_sign: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
         // After a gap the direction of the last motion is unknown.
         let apart = |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > min_gap_s);
@@ -76,7 +76,16 @@ impl PositionHistory {
             last_motion_sign.extend(xyz.get(from..to).map(self::last_motion_signs).unwrap_or_default());
             from = to;
         }
-        Self { last_motion_sign, stamp_velocities, is_interpolable, max_speed, t_s, xyz, min_gap_s, readings: values }
+        Self {
+            last_motion_signs: last_motion_sign,
+            stamp_velocities,
+            is_interpolable,
+            max_speed_mm_s,
+            stamp_times_s: t_s,
+            stamp_xyz: xyz,
+            min_gap_s,
+            sensor_readings: values,
+        }
     }
 
     /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
@@ -85,19 +94,19 @@ impl PositionHistory {
         let timed_sample = |&(stamp_s, reading_mm): &(f64, f64)| {
             let t_s = stamp_s - latency_s;
             let (xyz, velocity) = (self.position_at(t_s)?, self.velocity_at(t_s)?);
-            let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
-            let last_motion_sign = self.last_motion_sign.get(node).copied().flatten()?;
+            let node = self.stamp_times_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
+            let last_motion_sign = self.last_motion_signs.get(node).copied().flatten()?;
             // An axis may also have reversed between the two stamps.
-            let next = self.t_s.partition_point(|stamp| *stamp < t_s);
-            self.last_motion_sign.get(next).copied().flatten()?;
-            let is_sure = self.t_s.get(node) == Some(&t_s) || self.is_interpolable.get(node) == Some(&true);
+            let next = self.stamp_times_s.partition_point(|stamp| *stamp < t_s);
+            self.last_motion_signs.get(next).copied().flatten()?;
+            let is_sure = self.stamp_times_s.get(node) == Some(&t_s) || self.is_interpolable.get(node) == Some(&true);
             let is_sign_unknown =
-                |k: usize| last_motion_sign[k] == 0.0 && velocity[k].abs() > MIN_SPEED_RATIO * self.max_speed;
-            let is_slow = velocity.norm() < MIN_SPEED_RATIO * self.max_speed;
+                |k: usize| last_motion_sign[k] == 0.0 && velocity[k].abs() > MIN_SPEED_RATIO * self.max_speed_mm_s;
+            let is_slow = velocity.norm() < MIN_SPEED_RATIO * self.max_speed_mm_s;
             let sample = TimedSample { xyz, velocity, last_motion_sign, reading_mm, t_s: stamp_s };
             (is_sure && !is_slow && !(0..3).any(is_sign_unknown)).then_some(sample)
         };
-        self.readings.iter().filter_map(timed_sample).collect()
+        self.sensor_readings.iter().filter_map(timed_sample).collect()
     }
 
     /// The same sample with another latency, without another check of its reliability.
@@ -108,14 +117,15 @@ impl PositionHistory {
 
     /// Number of values.
     pub fn reading_count(&self) -> usize {
-        self.readings.len()
+        self.sensor_readings.len()
     }
 
     /// Position between two stamps by cubic (Hermite) interpolation with their slopes. Linear interpolation would
     /// be wrong by the motion under acceleration, 1 um at 500 mm/s² and 4 ms.
     fn position_at(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let next = self.t_s.partition_point(|stamp| *stamp < t_s);
-        let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.stamp_velocities.get(k)?));
+        let next = self.stamp_times_s.partition_point(|stamp| *stamp < t_s);
+        let node =
+            |k: usize| Some((*self.stamp_times_s.get(k)?, *self.stamp_xyz.get(k)?, *self.stamp_velocities.get(k)?));
         let (after, to, last) = node(next)?;
         if after == t_s {
             return Some(to);
@@ -233,7 +243,7 @@ mod tests {
 
     /// X leaves 0 at 10 mm/s. The value stamped 0.5 s was measured 20 ms earlier, at 4.8 mm.
     #[test]
-    fn a_value_belongs_to_where_the_axes_stood_a_latency_ago() {
+    fn sample_position_is_earlier_by_the_latency() {
         let x = |t: f64| 10.0 * t;
         let all: Vec<Reading> =
             (0..=100).map(|i| f64::from(i) * 0.01).map(|t| reading(t, x(t), ReadingFlag::None)).collect();
@@ -255,7 +265,7 @@ mod tests {
 
     /// Acceleration: exact to the last digit at 500 mm/s² and stamps 4 ms apart.
     #[test]
-    fn an_axis_that_speeds_up_is_followed() {
+    fn sample_position_is_exact_under_acceleration() {
         let x = |t: f64| 250.0 * t * t;
         let times = (0..=20).map(|i| f64::from(i) * 4e-3);
         let all: Vec<Reading> = times.map(|t| reading(t, x(t), ReadingFlag::None)).collect();
@@ -266,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_across_a_gap_and_nothing_of_flagged_values() {
+    fn gaps_and_flagged_values_give_no_samples() {
         let time = |i: u32| f64::from(i) * 0.01 + if i > 50 { 1.0 } else { 0.0 };
         let flag = |i| if i == 20 { ReadingFlag::Range } else { ReadingFlag::None };
         let all: Vec<Reading> = (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
@@ -279,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_turns_round_is_not_trusted_until_it_has_come_back() {
+    fn samples_near_a_reversal_are_excluded() {
         let trembling = |i: u32| f64::from(i % 2) * 1e-3;
         let up = (0..100).map(|i| f64::from(i) * 0.01);
         let down = (0..100).map(|i| 0.99 - f64::from(i) * 0.01);

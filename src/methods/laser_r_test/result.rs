@@ -15,7 +15,7 @@ pub struct IdentificationResult<'a> {
     /// Fit of the sphere's centres and the beam.
     pub centre_fit: NonlinearSolution,
     pub selection: ParameterSelection,
-    pub problem: CentresLeastSquares,
+    pub machine_equations: CentresLeastSquares,
     /// Fit of the machine errors.
     pub machine_fit: NonlinearSolution,
     /// Names of the unknowns of `machine_fit`.
@@ -28,7 +28,7 @@ impl IdentificationResult<'_> {
     pub fn form_errors_mm(&self) -> Vec<f64> {
         let deviations = self.grouped.centres.surface_deviations_mm(&self.centre_fit.x);
         let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); self.grouped.groups.len()];
-        for (row, deviation) in self.grouped.centres.rows.iter().zip(deviations) {
+        for (row, deviation) in self.grouped.centres.dwell_points.iter().zip(deviations) {
             let (least, most) = &mut ranges[row.group];
             (*least, *most) = (least.min(deviation), most.max(deviation));
         }

@@ -55,7 +55,7 @@ mod tests {
     use machine::Axis;
 
     #[test]
-    fn a_label_says_why_and_where() {
+    fn label_contains_purpose_and_position() {
         let at = Position::new().with(Axis::B, -90f64.to_radians()).with(Axis::C, 60f64.to_radians());
         assert_eq!(ScanPurpose::Pose.label("", &at), "pose/B-90/C60");
         assert_eq!(ScanPurpose::Height.label("2", &at), "height/2/B-90/C60");

@@ -40,7 +40,7 @@ pub enum ScanMotion {
 pub struct ScanRequest {
     pub rotary: Position,
     /// Nominal reading at the pole, mm.
-    pub height_mm: f64,
+    pub pole_reading_mm: f64,
     pub label: String,
     /// Whether the scan is a reference: repeated at the end and after an interruption.
     pub is_reference: bool,
@@ -55,7 +55,7 @@ pub fn plan_scan_step(
     geometry: &ExpectedGeometry,
     request: &ScanRequest,
 ) -> Result<Step, MethodRefusal> {
-    let half = half_length_mm(setup, geometry, &request.rotary)?;
+    let half = scan_half_length_mm(setup, geometry, &request.rotary)?;
     check_sensor_range(setup, geometry, request, half)?;
     let path = scan_path(setup, geometry, request, half)?;
     path.iter().try_for_each(|at| check_axis_travel(setup, &request.rotary, at))?;
@@ -82,7 +82,7 @@ fn feed_and_sampling(setup: &LaserSetup<'_>, motion: ScanMotion) -> (f64, Sampli
 }
 
 /// Half length of a line, mm: as far as the incidence limit allows for the largest position error of the sphere.
-fn half_length_mm(
+fn scan_half_length_mm(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,
     rotary: &Position,
@@ -124,8 +124,8 @@ fn check_sensor_range(
     let reach = (half + geometry.position_uncertainty_mm).min(radius);
     let sag = radius - (radius * radius - reach * reach).sqrt();
     let [least, most] = setup.sensor.range_mm;
-    let lowest = request.height_mm - geometry.position_uncertainty_mm;
-    let highest = request.height_mm + sag + geometry.position_uncertainty_mm;
+    let lowest = request.pole_reading_mm - geometry.position_uncertainty_mm;
+    let highest = request.pole_reading_mm + sag + geometry.position_uncertainty_mm;
     MethodRefusal::require(
         lowest >= least && highest <= most,
         format!(
@@ -155,7 +155,7 @@ fn scan_path(
     };
     let beam = setup.machine_from_spindle(rotary) * beam;
     let along = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
-    let above = -beam * (setup.ball.radius_mm + request.height_mm);
+    let above = -beam * (setup.ball.radius_mm + request.pole_reading_mm);
     let across = along.cross(&beam);
     let points = setup.settings.points;
     let shares = (0..points).map(|k| 2.0 * k as f64 / (points - 1) as f64 - 1.0);

@@ -103,7 +103,7 @@ const MIN_FEED_RATIO: f64 = 1.5;
 pub const HEIGHT_TOLERANCE_MM: f64 = 0.5;
 
 /// Upper bounds that detect a wrong digit or unit in the machine file.
-const MAX_SAMPLES: u32 = 10_000;
+const MAX_SAMPLES_PER_POINT: u32 = 10_000;
 const MAX_DWELL_S: f64 = 60.0;
 /// Highest harmonic order. No set of poses determines higher ones.
 const MAX_HARMONIC_ORDER: u32 = 36;
@@ -123,8 +123,8 @@ impl LaserRTestSettings {
         )?;
         self.check_continuous()?;
         MethodRefusal::require(
-            self.samples <= MAX_SAMPLES,
-            format!("samples = {} is more than {MAX_SAMPLES} per dwell point", self.samples),
+            self.samples <= MAX_SAMPLES_PER_POINT,
+            format!("samples = {} is more than {MAX_SAMPLES_PER_POINT} per dwell point", self.samples),
             "choose about 20: during a longer dwell the machine drifts",
         )?;
         MethodRefusal::require(

@@ -3,12 +3,12 @@
 
 use nalgebra::Vector3;
 
-use super::centres::DwellPointRow;
+use super::centres::DwellPoint;
 use super::latency::LatencyEstimate;
+use super::measured_scan::SampleMean;
 use super::model::with_linear_axes;
-use super::observe::ObservedScans;
+use super::observe::{Interruption, ObservedScans};
 use super::pose_groups::{GroupedScans, PoseGroup, sample_noise_mm};
-use super::scan_data::SpotMean;
 use super::setup::LaserSetup;
 use crate::identification::declared::{self, RotaryErrorMotion};
 use crate::identification::{DrawDistribution, Effect, EvaluationType, ResidualTreatment, UncertaintySource};
@@ -18,7 +18,7 @@ use machine::kinematics::ErrorParameter;
 use machine::record::plan::{Step, StepKind};
 
 /// Dwell points with the geometry of the fitted centres and beam.
-struct DwellPoints<'a> {
+struct DwellPointEffects<'a> {
     setup: &'a LaserSetup<'a>,
     grouped: &'a GroupedScans,
     /// Outward normal of the sphere at each dwell point, machine frame.
@@ -36,15 +36,15 @@ pub fn uncertainty_sources(
     latency_index: usize,
 ) -> Vec<UncertaintySource> {
     let centres = &grouped.centres;
-    let normal = |row: &DwellPointRow| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
-    let normals: Vec<Vector3<f64>> = centres.rows.iter().map(normal).collect();
+    let normal = |row: &DwellPoint| unit_vector(centres.centre_to_spot(x, row)).unwrap_or_default();
+    let normals: Vec<Vector3<f64>> = centres.dwell_points.iter().map(normal).collect();
     let beam = unit_vector(centres.beam_vector(x)).unwrap_or_default();
-    let along = |(row, n): (&DwellPointRow, &Vector3<f64>)| match setup.uses_touch_probe() {
+    let along = |(row, n): (&DwellPoint, &Vector3<f64>)| match setup.uses_touch_probe() {
         true => -1.0,
         false => n.dot(&(row.machine_from_spindle * beam)),
     };
-    let distance_per_reading = centres.rows.iter().zip(&normals).map(along).collect();
-    let points = DwellPoints { setup, grouped, normals, distance_per_reading };
+    let distance_per_reading = centres.dwell_points.iter().zip(&normals).map(along).collect();
+    let points = DwellPointEffects { setup, grouped, normals, distance_per_reading };
     let mut list = vec![
         points.noise_source(sample_noise_mm(setup, observed)),
         points.resolution_source(),
@@ -76,10 +76,10 @@ fn common_source(name: &str, effect: Effect) -> UncertaintySource {
     }
 }
 
-impl DwellPoints<'_> {
+impl DwellPointEffects<'_> {
     fn noise_source(&self, sample_mm: f64) -> UncertaintySource {
-        let spots = self.grouped.spots.iter().zip(&self.distance_per_reading);
-        let each = spots.map(|(spot, along)| sample_mm * along.abs() / (spot.sample_count as f64).sqrt());
+        let sample_means = self.grouped.sample_means.iter().zip(&self.distance_per_reading);
+        let each = sample_means.map(|(spot, along)| sample_mm * along.abs() / (spot.sample_count as f64).sqrt());
         let name = match self.setup.uses_touch_probe() {
             true => "repeatability of a touch",
             false => "noise of the sensor",
@@ -96,7 +96,7 @@ impl DwellPoints<'_> {
 
     /// The sensor's linearity error: a smooth random function of the reading.
     fn linearity_source(&self) -> UncertaintySource {
-        let readings: Vec<f64> = self.grouped.spots.iter().map(|spot| spot.reading_mm).collect();
+        let readings: Vec<f64> = self.grouped.sample_means.iter().map(|spot| spot.reading_mm).collect();
         let patterns = declared::linearity_patterns(&self.setup.sensor, &readings);
         let columns = patterns.iter().map(|p| p.iter().zip(&self.distance_per_reading).map(|(p, a)| p * a).collect());
         UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))
@@ -104,7 +104,7 @@ impl DwellPoints<'_> {
 
     /// Lobing of the touch probe.
     fn lobing_source(&self) -> UncertaintySource {
-        let rows = self.grouped.centres.rows.iter().filter(|_| self.setup.uses_touch_probe());
+        let rows = self.grouped.centres.dwell_points.iter().filter(|_| self.setup.uses_touch_probe());
         let normals = rows.zip(&self.normals).map(|(row, n)| row.machine_from_spindle.inverse() * n);
         let patterns = declared::lobing_patterns(self.setup.plan, &normals.collect::<Vec<_>>());
         UncertaintySource::new("probe lobing", Effect::Joint(patterns))
@@ -115,10 +115,10 @@ impl DwellPoints<'_> {
     /// those without a value among them.
     fn backlash_source(&self, observed: &ObservedScans) -> UncertaintySource {
         let half = declared::half_backlash_mm(self.setup.plan);
-        let path: Vec<Vector3<f64>> = observed.path.iter().map(|(_, xyz)| *xyz).collect();
+        let path: Vec<Vector3<f64>> = observed.positions_by_time.iter().map(|(_, xyz)| *xyz).collect();
         let along_path = declared::backlash_lags_mm(self.setup.plan, &path);
-        let lag = |(spot, normal): (&SpotMean, &Vector3<f64>)| {
-            let next = observed.path.partition_point(|(t_s, _)| *t_s <= spot.t_s);
+        let lag = |(spot, normal): (&SampleMean, &Vector3<f64>)| {
+            let next = observed.positions_by_time.partition_point(|(t_s, _)| *t_s <= spot.t_s);
             match self.setup.uses_touch_probe() {
                 // The motion of a touch is opposite to the normal.
                 true => normal.zip_map(&half, |n, half| half * n.signum()),
@@ -126,15 +126,15 @@ impl DwellPoints<'_> {
             }
         };
         let is_estimated = observed.latency.is_some();
-        let spots = self.grouped.spots.iter().zip(&self.normals).filter(|_| !is_estimated);
-        let lags: Vec<Vector3<f64>> = spots.map(lag).collect();
+        let sample_means = self.grouped.sample_means.iter().zip(&self.normals).filter(|_| !is_estimated);
+        let lags: Vec<Vector3<f64>> = sample_means.map(lag).collect();
         let column = |k: usize| lags.iter().zip(&self.normals).map(move |(lag, n)| n[k] * lag[k]);
         let columns = [0, 1, 2].map(|k| column(k).collect());
         common_source("backlash", Effect::Joint(columns.into()))
     }
 
     fn linear_axis_source(&self) -> UncertaintySource {
-        let positions: Vec<_> = self.grouped.spots.iter().map(|spot| spot.xyz).collect();
+        let positions: Vec<_> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
         let patterns = declared::linear_motion_patterns(self.setup.plan, &positions);
         let along =
             |k: usize, pattern: &[f64]| self.normals.iter().zip(pattern).map(|(n, p)| n[k] * p).collect::<Vec<f64>>();
@@ -146,10 +146,10 @@ impl DwellPoints<'_> {
     /// reading, so the lever arm of each dwell point ends at the centre.
     fn angular_motion_source(&self, x: &[f64]) -> UncertaintySource {
         let (centres, setup) = (&self.grouped.centres, self.setup);
-        let positions: Vec<Vector3<f64>> = self.grouped.spots.iter().map(|spot| spot.xyz).collect();
+        let positions: Vec<Vector3<f64>> = self.grouped.sample_means.iter().map(|spot| spot.xyz).collect();
         let patterns = declared::angular_motion_patterns(setup.plan, &positions);
         let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
-        let shifts = centres.rows.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
+        let shifts = centres.dwell_points.iter().zip(&positions).zip(&self.normals).map(|((row, xyz), n)| {
             let group = &self.grouped.groups[row.group];
             let missing = centres.group_centre(x, row.group) - row.displacement_mm;
             let centre = setup.zero_point() + row.machine_from_spindle.inverse() * missing;
@@ -180,30 +180,30 @@ impl DwellPoints<'_> {
             group.machine_from_table * column.first().copied().unwrap_or_default() * motion.size_mm
         };
         let shifts: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(shift).collect();
-        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        let rows = self.grouped.centres.dwell_points.iter().zip(&self.normals);
         rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
     }
 
     /// Drift of the table relative to the spindle at the declared rate, zero at the middle of the run.
     fn drift_source(&self) -> UncertaintySource {
         let rate = declared::drift_mm_per_s(self.setup.plan);
-        let spots = &self.grouped.spots;
-        let mean = spots.iter().map(|spot| spot.t_s).sum::<f64>() / spots.len().max(1) as f64;
+        let sample_means = &self.grouped.sample_means;
+        let mean = sample_means.iter().map(|spot| spot.t_s).sum::<f64>() / sample_means.len().max(1) as f64;
         let along = |k: usize| {
-            let spots = spots.iter().zip(&self.normals);
-            spots.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
+            let sample_means = sample_means.iter().zip(&self.normals);
+            sample_means.map(|(spot, n)| n[k] * rate * (spot.t_s - mean)).collect()
         };
         UncertaintySource::new("thermal drift", Effect::Joint((0..3).map(along).collect()))
     }
 
     /// Shift between the points before and after an interruption, up to the limit of the reference check. The whole
     /// limit counts as standard uncertainty, as the distribution is unknown.
-    fn interruption_source(&self, interruptions: &[(f64, f64)]) -> UncertaintySource {
-        let columns = interruptions.iter().flat_map(|(gap_s, limit_mm)| {
+    fn interruption_source(&self, interruptions: &[Interruption]) -> UncertaintySource {
+        let columns = interruptions.iter().flat_map(|interruption| {
             (0..3).map(move |k| {
-                let size = limit_mm * self.displacement_per_reference_change(k);
-                let spots = self.grouped.spots.iter().zip(&self.normals);
-                spots.map(|(s, n)| if s.t_s > *gap_s { n[k] * size } else { 0.0 }).collect()
+                let size = interruption.shift_limit_mm * self.displacement_per_reference_change(k);
+                let sample_means = self.grouped.sample_means.iter().zip(&self.normals);
+                sample_means.map(|(s, n)| if s.t_s > interruption.time_s { n[k] * size } else { 0.0 }).collect()
             })
         });
         UncertaintySource::new("steps at interruptions", Effect::Joint(columns.collect()))
@@ -228,11 +228,11 @@ impl DwellPoints<'_> {
     /// The latency and the lost motion of the axes, which are correlated.
     fn latency_source(&self, latency: &LatencyEstimate, latency_index: usize) -> UncertaintySource {
         let grouped = self.grouped;
-        let rows = grouped.centres.rows.iter().zip(&grouped.spots).zip(&self.normals);
+        let rows = grouped.centres.dwell_points.iter().zip(&grouped.sample_means).zip(&self.normals);
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
                 let machine_from_xyz = grouped.groups[row.group].machine_from_xyz;
-                let moved = latency.derivatives(spot.velocity, spot.last_motion_sign).into_iter();
+                let moved = latency.position_derivatives(spot.velocity, spot.last_motion_sign).into_iter();
                 moved.map(|by| n.dot(&(machine_from_xyz * by))).collect()
             })
             .collect();
@@ -253,16 +253,16 @@ impl DwellPoints<'_> {
 
     /// Squareness errors: X moves in proportion to Y and Z, Y in proportion to Z.
     fn squareness_source(&self) -> UncertaintySource {
-        const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+        const SQUARENESS_AXIS_PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
         let sigma = self.setup.plan.machine.squareness_urad * 1e-6;
-        let spots = &self.grouped.spots;
-        let sum: Vector3<f64> = spots.iter().map(|spot| spot.xyz).sum();
-        let mean = sum / spots.len().max(1) as f64;
+        let sample_means = &self.grouped.sample_means;
+        let sum: Vector3<f64> = sample_means.iter().map(|spot| spot.xyz).sum();
+        let mean = sum / sample_means.len().max(1) as f64;
         let column = |(along, by): (usize, usize)| {
-            let spots = spots.iter().zip(&self.normals);
-            spots.map(|(spot, n)| n[along] * sigma * (spot.xyz[by] - mean[by])).collect()
+            let sample_means = sample_means.iter().zip(&self.normals);
+            sample_means.map(|(spot, n)| n[along] * sigma * (spot.xyz[by] - mean[by])).collect()
         };
-        UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(PAIRS.map(column).into()))
+        UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(SQUARENESS_AXIS_PAIRS.map(column).into()))
     }
 
     /// Second-degree form error that turns with the table: the radius along a unit vector u changes by uᵀ·S·u, S
@@ -270,7 +270,7 @@ impl DwellPoints<'_> {
     fn form_source(&self) -> UncertaintySource {
         let sigma = self.setup.settings.form_u_um * 1e-3;
         let groups = &self.grouped.groups;
-        let rows = self.grouped.centres.rows.iter().zip(&self.normals);
+        let rows = self.grouped.centres.dwell_points.iter().zip(&self.normals);
         let outward = rows.map(|(row, normal)| groups[row.group].machine_from_table.inverse() * normal);
         let outward: Vec<Vector3<f64>> = outward.collect();
         let column = |effect: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * effect(u)).collect();
@@ -292,7 +292,7 @@ impl DwellPoints<'_> {
             return common_source(name, Effect::Joint(Vec::new()));
         }
         let frame = self.grouped.centres.beam_frame;
-        let inclinations = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
+        let inclinations = self.grouped.centres.dwell_points.iter().zip(&self.normals).map(|(row, normal)| {
             let n = (row.machine_from_spindle * frame).transpose() * normal;
             // If the surface faces the beam, n is (0, 0, −1).
             [n.x / -n.z, n.y / -n.z]

@@ -7,7 +7,7 @@ use super::scan_step::{ExpectedGeometry, ScanMotion, ScanRequest, plan_scan_step
 use super::settings::SamplingMode;
 use super::setup::LaserSetup;
 use super::touches;
-use crate::MethodRefusal;
+use crate::{MethodRefusal, NextStage};
 use estimation::null_names::name_null_space;
 use machine::Position;
 use machine::record::artefact::{Artefact, Ball, Balls};
@@ -15,7 +15,7 @@ use machine::record::plan::{Stage, Step, StepKind};
 use nalgebra::Matrix3;
 
 /// Heights relative to the middle of the range, in units of half the range.
-const HEIGHT_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
+const HEIGHT_RANGE_FRACTIONS: [f64; 3] = [-0.7, 0.0, 0.7];
 
 /// Scans of one stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,18 +36,18 @@ pub fn plan_stages(setup: &LaserSetup<'_>) -> Result<Vec<StagePlan>, MethodRefus
     let default_motion = if continuous { ScanMotion::SlowContinuous } else { ScanMotion::Dwell };
     let request = |purpose: ScanPurpose, detail: &str, rotary: &Position, motion: ScanMotion| {
         let label = purpose.label(detail, rotary);
-        ScanRequest { rotary: rotary.clone(), height_mm: middle, label, is_reference: false, motion }
+        ScanRequest { rotary: rotary.clone(), pole_reading_mm: middle, label, is_reference: false, motion }
     };
     let poses = |all: &[Position]| {
         all.iter().map(|at| request(ScanPurpose::Pose, "", at, default_motion)).collect::<Vec<ScanRequest>>()
     };
     let [tilted, turned, others] = split_rotary_positions(setup)?;
     let zero = setup.rotary_at_zero();
-    check_rank(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
+    check_pose_separability(setup, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
     // The touch probe has no beam.
     let heights = pole_readings_mm(setup).into_iter().zip(1..).filter(|_| !setup.uses_touch_probe());
-    let heights = heights.map(|(height_mm, n)| ScanRequest {
-        height_mm,
+    let heights = heights.map(|(pole_reading_mm, n)| ScanRequest {
+        pole_reading_mm,
         ..request(ScanPurpose::Height, &format!("{n}"), &zero, default_motion)
     });
     let find = vec![request(ScanPurpose::Search, "", &zero, ScanMotion::Dwell)];
@@ -97,12 +97,12 @@ fn pole_readings_mm(setup: &LaserSetup<'_>) -> Vec<f64> {
         return setup.settings.heights_mm.clone();
     }
     let [least, most] = setup.sensor.range_mm;
-    HEIGHT_FRACTIONS.map(|part| mid_range_mm(setup) + part * (most - least) / 2.0).to_vec()
+    HEIGHT_RANGE_FRACTIONS.map(|part| mid_range_mm(setup) + part * (most - least) / 2.0).to_vec()
 }
 
 /// # Errors
 /// The poses do not determine all errors.
-fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRefusal> {
+fn check_pose_separability(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRefusal> {
     let settings = setup.settings;
     let selection = parameters::select_parameters(&setup.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::unknown_names(&selection.parameters, &setup.ball.id);
@@ -115,13 +115,13 @@ fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRe
     };
     let centre_observations = poses.iter().map(observation).collect::<Result<_, _>>()?;
     let x = [&vec![0.0; count], zero.as_slice(), ball.as_slice()].concat();
-    let survey = CentresLeastSquares { model, centre_observations, zero_point_prior: None }.survey(&x);
-    let survey = survey.map_err(|why| refuse_rank(why.to_string()))?;
+    let survey = CentresLeastSquares { model, centre_observations, zero_point_prior: None }.analyse_rank(&x);
+    let survey = survey.map_err(|why| refuse_inseparable_errors(why.to_string()))?;
     if survey.nullity == 0 {
         return Ok(());
     }
     let lost = name_null_space(survey.null_space.as_ref(), &names).join("; ");
-    Err(refuse_rank(format!(
+    Err(refuse_inseparable_errors(format!(
         "{} poses with the sphere at {:?} mm do not separate all unknowns (rank {} of {}): {lost}",
         poses.len(),
         setup.ball.centre_mm,
@@ -130,7 +130,7 @@ fn check_rank(setup: &LaserSetup<'_>, poses: &[Position]) -> Result<(), MethodRe
     )))
 }
 
-fn refuse_rank(why: String) -> MethodRefusal {
+fn refuse_inseparable_errors(why: String) -> MethodRefusal {
     MethodRefusal::new(
         why,
         "add positions to tilt_deg and turn_deg, mount the sphere away from the axes, or remove the inseparable errors \
@@ -138,7 +138,7 @@ fn refuse_rank(why: String) -> MethodRefusal {
     )
 }
 
-/// Creates the stage of a task, with step numbers from `id`.
+/// Creates the stage of a plan after the `done` ones.
 ///
 /// # Errors
 /// The errors of [`plan_scan_step`].
@@ -146,8 +146,8 @@ pub fn build_stage(
     setup: &LaserSetup<'_>,
     stage_plan: &StagePlan,
     geometry: &ExpectedGeometry,
-    id: u32,
-) -> Result<(Stage, Vec<Step>), MethodRefusal> {
+    done: &[Stage],
+) -> Result<NextStage, MethodRefusal> {
     let position_uncertainty_mm = match stage_plan.purpose {
         ScanPurpose::Search => setup.balls.uncertainty_mm,
         _ => setup.settings.margin_mm,
@@ -158,15 +158,18 @@ pub fn build_stage(
         match repeat_first_reference(setup, request) {
             repeated if !repeated.is_empty() => steps.extend(repeated),
             _ if setup.uses_touch_probe() => {
-                steps.extend(touches::touch_steps(setup, &geometry, stage_plan.purpose, request)?)
+                steps.extend(touches::ball_touch_steps(setup, &geometry, stage_plan.purpose, request)?)
             }
             _ => steps.push(plan_scan_step(setup, &geometry, request)?),
         }
     }
-    let steps = setup.plan.number_steps(id, steps);
-    let found = (stage_plan.purpose != ScanPurpose::Search).then(|| located_artefact(setup, &geometry));
-    let ids = steps.iter().map(|step| step.id).collect();
-    Ok((Stage { id, name: stage_plan.name.to_owned(), repeat: 0, steps: ids, found }, steps))
+    let mut next = NextStage::from_new_steps(setup.plan, done, stage_plan.name, steps);
+    if let NextStage::Stage { stage, .. } = &mut next
+        && stage_plan.purpose != ScanPurpose::Search
+    {
+        stage.found = Some(located_artefact(setup, &geometry));
+    }
+    Ok(next)
 }
 
 /// Repeats the first reference at exactly the same positions.

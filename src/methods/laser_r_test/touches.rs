@@ -21,7 +21,7 @@ const CLEARANCE_MM: f64 = 0.2;
 ///
 /// # Errors
 /// The sphere cannot be touched at this position.
-pub fn touch_steps(
+pub fn ball_touch_steps(
     setup: &LaserSetup<'_>,
     geometry: &ExpectedGeometry,
     purpose: ScanPurpose,

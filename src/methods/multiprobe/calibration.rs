@@ -32,14 +32,14 @@ pub fn calibrate_layout(
     calibration.map_err(|error| IdentifyError::IdentificationFailed(error.to_string()))
 }
 
-pub fn correct_rows(calibration: &SensorCalibration, rows: &mut [RowRevolutions]) {
+pub fn correct_row_gains(calibration: &SensorCalibration, rows: &mut [RowRevolutions]) {
     for row in rows {
         let gain = 1.0 + calibration.deviations[row.key.channel];
         row.revolutions.iter_mut().flatten().for_each(|value| *value /= gain);
     }
 }
 
-pub fn correct_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout) {
+pub fn correct_channel_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout) {
     let angles = &calibration.deviations[layout.channels.len()..];
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }

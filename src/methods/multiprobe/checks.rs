@@ -97,7 +97,7 @@ fn best_third_angle(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f6
 ///
 /// # Errors
 /// Names the undetermined harmonics, and a number of indexes that determines all.
-pub fn check_orders(
+pub fn check_harmonic_orders(
     layout: &ProbeLayout,
     motions: &[Component],
     orders: RangeInclusive<usize>,
@@ -164,7 +164,7 @@ fn undetermined_orders(
     motions: &[Component],
     orders: &RangeInclusive<usize>,
 ) -> Result<Vec<(Component, usize)>, MethodRefusal> {
-    let fit = unit_noise_fit(layout, layout.all_rows(), *orders.end())?;
+    let fit = unit_noise_fit(layout, layout.all_row_keys(), *orders.end())?;
     let reported = ReportedMotions::new(layout, &fit);
     let pairs = motions.iter().flat_map(|c| orders.clone().map(move |order| (*c, order)));
     Ok(pairs.filter(|(component, order)| !reported.is_identifiable(*component, *order)).collect())

@@ -54,7 +54,7 @@ pub enum LayoutCheck {
 
 /// Whether χ² is plausible. `expected`: ratio of χ² to its degrees of freedom if all sources are as declared, 1 for
 /// noise alone.
-fn is_chi2_plausible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicData) -> bool {
+fn is_chi2_plausible(chi2: f64, dof: usize, expected: f64, data: &HarmonicData) -> bool {
     // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let expected = expected.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
@@ -70,9 +70,9 @@ fn is_chi2_plausible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicDa
 /// The errors of [`SeparationFit::new`].
 pub fn check_layout(layout: &ProbeLayout, data: &HarmonicData, expected: f64) -> Result<LayoutCheck, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
-    let as_planned = fit.chi2();
+    let (planned_chi2, dof) = fit.chi2();
     let indexes = layout.index_angles_rad.len();
-    if is_chi2_plausible(as_planned, expected, data) {
+    if is_chi2_plausible(planned_chi2, dof, expected, data) {
         let least = MIN_CONFIRMING_CHI2 * expected.max(1.0);
         let is_verifiable = (0..indexes).all(|n| chi2_of_index_shift(layout, data, &fit, n) > least);
         let is_confirmed = indexes < 2 || is_verifiable;
@@ -90,7 +90,7 @@ pub fn check_layout(layout: &ProbeLayout, data: &HarmonicData, expected: f64) ->
         }
     }
     let best = explained.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(match best.filter(|(sum, _)| *sum < as_planned.0 * MAX_CORRECTED_CHI2_RATIO) {
+    Ok(match best.filter(|(sum, _)| *sum < planned_chi2 * MAX_CORRECTED_CHI2_RATIO) {
         Some((_, diagnosis)) => LayoutCheck::Faulty(diagnosis),
         None if indexes < 2 => LayoutCheck::Confirmed,
         None => LayoutCheck::Contradictory,

@@ -6,7 +6,7 @@ use super::layout::{Separation, noise_gains};
 use super::model::Channel;
 use super::observe::{ObservedRevolutions, observe_revolutions};
 use super::outputs::ReportedMotions;
-use super::revolutions::revolution_values;
+use super::revolutions::error_motion_values;
 use super::settings::{MultiprobeSettings, TurnSampling};
 use super::setup::MultiprobeSetup;
 use super::sources::SourceSizes;
@@ -50,14 +50,14 @@ pub fn build_estimate(
     // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
     let drift_duration_s = if settings.both_directions { 0.0 } else { observed.revolution_duration_s };
     let drift_mm_per_revolution = drift_mm_per_s(plan) * drift_duration_s;
-    let linearity = Vec::new();
-    let mut sizes = SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity };
+    let linearity_effects = Vec::new();
+    let mut sizes = SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity_effects };
     let index_warning = check_mountings(&setup, &sizes, &mut observed)?;
     let data = harmonic_data(settings, &observed.rows)?;
     let calibration = calibration::calibrate_layout(&setup.layout, settings, &data)?;
-    calibration::correct_rows(&calibration, &mut observed.rows);
-    calibration::correct_rows(&calibration, &mut observed.forward_rows);
-    calibration::correct_angles(&calibration, &mut setup.layout);
+    calibration::correct_row_gains(&calibration, &mut observed.rows);
+    calibration::correct_row_gains(&calibration, &mut observed.forward_rows);
+    calibration::correct_channel_angles(&calibration, &mut setup.layout);
     sizes.sensor_covariance = Some(calibration.covariance.clone());
     let trials = TrialPlan::new(MONTE_CARLO_SEED, settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let (_, separated) = separate_motions(&setup, &observed.rows, &sizes, Some(trials))?;
@@ -66,11 +66,11 @@ pub fn build_estimate(
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
     let motions = ReportedMotions::new(&setup.layout, &separated.fit);
-    let with_harmonics = motions.motions().filter(|(_, motion)| !motion.harmonics.is_empty());
+    let with_harmonics = motions.error_motions().filter(|(_, motion)| !motion.harmonics.is_empty());
     let spectra = with_harmonics.map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution()));
     estimate.functions.extend(spectra);
     if settings.sampling == TurnSampling::Continuous {
-        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward_rows));
+        estimate.parameters.extend(error_motion_values(&setup.layout, &motions, &observed.forward_rows));
     }
     estimate.parameters.extend(calibration::calibration_parameters(&calibration, &setup.layout, settings));
     estimate.functions.extend(gain_functions(&setup));
@@ -112,8 +112,8 @@ fn separate_motions(
     trials: Option<TrialPlan>,
 ) -> Result<(HarmonicData, SeparatedMotions), IdentifyError> {
     let data = harmonic_data(setup.settings, rows)?;
-    let linearity = linearity_effects_on_harmonics(&setup.plan.sensors, rows, &data);
-    let sizes = SourceSizes { linearity, ..sizes.clone() };
+    let linearity_effects = linearity_effects_on_harmonics(&setup.plan.sensors, rows, &data);
+    let sizes = SourceSizes { linearity_effects, ..sizes.clone() };
     let separated = identify_motions(&setup.layout, &data, &sizes, trials)?;
     Ok((data, separated))
 }
@@ -156,7 +156,7 @@ fn estimate_warnings(
     separated: &SeparatedMotions,
 ) -> Vec<String> {
     let identification = &separated.identification;
-    let mut lines = observed.skipped_data.clone();
+    let mut lines = observed.omission_descriptions.clone();
     let missing = observed.missing_stop_count;
     lines.extend((missing > 0).then(|| {
         format!(

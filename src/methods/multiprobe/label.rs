@@ -29,15 +29,8 @@ impl FromStr for StepLabel {
     type Err = ();
 
     fn from_str(label: &str) -> Result<Self, ()> {
-        let parts: Vec<&str> = label.split('/').collect();
-        let number = parts.get(1).and_then(|number| number.parse().ok()).ok_or(())?;
-        match (parts.first().copied(), parts.get(2).copied()) {
-            (Some("mount"), None) => Ok(Self::Mount(number)),
-            (Some("centring"), None) => Ok(Self::Centring(number)),
-            (Some("reference"), None) => Ok(Self::Reference(number)),
-            (Some("index"), Some("forward")) => Ok(Self::Forward(number)),
-            (Some("index"), Some("backward")) => Ok(Self::Backward(number)),
-            _ => Err(()),
-        }
+        let number: usize = label.split('/').nth(1).and_then(|number| number.parse().ok()).ok_or(())?;
+        let purposes = [Self::Mount, Self::Centring, Self::Reference, Self::Forward, Self::Backward];
+        purposes.map(|purpose| purpose(number)).into_iter().find(|candidate| candidate.to_string() == label).ok_or(())
     }
 }

@@ -45,7 +45,7 @@ pub fn noise_gains(
         Separation::Multistep => row.channel < 2,
         Separation::Combined => true,
     };
-    let rows = layout.all_rows().into_iter().filter(is_used).collect();
+    let rows = layout.all_row_keys().into_iter().filter(is_used).collect();
     let fit = unit_noise_fit(layout, rows, *orders.end())?;
     let motions = ReportedMotions::new(layout, &fit);
     let gain = |order: usize| match motions.is_identifiable(Component::X, order) {
@@ -77,7 +77,7 @@ pub fn third_sensor_angles(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Vec
             && pair_deg.iter().all(|other| sensor_angle_deg(*deg, *other) >= MIN_SENSOR_ANGLE_DEG)
     };
     let gain = |deg: f64| {
-        let layout = ProbeLayout::radial(&[pair_deg[0], pair_deg[1], deg], 1);
+        let layout = ProbeLayout::with_radial_sensors(&[pair_deg[0], pair_deg[1], deg], 1);
         Some((deg, rms_noise_gain(&layout, Separation::Multiprobe).ok()?))
     };
     let free = (0..360).step_by(SEARCH_STEP_DEG).map(f64::from).filter(is_free);

@@ -51,7 +51,7 @@ pub enum Component {
 
 impl Component {
     /// Whether the component is a property of the artefact.
-    pub fn is_form(self) -> bool {
+    pub fn is_artefact_form(self) -> bool {
         matches!(self, Self::Roundness(_) | Self::Face)
     }
 
@@ -95,7 +95,7 @@ impl ProbeLayout {
     }
 
     /// Layout of one section with radial sensors, and equal index steps of the artefact.
-    pub fn radial(angles_deg: &[f64], indexes: usize) -> Self {
+    pub fn with_radial_sensors(angles_deg: &[f64], indexes: usize) -> Self {
         let channel = |angle_deg: &f64| Channel {
             name: format!("{angle_deg}°"),
             surface: Surface::Section(0),
@@ -119,7 +119,7 @@ impl ProbeLayout {
     }
 
     /// Rows of every channel at every index.
-    pub fn all_rows(&self) -> Vec<RowKey> {
+    pub fn all_row_keys(&self) -> Vec<RowKey> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
         indexes.flat_map(|index| channels.clone().map(move |channel| RowKey { index, channel })).collect()

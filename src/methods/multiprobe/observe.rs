@@ -21,7 +21,7 @@ pub struct ObservedRevolutions {
     /// Revolutions of the forward turns alone. These are consecutive.
     pub forward_rows: Vec<RowRevolutions>,
     /// Descriptions of omitted data.
-    pub skipped_data: Vec<String>,
+    pub omission_descriptions: Vec<String>,
     /// Number of dwell points of a channel without a distance.
     pub missing_stop_count: usize,
     /// Duration of one revolution, s.
@@ -51,7 +51,7 @@ pub fn observe_revolutions(
                 // The revolutions come in the order of the angle.
                 of_scan.iter_mut().for_each(|row| row.revolutions.reverse());
             }
-            observed.record_rejected(setup, step, rejected);
+            observed.record_rejected_revolutions(setup, step, rejected);
             observed.missing_stop_count += missing_stops(setup, step, &own);
             if is_forward {
                 observed.forward_rows.extend(of_scan.iter().cloned());
@@ -130,10 +130,15 @@ fn channel_samples<'r>(
 }
 
 impl ObservedRevolutions {
-    fn record_rejected(&mut self, setup: &MultiprobeSetup<'_>, step: &Step, rejected: Vec<RejectedRevolutions>) {
+    fn record_rejected_revolutions(
+        &mut self,
+        setup: &MultiprobeSetup<'_>,
+        step: &Step,
+        rejected: Vec<RejectedRevolutions>,
+    ) {
         for of_channel in rejected {
             let name = &setup.layout.channels[of_channel.channel].name;
-            self.skipped_data.push(format!("{}: {name}: {of_channel}", step.label));
+            self.omission_descriptions.push(format!("{}: {name}: {of_channel}", step.label));
         }
     }
 
@@ -141,7 +146,7 @@ impl ObservedRevolutions {
     fn add_rows(&mut self, setup: &MultiprobeSetup<'_>, index: usize, mut rows: Vec<RowRevolutions>) {
         for row in remove_incomplete_rows(&mut rows) {
             let name = &setup.layout.channels[row.channel].name;
-            self.skipped_data.push(format!(
+            self.omission_descriptions.push(format!(
                 "mounting {}: {name} is not used: its revolutions in one direction are incomplete",
                 index + 1
             ));

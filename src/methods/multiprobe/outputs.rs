@@ -20,7 +20,7 @@ pub struct ReportedMotions<'a> {
     layout: &'a ProbeLayout,
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
-    derivatives: Vec<(Component, Vec<Option<HarmonicDerivatives>>)>,
+    harmonic_derivatives: Vec<(Component, Vec<Option<HarmonicDerivatives>>)>,
     /// Reason why the first harmonic has no co-rotating part.
     pub gauge: String,
 }
@@ -41,7 +41,7 @@ impl<'a> ReportedMotions<'a> {
             (component, blocks.map(|(block, harmonic)| harmonic.identifiable_parts(column, removed(block))).collect())
         };
         let components = layout.components().into_iter().enumerate();
-        Self { layout, fit, derivatives: components.map(derivatives).collect(), gauge }
+        Self { layout, fit, harmonic_derivatives: components.map(derivatives).collect(), gauge }
     }
 
     /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
@@ -52,12 +52,12 @@ impl<'a> ReportedMotions<'a> {
             lost.map(name).collect::<Vec<String>>()
         };
         let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.undetermined.clone());
-        self.derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
+        self.harmonic_derivatives.iter().flat_map(lost_harmonics).chain(combinations).collect()
     }
 
     /// Whether the harmonic `order`, counted from 1, is identifiable.
     pub fn is_identifiable(&self, component: Component, order: usize) -> bool {
-        let own = self.derivatives.iter().find(|(own, _)| *own == component);
+        let own = self.harmonic_derivatives.iter().find(|(own, _)| *own == component);
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
 
@@ -70,7 +70,7 @@ impl<'a> ReportedMotions<'a> {
             let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.extend_to_all_unknowns(block, slope));
             Some(Harmonic { order: (block + 1) as f64, parts })
         };
-        let first = usize::from(component.is_form());
+        let first = usize::from(component.is_artefact_form());
         HarmonicFunction {
             symbol: component.symbol(self.layout.axis),
             unit: component_unit(*component),
@@ -79,8 +79,8 @@ impl<'a> ReportedMotions<'a> {
     }
 
     /// The error motions, without the forms of the artefact.
-    pub fn motions(&self) -> impl Iterator<Item = (Component, HarmonicFunction)> {
-        let motions = self.derivatives.iter().filter(|(component, _)| !component.is_form());
+    pub fn error_motions(&self) -> impl Iterator<Item = (Component, HarmonicFunction)> {
+        let motions = self.harmonic_derivatives.iter().filter(|(component, _)| !component.is_artefact_form());
         motions.map(|parts| (parts.0, self.harmonic_function(parts)))
     }
 
@@ -111,11 +111,11 @@ impl<'a> ReportedMotions<'a> {
     /// Outputs that are linear in the unknowns: coefficients, eccentricities and curves.
     pub fn linear_outputs(&self) -> Outputs {
         let x = self.solution();
-        let motions: Vec<HarmonicFunction> = self.motions().map(|(_, motion)| motion).collect();
+        let motions: Vec<HarmonicFunction> = self.error_motions().map(|(_, motion)| motion).collect();
         let sections = 0..self.layout.section_z_mm.len();
         let mut parameters: Vec<Output> = motions.iter().flat_map(|m| m.coefficients(x)).collect();
         parameters.extend(sections.flat_map(|section| self.section_centre_outputs(section)));
-        let curves = self.derivatives.iter().filter(|(component, _)| *component != Component::Face);
+        let curves = self.harmonic_derivatives.iter().filter(|(component, _)| *component != Component::Face);
         let curves = curves.map(|parts| self.harmonic_function(parts));
         let curves = curves.filter(|function| !function.harmonics.is_empty());
         Outputs {
@@ -137,7 +137,7 @@ impl<'a> ReportedMotions<'a> {
                 _ => Vec::from_iter(function.range(format!("{}_range", function.symbol))),
             }
         };
-        range_outputs(self.derivatives.iter().flat_map(ranges).collect(), self.solution())
+        range_outputs(self.harmonic_derivatives.iter().flat_map(ranges).collect(), self.solution())
     }
 
     pub fn solution(&self) -> &[f64] {
@@ -145,7 +145,7 @@ impl<'a> ReportedMotions<'a> {
     }
 }
 
-pub fn component_unit(component: Component) -> Unit {
+fn component_unit(component: Component) -> Unit {
     match component {
         Component::A | Component::B => Unit::Urad,
         _ => Unit::Um,

@@ -12,7 +12,7 @@ use crate::identification::{HarmonicFunction, RevolutionRanges, revolution_param
 /// Total and asynchronous value of each error motion over the indexes, from turns in one direction: between two
 /// directions the reversal would count. An index with one revolution has no value. A motion that the channels of an
 /// index do not determine has no value from that index.
-pub fn revolution_values(
+pub fn error_motion_values(
     layout: &ProbeLayout,
     motions: &ReportedMotions<'_>,
     measured: &[RowRevolutions],
@@ -29,7 +29,7 @@ pub fn revolution_values(
         let values: Vec<RevolutionRanges> = indexes.filter_map(of_index).collect();
         revolution_parameters(&motion.symbol, motion.unit, &values)
     };
-    motions.motions().flat_map(parameters).collect()
+    motions.error_motions().flat_map(parameters).collect()
 }
 
 /// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
@@ -50,7 +50,7 @@ fn single_revolutions(layout: &ProbeLayout, own: &[&RowRevolutions], component: 
 fn motion_gain(layout: &ProbeLayout, own: &[&RowRevolutions], component: Component) -> Option<Vec<f64>> {
     let rows: Vec<RowKey> = own.iter().map(|row| row.key).collect();
     let components = layout.components();
-    let columns: Vec<usize> = (0..components.len()).filter(|j| !components[*j].is_form()).collect();
+    let columns: Vec<usize> = (0..components.len()).filter(|j| !components[*j].is_artefact_form()).collect();
     let design = layout.design_matrix(&rows, 0);
     let a = Mat::from_fn(rows.len(), columns.len(), |i, j| design[(i, 2 * columns[j])]);
     let problem = LinearProblem {

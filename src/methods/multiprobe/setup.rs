@@ -72,7 +72,7 @@ impl<'a> MultiprobeSetup<'a> {
         checks::check_sensor_angles(layout, &self.settings.excluded_ranges())?;
         let is_radial = |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
         let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();
-        checks::check_orders(layout, &motions, 2..=self.settings.harmonics)
+        checks::check_harmonic_orders(layout, &motions, 2..=self.settings.harmonics)
     }
 }
 

@@ -26,7 +26,7 @@ pub struct SourceSizes<'a> {
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
     /// Effects of the sensors' linearity errors on all observations, one column per independent draw, mm.
-    pub linearity: Vec<Vec<f64>>,
+    pub linearity_effects: Vec<Vec<f64>>,
 }
 
 fn change_section_distance(layout: &mut ProbeLayout, by_mm: f64) {
@@ -79,7 +79,7 @@ pub fn uncertainty_sources(
         fit.declared_source("index angle", index_errors),
         fit.declared_source("section distance", vec![distance_error]),
         fit.declared_source("face radius", vec![radius_error]),
-        fit.declared_source("linearity of the sensors", sizes.linearity.clone()),
+        fit.declared_source("linearity of the sensors", sizes.linearity_effects.clone()),
         fit.declared_source("drift", drift_effects(layout, data, sizes.drift_mm_per_revolution)),
     ];
     all.retain(|source| !source.is_zero());

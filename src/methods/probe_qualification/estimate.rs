@@ -81,8 +81,8 @@ fn repeatability_by_direction(
         let direction = (nearest as i64).rem_euclid(count as i64) as usize;
         squares[direction] += group_deviations_mm * group_deviations_mm;
         touches[direction] += 1.0;
-        if !groups[direction].contains(&touch.group) {
-            groups[direction].push(touch.group);
+        if !groups[direction].contains(&touch.group_index) {
+            groups[direction].push(touch.group_index);
         }
     }
     let of_direction = |k: usize| {
@@ -147,9 +147,9 @@ const SCATTER_PROBABILITY: f64 = 0.998;
 
 fn collect_warnings(setup: &QualificationSetup<'_>, fitted: &QualificationFit) -> Vec<String> {
     let mut lines = Vec::new();
-    let PooledScatter { s_mm, dof, step_mm } = fitted.scatter;
+    let PooledScatter { s_mm, dof, display_step_mm } = fitted.scatter;
     if let Some(declared) = setup.plan.probe.repeatability_um {
-        let expected = (declared * 1e-3).powi(2) + step_mm.powi(2) / 12.0;
+        let expected = (declared * 1e-3).powi(2) + display_step_mm.powi(2) / 12.0;
         let chi2 = dof as f64 * s_mm.powi(2) / expected;
         let bounds = chi_square_bounds(dof as f64, SCATTER_PROBABILITY);
         lines.extend(bounds.filter(|(_, most)| chi2 > *most).map(|_| {

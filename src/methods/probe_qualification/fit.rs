@@ -27,7 +27,7 @@ pub fn fit_touches(
 ) -> Result<QualificationFit, IdentifyError> {
     let layout = UnknownsLayout::new(observed, setup.highest_order());
     let rows: Vec<Vec<f64>> = observed.touches.iter().map(|touch| layout.design_row(observed, touch)).collect();
-    let a = Mat::from_fn(rows.len(), layout.unknowns(), |i, j| rows[i][j]);
+    let a = Mat::from_fn(rows.len(), layout.unknown_count(), |i, j| rows[i][j]);
     let equal = solve_unknowns(observed, &layout, &a, 1e-3)?;
     let group_deviations_mm = subtract_group_means(observed, &equal.residuals);
     let scatter = pooled_scatter(setup, observed, &group_deviations_mm)?;
@@ -65,7 +65,7 @@ fn solve_unknowns(
     };
     let lost = |survey: &RankAnalysis| {
         let seen = |unknown: &usize| (0..survey.nullity).any(|k| survey.null_space[(*unknown, k)].abs() > 1e-6);
-        (0..layout.unknowns()).filter(seen).map(|unknown| layout.name(unknown)).collect()
+        (0..layout.unknown_count()).filter(seen).map(|unknown| layout.unknown_description(unknown)).collect()
     };
     linear::solve_least_squares(&problem).map_err(|error| IdentifyError::from_solver_error(error, lost))
 }
@@ -74,13 +74,13 @@ fn solve_unknowns(
 fn subtract_group_means(observed: &ObservedTouches, residuals: &[f64]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); observed.group_count()];
     for (touch, residual) in observed.touches.iter().zip(residuals) {
-        let (sum, count) = &mut sums[touch.group];
+        let (sum, count) = &mut sums[touch.group_index];
         *sum += residual;
         *count += 1.0;
     }
     let mean = |group: usize| sums[group].0 / sums[group].1;
     let touches = observed.touches.iter().zip(residuals);
-    touches.map(|(touch, residual)| residual - mean(touch.group)).collect()
+    touches.map(|(touch, residual)| residual - mean(touch.group_index)).collect()
 }
 
 /// Scatter, pooled over all directions.
@@ -94,7 +94,7 @@ fn pooled_scatter(
     let axes = setup.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let step_um = axes.map(|(_, spec)| spec.resolution_um).fold(0.0, f64::max);
     let s_mm = (squares / dof.max(1) as f64).sqrt();
-    let scatter = PooledScatter { s_mm, dof, step_mm: step_um * 1e-3 };
+    let scatter = PooledScatter { s_mm, dof, display_step_mm: step_um * 1e-3 };
     MethodRefusal::require(
         dof > 0 && scatter.u_mm() > 0.0,
         "the repeated touches of a direction do not scatter, or no touch was repeated",

@@ -15,7 +15,7 @@ use crate::identification::azimuth::azimuth_factor;
 /// Selection of the unknowns.
 #[derive(Debug, Clone)]
 pub struct UnknownsLayout {
-    segments: usize,
+    segment_count: usize,
     /// Orders of the probe map.
     pub map_orders: Vec<u32>,
     /// Orders of the part that does not turn with the spindle.
@@ -36,7 +36,7 @@ impl UnknownsLayout {
         let first = if turned.contains(&1) { 1 } else { 2 };
         let has_fast = observed.touches.iter().any(|touch| touch.is_fast);
         Self {
-            segments: observed.touches.iter().map(|touch| touch.segment + 1).max().unwrap_or(1),
+            segment_count: observed.touches.iter().map(|touch| touch.segment_index + 1).max().unwrap_or(1),
             map_orders: (first..=last).collect(),
             // The first order that does not turn with the spindle is the centre of the ball.
             stationary_orders: turned.into_iter().filter(|k| *k > 1).collect(),
@@ -49,13 +49,13 @@ impl UnknownsLayout {
         self.stationary_orders.contains(&order) || order == 1 && self.map_orders.contains(&1)
     }
 
-    fn drift_start(&self) -> usize {
-        3 * self.segments
+    fn first_drift_index(&self) -> usize {
+        3 * self.segment_count
     }
 
     /// Index of R: both radii less pre-travel.
     pub fn radius_index(&self) -> usize {
-        self.drift_start() + 3
+        self.first_drift_index() + 3
     }
 
     /// Index of the cosine part of the map's order with the number `index`. The sine part is the next unknown.
@@ -63,76 +63,76 @@ impl UnknownsLayout {
         self.radius_index() + 1 + 2 * index
     }
 
-    fn stationary_start(&self) -> usize {
+    fn first_stationary_index(&self) -> usize {
         self.map_index(self.map_orders.len())
     }
 
     /// Index of the latch delay. Without fast touches there is none.
-    pub fn delay_index(&self) -> usize {
-        self.stationary_start() + 2 * self.stationary_orders.len()
+    pub fn latch_delay_index(&self) -> usize {
+        self.first_stationary_index() + 2 * self.stationary_orders.len()
     }
 
     /// Index as for [`UnknownsLayout::map_index`], for the difference at the fast feed.
-    pub fn fast_index(&self, index: usize) -> usize {
-        self.delay_index() + 1 + 2 * index
+    pub fn fast_map_index(&self, index: usize) -> usize {
+        self.latch_delay_index() + 1 + 2 * index
     }
 
-    pub fn unknowns(&self) -> usize {
-        if self.fast_orders.is_empty() { self.delay_index() } else { self.fast_index(self.fast_orders.len()) }
+    pub fn unknown_count(&self) -> usize {
+        if self.fast_orders.is_empty() { self.latch_delay_index() } else { self.fast_map_index(self.fast_orders.len()) }
     }
 
     /// Derivatives of the touch's distance by all unknowns.
     pub fn design_row(&self, observed: &ObservedTouches, touch: &MeasuredTouch) -> Vec<f64> {
-        let mut row = vec![0.0; self.unknowns()];
+        let mut row = vec![0.0; self.unknown_count()];
         let mut put = |first: usize, values: &[f64]| {
             row[first..first + values.len()].copy_from_slice(values);
         };
-        put(3 * touch.segment, touch.normal.as_slice());
-        put(self.drift_start(), (touch.normal * observed.relative_time(touch)).as_slice());
+        put(3 * touch.segment_index, touch.normal.as_slice());
+        put(self.first_drift_index(), (touch.normal * observed.relative_time(touch)).as_slice());
         put(self.radius_index(), &[1.0]);
         for (index, order) in self.map_orders.iter().enumerate() {
             put(self.map_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
         }
         for (index, order) in self.stationary_orders.iter().enumerate() {
-            put(self.stationary_start() + 2 * index, &harmonic_factors(*order, &touch.normal));
+            put(self.first_stationary_index() + 2 * index, &harmonic_factors(*order, &touch.normal));
         }
         if touch.is_fast {
-            put(self.delay_index(), &[-(observed.speeds_mm_s[1] - observed.speeds_mm_s[0])]);
+            put(self.latch_delay_index(), &[-(observed.speeds_mm_s[1] - observed.speeds_mm_s[0])]);
             for (index, order) in self.fast_orders.iter().enumerate() {
-                put(self.fast_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
+                put(self.fast_map_index(index), &harmonic_factors(*order, &touch.normal_in_spindle));
             }
         }
         row
     }
 
     /// Description of an unknown for a refusal.
-    pub fn name(&self, unknown: usize) -> String {
+    pub fn unknown_description(&self, unknown: usize) -> String {
         let order = |orders: &[u32], from: usize| orders[(unknown - from) / 2];
         match unknown {
-            _ if unknown < self.drift_start() => "the centre of the ball".to_owned(),
+            _ if unknown < self.first_drift_index() => "the centre of the ball".to_owned(),
             _ if unknown < self.radius_index() => "the drift".to_owned(),
             _ if unknown == self.radius_index() => "the radius".to_owned(),
-            _ if unknown < self.stationary_start() => {
+            _ if unknown < self.first_stationary_index() => {
                 format!("order {} of the map", order(&self.map_orders, self.map_index(0)))
             }
-            _ if unknown < self.delay_index() => {
-                format!("order {} of the ball's form", order(&self.stationary_orders, self.stationary_start()))
+            _ if unknown < self.latch_delay_index() => {
+                format!("order {} of the ball's form", order(&self.stationary_orders, self.first_stationary_index()))
             }
-            _ if unknown == self.delay_index() => "the latch delay".to_owned(),
-            _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_index(0))),
+            _ if unknown == self.latch_delay_index() => "the latch delay".to_owned(),
+            _ => format!("order {} at the fast feed", order(&self.fast_orders, self.fast_map_index(0))),
         }
     }
 }
 
 /// Minimum phase difference of an order between two orientations, degrees, for the order to be separable.
-const MIN_PHASE_DEG: f64 = 20.0;
+const MIN_PHASE_DIFFERENCE_DEG: f64 = 20.0;
 
 /// Whether any two orientations rotate this order by a sufficient phase.
 fn is_order_turned(observed: &ObservedTouches, order: u32) -> bool {
     let degrees = &observed.orientations_deg;
     let turned = |a: f64, b: f64| {
         let turn = (f64::from(order) * (a - b)).rem_euclid(360.0);
-        turn.min(360.0 - turn) >= MIN_PHASE_DEG
+        turn.min(360.0 - turn) >= MIN_PHASE_DIFFERENCE_DEG
     };
     degrees.iter().any(|a| degrees.iter().any(|b| turned(*a, *b)))
 }

@@ -22,15 +22,15 @@ pub struct MeasuredTouch {
     /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
     pub radial_deviation_mm: f64,
     /// Axis positions X, Y and Z, mm.
-    pub axes_mm: Vector3<f64>,
+    pub xyz_mm: Vector3<f64>,
     pub is_fast: bool,
     /// Index of the spindle orientation.
-    pub orientation: usize,
+    pub orientation_index: usize,
     pub t_s: f64,
     /// Number of interruptions before the touch.
-    pub segment: usize,
+    pub segment_index: usize,
     /// Index of the group: touches of one direction, orientation, feed and segment.
-    pub group: usize,
+    pub group_index: usize,
 }
 
 pub struct ObservedTouches {
@@ -53,7 +53,7 @@ impl ObservedTouches {
     }
 
     pub fn group_count(&self) -> usize {
-        self.touches.iter().map(|touch| touch.group + 1).max().unwrap_or(0)
+        self.touches.iter().map(|touch| touch.group_index + 1).max().unwrap_or(0)
     }
 }
 
@@ -86,13 +86,13 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
         )
     })?;
     let radius_mm = setup.measured_ball()?.radius_mm + setup.plan.probe.ball_radius_mm;
-    let table = setup.chain.machine_from_table(&setup.rotary, &[]).rotation;
+    let table = setup.chain.machine_from_table(&setup.rotary_at_zero, &[]).rotation;
     let mut groups = BTreeMap::new();
     let touch = |step_readings: &StepReading<'_>| {
         let from_centre = table * (step_readings.stylus_mm - Vector3::from(sphere.centre));
         let normal = from_centre.normalize();
         let gaps = setup.plan.gaps_s.iter();
-        let segment = gaps.filter(|gap| step_readings.reading.t_s > **gap).count();
+        let segment_index = gaps.filter(|gap| step_readings.reading.t_s > **gap).count();
         let number = groups.len();
         MeasuredTouch {
             label: step_readings.step.label.clone(),
@@ -100,12 +100,12 @@ pub fn observe_touches(setup: &QualificationSetup<'_>, readings: &[Reading]) -> 
             normal_in_spindle: setup.chain.machine_from_spindle(&step_readings.position, &[]).rotation.inverse()
                 * normal,
             radial_deviation_mm: from_centre.norm() - radius_mm,
-            axes_mm: step_readings.position.xyz(),
+            xyz_mm: step_readings.position.xyz(),
             is_fast: step_readings.is_fast(setup),
-            orientation: setup.orientation_index(&step_readings.position),
+            orientation_index: setup.orientation_index(&step_readings.position),
             t_s: step_readings.reading.t_s,
-            segment,
-            group: *groups.entry((direction_label(&step_readings.step.label), segment)).or_insert(number),
+            segment_index,
+            group_index: *groups.entry((direction_label(&step_readings.step.label), segment_index)).or_insert(number),
         }
     };
     let touches: Vec<MeasuredTouch> = step_readings.iter().map(touch).collect();

@@ -32,8 +32,8 @@ pub fn build_outputs(setup: &QualificationSetup<'_>, layout: &UnknownsLayout, x:
     parameters.push(Output::from_unknown("r_stylus", Unit::Um, layout.radius_index(), x));
     let mut curves = vec![azimuth_curve("E_probe", layout, x, layout.map_index(0), &layout.map_orders)];
     if !layout.fast_orders.is_empty() {
-        parameters.push(Output::from_unknown("t_latch", Unit::Ms, layout.delay_index(), x));
-        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_index(0), &layout.fast_orders));
+        parameters.push(Output::from_unknown("t_latch", Unit::Ms, layout.latch_delay_index(), x));
+        curves.push(azimuth_curve("E_probe_fast", layout, x, layout.fast_map_index(0), &layout.fast_orders));
     }
     Outputs { parameters, curves, nonlinear: None }
 }
@@ -43,7 +43,7 @@ fn azimuth_curve(symbol: &str, layout: &UnknownsLayout, x: &[f64], first: usize,
     let degrees: Vec<f64> = (0..360).step_by(CURVE_STEP_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        let mut slope = vec![0.0; layout.unknowns()];
+        let mut slope = vec![0.0; layout.unknown_count()];
         for (index, order) in orders.iter().enumerate() {
             let at = first + 2 * index;
             slope[at..at + 2].copy_from_slice(&harmonic_factors(*order, &Vector3::new(cos, sin, 0.0)));

@@ -49,11 +49,11 @@ impl Default for ProbeQualificationSettings {
 
 const MAX_AZIMUTHS: u32 = 360;
 const MAX_REPEATS: u32 = 100;
-const MAX_ORDERS: u32 = 100;
-/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`OFFSET_SIGMAS`] standard
-/// deviations of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
+const MAX_ORDER: u32 = 100;
+/// Minimum distance before and beyond the expected contact: [`MIN_TRAVEL_MM`] in mm plus [`STYLUS_OFFSET_SIGMAS`]
+/// standard deviations of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
 const MIN_TRAVEL_MM: f64 = 0.1;
-const OFFSET_SIGMAS: f64 = 6.0;
+const STYLUS_OFFSET_SIGMAS: f64 = 6.0;
 
 impl ProbeQualificationSettings {
     /// # Errors
@@ -69,7 +69,7 @@ impl ProbeQualificationSettings {
             "choose repeats = 3",
         )?;
         MethodRefusal::require(
-            (3..=MAX_ORDERS).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,
+            (3..=MAX_ORDER).contains(&self.orders) && self.azimuths <= MAX_AZIMUTHS,
             "orders must be 3 to 100, and azimuths at most 360",
             "remove orders (default 6) and azimuths (default 24)",
         )?;
@@ -85,8 +85,8 @@ impl ProbeQualificationSettings {
     ///
     /// # Errors
     /// The touches are so short that a turned stylus could miss the ball.
-    pub fn check_length(&self, offset_mm: f64) -> Result<(), MethodRefusal> {
-        let least = MIN_TRAVEL_MM + OFFSET_SIGMAS * offset_mm;
+    pub fn check_touch_length(&self, offset_mm: f64) -> Result<(), MethodRefusal> {
+        let least = MIN_TRAVEL_MM + STYLUS_OFFSET_SIGMAS * offset_mm;
         MethodRefusal::require(
             self.standoff_mm >= least && self.search_mm >= least,
             format!("standoff_mm and search_mm must be at least {least:.2}, because of the stylus offset"),

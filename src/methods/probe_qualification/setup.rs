@@ -21,10 +21,10 @@ pub struct QualificationSetup<'a> {
     pub chain: KinematicChain,
     pub balls: &'a Balls,
     /// All rotary axes except the spindle at zero, or as near to zero as their limits allow.
-    pub rotary: Position,
+    pub rotary_at_zero: Position,
 }
 
-const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
+const DEFAULT_ORIENTATIONS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 
 impl<'a> QualificationSetup<'a> {
     /// # Errors
@@ -39,9 +39,9 @@ impl<'a> QualificationSetup<'a> {
             ));
         };
         let rotary = plan.machine.rotary_zero_position();
-        let setup = Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary };
+        let setup = Self { plan, settings, chain: KinematicChain::new(&plan.machine)?, balls, rotary_at_zero: rotary };
         settings.check_azimuths(setup.highest_order())?;
-        settings.check_length(plan.probe.stylus_offset_um * 1e-3)?;
+        settings.check_touch_length(plan.probe.stylus_offset_um * 1e-3)?;
         let (slow, fast) = (plan.probe.feed_mm_min, setup.fast_feed_mm_min());
         MethodRefusal::require(
             fast > slow && fast <= plan.probe.search_feed_mm_min,
@@ -73,7 +73,7 @@ impl<'a> QualificationSetup<'a> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
         let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
         let within = |degrees: &f64| (spec.min..=spec.max).contains(degrees);
-        let usual: Vec<f64> = QUARTERS_DEG.into_iter().filter(within).collect();
+        let usual: Vec<f64> = DEFAULT_ORIENTATIONS_DEG.into_iter().filter(within).collect();
         named.unwrap_or(if usual.is_empty() { vec![spec.position_nearest_zero()] } else { usual })
     }
 
@@ -89,8 +89,8 @@ impl<'a> QualificationSetup<'a> {
     pub fn rotary_positions(&self, index: usize) -> Position {
         let degrees = self.orientations_deg().get(index).copied().unwrap_or(0.0);
         match self.plan.machine.axes.contains_key(&Axis::S) {
-            true => self.rotary.clone().with(Axis::S, Axis::S.to_mm_or_rad(degrees)),
-            false => self.rotary.clone(),
+            true => self.rotary_at_zero.clone().with(Axis::S, Axis::S.to_mm_or_rad(degrees)),
+            false => self.rotary_at_zero.clone(),
         }
     }
 

@@ -16,23 +16,23 @@ pub struct PooledScatter {
     pub s_mm: f64,
     pub dof: usize,
     /// Largest display resolution of the axes, mm.
-    pub step_mm: f64,
+    pub display_step_mm: f64,
 }
 
 impl PooledScatter {
     /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
     pub fn u_mm(self) -> f64 {
-        self.s_mm.hypot(rounding_u_mm(self.step_mm, self.s_mm))
+        self.s_mm.hypot(rounding_u_mm(self.display_step_mm, self.s_mm))
     }
 
     /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm.
     /// Rounding errors of touches that scatter by more than half a display step are independent and rectangular.
     /// Other rounding errors increase the uncertainty.
     pub fn without_rounding(self) -> [f64; 2] {
-        let variance = self.s_mm.powi(2) - self.step_mm.powi(2) / 12.0;
+        let variance = self.s_mm.powi(2) - self.display_step_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
         let of_count = self.s_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
-        let u_variance = of_count.hypot(rounding_u_mm(self.step_mm, self.s_mm).powi(2));
+        let u_variance = of_count.hypot(rounding_u_mm(self.display_step_mm, self.s_mm).powi(2));
         // u(s²) = 2·s·u(s). At s = 0 the square root of u(s²) is the upper bound of u(s).
         [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
     }
@@ -84,7 +84,7 @@ fn resolution_columns(
     let mut columns = vec![vec![0.0; observed.touches.len()]; observed.group_count()];
     for (i, touch) in observed.touches.iter().enumerate() {
         let step_mm = display_step_mm(setup.plan, touch.normal);
-        columns[touch.group][i] = rounding_u_mm(step_mm, scatter.s_mm);
+        columns[touch.group_index][i] = rounding_u_mm(step_mm, scatter.s_mm);
     }
     columns
 }
@@ -115,7 +115,7 @@ fn spindle_columns(setup: &QualificationSetup<'_>, observed: &ObservedTouches) -
     let size_mm = setup.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
         let at = |touch: &MeasuredTouch| {
-            if touch.orientation == orientation { touch.normal[k] } else { 0.0 }
+            if touch.orientation_index == orientation { touch.normal[k] } else { 0.0 }
         };
         observed.touches.iter().map(|touch| size_mm * at(touch)).collect()
     };
@@ -131,7 +131,7 @@ fn backlash_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -
 }
 
 fn linear_axis_columns(setup: &QualificationSetup<'_>, touches: &[MeasuredTouch]) -> Vec<Vec<f64>> {
-    let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axes_mm).collect();
+    let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.xyz_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
         touches.iter().zip(pattern).map(|(touch, by)| touch.normal[k] * by).collect::<Vec<f64>>()
     };

@@ -68,16 +68,26 @@ fn unreachable_refusal(ball: &Ball, reason: &BallAccessError) -> MethodRefusal {
 /// The touches with the spindle in one orientation.
 struct OrientationPlan<'a> {
     setup: &'a QualificationSetup<'a>,
-    found: &'a Balls,
+    found_balls: &'a Balls,
     access: TouchAccess,
-    rotary: Position,
-    index: usize,
+    rotary_positions: Position,
+    orientation_index: usize,
 }
 
 impl<'a> OrientationPlan<'a> {
-    fn new(setup: &'a QualificationSetup<'a>, found: &'a Balls, index: usize) -> Result<Self, MethodRefusal> {
-        let access = TouchAccess::new(setup.plan, &Artefact::Balls(found.clone()))?;
-        Ok(Self { setup, found, access, rotary: setup.rotary_positions(index), index })
+    fn new(
+        setup: &'a QualificationSetup<'a>,
+        found_balls: &'a Balls,
+        orientation_index: usize,
+    ) -> Result<Self, MethodRefusal> {
+        let access = TouchAccess::new(setup.plan, &Artefact::Balls(found_balls.clone()))?;
+        Ok(Self {
+            setup,
+            found_balls,
+            access,
+            rotary_positions: setup.rotary_positions(orientation_index),
+            orientation_index,
+        })
     }
 
     /// Rounds of slow touches. At the first orientation they alternate with rounds of fast ones.
@@ -86,7 +96,7 @@ impl<'a> OrientationPlan<'a> {
         let mut steps = Vec::new();
         for round in 1..=self.setup.settings.repeats {
             steps.extend(self.slow_round(ball, level, round)?);
-            if self.index == 0 {
+            if self.orientation_index == 0 {
                 let label = |touch: &str| format!("fast/{}/S0/{touch}/{round}", ball.id);
                 let fast = self.steps_along(ball, &self.circle_directions(level), label)?.into_iter();
                 let feed_mm_min = self.setup.fast_feed_mm_min();
@@ -101,7 +111,7 @@ impl<'a> OrientationPlan<'a> {
         let ball_id = &self.setup.settings.ball;
         let is_selected = |ball: &&Ball| ball_id.is_empty() || ball.id == *ball_id;
         let mut first_refusal = None;
-        for ball in self.found.balls.iter().filter(is_selected) {
+        for ball in self.found_balls.balls.iter().filter(is_selected) {
             for level in CIRCLE_ELEVATIONS_DEG {
                 match self.slow_round(ball, level, 1) {
                     Ok(_) => return Ok((ball, level)),
@@ -125,7 +135,7 @@ impl<'a> OrientationPlan<'a> {
     fn slow_round(&self, ball: &Ball, level: f64, round: u32) -> Result<Vec<Step>, MethodRefusal> {
         let mut directions = self.circle_directions(level);
         let count = directions.len();
-        if self.index == 0 {
+        if self.orientation_index == 0 {
             // The azimuths are between those of the lower circle.
             let half = 180.0 / count as f64;
             let every_other = directions.iter().step_by(2);
@@ -133,7 +143,7 @@ impl<'a> OrientationPlan<'a> {
             directions.extend(above.collect::<Vec<_>>());
         }
         directions.push([0.0, 90.0]);
-        let degrees = self.setup.orientations_deg()[self.index];
+        let degrees = self.setup.orientations_deg()[self.orientation_index];
         let label = |touch: &str| format!("slow/{}/S{degrees}/{touch}/{round}", ball.id);
         let mut steps = self.steps_along(ball, &directions, label)?;
         let last = steps.len() - 1;
@@ -151,7 +161,7 @@ impl<'a> OrientationPlan<'a> {
     ) -> Result<Vec<Step>, MethodRefusal> {
         let ProbeQualificationSettings { standoff_mm, search_mm, .. } = *self.setup.settings;
         let approach = BallApproach::Measure { standoff_mm, search_mm };
-        let task = BallTask { ball, rotary: &self.rotary, approach, touches: 0 };
+        let task = BallTask { ball, rotary: &self.rotary_positions, approach, touches: 0 };
         let probe = &self.setup.plan.probe;
         let steps = self.access.steps_along(&task, directions, probe, label);
         steps.map_err(|reason| unreachable_refusal(ball, &reason))

@@ -104,7 +104,7 @@ pub fn weighted_equation<'a>(nest: &'a SensorNest<'a>, observed: &'a ObservedMea
 /// The means do not separate the unknowns, or the iteration does not converge.
 pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolution, IdentifyError> {
     let sensors: Vec<&str> = equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    let names = equation.unknowns.names(&sensors);
+    let names = equation.unknowns.unknown_names(&sensors);
     let unsolved = |why: NonlinearError| {
         let lost = |survey: &RankAnalysis| name_null_space(survey.null_space.as_ref(), &names);
         IdentifyError::from_solver_error(why, lost)
@@ -115,11 +115,11 @@ pub fn solve_equation(equation: &SensorEquations<'_>) -> Result<NonlinearSolutio
     }
     let unchanged = vec![0.0; equation.observations()];
     let residuals = |x: &[f64]| equation.residuals(x, &unchanged);
-    minimise_squares(equation.initial_values(), |x| equation.rows(x), residuals).map_err(unsolved)
+    minimise_squares(equation.initial_values(), |x| equation.row_blocks(x), residuals).map_err(unsolved)
 }
 
 fn survey_rank(equation: &SensorEquations<'_>, x: &[f64]) -> Result<RankAnalysis, NonlinearError> {
-    Ok(factorise(equation.rows(x)).0.analyse_rank()?)
+    Ok(factorise(equation.row_blocks(x)).0.analyse_rank()?)
 }
 
 /// One measurement for the mean of each sensor at each point.

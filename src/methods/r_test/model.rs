@@ -36,12 +36,12 @@ impl UnknownIndices {
         self.interruption_step(self.interruption_count) + 3 * self.stop_count.saturating_sub(1)
     }
 
-    pub fn offset(&self, sensor: usize) -> usize {
+    pub fn sensor_offset(&self, sensor: usize) -> usize {
         UNKNOWNS_PER_SENSOR * sensor
     }
 
-    pub fn gradient(&self, sensor: usize) -> usize {
-        self.offset(sensor) + 1
+    pub fn sensor_gradient(&self, sensor: usize) -> usize {
+        self.sensor_offset(sensor) + 1
     }
 
     pub fn curvature(&self) -> usize {
@@ -49,16 +49,16 @@ impl UnknownIndices {
     }
 
     /// Index of X of the sphere. Y is the next unknown.
-    pub fn sphere(&self) -> usize {
+    pub fn sphere_position(&self) -> usize {
         self.curvature() + 1
     }
 
     pub fn interruption_step(&self, interruption: usize) -> usize {
-        self.sphere() + 2 + 3 * interruption
+        self.sphere_position() + 2 + 3 * interruption
     }
 
     /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
-    pub fn displacement(&self, stop: usize) -> Option<usize> {
+    pub fn stop_displacement(&self, stop: usize) -> Option<usize> {
         Some(self.interruption_step(self.interruption_count) + 3 * stop.checked_sub(1)?)
     }
 
@@ -66,7 +66,7 @@ impl UnknownIndices {
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    pub fn names(&self, sensors: &[&str]) -> Vec<String> {
+    pub fn unknown_names(&self, sensors: &[&str]) -> Vec<String> {
         let mut names: Vec<String> = Vec::new();
         for name in sensors {
             names.extend(["offset", "X", "Y", "Z"].map(|part| format!("{name} {part}")));
@@ -105,16 +105,16 @@ impl<'a> SensorEquations<'a> {
     pub fn initial_values(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.unknowns.count()];
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
-            x[self.unknowns.gradient(number)..][..3].copy_from_slice(&sensor.direction);
+            x[self.unknowns.sensor_gradient(number)..][..3].copy_from_slice(&sensor.direction);
         }
         x[self.unknowns.curvature()] = 1.0 / self.nest.plan.probe.ball_radius_mm;
-        let first = self.unknowns.sphere();
-        x[first..first + 2].copy_from_slice(self.nest.sphere_from_axis.xy().as_slice());
+        let first = self.unknowns.sphere_position();
+        x[first..first + 2].copy_from_slice(self.nest.sphere_offset_from_axis_mm.xy().as_slice());
         x
     }
 
     pub fn gradient(&self, x: &[f64], sensor: usize) -> Vector3<f64> {
-        UnknownIndices::vector_at(x, self.unknowns.gradient(sensor))
+        UnknownIndices::vector_at(x, self.unknowns.sensor_gradient(sensor))
     }
 
     /// Displacement of the sphere at a mean, table frame.
@@ -122,7 +122,7 @@ impl<'a> SensorEquations<'a> {
         let own = match mean.displacement {
             Displacement::Known(displacement) => displacement,
             Displacement::UnknownAtStop(stop) => {
-                let first = self.unknowns.displacement(stop);
+                let first = self.unknowns.stop_displacement(stop);
                 first.map_or(Vector3::zeros(), |first| UnknownIndices::vector_at(x, first))
             }
         };
@@ -135,9 +135,9 @@ impl<'a> SensorEquations<'a> {
     /// sphere's curvature across the sensor's direction.
     fn predicted_reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
         let w = self.displacement(mean, x);
-        let gradient = self.gradient(x, mean.sensor);
+        let gradient = self.gradient(x, mean.sensor_index);
         let across = w - gradient * (gradient.dot(&w) / gradient.norm_squared());
-        x[self.unknowns.offset(mean.sensor)]
+        x[self.unknowns.sensor_offset(mean.sensor_index)]
             + gradient.dot(&w)
             + x[self.unknowns.curvature()] / 2.0 * across.norm_squared()
     }
@@ -146,17 +146,18 @@ impl<'a> SensorEquations<'a> {
     pub fn reading_derivatives(&self, mean: &SensorMean, x: &[f64]) -> Vec<(usize, f64)> {
         let unknowns = &self.unknowns;
         let w = self.displacement(mean, x);
-        let gradient = self.gradient(x, mean.sensor);
+        let gradient = self.gradient(x, mean.sensor_index);
         let along = gradient.dot(&w) / gradient.norm_squared();
         let across = w - gradient * along;
         let curvature = x[unknowns.curvature()];
         let by_gradient = w - across * (curvature * along);
         let by_displacement = gradient + across * curvature;
-        let mut slopes = vec![(unknowns.offset(mean.sensor), 1.0), (unknowns.curvature(), across.norm_squared() / 2.0)];
+        let mut slopes =
+            vec![(unknowns.sensor_offset(mean.sensor_index), 1.0), (unknowns.curvature(), across.norm_squared() / 2.0)];
         let mut add = |first: usize, by: Vector3<f64>| slopes.extend((first..).zip(by.iter().copied()));
-        add(unknowns.gradient(mean.sensor), by_gradient);
+        add(unknowns.sensor_gradient(mean.sensor_index), by_gradient);
         if let Displacement::UnknownAtStop(stop) = mean.displacement
-            && let Some(first) = unknowns.displacement(stop)
+            && let Some(first) = unknowns.stop_displacement(stop)
         {
             add(first, by_displacement);
         }
@@ -167,11 +168,11 @@ impl<'a> SensorEquations<'a> {
 
     /// Displayed position of the sphere less the unknown one: X, Y.
     fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
-        let first = self.unknowns.sphere();
-        [0, 1].map(|k| self.nest.sphere_from_axis[k] - x[first + k])
+        let first = self.unknowns.sphere_position();
+        [0, 1].map(|k| self.nest.sphere_offset_from_axis_mm[k] - x[first + k])
     }
 
-    pub fn rows(&self, x: &[f64]) -> Vec<BlockRows> {
+    pub fn row_blocks(&self, x: &[f64]) -> Vec<BlockRows> {
         let residuals = self.residuals(x, &vec![0.0; self.observations()]);
         let mut rows = BlockRows::zeros(residuals.len(), 0, self.unknowns.count());
         residuals.into_iter().enumerate().for_each(|(row, value)| rows.set_value(row, value));
@@ -182,7 +183,7 @@ impl<'a> SensorEquations<'a> {
         }
         for k in 0..2 {
             let row = self.means.len() + k;
-            rows.set_common(row, self.unknowns.sphere() + k, 1.0 / self.sigma_mm[row]);
+            rows.set_common(row, self.unknowns.sphere_position() + k, 1.0 / self.sigma_mm[row]);
         }
         vec![rows]
     }
@@ -237,7 +238,7 @@ impl ObservationEquation for SensorEquations<'_> {
     }
 
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64> {
-        let of_means = self.means.iter().map(|mean| mean.value_mm - self.predicted_reading(mean, x));
+        let of_means = self.means.iter().map(|mean| mean.reading_mm - self.predicted_reading(mean, x));
         let rows: Vec<f64> =
             of_means.chain(self.sphere_residuals(x)).zip(change).map(|(r, change)| r + change).collect();
         self.weighted_change(&rows)

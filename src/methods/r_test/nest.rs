@@ -28,7 +28,7 @@ pub struct SensorNest<'a> {
     /// Positions of all axes with the sphere in the nest and the measured axis at zero.
     pub origin: Position,
     /// Centre of the sphere at the origin, relative to the nominal axis, machine frame, mm.
-    pub sphere_from_axis: Vector3<f64>,
+    pub sphere_offset_from_axis_mm: Vector3<f64>,
 }
 
 impl<'a> SensorNest<'a> {
@@ -45,17 +45,17 @@ impl<'a> SensorNest<'a> {
         let origin = table.zero_position.filter_axes(|axis| axis != Axis::S).updated_by(&xyz);
         let line = chain.axis_line(table.axis, &origin).ok_or_else(MethodRefusal::missing_rotary_table)?;
         let sphere = chain.machine_from_spindle(&origin, &[]).transform_point(&tip.mm.into());
-        let sphere_from_axis = sphere.coords - line.point;
+        let sphere_offset_from_axis_mm = sphere.coords - line.point;
         MethodRefusal::require(
-            sphere_from_axis.xy().norm() <= MAX_NEST_AXIS_DISTANCE_MM,
+            sphere_offset_from_axis_mm.xy().norm() <= MAX_NEST_AXIS_DISTANCE_MM,
             format!(
                 "the centre of the sensor nest is {:.2} mm off the axis of {}",
-                sphere_from_axis.xy().norm(),
+                sphere_offset_from_axis_mm.xy().norm(),
                 table.axis
             ),
             "mount the nest in the centre of the table, and correct zero_mm of its sensors",
         )?;
-        Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, sphere_from_axis })
+        Ok(Self { plan, settings, chain, axis: table.axis, sensors, origin, sphere_offset_from_axis_mm })
     }
 
     fn tip(&self) -> Point<SpindleFrame> {
@@ -80,12 +80,12 @@ impl<'a> SensorNest<'a> {
     }
 
     /// Angle of a stop, rad.
-    pub fn dwell_angle(&self, stop: usize) -> f64 {
+    pub fn stop_angle_rad(&self, stop: usize) -> f64 {
         stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
     }
 
     /// Index of the stop at `angle`, rad.
-    pub fn dwell_index(&self, angle: f64) -> usize {
+    pub fn stop_index(&self, angle: f64) -> usize {
         let positions = self.settings.positions as f64;
         let number = (angle / std::f64::consts::TAU * positions).round();
         number.rem_euclid(positions) as usize

@@ -30,11 +30,11 @@ pub struct SensorMean {
     /// Step, point of its path and sensor, e.g. `turn/forward/3/K1`.
     pub label: String,
     /// Index among the sensors of the nest.
-    pub sensor: usize,
+    pub sensor_index: usize,
     pub displacement: Displacement,
     /// Rotation from the table frame to the machine frame.
     pub machine_from_table: Rotation3<f64>,
-    pub value_mm: f64,
+    pub reading_mm: f64,
     pub sample_count: usize,
     pub t_s: f64,
     /// Number of interruptions before the mean.
@@ -92,9 +92,9 @@ impl ObservedMeans {
         let angle = at.get_or_zero(nest.axis);
         let displacement = match step.label.as_str() {
             CALIBRATION_LABEL => Displacement::Known(nest.displacement(at)),
-            _ => Displacement::UnknownAtStop(nest.dwell_index(angle)),
+            _ => Displacement::UnknownAtStop(nest.stop_index(angle)),
         };
-        for (sensor, declared) in nest.sensors.iter().enumerate() {
+        for (sensor_index, declared) in nest.sensors.iter().enumerate() {
             let own = readings.iter().filter(|reading| reading.sensor == declared.name);
             let good = own.filter(|reading| matches!(reading.flag, ReadingFlag::None | ReadingFlag::Gap));
             let samples: Vec<(f64, f64)> = good.filter_map(|reading| Some((reading.value_mm?, reading.t_s))).collect();
@@ -106,10 +106,10 @@ impl ObservedMeans {
             let t_s = samples.iter().map(|(_, t_s)| t_s).sum::<f64>() / count;
             self.means.push(SensorMean {
                 label: format!("{}/{}/{}", step.label, point + 1, declared.name),
-                sensor,
+                sensor_index,
                 displacement,
                 machine_from_table: nest.machine_from_table(angle),
-                value_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
+                reading_mm: samples.iter().map(|(value, _)| value).sum::<f64>() / count,
                 sample_count: samples.len(),
                 t_s,
                 interruption_count: nest.plan.gaps_s.iter().filter(|gap_s| t_s > **gap_s).count(),

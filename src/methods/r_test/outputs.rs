@@ -12,18 +12,18 @@ use super::model::SensorEquations;
 use crate::identification::{Curve, Output, Outputs, RangeOutput, range_outputs};
 
 /// Derivatives by each unknown, for X, Y and Z.
-type Derivatives = [Vec<f64>; 3];
+type XyzDerivatives = [Vec<f64>; 3];
 
 pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
     let stops = equation.unknowns.stop_count;
-    let totals: Vec<Derivatives> = (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
+    let totals: Vec<XyzDerivatives> = (0..stops).map(|stop| total_derivatives(equation, stop)).collect();
     let mean = mean_derivatives(&totals);
-    let motions: Vec<Derivatives> =
+    let motions: Vec<XyzDerivatives> =
         totals.iter().enumerate().map(|(stop, total)| error_motion_derivatives(equation, stop, total, &mean)).collect();
     let axis = equation.nest.axis;
     let location =
         |k: usize, along: &str| Output::from_coefficients(&format!("E{along}0{axis}"), Unit::Um, mean[k].clone(), x);
-    let curve = |symbol: String, k: usize, all: &[Derivatives], figure| {
+    let curve = |symbol: String, k: usize, all: &[XyzDerivatives], figure| {
         let slopes: Vec<Vec<f64>> = all.iter().map(|slopes| slopes[k].clone()).collect();
         let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(s, x)| s * x).sum();
         Curve {
@@ -54,16 +54,16 @@ pub fn build_outputs(equation: &SensorEquations<'_>, x: &[f64]) -> Outputs {
 }
 
 /// Derivatives of E_total at a stop.
-fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> Derivatives {
+fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> XyzDerivatives {
     let SensorEquations { nest, unknowns, .. } = equation;
-    let turn = nest.machine_from_table(nest.dwell_angle(stop)).into_inner();
+    let turn = nest.machine_from_table(nest.stop_angle_rad(stop)).into_inner();
     let lever = Matrix3::identity() - turn;
     let mut slopes = [(); 3].map(|()| vec![0.0; unknowns.count()]);
     for (k, slope) in slopes.iter_mut().enumerate() {
         for i in 0..2 {
-            slope[unknowns.sphere() + i] = lever[(k, i)];
+            slope[unknowns.sphere_position() + i] = lever[(k, i)];
         }
-        if let Some(first) = unknowns.displacement(stop) {
+        if let Some(first) = unknowns.stop_displacement(stop) {
             (0..3).for_each(|i| slope[first + i] = -turn[(k, i)]);
         }
     }
@@ -71,7 +71,7 @@ fn total_derivatives(equation: &SensorEquations<'_>, stop: usize) -> Derivatives
 }
 
 /// Mean over all stops: the axis position in X and Y.
-fn mean_derivatives(totals: &[Derivatives]) -> Derivatives {
+fn mean_derivatives(totals: &[XyzDerivatives]) -> XyzDerivatives {
     [0, 1, 2].map(|k| {
         let mut mean = vec![0.0; totals.first().map_or(0, |slopes| slopes[k].len())];
         for slopes in totals {
@@ -85,10 +85,10 @@ fn mean_derivatives(totals: &[Derivatives]) -> Derivatives {
 fn error_motion_derivatives(
     equation: &SensorEquations<'_>,
     stop: usize,
-    total: &Derivatives,
-    mean: &Derivatives,
-) -> Derivatives {
-    let turn = equation.nest.machine_from_table(equation.nest.dwell_angle(stop)).into_inner();
+    total: &XyzDerivatives,
+    mean: &XyzDerivatives,
+) -> XyzDerivatives {
+    let turn = equation.nest.machine_from_table(equation.nest.stop_angle_rad(stop)).into_inner();
     let lever = Matrix3::identity() - turn;
     let mut motion = total.clone();
     for (k, slope) in motion.iter_mut().enumerate() {

@@ -71,12 +71,13 @@ impl SourceBuilder<'_> {
     }
 
     fn gradient(&self, mean: &SensorMean) -> Vector3<f64> {
-        self.equation.gradient(self.x, mean.sensor)
+        self.equation.gradient(self.x, mean.sensor_index)
     }
 
     fn noise_source(&self) -> UncertaintySource {
         let sensors = &self.equation.nest.sensors;
-        let of_sample = |mean: &SensorMean| sensors[mean.sensor].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3);
+        let of_sample =
+            |mean: &SensorMean| sensors[mean.sensor_index].noise_um.map_or(DEFAULT_NOISE_MM, |um| um * 1e-3);
         let each = self.observation_column(|mean| of_sample(mean) / (mean.sample_count as f64).sqrt(), [0.0; 2]);
         let noise = UncertaintySource::new("noise of the sensor", Effect::Independent(each));
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
@@ -113,14 +114,14 @@ impl SourceBuilder<'_> {
         let mut columns = Vec::new();
         for (number, sensor) in self.equation.nest.sensors.iter().enumerate() {
             let means = &self.equation.means;
-            let own = means.iter().filter(|mean| mean.sensor == number);
-            let readings: Vec<f64> = own.map(|mean| mean.value_mm).collect();
+            let own = means.iter().filter(|mean| mean.sensor_index == number);
+            let readings: Vec<f64> = own.map(|mean| mean.reading_mm).collect();
             for pattern in linearity_patterns(sensor, &readings) {
                 let mut values = pattern.into_iter();
                 columns.push(
                     means
                         .iter()
-                        .map(|mean| match mean.sensor == number {
+                        .map(|mean| match mean.sensor_index == number {
                             true => values.next().unwrap_or_default(),
                             false => 0.0,
                         })

@@ -44,7 +44,7 @@ fn value_and_u(estimate: &Estimate, symbol: &str) -> (f64, f64) {
 }
 
 #[test]
-fn crosses_are_walked_forward_and_back_and_the_references_stand() {
+fn continuous_scans_run_both_ways_and_references_dwell() {
     let (plan, done, _) = run(ideal(0.5), &continuous_settings(), &machine_with_latency(0.0, 1), 9).unwrap();
     let names: Vec<&str> = done.iter().map(|stage| stage.name.as_str()).collect();
     assert_eq!(names[..4], ["find the sphere", "latency", "beam direction", "reference"]);
@@ -200,7 +200,7 @@ fn is_latency_step(step: &Step) -> bool {
 }
 
 #[test]
-fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
+fn one_feed_or_one_direction_does_not_separate_latency_from_reversal() {
     let check = |error: IdentifyError| {
         println!("{error}\n  -> {}", error.remedy());
         assert!(error.to_string().contains("rank"), "{error}");
@@ -217,7 +217,7 @@ fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
 }
 
 #[test]
-fn a_lost_pass_is_named() {
+fn missing_pass_is_named() {
     let estimate = identify_selected(|step, t| step.label != "pose/B30/C120" || !is_in_section(step, 2, t)).unwrap();
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));
     assert!(said("pose/B30/C120: only 0 samples along "), "{:?}", estimate.warnings);
@@ -226,7 +226,7 @@ fn a_lost_pass_is_named() {
 }
 
 #[test]
-fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
+fn impossible_continuous_settings_are_refused_before_motion() {
     let check = |own: LaserRTestSettings, why: &str, instead: &str| {
         let refused = own.check().unwrap_err();
         println!("{}\n  -> {}", refused.reason, refused.remedy);

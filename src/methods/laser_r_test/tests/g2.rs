@@ -7,7 +7,7 @@ use super::{ideal, settings};
 use crate::laser_r_test::geometry;
 use crate::laser_r_test::identify::{identify, identify_scans};
 use crate::laser_r_test::model::{CentreObservation, CentresLeastSquares, SphereModel, with_linear_axes};
-use crate::laser_r_test::paper;
+use crate::laser_r_test::paper_estimator;
 use crate::laser_r_test::parameters::select_parameters;
 use crate::laser_r_test::setup::LaserSetup;
 use estimation::schur::{BlockRows, factorise};
@@ -60,7 +60,7 @@ fn gate_g2_five_parameters_with_offset_and_sphere() {
     let (problem, x) = problem(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
     let names: Vec<String> = problem.model.parameters.iter().map(ToString::to_string).collect();
     assert_eq!(names, FIVE_PARAMETERS);
-    let survey = problem.survey(&x).unwrap();
+    let survey = problem.analyse_rank(&x).unwrap();
     assert_eq!((survey.rank, survey.nullity), (11, 0));
     assert!((survey.condition - 2.9).abs() < 0.06, "{}", survey.condition);
     let minimum = problem.solve(x).unwrap();
@@ -82,9 +82,9 @@ fn gate_g2_columns_are_those_of_the_exact_chain() {
     let mut differences = vec![vec![0.0; count]; 5];
     for (i, sight) in problem.centre_observations.iter().enumerate() {
         let (b, c) = (sight.axis_positions.get_or_zero(Axis::B), sight.axis_positions.get_or_zero(Axis::C));
-        let turn = paper::nominal_rotation(b, c);
+        let turn = paper_estimator::nominal_rotation(b, c);
         let own = problem.model.misclosure_derivatives(&sight.axis_positions, &x);
-        let of_paper = paper::location_error_derivatives(b, c, ball);
+        let of_paper = paper_estimator::location_error_derivatives(b, c, ball);
         for k in 0..3 {
             rows.set_common(3 * i + k, k, 1.0);
             (0..3).for_each(|j| rows.set_common(3 * i + k, 3 + j, turn[(k, j)]));
@@ -105,7 +105,7 @@ fn gate_g2_columns_are_those_of_the_exact_chain() {
 
 /// Axis positions in the independent simulation, by fixed-point iteration with its own matrix product.
 #[test]
-fn the_chain_sees_the_sphere_where_the_paper_s_product_puts_it() {
+fn chain_agrees_with_the_matrix_product_of_the_paper() {
     let world = SimulatedMachine { w: [3e-3, -2e-3, 1e-3, 0.1, 4e-3], ..table_5_machine(0.0, 1) };
     let (problem, mut x) = problem(&[], &[], world.ball, 1.0);
     x[..5].copy_from_slice(&world.w);
@@ -156,8 +156,8 @@ fn paper_table_5_comes_back_without_noise() {
         assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", FIVE_PARAMETERS[i]);
     }
     // Zero point and sphere are identified as well, as B and C of the simulation intersect in the origin.
-    assert!((result.problem.model.zero_point(&result.machine_fit.x) - world.zero).norm() < 1e-6);
-    assert!((result.problem.model.ball_centre(&result.machine_fit.x) - world.ball).norm() < 1e-6);
+    assert!((result.machine_equations.model.zero_point(&result.machine_fit.x) - world.zero).norm() < 1e-6);
+    assert!((result.machine_equations.model.ball_centre(&result.machine_fit.x) - world.ball).norm() < 1e-6);
 }
 
 #[test]
@@ -189,12 +189,12 @@ fn regress_noise_scatters_as_predicted() {
 /// The paper's own estimator. Without noise its error is only of second order, and it is reported beside the
 /// estimate.
 #[test]
-fn the_papers_own_estimator_comes_near() {
+fn paper_estimator_agrees_with_the_estimate() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5_machine(0.0, 1), 9).unwrap();
     let own = settings();
     let setup = LaserSetup::new(&plan, &own).unwrap();
     let result = identify_scans(&setup, &readings).unwrap();
-    let found = paper::identify_like_paper(&setup, &result.grouped, &result.centre_fit.x).unwrap();
+    let found = paper_estimator::identify_by_paper_method(&setup, &result.grouped, &result.centre_fit.x).unwrap();
     for i in 0..5 {
         let error = (found[i] - PAPER_TABLE_5[i]) * TABLE_FACTORS[i];
         assert!(error.abs() < 0.1, "{}: off by {error}", FIVE_PARAMETERS[i]);

@@ -12,7 +12,7 @@ const BALL_CENTRE_MM: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
 #[test]
 fn second_harmonics_of_b_have_full_rank() {
     let (problem, x) = problem(&[], &[2], BALL_CENTRE_MM, 1e-3);
-    let survey = problem.survey(&x).unwrap();
+    let survey = problem.analyse_rank(&x).unwrap();
     println!("condition {}", survey.condition);
     assert_eq!((survey.rank, survey.nullity), (23, 0));
     assert!((survey.condition - 5.5).abs() < 0.1, "{}", survey.condition);
@@ -25,7 +25,7 @@ fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let lost = |motions: &[&str]| {
         let names = [&FIVE_PARAMETERS[..], motions].concat();
         let (problem, x) = problem(&names, &[], BALL_CENTRE_MM, 1e-3);
-        problem.survey(&x).unwrap().nullity
+        problem.analyse_rank(&x).unwrap().nullity
     };
     let angles = ["EAB_cos1", "EAB_sin1", "ECB_cos1", "ECB_sin1"];
     assert_eq!(lost(&angles), 2);
@@ -34,11 +34,11 @@ fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
 
     let chain = KinematicChain::new(&ideal(1.0).machine).unwrap();
     let chosen = select_parameters(&chain, &[], &[1]).unwrap();
-    println!("{:#?}", chosen.gauge);
-    let held = chosen.gauge.len();
+    println!("{:#?}", chosen.gauge_lines);
+    let held = chosen.gauge_lines.len();
     assert_eq!(chosen.parameters.len() + held, 5 + 12);
     let (problem, x) = problem(&[], &[1], BALL_CENTRE_MM, 1e-3);
-    assert_eq!(problem.survey(&x).unwrap().nullity, 0);
-    assert!(chosen.gauge.iter().any(|line| line.contains("EA0C")), "{:?}", chosen.gauge);
-    assert!(chosen.gauge.iter().any(|line| line.contains("EX0C")), "{:?}", chosen.gauge);
+    assert_eq!(problem.analyse_rank(&x).unwrap().nullity, 0);
+    assert!(chosen.gauge_lines.iter().any(|line| line.contains("EA0C")), "{:?}", chosen.gauge_lines);
+    assert!(chosen.gauge_lines.iter().any(|line| line.contains("EX0C")), "{:?}", chosen.gauge_lines);
 }

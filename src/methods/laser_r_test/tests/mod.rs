@@ -1,6 +1,7 @@
 //! Independent test data: the readings come from `played.rs`, which multiplies rotations and translations as in
 //! paper 2 and intersects the sphere with a straight ray.
 
+mod combined_fit;
 mod continuous;
 mod g2;
 mod harmonics;
@@ -8,7 +9,6 @@ mod played;
 mod probe;
 mod refusals;
 mod stops;
-mod two_fits;
 mod whole;
 
 use serde::Deserialize;

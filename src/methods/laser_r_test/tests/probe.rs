@@ -39,7 +39,7 @@ fn paper_table_5_comes_back_by_touch() {
 
 /// The texts must not mention a sensor.
 #[test]
-fn what_a_touch_cannot_know_is_told_in_words_of_a_touch() {
+fn touch_estimate_lists_what_is_not_identifiable() {
     let estimate = estimate_from_touches(0.5, 1);
     let told = [estimate.not_identifiable, estimate.gauge, estimate.warnings].concat().join("; ");
     assert!(told.contains("mean pre-travel") && told.contains("stylus centre"), "{told}");

@@ -32,7 +32,7 @@ fn check(plan: &Plan, settings: LaserRTestSettings, why: &str, instead: &str) {
 }
 
 #[test]
-fn what_cannot_be_measured_is_refused_before_anything_moves() {
+fn unmeasurable_plans_are_refused_before_motion() {
     let plan = ideal(0.5);
     let mut blind = plan.clone();
     blind.sensors.clear();
@@ -136,7 +136,7 @@ fn one_height_is_not_enough() {
 }
 
 #[test]
-fn samples_on_one_great_circle_say_nothing_across() {
+fn samples_on_one_great_circle_do_not_determine_the_centre() {
     // Only the first line of every cross.
     let first_line = |count: usize| count < 13 * 20;
     let error = identify_changed(|_, count, reading| {

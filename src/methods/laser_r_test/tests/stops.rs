@@ -80,7 +80,7 @@ fn step_sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
 }
 
 #[test]
-fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
+fn interruption_source_covers_the_largest_accepted_shift() {
     let stopped = InterruptedRun::new();
     let own = settings();
     let setup = LaserSetup::new(&stopped.plan, &own).unwrap();
@@ -100,7 +100,7 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
 }
 
 #[test]
-fn a_stop_without_references_after_it_is_refused() {
+fn interruption_without_references_is_refused() {
     let stopped = InterruptedRun::new();
     let own = settings();
     let setup = LaserSetup::new(&stopped.plan, &own).unwrap();

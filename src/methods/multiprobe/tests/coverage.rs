@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 
 use super::super::model::{ProbeLayout, Surface};
 use super::super::outputs::ReportedMotions;
-use super::super::revolutions::revolution_values;
+use super::super::revolutions::error_motion_values;
 use super::super::settings::{MultiprobeSettings, TurnSampling};
 use super::super::sources::SourceSizes;
 use super::super::{SeparatedMotions, identify_motions};
@@ -41,7 +41,7 @@ const DRIFT_MM: f64 = 0.02e-3;
 
 /// Source sizes of the settings, with the drift in mm per revolution.
 fn source_sizes(settings: &MultiprobeSettings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
-    SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity: Vec::new() }
+    SourceSizes { settings, sensor_covariance: None, drift_mm_per_revolution, linearity_effects: Vec::new() }
 }
 
 fn identify_measured(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> SeparatedMotions {
@@ -99,7 +99,7 @@ impl CoverageCount {
 #[test]
 fn regress_coverage_of_noise_and_asynchronous_motion() {
     let layout = layout(3, -1.0);
-    let rows = layout.all_rows();
+    let rows = layout.all_row_keys();
     for (asynchronous_mm, prefix) in [(0.0, "E"), (0.5e-3, "EXC"), (0.5e-3, "EB")] {
         let mut covered = CoverageCount::default();
         for seed in 0..300 {
@@ -188,7 +188,7 @@ impl DrawnLayout {
 
     /// The drift starts again in each revolution.
     fn measured(&self, world: &SimulatedMotions, seed: u64) -> Vec<RowRevolutions> {
-        let rows = self.layout.all_rows();
+        let rows = self.layout.all_row_keys();
         let mut measured =
             world.revolutions(&self.layout, &rows, ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, seed);
         for row in &mut measured {
@@ -208,11 +208,15 @@ impl DrawnLayout {
 }
 
 #[test]
-fn regress_what_turns_with_the_table_is_eccentricity() {
+fn regress_co_rotating_motion_is_eccentricity() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
-    let measured =
-        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 }, 1);
+    let measured = world.revolutions(
+        &layout,
+        &layout.all_row_keys(),
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 2 },
+        1,
+    );
     let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     assert!(
         ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
@@ -249,8 +253,12 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(2, MAX_ORDER, 2, 0.1e-3);
-    let measured =
-        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, 1);
+    let measured = world.revolutions(
+        &layout,
+        &layout.all_row_keys(),
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+        1,
+    );
     let data = HarmonicData::from_revolutions(&measured, MAX_ORDER).unwrap();
     let plan = TrialPlan { seed: 1, trials: TrialCount::Fixed(20_000) };
     let separated = identify_motions(&layout, &data, &source_sizes(&exact_settings(), 0.0), Some(plan)).unwrap();
@@ -276,8 +284,12 @@ fn regress_asynchronous_and_total_values() {
     for term in [&mut world.x[0], &mut world.y[0]] {
         (term.a, term.b) = (0.0, 0.0);
     }
-    let mut measured =
-        world.revolutions(&layout, &layout.all_rows(), ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 }, 1);
+    let mut measured = world.revolutions(
+        &layout,
+        &layout.all_row_keys(),
+        ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 4 },
+        1,
+    );
     for row in &mut measured {
         let channel = &layout.channels[row.key.channel];
         let Surface::Section(_) = channel.surface else { continue };
@@ -289,7 +301,7 @@ fn regress_asynchronous_and_total_values() {
     }
     let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     let motions = ReportedMotions::new(&layout, &separated.fit);
-    let values = revolution_values(&layout, &motions, &measured);
+    let values = error_motion_values(&layout, &motions, &measured);
     let value = |symbol: &str| values.iter().find(|p| p.symbol == symbol).unwrap();
     assert!((value("EXC_asynchronous").value - 1.0).abs() < 1e-9);
     assert!(value("EYC_asynchronous").value < 1e-9 && value("EBC_asynchronous").value < 1e-6);
@@ -308,7 +320,7 @@ fn regress_multiprobe_alone_reports_four_motions() {
     let layout = layout(1, -1.0);
     let world = SimulatedMotions::random(2, MAX_ORDER, 2, 1e-7);
     let size = ScanSize { samples: SAMPLES_PER_REVOLUTION, revolutions: 3 };
-    let measured = world.revolutions(&layout, &layout.all_rows(), size, 1);
+    let measured = world.revolutions(&layout, &layout.all_row_keys(), size, 1);
     let separated = identify_measured(&layout, &measured, &source_sizes(&exact_settings(), 0.0));
     let outputs = &separated.identification.outputs;
     assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));

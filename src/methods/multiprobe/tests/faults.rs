@@ -11,7 +11,7 @@ use super::nullities::layout;
 const NOISE_MM: f64 = 0.05e-3;
 
 fn data(world: &SimulatedMotions, actual: &ProbeLayout, seed: u64) -> HarmonicData {
-    let measured = world.revolutions(actual, &actual.all_rows(), ScanSize { samples: 72, revolutions: 3 }, seed);
+    let measured = world.revolutions(actual, &actual.all_row_keys(), ScanSize { samples: 72, revolutions: 3 }, seed);
     HarmonicData::from_revolutions(&measured, 8).unwrap()
 }
 
@@ -76,7 +76,7 @@ fn regress_right_indexes_and_a_round_artefact() {
 fn regress_a_clock_that_is_one_percent_fast() {
     let layout = layout(3, -1.0);
     let world = SimulatedMotions::random(4, 8, 2, NOISE_MM);
-    let rows = layout.all_rows();
+    let rows = layout.all_row_keys();
     let mut measured = world.revolutions(&layout, &rows, ScanSize { samples: 72, revolutions: 4 }, 3);
     assert!(find_clock_errors(&layout, &measured).is_empty());
     for row in measured.iter_mut().filter(|row| row.key.channel == 4) {

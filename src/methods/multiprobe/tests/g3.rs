@@ -27,7 +27,7 @@ fn gate_g3_determinant_and_noise_gain() {
     assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
     // The least squares do not determine the harmonics with a zero determinant.
     for angles in [SENSOR_ANGLES_DEG, [0.0, 90.0, 240.0]] {
-        let layout = ProbeLayout::radial(&angles, 1);
+        let layout = ProbeLayout::with_radial_sensors(&angles, 1);
         let gains = noise_gains(&layout, Separation::Multiprobe, 2..=40).unwrap();
         let lost = gains.iter().filter(|(_, gain)| gain.is_infinite());
         let mut zeros = suppressed_orders(angles, 40);
@@ -35,7 +35,7 @@ fn gate_g3_determinant_and_noise_gain() {
         assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), zeros);
     }
     for (beta, expected) in [(220.0, 1.48), (230.0, 1.53), (250.0, 1.75), (260.0, 2.52)] {
-        let layout = ProbeLayout::radial(&[0.0, 90.0, beta], 1);
+        let layout = ProbeLayout::with_radial_sensors(&[0.0, 90.0, beta], 1);
         let gain = rms_noise_gain(&layout, Separation::Multiprobe).unwrap();
         assert!((gain - expected).abs() < 0.0051, "{beta}: {gain}");
     }
@@ -49,7 +49,7 @@ fn paper_rows() -> Vec<RowKey> {
 }
 
 fn paper_layout() -> ProbeLayout {
-    let mut layout = ProbeLayout::radial(&SENSOR_ANGLES_DEG, 10);
+    let mut layout = ProbeLayout::with_radial_sensors(&SENSOR_ANGLES_DEG, 10);
     layout.index_angles_rad.insert(0, 0.0);
     layout
 }

@@ -53,7 +53,7 @@ fn regress_readings_in_space() {
             let own = (0..samples).map(|i| -reading(&world, &layout, *row, angle(i))).collect();
             RowRevolutions { key: *row, revolutions: vec![own; 2] }
         };
-        let measured: Vec<RowRevolutions> = layout.all_rows().iter().map(row).collect();
+        let measured: Vec<RowRevolutions> = layout.all_row_keys().iter().map(row).collect();
         let data = HarmonicData::from_revolutions(&measured, 6).unwrap();
         let fit = SeparationFit::new(&layout, &data).unwrap();
         let mut worst: f64 = 0.0;

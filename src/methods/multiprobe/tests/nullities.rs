@@ -29,7 +29,7 @@ fn nullity(layout: &ProbeLayout, rows: &[RowKey], order: usize) -> usize {
 fn gate_g3_nullities_of_a_block() {
     for turn in [1.0, -1.0] {
         let layout = layout(10, turn);
-        let all = layout.all_rows();
+        let all = layout.all_row_keys();
         let multiprobe: Vec<RowKey> = all.iter().copied().filter(|row| row.index == 0).collect();
         let is_of_pair = |row: &RowKey| ![2, 5].contains(&row.channel);
         let multistep: Vec<RowKey> = all.iter().copied().filter(is_of_pair).collect();

@@ -1,6 +1,6 @@
 //! Refusals, and the alternatives that they name.
 
-use super::super::checks::{check_orders, check_sensor_angles, check_surfaces, describe_weak_points};
+use super::super::checks::{check_harmonic_orders, check_sensor_angles, check_surfaces, describe_weak_points};
 use super::super::layout::{RANKED_HARMONICS, Separation, noise_gains, rms_noise_gain, third_sensor_angles};
 use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
@@ -13,7 +13,7 @@ fn regress_coinciding_and_opposed_sensors() {
         ([0.0, 90.0, 91.0], "move 91°: 50° has"),
         ([0.0, 180.0, 90.0], "move 180°: "),
     ] {
-        let layout = ProbeLayout::radial(&angles, 10);
+        let layout = ProbeLayout::with_radial_sensors(&angles, 10);
         let refused = check_sensor_angles(&layout, &[]).unwrap_err();
         println!("{} | {}", refused.reason, refused.remedy);
         assert!(refused.remedy.starts_with(instead), "{}", refused.remedy);
@@ -26,20 +26,20 @@ fn regress_coinciding_and_opposed_sensors() {
 fn regress_a_step_that_suppresses_a_harmonic() {
     let ten = layout(10, -1.0);
     let radial = [Component::X, Component::Y, Component::A, Component::B];
-    assert!(check_orders(&ten, &radial, 1..=20).is_ok());
-    let refused = check_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
+    assert!(check_harmonic_orders(&ten, &radial, 1..=20).is_ok());
+    let refused = check_harmonic_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
     println!("{} | {}", refused.reason, refused.remedy);
     assert!(refused.reason.contains("do not determine 2 harmonics") && refused.reason.contains("EZC harmonic 10"));
     assert!(refused.remedy.starts_with("index the artefact in 21 steps"));
     let better = layout(21, -1.0);
-    assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
+    assert!(check_harmonic_orders(&better, &[Component::Z], 1..=20).is_ok());
     // Two sensors and ten steps do not determine the orders 10 and 20 of X. Multiprobe alone determines all but the
     // co-rotating first harmonic.
-    let pair = ProbeLayout::radial(&[0.0, 90.0], 10);
-    let refused = check_orders(&pair, &[Component::X], 2..=20).unwrap_err();
+    let pair = ProbeLayout::with_radial_sensors(&[0.0, 90.0], 10);
+    let refused = check_harmonic_orders(&pair, &[Component::X], 2..=20).unwrap_err();
     assert!(refused.reason.contains("2 sensors with 10 indexes do not determine 2 harmonics"));
-    let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 1);
-    assert!(check_orders(&probes, &[Component::X, Component::Y], 1..=20).is_ok());
+    let probes = ProbeLayout::with_radial_sensors(&[0.0, 90.0, 230.0], 1);
+    assert!(check_harmonic_orders(&probes, &[Component::X, Component::Y], 1..=20).is_ok());
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn regress_best_third_angle_outside_exclusions() {
     let limited = third_sensor_angles([0.0, 90.0], &exclusions);
     let angles: Vec<f64> = limited.iter().map(|(deg, _)| *deg).collect();
     assert_eq!(angles, [220.0, 230.0, 250.0, 260.0]);
-    let combined = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
+    let combined = ProbeLayout::with_radial_sensors(&[0.0, 90.0, 230.0], 10);
     let gain = rms_noise_gain(&combined, Separation::Combined).unwrap();
     let multistep = noise_gains(&combined, Separation::Multistep, RANKED_HARMONICS).unwrap();
     let lost = multistep.iter().filter(|(_, gain)| gain.is_infinite());
@@ -63,8 +63,8 @@ fn regress_best_third_angle_outside_exclusions() {
 
 /// The expected values are those of METHODS section 3.
 #[test]
-fn the_prompt_tells_the_noise_gain_and_a_better_place() {
-    let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
+fn prompt_contains_noise_gain_and_better_angle() {
+    let probes = ProbeLayout::with_radial_sensors(&[0.0, 90.0, 230.0], 10);
     let text = |to_deg: f64| describe_weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
     let better = text(200.0);
     assert!(better.contains("in one mounting: 1.53; 1.48 with 230° at 220°"), "{better}");
@@ -87,7 +87,7 @@ fn regress_too_few_revolutions_and_samples() {
 }
 
 #[test]
-fn regress_surfaces_that_the_equation_does_not_hold() {
+fn regress_surfaces_outside_the_model() {
     let whole = layout(3, -1.0);
     assert!(check_surfaces(&whole).is_ok());
     let why = |layout: &ProbeLayout| check_surfaces(layout).unwrap_err().reason;

@@ -7,7 +7,7 @@ use machine::Position;
 
 /// Mean of the samples at one dwell point, or in one cell of a continuous scan.
 #[derive(Debug, Clone, Copy)]
-pub struct SpotMean {
+pub struct SampleMean {
     /// Axis positions X, Y, Z, mm.
     pub xyz: Vector3<f64>,
     /// Displacement of the spindle relative to the table, machine frame.
@@ -23,12 +23,12 @@ pub struct SpotMean {
 
 /// Dwell points of one step, with the rotary axes at rest.
 #[derive(Debug, Clone)]
-pub struct ScanData {
+pub struct MeasuredScan {
     pub purpose: ScanPurpose,
     pub label: String,
     /// Positions of all rotary axes.
     pub rotary: Position,
     /// Rotation from the spindle frame to the machine frame.
     pub machine_from_spindle: Rotation3<f64>,
-    pub spots: Vec<SpotMean>,
+    pub sample_means: Vec<SampleMean>,
 }

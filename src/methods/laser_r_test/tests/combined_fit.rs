@@ -5,9 +5,9 @@ use faer::Mat;
 use super::played::{run, table_5_machine};
 use super::{ideal, settings};
 use crate::identification::{LeastSquares, ObservationModel};
+use crate::laser_r_test::combined_fit::{CentresThenMachine, observation_sensitivities};
 use crate::laser_r_test::identify::identify_scans;
 use crate::laser_r_test::setup::LaserSetup;
-use crate::laser_r_test::two_fits::{CentresThenMachine, observation_sensitivities};
 
 /// A change of at most 0.1 µm with alternating size and sign over the dwell points: the first-order response equals
 /// the change of the solution, including its sign.
@@ -21,7 +21,7 @@ fn regress_the_response_has_the_sign_of_the_near_solution() {
     let model = CentresThenMachine {
         centre_gain: &observation_sensitivities(&centres),
         centres,
-        machine: LeastSquares { equation: &result.problem, minimum: &result.machine_fit },
+        machine: LeastSquares { equation: &result.machine_equations, minimum: &result.machine_fit },
         groups: &result.grouped.groups,
         latency_unknown_count: 2,
     };
