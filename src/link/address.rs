@@ -9,6 +9,7 @@ use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout};
 use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
+use super::mode::BoxedStream;
 use super::{ByteStreamHandle, Link, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.
@@ -45,20 +46,20 @@ impl fmt::Display for Address {
 /// Opens `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread that will own
 /// the stream. Waits some seconds for another holder to close the port.
 pub async fn open_line_link(address: &Address) -> Result<Link, LinkError> {
-    let name = address.to_string();
-    match address.clone() {
-        Address::Serial { path, baud } => Link::open(name, open_serial(path, baud, Parity::None)).await,
-        Address::Tcp { host, port } => Link::open(name.clone(), connect_tcp(name, host, port)).await,
-    }
+    Link::open(address.to_string(), open_stream(address.clone(), Parity::None)).await
 }
 
 /// Like [`open_line_link`], for a device that sends data without a request.
 pub async fn open_byte_stream(address: &Address) -> Result<ByteStreamHandle, LinkError> {
-    let name = address.to_string();
-    match address.clone() {
-        Address::Serial { path, baud } => ByteStreamHandle::open(name, open_serial(path, baud, Parity::None)).await,
-        Address::Tcp { host, port } => ByteStreamHandle::open(name.clone(), connect_tcp(name, host, port)).await,
-    }
+    ByteStreamHandle::open(address.to_string(), open_stream(address.clone(), Parity::None)).await
+}
+
+/// Opens the stream at `address`, on the caller's runtime.
+pub(super) async fn open_stream(address: Address, parity: Parity) -> Result<BoxedStream, LinkError> {
+    Ok(match address {
+        Address::Serial { path, baud } => Box::pin(open_serial(path, baud, parity).await?),
+        Address::Tcp { host, port } => Box::pin(connect_tcp(host, port).await?),
+    })
 }
 
 /// Folder where udev lists serial ports by persistent names, which do not depend on the port number.
@@ -77,19 +78,15 @@ pub fn find_port_by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError>
     if names.iter().any(|name| name == id) {
         return Ok(directory.join(id));
     }
-    let (mut matching, others): (Vec<_>, Vec<_>) =
-        names.into_iter().partition(|name| !id.is_empty() && name.contains(id));
-    match (matching.pop(), matching.is_empty()) {
-        (Some(name), true) => Ok(directory.join(name)),
-        (Some(last), false) => {
-            matching.push(last);
-            Err(LinkError::NoUniquePort { id: id.to_owned(), available: matching })
-        }
-        (None, _) => Err(LinkError::NoUniquePort { id: id.to_owned(), available: others }),
+    let (matching, others): (Vec<_>, Vec<_>) = names.into_iter().partition(|name| !id.is_empty() && name.contains(id));
+    match matching.as_slice() {
+        [name] => Ok(directory.join(name)),
+        [] => Err(LinkError::NoUniquePort { id: id.to_owned(), available: others }),
+        _ => Err(LinkError::NoUniquePort { id: id.to_owned(), available: matching }),
     }
 }
 
-pub(super) async fn open_serial(path: String, baud: u32, parity: Parity) -> Result<SerialStream, LinkError> {
+async fn open_serial(path: String, baud: u32, parity: Parity) -> Result<SerialStream, LinkError> {
     let port = tokio_serial::new(&path, baud).parity(parity);
     let deadline = Instant::now() + MAX_BUSY_PORT_WAIT;
     loop {
@@ -100,13 +97,13 @@ pub(super) async fn open_serial(path: String, baud: u32, parity: Parity) -> Resu
     }
 }
 
-pub(super) async fn connect_tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
+async fn connect_tcp(host: String, port: u16) -> Result<TcpStream, LinkError> {
     // Dropping a connection attempt is harmless: nothing was sent yet.
     timeout(CONNECT_TIMEOUT, TcpStream::connect((host.as_str(), port)))
         .await
         .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
         .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-        .map_err(|source| map_tcp_error(name, source))
+        .map_err(|source| map_tcp_error(format!("{host}:{port}"), source))
 }
 
 fn map_serial_error(path: &str, error: tokio_serial::Error) -> LinkError {

@@ -15,21 +15,21 @@ const DATA_BITS: u64 = 8;
 /// Byte that the operating system returns for a framing error (termios: neither IGNPAR nor PARMRK).
 const FRAMING_ERROR_BYTE: u8 = 0;
 
-/// Returns the bytes that a receiver at `decode_at_baud` baud decodes from `bytes`, sent without pauses at
+/// Returns the bytes that a receiver at `receiver_baud` baud decodes from `bytes`, sent without pauses at
 /// `sender_baud` baud. The receiver waits for a falling edge and samples the middle of each of its own bits.
-pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, decode_at_baud: u32) -> Vec<u8> {
-    if sender_baud == decode_at_baud || sender_baud == 0 || decode_at_baud == 0 {
+pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, receiver_baud: u32) -> Vec<u8> {
+    if sender_baud == receiver_baud || sender_baud == 0 || receiver_baud == 0 {
         return bytes.to_vec();
     }
     // Time unit: half a bit of either side is an integer.
-    let (bit, half) = (2 * u64::from(decode_at_baud), u64::from(sender_baud));
-    let line_level = |time: u64| line_level(bytes, time / bit);
+    let (bit, half) = (2 * u64::from(receiver_baud), u64::from(sender_baud));
+    let level_at = |time: u64| line_level(bytes, time / bit);
     let end = BITS_PER_CHARACTER * bytes.len() as u64;
     let mut received = Vec::new();
     let mut bit_index = 0;
-    while let Some(start_bit_index) = (bit_index..end).find(|bit_index| !self::line_level(bytes, *bit_index)) {
+    while let Some(start_bit_index) = (bit_index..end).find(|bit_index| !line_level(bytes, *bit_index)) {
         let start = start_bit_index * bit;
-        let sample = |k: u64| line_level(start + (2 * k + 1) * half);
+        let sample = |k: u64| level_at(start + (2 * k + 1) * half);
         let byte = (0..DATA_BITS).fold(0, |byte, k| byte | u8::from(sample(k + 1)) << k);
         let has_stop_bit = sample(DATA_BITS + 1);
         let stop_bit_end = start + (2 * (DATA_BITS + 1) + 1) * half;
@@ -41,7 +41,7 @@ pub fn decode_at_baud(bytes: &[u8], sender_baud: u32, decode_at_baud: u32) -> Ve
         received.push(if has_stop_bit { byte } else { FRAMING_ERROR_BYTE });
         let rest = stop_bit_end / bit;
         // The next character begins with a falling edge, so the line must be high before.
-        bit_index = (rest..end).find(|bit_index| self::line_level(bytes, *bit_index)).unwrap_or(end);
+        bit_index = (rest..end).find(|bit_index| line_level(bytes, *bit_index)).unwrap_or(end);
     }
     received
 }
@@ -130,9 +130,9 @@ mod tests {
             let count = pty.device.read(&mut buffer).await.unwrap();
             assert_eq!(&buffer[..count] == b"?\n", clear, "{baud}");
             pty.device.write_all(b"<Idle|MPos:0.000>\n").await.unwrap();
-            let said = link.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap();
-            let whole = said == Some(LineEvent::Line("<Idle|MPos:0.000>".to_owned()));
-            assert_eq!(whole, clear, "{baud}: {said:?}");
+            let received = link.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap();
+            let whole = received == Some(LineEvent::Line("<Idle|MPos:0.000>".to_owned()));
+            assert_eq!(whole, clear, "{baud}: {received:?}");
         }
     }
 }

@@ -11,9 +11,8 @@ use tokio::sync::{Mutex, broadcast, mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
-use super::capture::LinkProtocol;
-use super::mode::LinkMode;
-use super::owner::{ChannelEnds, Sink, StreamOwner, start_owner_thread};
+use super::mode::BoxedStream;
+use super::owner::{ByteSink, OwnerChannels, StreamOwner, start_owner_thread};
 
 /// Maximum number of reads in the queue: more than eight seconds of a device that sends 1000 times per second.
 const MAX_QUEUED_READS: usize = 8192;
@@ -38,11 +37,11 @@ pub struct ByteStreamHandle {
 }
 
 /// State that all handles of one stream share.
-struct SharedStream {
+pub(super) struct SharedStream {
     name: String,
     reads: broadcast::WeakSender<ReadResult>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
-    empty_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
+    drain_requests: mpsc::UnboundedSender<oneshot::Sender<()>>,
     request_turn: Arc<Mutex<RequestTurn>>,
 }
 
@@ -50,57 +49,48 @@ struct SharedStream {
 #[derive(Default)]
 pub struct RequestTurn {
     /// Whether a reply that is late may still arrive.
-    pub reply_owed: bool,
-}
-
-/// Weak reference to an open stream; does not keep the stream open.
-pub(super) struct WeakByteStream(Weak<SharedStream>);
-
-impl WeakByteStream {
-    /// Returns one more handle, which receives the bytes from now on; `None` if the stream is closed or lost.
-    pub(super) fn upgrade(&self) -> Option<ByteStreamHandle> {
-        let stream = self.0.upgrade()?;
-        let incoming = stream.reads.upgrade()?.subscribe();
-        Some(ByteStreamHandle { stream, incoming, loss_reason: None })
-    }
+    pub is_reply_pending: bool,
 }
 
 impl ByteStreamHandle {
     /// Wraps a stream inside this process; a task of the caller's runtime owns the stream.
     pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
-        let (flow, ends) = Self::create_channels(name.into());
-        tokio::spawn(StreamOwner::new(stream, ends).run());
-        flow
+        let (handle, channels) = Self::create_channels(name.into());
+        tokio::spawn(StreamOwner::new(stream, channels).run());
+        handle
     }
 
     /// Starts the owning thread, which opens the stream.
-    pub(super) async fn open<S: AsyncRead + AsyncWrite + Send + 'static>(
+    pub(super) async fn open(
         name: String,
-        open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+        open: impl Future<Output = Result<BoxedStream, LinkError>> + Send + 'static,
     ) -> Result<Self, LinkError> {
-        let (flow, ends) = Self::create_channels(name);
-        let (opened, result) = oneshot::channel();
-        let open_error = |source| LinkError::OpenFailed { address: flow.stream.name.clone(), source };
-        let backend = LinkMode::current().for_link(&flow.stream.name, LinkProtocol::Lines);
-        start_owner_thread(ends, async move { backend.open(open).await }, opened).map_err(open_error)?;
-        result.await.map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
-        Ok(flow)
+        let (handle, channels) = Self::create_channels(name);
+        start_owner_thread(&handle.stream.name, channels, open).await?;
+        Ok(handle)
     }
 
-    fn create_channels(name: String) -> (Self, ChannelEnds<ReadSink>) {
+    fn create_channels(name: String) -> (Self, OwnerChannels<ReadSink>) {
         let (reads, incoming) = broadcast::channel(MAX_QUEUED_READS);
         let (outgoing, queued) = mpsc::unbounded_channel();
         // No urgent queue is needed: no motion depends on a sensor's stream.
         let (_, urgent_queue) = mpsc::unbounded_channel();
-        let (empty_requests, empty_queue) = mpsc::unbounded_channel();
+        let (drain_requests, drain_queue) = mpsc::unbounded_channel();
         let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
-        let stream = Arc::new(SharedStream { name, reads: reads_weak, outgoing, empty_requests, request_turn });
-        let flow = Self { stream, incoming, loss_reason: None };
-        (flow, ChannelEnds { sink: ReadSink(reads), queued, urgent_queue, empty_requests: empty_queue })
+        let stream = Arc::new(SharedStream { name, reads: reads_weak, outgoing, drain_requests, request_turn });
+        let handle = Self { stream, incoming, loss_reason: None };
+        (handle, OwnerChannels { sink: ReadSink(reads), outgoing: queued, urgent_queue, drain_requests: drain_queue })
     }
 
-    pub(super) fn downgrade(&self) -> WeakByteStream {
-        WeakByteStream(Arc::downgrade(&self.stream))
+    /// Returns one more handle, which receives the bytes from now on; `None` if the stream is lost.
+    pub(super) fn on_open_stream(stream: Arc<SharedStream>) -> Option<Self> {
+        let incoming = stream.reads.upgrade()?.subscribe();
+        Some(Self { stream, incoming, loss_reason: None })
+    }
+
+    /// Returns a reference that does not keep the stream open.
+    pub(super) fn weak_stream(&self) -> Weak<SharedStream> {
+        Arc::downgrade(&self.stream)
     }
 
     pub fn request_turn(&self) -> Arc<Mutex<RequestTurn>> {
@@ -121,10 +111,10 @@ impl ByteStreamHandle {
     /// # Errors
     /// The link is lost.
     pub async fn discard_received(&mut self) -> Result<(), LinkError> {
-        let (notify, emptied) = oneshot::channel();
-        if self.stream.empty_requests.send(notify).is_ok() {
+        let (notify, drained) = oneshot::channel();
+        if self.stream.drain_requests.send(notify).is_ok() {
             // If the owner ends meanwhile, the check below detects it.
-            let _ = emptied.await;
+            let _ = drained.await;
         }
         // The reason for the loss is the last entry of the queue: read it before the queue is dropped.
         if self.incoming.is_closed() {
@@ -163,7 +153,7 @@ impl ByteStreamHandle {
 
 struct ReadSink(broadcast::Sender<ReadResult>);
 
-impl Sink for ReadSink {
+impl ByteSink for ReadSink {
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
         // No receiver is left: `wait_for_no_readers` reports it.
         let _ = self.0.send(Ok((Instant::now(), bytes.into())));

@@ -26,26 +26,29 @@ use std::time::Instant;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+use super::modbus::Framing;
+use super::mode::BoxedStream;
+
 pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 
 /// Protocol of a link: how a reader must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum LinkProtocol {
     Lines,
-    ModbusRtu,
-    ModbusTcp,
+    Modbus(Framing),
     Files,
     Samples,
 }
 
 impl LinkProtocol {
-    pub(super) const ALL: [Self; 5] = [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files, Self::Samples];
+    pub(super) const ALL: [Self; 5] =
+        [Self::Lines, Self::Modbus(Framing::Rtu), Self::Modbus(Framing::Tcp), Self::Files, Self::Samples];
 
-    pub(super) fn name(self) -> &'static str {
+    pub(super) fn keyword(self) -> &'static str {
         match self {
             Self::Lines => "lines",
-            Self::ModbusRtu => "modbus-rtu",
-            Self::ModbusTcp => "modbus-tcp",
+            Self::Modbus(Framing::Rtu) => "modbus-rtu",
+            Self::Modbus(Framing::Tcp) => "modbus-tcp",
             Self::Files => "files",
             Self::Samples => "samples",
         }
@@ -61,7 +64,7 @@ pub struct Capture {
 
 struct CaptureOutput {
     file: File,
-    links: u32,
+    link_count: u32,
     first_error: Option<io::Error>,
 }
 
@@ -77,7 +80,7 @@ impl Capture {
             let _ = std::fs::remove_file(path);
             return Err(error);
         }
-        let out = Arc::new(Mutex::new(CaptureOutput { file, links: 0, first_error: None }));
+        let out = Arc::new(Mutex::new(CaptureOutput { file, link_count: 0, first_error: None }));
         Ok(Self { start: Instant::now(), out })
     }
 
@@ -92,19 +95,19 @@ impl Capture {
 
     pub(super) fn recorder(&self, name: &str, protocol: LinkProtocol) -> LinkRecorder {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
-        out.links += 1;
-        let opening = format!("{} {name}", protocol.name());
-        LinkRecorder { capture: self.clone(), link: out.links, opening }
+        out.link_count += 1;
+        let opening_text = format!("{} {name}", protocol.keyword());
+        LinkRecorder { capture: self.clone(), link_number: out.link_count, opening_text }
     }
 
-    fn write(&self, link: u32, mark: char, text: impl fmt::Display) {
+    fn write_line(&self, link_number: u32, mark: char, text: impl fmt::Display) {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
         if out.first_error.is_some() {
             return;
         }
         // The lock is held, so that the lines are in the order of their times.
         let seconds = self.start.elapsed().as_secs_f64();
-        let line = format!("{seconds:.6} {link} {mark} {text}\n");
+        let line = format!("{seconds:.6} {link_number} {mark} {text}\n");
         // One write per line: after a crash, all lines are complete.
         out.first_error = out.file.write_all(line.as_bytes()).err();
     }
@@ -114,34 +117,34 @@ impl Capture {
 #[derive(Clone)]
 pub(super) struct LinkRecorder {
     capture: Capture,
-    link: u32,
-    opening: String,
+    link_number: u32,
+    opening_text: String,
 }
 
 impl LinkRecorder {
     /// Wraps `stream`, so that its bytes are recorded.
-    pub(super) fn record_stream<S: AsyncRead + AsyncWrite>(&self, stream: S) -> RecordedStream<S> {
+    pub(super) fn record_stream(&self, stream: BoxedStream) -> RecordedStream {
         self.record_opening();
-        RecordedStream { stream: Box::pin(stream), recorder: self.clone() }
+        RecordedStream { stream, recorder: self.clone() }
     }
 
     pub(super) fn record_opening(&self) {
-        self.capture.write(self.link, '=', &self.opening);
+        self.capture.write_line(self.link_number, '=', &self.opening_text);
     }
 
     pub(super) fn record(&self, mark: char, bytes: &[u8]) {
         if !bytes.is_empty() {
-            self.capture.write(self.link, mark, bytes.escape_ascii());
+            self.capture.write_line(self.link_number, mark, bytes.escape_ascii());
         }
     }
 }
 
-pub(super) struct RecordedStream<S> {
-    stream: Pin<Box<S>>,
+pub(super) struct RecordedStream {
+    stream: BoxedStream,
     recorder: LinkRecorder,
 }
 
-impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
+impl AsyncRead for RecordedStream {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -154,7 +157,7 @@ impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
     }
 }
 
-impl<S: AsyncWrite> AsyncWrite for RecordedStream<S> {
+impl AsyncWrite for RecordedStream {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let count = ready!(self.stream.as_mut().poll_write(context, bytes))?;
         self.recorder.record('>', bytes.get(..count).unwrap_or_default());

@@ -9,11 +9,15 @@ use serde::Deserialize;
 use super::mode::LinkMode;
 use super::{Address, LinkError, PORTS_BY_ID_DIR, find_port_by_id};
 
+/// Default of the key `timeout_s` of a link, s.
+const DEFAULT_TIMEOUT_S: f64 = 0.5;
+
 /// Converts the key `timeout_s` of a link.
 ///
 /// # Errors
 /// A time out of range; as a message.
-pub fn parse_timeout_s(seconds: f64) -> Result<Duration, String> {
+pub fn parse_timeout_s(timeout_s: Option<f64>) -> Result<Duration, String> {
+    let seconds = timeout_s.unwrap_or(DEFAULT_TIMEOUT_S);
     let in_range = (0.01..=30.0).contains(&seconds);
     let message = || format!("`timeout_s` is {seconds}; permitted: 0.01 to 30 s");
     in_range.then(|| Duration::from_secs_f64(seconds)).ok_or_else(message)
@@ -51,6 +55,14 @@ impl From<&HostPort> for Address {
     fn from(HostPort { host, port }: &HostPort) -> Self {
         Address::Tcp { host: host.clone(), port: *port }
     }
+}
+
+/// Keys of a link in the table of a device.
+pub struct LinkKeys {
+    pub serial: Option<PathBuf>,
+    pub serial_id: Option<String>,
+    pub tcp: Option<HostPort>,
+    pub baud: Option<u32>,
 }
 
 /// Link settings by the one key that the file contains.
@@ -109,14 +121,11 @@ impl LinkConfig {
     /// Builds the settings from the keys of a table; a serial port without `baud` gets `default_baud`.
     ///
     /// # Errors
-    /// None or several of the three keys, or a baud rate together with `tcp`; as a message.
-    pub fn from_keys(
-        keys: (Option<PathBuf>, Option<String>, Option<HostPort>),
-        baud: Option<u32>,
-        default_baud: u32,
-    ) -> Result<Self, String> {
+    /// None or several of the three addresses, or a baud rate together with `tcp`; as a message.
+    pub fn from_keys(keys: LinkKeys, default_baud: u32) -> Result<Self, String> {
+        let LinkKeys { serial, serial_id, tcp, baud } = keys;
         let rate = baud.unwrap_or(default_baud);
-        match keys {
+        match (serial, serial_id, tcp) {
             (Some(path), None, None) => Ok(Self::Serial { path, baud: rate }),
             (None, Some(id), None) => Ok(Self::SerialId { id, baud: rate }),
             (None, None, Some(_)) if baud.is_some() => {

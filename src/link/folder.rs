@@ -25,13 +25,9 @@ impl SharedFolder {
     /// The folder cannot be created.
     pub fn open(path: &Path) -> io::Result<Self> {
         let backend = LinkMode::current().for_link(&path.display().to_string(), LinkProtocol::Files);
-        match &backend {
-            LinkBackend::Replayed(_) => {}
-            LinkBackend::Direct => fs::create_dir_all(path)?,
-            LinkBackend::Recorded(recorder) => {
-                fs::create_dir_all(path)?;
-                recorder.record_opening();
-            }
+        if !backend.is_replayed() {
+            fs::create_dir_all(path)?;
+            backend.record_opening();
         }
         Ok(Self { path: path.to_owned(), backend, last_texts: Mutex::default() })
     }
@@ -47,11 +43,10 @@ impl SharedFolder {
     /// The file cannot be written, or the replayed capture holds another text here.
     pub fn write(&self, name: &str, text: &str) -> io::Result<()> {
         let entry = format!("{name}\n{text}");
-        match &self.backend {
-            LinkBackend::Replayed(replay) => return replay.exchange(entry.as_bytes()).map(drop),
-            LinkBackend::Recorded(recorder) => recorder.record('>', entry.as_bytes()),
-            LinkBackend::Direct => {}
+        if let LinkBackend::Replayed(replay) = &self.backend {
+            return replay.exchange(entry.as_bytes()).map(drop);
         }
+        self.backend.record('>', entry.as_bytes());
         let temporary = self.path_of(&format!("{name}.new"));
         fs::write(&temporary, text)?;
         fs::rename(&temporary, self.path_of(name))
@@ -62,7 +57,7 @@ impl SharedFolder {
     /// # Errors
     /// The file cannot be removed.
     pub fn remove(&self, name: &str) -> io::Result<()> {
-        if matches!(self.backend, LinkBackend::Replayed(_)) {
+        if self.backend.is_replayed() {
             return Ok(());
         }
         match fs::remove_file(self.path_of(name)) {

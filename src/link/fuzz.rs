@@ -5,19 +5,19 @@ use super::capture::LinkProtocol;
 use super::lines::{LineAssembler, LineEvent};
 use testing::fuzz::fuzz;
 
-const TALK: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
+const CAPTURED_LINES: &[u8] = b"GrblHAL 1.1f ['$' or '$HELP' for help]\r\n<Idle|MPos:0.000,1.000>\r\nok\n";
 
 #[test]
 fn the_line_assembler_bears_anything() {
     let words = ["ok", "\r\n", "\n", "µ", "<Idle|", "\u{7f}"];
-    fuzz("link-lines", &[TALK, &[b'a'; 9_000]], &words, |input| {
+    fuzz("link-lines", &[CAPTURED_LINES, &[b'a'; 9_000]], &words, |input| {
         let mut assembler = LineAssembler::default();
         let (size, rest) = input.split_first().map_or((1, input), |(size, rest)| (*size, rest));
         let pieces = rest.chunks(usize::from(size) + 1);
         let received: Vec<LineEvent> = pieces.flat_map(|piece| assembler.push(piece)).collect();
-        let mut said = 0;
+        let mut accounted_bytes = 0;
         for one in &received {
-            said += match one {
+            accounted_bytes += match one {
                 LineEvent::Line(line) => {
                     assert!(!line.contains('\n') && line.len() <= 4096, "{} bytes", line.len());
                     line.len() + 1
@@ -25,8 +25,8 @@ fn the_line_assembler_bears_anything() {
                 LineEvent::Noise { bytes } => *bytes,
             };
         }
-        assert!(said <= rest.len(), "{said} bytes out of {}", rest.len());
-        said + received.len() * size_of::<LineEvent>()
+        assert!(accounted_bytes <= rest.len(), "{accounted_bytes} bytes out of {}", rest.len());
+        accounted_bytes + received.len() * size_of::<LineEvent>()
     });
 }
 

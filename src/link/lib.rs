@@ -31,7 +31,7 @@ pub use baud::{create_pty_at_baud, decode_at_baud};
 pub use byte_stream::{ByteStreamHandle, RequestTurn, StreamRead};
 pub use capture::Capture;
 pub use clock::Clock;
-pub use config::{HostPort, LinkConfig, parse_timeout_s};
+pub use config::{HostPort, LinkConfig, LinkKeys, parse_timeout_s};
 pub use folder::SharedFolder;
 pub use lines::LineEvent;
 pub use mode::LinkMode;

@@ -16,8 +16,8 @@ pub enum LineEvent {
 /// Assembles lines across reads.
 #[derive(Debug, Default)]
 pub(super) struct LineAssembler {
-    partial: Vec<u8>,
-    is_skipping: bool,
+    partial_line: Vec<u8>,
+    is_skipping_line: bool,
 }
 
 impl LineAssembler {
@@ -27,44 +27,44 @@ impl LineAssembler {
         let mut received = Vec::new();
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             let complete = piece.ends_with(b"\n");
-            if !self.is_skipping {
-                self.partial.extend_from_slice(piece);
-                received.extend(self.check_partial(complete));
+            if !self.is_skipping_line {
+                self.partial_line.extend_from_slice(piece);
+                received.extend(self.take_line_or_noise(complete));
             }
             if complete {
-                self.is_skipping = false;
+                self.is_skipping_line = false;
             }
         }
         received
     }
 
-    fn check_partial(&mut self, complete: bool) -> Option<LineEvent> {
-        let text = match std::str::from_utf8(&self.partial) {
+    fn take_line_or_noise(&mut self, complete: bool) -> Option<LineEvent> {
+        let text = match std::str::from_utf8(&self.partial_line) {
             Ok(text) => Some(text),
             // A UTF-8 character may be split between two reads.
             Err(error) if error.error_len().is_none() && !complete => {
-                std::str::from_utf8(&self.partial[..error.valid_up_to()]).ok()
+                std::str::from_utf8(&self.partial_line[..error.valid_up_to()]).ok()
             }
             Err(_) => None,
         };
-        match text.filter(|text| text.len() <= MAX_LINE_BYTES && !text.contains(is_noise)) {
+        match text.filter(|text| text.len() <= MAX_LINE_BYTES && !text.contains(is_noise_character)) {
             Some(text) if complete => {
                 let line = text.trim_end_matches(['\r', '\n']).to_owned();
-                self.partial.clear();
+                self.partial_line.clear();
                 Some(LineEvent::Line(line))
             }
             Some(_) => None,
             None => {
-                let bytes = self.partial.len();
-                self.partial.clear();
-                self.is_skipping = true;
+                let bytes = self.partial_line.len();
+                self.partial_line.clear();
+                self.is_skipping_line = true;
                 Some(LineEvent::Noise { bytes })
             }
         }
     }
 }
 
-fn is_noise(character: char) -> bool {
+fn is_noise_character(character: char) -> bool {
     character.is_control() && !matches!(character, '\r' | '\n' | '\t')
 }
 
@@ -98,8 +98,8 @@ mod tests {
     #[test]
     fn an_endless_line_is_noise_not_memory() {
         let mut assembler = LineAssembler::default();
-        let told: Vec<LineEvent> = (0..100).flat_map(|_| assembler.push(&[b'a'; 1000])).collect();
-        assert_eq!(told, [LineEvent::Noise { bytes: 5000 }]);
+        let events: Vec<LineEvent> = (0..100).flat_map(|_| assembler.push(&[b'a'; 1000])).collect();
+        assert_eq!(events, [LineEvent::Noise { bytes: 5000 }]);
         assert_eq!(assembler.push(b"\nok\n"), [line("ok")]);
     }
 }

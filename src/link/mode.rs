@@ -60,13 +60,30 @@ pub(super) enum LinkBackend {
 }
 
 impl LinkBackend {
+    pub(super) fn is_replayed(&self) -> bool {
+        matches!(self, Self::Replayed(_))
+    }
+
+    /// Records that the link is opened.
+    pub(super) fn record_opening(&self) {
+        if let Self::Recorded(recorder) = self {
+            recorder.record_opening();
+        }
+    }
+
+    pub(super) fn record(&self, mark: char, bytes: &[u8]) {
+        if let Self::Recorded(recorder) = self {
+            recorder.record(mark, bytes);
+        }
+    }
+
     /// Opens the device, unless a capture replaces it.
-    pub(super) async fn open<S: ByteStream + 'static>(
+    pub(super) async fn open(
         &self,
-        open: impl Future<Output = Result<S, LinkError>>,
+        open: impl Future<Output = Result<BoxedStream, LinkError>>,
     ) -> Result<BoxedStream, LinkError> {
         Ok(match self {
-            Self::Direct => Box::pin(open.await?),
+            Self::Direct => open.await?,
             Self::Recorded(recorder) => Box::pin(recorder.record_stream(open.await?)),
             Self::Replayed(link_replay) => Box::pin(link_replay.stream()),
         })

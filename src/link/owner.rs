@@ -3,10 +3,10 @@
 //! interrupts an IO operation.
 
 use std::collections::VecDeque;
-use std::future::{Future, poll_fn};
+use std::future::Future;
 use std::io;
 use std::pin::pin;
-use std::task::Poll;
+use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadHalf, WriteHalf};
@@ -15,6 +15,8 @@ use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::LinkError;
+use super::capture::LinkProtocol;
+use super::mode::{BoxedStream, LinkMode};
 
 /// Maximum time for the last writes after the handle is dropped.
 const FINAL_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
@@ -22,10 +24,10 @@ const FINAL_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Maximum number of reads that empty the kernel's buffer, and the number of consecutive polls without data after
 /// which it counts as empty.
 const MAX_DRAIN_READS: usize = 64;
-const EMPTY_POLLS: usize = 2;
+const MIN_EMPTY_POLLS: usize = 2;
 
 /// Receiver of the incoming bytes.
-pub(super) trait Sink: Send + 'static {
+pub(super) trait ByteSink: Send + 'static {
     /// Takes bytes that have just arrived. An error ends the link.
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()>;
     /// Ends when no reader is left.
@@ -36,58 +38,86 @@ pub(super) trait Sink: Send + 'static {
 
 pub(super) struct UrgentMessage {
     pub(super) bytes: Vec<u8>,
-    pub(super) is_final: bool,
+    pub(super) drops_ordinary: bool,
 }
 
 /// Receiving ends of the handles' channels.
-pub(super) struct ChannelEnds<K> {
+pub(super) struct OwnerChannels<K> {
     pub(super) sink: K,
-    pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
+    pub(super) outgoing: mpsc::UnboundedReceiver<Vec<u8>>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<UrgentMessage>,
     /// Callers to be notified once all bytes that have already arrived are passed to the sink.
-    pub(super) empty_requests: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
+    pub(super) drain_requests: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
 }
 
-/// Starts a thread that opens a stream, reports the result, and owns the stream to its end.
-pub(super) fn start_owner_thread<S: AsyncRead + AsyncWrite + Send + 'static>(
-    ends: ChannelEnds<impl Sink>,
-    open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
-    opened: oneshot::Sender<Result<(), LinkError>>,
-) -> io::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let owner_task = async move {
-        let stream = match open.await {
-            Ok(stream) => stream,
-            Err(error) => return drop(opened.send(Err(error))),
+/// Starts the thread that owns the stream of the link `name` to its end. Returns a future that waits until `open`
+/// has opened the stream.
+pub(super) fn start_owner_thread(
+    name: &str,
+    channels: OwnerChannels<impl ByteSink>,
+    open: impl Future<Output = Result<BoxedStream, LinkError>> + Send + 'static,
+) -> impl Future<Output = Result<(), LinkError>> {
+    let backend = LinkMode::current().for_link(name, LinkProtocol::Lines);
+    let opening = async move { backend.open(open).await };
+    spawn_owner("link", name, opening, |stream| StreamOwner::new(stream, channels).run())
+}
+
+/// Starts a thread that runs `open` and, if it succeeds, `run` with its result. Returns a future that waits for the
+/// result of `open`; `address` is the address in error messages.
+pub(super) fn spawn_owner<T, E, R>(
+    thread_name: &str,
+    address: &str,
+    open: impl Future<Output = Result<T, E>> + Send + 'static,
+    run: impl FnOnce(T) -> R + Send + 'static,
+) -> impl Future<Output = Result<(), E>>
+where
+    T: Send,
+    E: From<LinkError> + Send + 'static,
+    R: Future<Output = ()> + Send,
+{
+    let (opened, result) = oneshot::channel();
+    let start = || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let owner_task = async move {
+            match open.await {
+                Ok(link) => {
+                    let _ = opened.send(Ok(()));
+                    run(link).await;
+                }
+                Err(error) => drop(opened.send(Err(error))),
+            }
         };
-        let _ = opened.send(Ok(()));
-        StreamOwner::new(stream, ends).run().await;
+        std::thread::Builder::new().name(thread_name.to_owned()).spawn(move || runtime.block_on(owner_task))
     };
-    std::thread::Builder::new().name("link".to_owned()).spawn(move || runtime.block_on(owner_task))?;
-    Ok(())
+    let (started, address) = (start(), address.to_owned());
+    async move {
+        let open_error = |source| LinkError::OpenFailed { address: address.clone(), source };
+        started.map_err(open_error)?;
+        result.await.map_err(|_| open_error(io::Error::other("the thread of the link has ended")))?
+    }
 }
 
 /// State of the owning task.
 pub(super) struct StreamOwner<S, K> {
     reader: ReadHalf<S>,
     writer: WriteHalf<S>,
-    ends: ChannelEnds<K>,
+    channels: OwnerChannels<K>,
     /// After a hold, only urgent bytes are sent.
     urgent_only: bool,
     /// Messages to be written; a part of the first message may already be written.
-    pending: VecDeque<Message>,
+    pending: VecDeque<PendingMessage>,
 }
 
-struct Message {
+struct PendingMessage {
     bytes: Vec<u8>,
     written: usize,
     is_urgent: bool,
 }
 
-impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
-    pub(super) fn new(stream: S, ends: ChannelEnds<K>) -> Self {
+impl<S: AsyncRead + AsyncWrite, K: ByteSink> StreamOwner<S, K> {
+    pub(super) fn new(stream: S, channels: OwnerChannels<K>) -> Self {
         let (reader, writer) = tokio::io::split(stream);
-        Self { reader, writer, ends, urgent_only: false, pending: VecDeque::new() }
+        Self { reader, writer, channels, urgent_only: false, pending: VecDeque::new() }
     }
 
     pub(super) async fn run(mut self) {
@@ -99,7 +129,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
             }
             Err(error) => error.to_string(),
         };
-        self.ends.sink.report_loss(why).await;
+        self.channels.sink.report_loss(why).await;
     }
 
     /// Reads and writes until the handle is dropped (`Ok`) or the link is lost.
@@ -109,34 +139,34 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
             // `read`, `write` and `recv` are cancel safe: a branch that is not taken has moved no byte.
             tokio::select! {
                 biased;
-                Some(message) = self.ends.urgent_queue.recv() => self.queue_urgent(message),
+                Some(message) = self.channels.urgent_queue.recv() => self.queue_urgent(message),
                 written = write_first_pending(&mut self.writer, &self.pending), if !self.pending.is_empty() => {
                     remove_written(&mut self.pending, written?);
                 }
-                message = self.ends.queued.recv(), if self.pending.is_empty() => match message {
+                message = self.channels.outgoing.recv(), if self.pending.is_empty() => match message {
                     Some(_) if self.urgent_only => {}
-                    Some(bytes) => self.pending.push_back(Message { bytes, written: 0, is_urgent: false }),
+                    Some(bytes) => self.pending.push_back(PendingMessage { bytes, written: 0, is_urgent: false }),
                     None => return Ok(()),
                 },
                 // If the peer has stopped reading, the queue never becomes empty.
-                () = self.ends.sink.wait_for_no_readers() => return Ok(()),
-                Some(notify) = self.ends.empty_requests.recv() => {
+                () = self.channels.sink.wait_for_no_readers() => return Ok(()),
+                Some(notify) = self.channels.drain_requests.recv() => {
                     self.drain_arrived_bytes(&mut buffer).await?;
                     let _ = notify.send(());
                 }
                 read = self.reader.read(&mut buffer) => {
                     let count = read?;
-                    self.pass_to_sink(&buffer, count)?;
+                    self.pass_bytes_to_sink(&buffer, count)?;
                 }
             }
         }
     }
 
-    fn pass_to_sink(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
+    fn pass_bytes_to_sink(&mut self, buffer: &[u8], count: usize) -> io::Result<()> {
         if count == 0 {
             return Err(io::Error::other("the device closed the connection"));
         }
-        self.ends.sink.accept_bytes(buffer.get(..count).unwrap_or_default())
+        self.channels.sink.accept_bytes(buffer.get(..count).unwrap_or_default())
     }
 
     /// Reads all bytes in the kernel's buffer. Of a device that never pauses, it reads at most what fits into that
@@ -144,16 +174,15 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
     async fn drain_arrived_bytes(&mut self, buffer: &mut [u8]) -> io::Result<()> {
         let mut empty_poll_count = 0;
         for _ in 0..MAX_DRAIN_READS {
-            let mut read = pin!(self.reader.read(buffer));
             // Cancel safe: a read that is not ready has moved no byte.
-            match poll_fn(|context| Poll::Ready(read.as_mut().poll(context))).await {
+            match poll_once(self.reader.read(buffer)) {
                 Poll::Ready(count) => {
                     let count = count?;
-                    self.pass_to_sink(buffer, count)?;
+                    self.pass_bytes_to_sink(buffer, count)?;
                     empty_poll_count = 0;
                 }
                 // The runtime polls the kernel before the next read.
-                Poll::Pending if empty_poll_count < EMPTY_POLLS => {
+                Poll::Pending if empty_poll_count < MIN_EMPTY_POLLS => {
                     empty_poll_count += 1;
                     yield_now().await;
                 }
@@ -165,24 +194,24 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
 
     /// Inserts a message after a partly written message and earlier urgent messages, but before all others.
     fn queue_urgent(&mut self, message: UrgentMessage) {
-        let has_precedence = |message: &&Message| message.is_urgent || message.written > 0;
+        let has_precedence = |message: &&PendingMessage| message.is_urgent || message.written > 0;
         let index = self.pending.iter().take_while(has_precedence).count();
-        if message.is_final {
+        if message.drops_ordinary {
             self.urgent_only = true;
             self.pending.truncate(index);
         }
-        self.pending.insert(index, Message { bytes: message.bytes, written: 0, is_urgent: true });
+        self.pending.insert(index, PendingMessage { bytes: message.bytes, written: 0, is_urgent: true });
     }
 
     /// Sends what is queued when the handle is dropped, including a hold.
     async fn flush_queues(&mut self) {
-        while let Ok(bytes) = self.ends.queued.try_recv() {
+        while let Ok(bytes) = self.channels.outgoing.try_recv() {
             if self.urgent_only {
                 continue;
             }
-            self.pending.push_back(Message { bytes, written: 0, is_urgent: false });
+            self.pending.push_back(PendingMessage { bytes, written: 0, is_urgent: false });
         }
-        while let Ok(message) = self.ends.urgent_queue.try_recv() {
+        while let Ok(message) = self.channels.urgent_queue.try_recv() {
             self.queue_urgent(message);
         }
         let write = async {
@@ -198,9 +227,14 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> StreamOwner<S, K> {
     }
 }
 
+/// Polls `future` once, without waiting for it.
+pub(super) fn poll_once<F: Future>(future: F) -> Poll<F::Output> {
+    pin!(future).poll(&mut Context::from_waker(Waker::noop()))
+}
+
 async fn write_first_pending<S: AsyncWrite>(
     writer: &mut WriteHalf<S>,
-    pending: &VecDeque<Message>,
+    pending: &VecDeque<PendingMessage>,
 ) -> io::Result<usize> {
     let Some(message) = pending.front() else { return Ok(0) };
     let count = writer.write(&message.bytes[message.written..]).await?;
@@ -210,7 +244,7 @@ async fn write_first_pending<S: AsyncWrite>(
     Ok(count)
 }
 
-fn remove_written(pending: &mut VecDeque<Message>, count: usize) {
+fn remove_written(pending: &mut VecDeque<PendingMessage>, count: usize) {
     let Some(message) = pending.front_mut() else { return };
     message.written += count;
     if message.written >= message.bytes.len() {

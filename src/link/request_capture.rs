@@ -19,31 +19,23 @@ impl RequestCapture {
     /// Connects the device to `mode`; `name` is the name of the device in the capture.
     pub fn from_mode(mode: &LinkMode, name: &str) -> Self {
         let backend = mode.for_link(name, LinkProtocol::Samples);
-        if let LinkBackend::Recorded(recorder) = &backend {
-            recorder.record_opening();
-        }
+        backend.record_opening();
         Self { name: name.to_owned(), backend }
     }
 
     /// Whether a capture answers, so that no device is opened.
     pub fn is_replayed(&self) -> bool {
-        matches!(self.backend, LinkBackend::Replayed(_))
+        self.backend.is_replayed()
     }
 
     /// Records a line of a request.
     pub fn record_request(&self, line: &str) {
-        self.record('>', line);
+        self.backend.record('>', format!("{line}\n").as_bytes());
     }
 
     /// Records a line of a reply.
     pub fn record_reply(&self, line: &str) {
-        self.record('<', line);
-    }
-
-    fn record(&self, mark: char, line: &str) {
-        if let LinkBackend::Recorded(recorder) = &self.backend {
-            recorder.record(mark, format!("{line}\n").as_bytes());
-        }
+        self.backend.record('<', format!("{line}\n").as_bytes());
     }
 
     /// The captured reply lines; empty if nothing is replayed.

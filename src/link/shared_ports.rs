@@ -3,12 +3,12 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use tokio::sync::Mutex;
 
-use super::byte_stream::WeakByteStream;
-use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, WeakModbusClient};
+use super::byte_stream::SharedStream;
+use super::modbus::{DeviceSettings, Framing, ModbusClient, ModbusError, ModbusLine, OpenLine};
 use super::{Address, ByteStreamHandle, LinkError, open_byte_stream};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
@@ -18,8 +18,8 @@ pub struct SharedPorts(Arc<Mutex<OpenPorts>>);
 
 #[derive(Default)]
 struct OpenPorts {
-    streams: BTreeMap<String, WeakByteStream>,
-    modbus: BTreeMap<String, WeakModbusClient>,
+    streams: BTreeMap<String, Weak<SharedStream>>,
+    modbus_lines: BTreeMap<String, Weak<OpenLine>>,
 }
 
 impl SharedPorts {
@@ -30,12 +30,13 @@ impl SharedPorts {
     pub async fn open_byte_stream(&self, address: &Address) -> Result<ByteStreamHandle, LinkError> {
         let mut open = self.0.lock().await;
         let key = port_key(address);
-        if let Some(flow) = open.streams.get(&key).and_then(WeakByteStream::upgrade) {
-            return Ok(flow);
+        let stream = open.streams.get(&key).and_then(Weak::upgrade);
+        if let Some(handle) = stream.and_then(ByteStreamHandle::on_open_stream) {
+            return Ok(handle);
         }
-        let flow = open_byte_stream(address).await?;
-        open.streams.insert(key, flow.downgrade());
-        Ok(flow)
+        let handle = open_byte_stream(address).await?;
+        open.streams.insert(key, handle.weak_stream());
+        Ok(handle)
     }
 
     /// Returns a handle to the device of `settings` on `line`. An RTU line is opened if it is not open; over Modbus
@@ -43,19 +44,23 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The line cannot be opened.
-    pub async fn modbus(&self, line: ModbusLine, settings: DeviceSettings) -> Result<ModbusClient, ModbusError> {
+    pub async fn open_modbus_client(
+        &self,
+        line: ModbusLine,
+        settings: DeviceSettings,
+    ) -> Result<ModbusClient, ModbusError> {
         if line.framing == Framing::Tcp {
             return ModbusClient::open(line, settings).await;
         }
         let mut open = self.0.lock().await;
         let port = line.link.address().map_or_else(|_| line.to_string(), |at| port_key(&at));
         let key = format!("{port} {:?}", line.parity);
-        if let Some(link) = open.modbus.get(&key).and_then(|weak| weak.upgrade(settings.clone())) {
-            return Ok(link);
+        if let Some(line) = open.modbus_lines.get(&key).and_then(Weak::upgrade) {
+            return Ok(ModbusClient::on_open_line(line, settings));
         }
-        let link = ModbusClient::open(line, settings).await?;
-        open.modbus.insert(key, link.downgrade());
-        Ok(link)
+        let client = ModbusClient::open(line, settings).await?;
+        open.modbus_lines.insert(key, client.weak_line());
+        Ok(client)
     }
 }
 

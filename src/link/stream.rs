@@ -4,15 +4,14 @@ use std::future::Future;
 use std::io;
 
 use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::{TryRecvError, TrySendError};
-use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
-use super::capture::LinkProtocol;
 use super::lines::{LineAssembler, LineEvent};
-use super::mode::LinkMode;
-use super::owner::{ChannelEnds, Sink, UrgentMessage, start_owner_thread};
+use super::mode::BoxedStream;
+use super::owner::{ByteSink, OwnerChannels, UrgentMessage, start_owner_thread};
 
 /// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.
 const MAX_QUEUED_LINES: usize = 4096;
@@ -33,13 +32,13 @@ pub struct UrgentSender(mpsc::UnboundedSender<UrgentMessage>);
 
 impl UrgentSender {
     pub fn send(&self, bytes: &[u8]) {
-        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), is_final: false });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), drops_ordinary: false });
     }
 
     /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
     pub fn send_and_drop_ordinary(&self, bytes: &[u8]) {
-        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), is_final: true });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), drops_ordinary: true });
     }
 }
 
@@ -47,37 +46,32 @@ impl Link {
     /// Starts the owning thread for `stream`; `name` is the name in error messages. A stream that belongs to a
     /// runtime's reactor must be opened by [`Link::open`].
     pub fn from_stream(name: impl Into<String>, stream: impl AsyncRead + AsyncWrite + Send + 'static) -> Self {
-        let (link, ends) = Self::create_channels(name.into());
-        let (opened, _) = oneshot::channel();
-        let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
-        // Without a thread, the ends are dropped, and the link is lost from the start.
-        let _ = start_owner_thread(ends, async move { backend.open(async { Ok(stream) }).await }, opened);
+        let (link, channels) = Self::create_channels(name.into());
+        let stream: BoxedStream = Box::pin(stream);
+        // Without a thread, the receiving ends are dropped, and the link is lost from the start.
+        drop(start_owner_thread(&link.name, channels, async { Ok(stream) }));
         link
     }
 
     /// Starts the owning thread, which opens its stream.
-    pub(super) async fn open<S: AsyncRead + AsyncWrite + Send + 'static>(
+    pub(super) async fn open(
         name: String,
-        open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
+        open: impl Future<Output = Result<BoxedStream, LinkError>> + Send + 'static,
     ) -> Result<Self, LinkError> {
-        let (link, ends) = Self::create_channels(name);
-        let (opened, result) = oneshot::channel();
-        let open_error = |source| LinkError::OpenFailed { address: link.name.clone(), source };
-        let backend = LinkMode::current().for_link(&link.name, LinkProtocol::Lines);
-        start_owner_thread(ends, async move { backend.open(open).await }, opened).map_err(open_error)?;
-        result.await.map_err(|_| open_error(io::Error::other("the thread of the link has ended")))??;
+        let (link, channels) = Self::create_channels(name);
+        start_owner_thread(&link.name, channels, open).await?;
         Ok(link)
     }
 
-    fn create_channels(name: String) -> (Self, ChannelEnds<LineSink>) {
+    fn create_channels(name: String) -> (Self, OwnerChannels<LineSink>) {
         let (lines, incoming) = mpsc::channel(MAX_QUEUED_LINES);
         let (outgoing, queued) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
         let link = Self { name, incoming, outgoing, urgent: UrgentSender(urgent), loss_reason: None };
         let sink = LineSink { assembler: LineAssembler::default(), lines };
-        // A link of lines is never emptied on request.
-        let (_, empty_requests) = mpsc::unbounded_channel();
-        (link, ChannelEnds { sink, queued, urgent_queue, empty_requests })
+        // A link of lines is never drained on request.
+        let (_, drain_requests) = mpsc::unbounded_channel();
+        (link, OwnerChannels { sink, outgoing: queued, urgent_queue, drain_requests })
     }
 
     /// Queues one message. It is written completely and in order.
@@ -96,28 +90,27 @@ impl Link {
 
     /// Next line, or noise. A lost link stays lost.
     pub async fn recv(&mut self) -> Result<LineEvent, LinkError> {
-        match self.incoming.recv().await {
-            Some(Ok(received)) => Ok(received),
-            Some(Err(why)) => {
-                self.loss_reason = Some(why);
-                Err(self.lost_error())
-            }
-            None => Err(self.lost_error()),
-        }
+        let received = self.incoming.recv().await;
+        self.event_or_loss(received)
     }
 
     /// Next line that has already arrived, without waiting; `None` if there is none. (A deadline of now is rounded
     /// up to the timer's next millisecond.)
     pub fn try_recv(&mut self) -> Result<Option<LineEvent>, LinkError> {
         match self.incoming.try_recv() {
-            Ok(Ok(received)) => Ok(Some(received)),
             Err(TryRecvError::Empty) => Ok(None),
-            Ok(Err(why)) => {
-                self.loss_reason = Some(why);
-                Err(self.lost_error())
-            }
-            Err(TryRecvError::Disconnected) => Err(self.lost_error()),
+            received => self.event_or_loss(received.ok()).map(Some),
         }
+    }
+
+    /// Returns the line of a queue entry; `None` is the end of the queue.
+    fn event_or_loss(&mut self, received: Option<Result<LineEvent, String>>) -> Result<LineEvent, LinkError> {
+        match received {
+            Some(Ok(event)) => return Ok(event),
+            Some(Err(why)) => self.loss_reason = Some(why),
+            None => {}
+        }
+        Err(self.lost_error())
     }
 
     /// Next line, or `None` after `deadline` without a line.
@@ -138,7 +131,7 @@ struct LineSink {
     lines: mpsc::Sender<Result<LineEvent, String>>,
 }
 
-impl Sink for LineSink {
+impl ByteSink for LineSink {
     fn accept_bytes(&mut self, bytes: &[u8]) -> io::Result<()> {
         for item in self.assembler.push(bytes) {
             match self.lines.try_send(Ok(item)) {

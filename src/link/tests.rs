@@ -122,8 +122,8 @@ async fn a_port_is_found_by_its_name_whatever_its_number() {
         assert_eq!(found(id).unwrap(), link);
     }
     for id in ["Maker", "board-3", ""] {
-        let told = found(id).unwrap_err().to_string();
-        assert!(told.contains(name) && told.contains("board-2"), "{told}");
+        let message = found(id).unwrap_err().to_string();
+        assert!(message.contains(name) && message.contains("board-2"), "{message}");
     }
     // The device is unplugged, and comes back at another path.
     std::fs::remove_file(&link).unwrap();

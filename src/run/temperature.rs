@@ -36,7 +36,7 @@ impl TemperatureLog {
                 Err(why) => {
                     let count = missing_counts.entry(name.to_owned()).or_default();
                     *count += 1;
-                    not_replying.extend((*count == 1).then(|| (name.to_owned(), why)));
+                    not_replying.extend((*count == 1).then(|| (name.to_owned(), why.to_string())));
                 }
             }
         }

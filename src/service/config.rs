@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::schedule::entry::{self, ScheduleEntry};
-use link::{HostPort, LinkConfig};
+use link::{HostPort, LinkConfig, LinkKeys};
 
 /// Highest cycle number; the lowest is 1. The Modbus map has one start coil for each cycle.
 pub const MAX_CYCLES: u16 = 8;
@@ -111,7 +111,7 @@ impl TryFrom<LineKeys> for LineConfig {
     type Error = String;
 
     fn try_from(LineKeys { serial, serial_id, baud, tcp }: LineKeys) -> Result<Self, String> {
-        LinkConfig::from_keys((serial, serial_id, tcp), baud, DEFAULT_BAUD).map(Self)
+        LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD).map(Self)
     }
 }
 

@@ -20,7 +20,7 @@ pub const PREPARE_REQUEST: &str = "prepare";
 pub const WATCH_REQUEST: &str = "watch";
 const NO_VALUE: &str = "-";
 
-pub fn take_line(count: u32) -> String {
+pub fn read_samples_line(count: u32) -> String {
     format!("take {count}")
 }
 
@@ -69,8 +69,8 @@ pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<S
                 let info = replay_lines(&capture, PREPARE_REQUEST, parse_info).and_then(first_or_error);
                 drop(reply.send(info));
             }
-            SensorRequest::Take(count, reply) => {
-                let samples = replay_lines(&capture, &take_line(count), parse_sample);
+            SensorRequest::ReadSamples(count, reply) => {
+                let samples = replay_lines(&capture, &read_samples_line(count), parse_sample);
                 let non_empty = samples.and_then(|all| if all.is_empty() { Err(capture_exhausted()) } else { Ok(all) });
                 drop(reply.send(non_empty));
             }
@@ -83,7 +83,7 @@ pub async fn replay_capture(capture: RequestCapture, mut inbox: mpsc::Receiver<S
             }
             // A capture has no counts.
             SensorRequest::Counters(reply) => drop(reply.send(Ok(SampleCounters::default()))),
-            SensorRequest::Current(reply) => drop(reply.send(Err(capture_exhausted()))),
+            SensorRequest::CurrentSample(reply) => drop(reply.send(Err(capture_exhausted()))),
             SensorRequest::EndWatch(reply) => drop(reply.send(std::mem::replace(&mut rejected, Ok(None)))),
         }
     }

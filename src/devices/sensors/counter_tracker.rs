@@ -6,6 +6,7 @@ use super::sample_layout::DecodedSample;
 use machine::record::reading::ReadingFlag;
 
 /// Follows the counter of a sensor that sends a value and a count.
+#[derive(Default)]
 pub struct CounterTracker {
     /// Number of samples after which the counter restarts.
     modulus: Option<u64>,
@@ -23,16 +24,9 @@ pub struct CounterTracker {
     unrequested_count: u64,
 }
 
-enum CounterStep {
-    Advanced { missing: u32 },
-    Unchanged,
-}
-
 impl CounterTracker {
     pub fn new(modulus: Option<u64>) -> Self {
-        let (last_count, data_lost, skips_gap) = (None, false, true);
-        let (is_unchanged, may_have_wrapped, unrequested_count) = (false, false, 0);
-        Self { modulus, last_count, data_lost, skips_gap, is_unchanged, may_have_wrapped, unrequested_count }
+        Self { modulus, skips_gap: true, ..Self::default() }
     }
 
     /// Records that samples may be missing before the next one.
@@ -70,35 +64,29 @@ impl CounterTracker {
 
     pub fn complete_sample(&mut self, t_s: f64, decoded: DecodedSample) -> Sample {
         let DecodedSample { value, counter, encoder_count } = decoded;
-        let step = match counter {
-            Some(count) => self.advance(count),
-            None => CounterStep::Advanced { missing: 0 },
-        };
-        self.is_unchanged = matches!(step, CounterStep::Unchanged);
-        let CounterStep::Advanced { missing } = step else {
-            return Sample::stale(t_s);
-        };
+        let missing = counter.map_or(Some(0), |count| self.count_missing(count));
+        self.is_unchanged = missing.is_none();
+        let Some(missing) = missing else { return Sample::stale(t_s) };
         let data_lost = std::mem::take(&mut self.data_lost) || missing > 0;
         let flag = value.err().unwrap_or(if data_lost { ReadingFlag::Gap } else { ReadingFlag::None });
         Sample { t_s, value_mm: value.ok(), flag, missing, encoder_count }
     }
 
-    fn advance(&mut self, count: u64) -> CounterStep {
-        let (skips_gap, may_have_wrapped) =
-            (std::mem::take(&mut self.skips_gap), std::mem::take(&mut self.may_have_wrapped));
-        let Some(last) = self.last_count.replace(count) else {
-            return CounterStep::Advanced { missing: 0 };
-        };
+    /// Returns the number of samples missing before the one with `count`; `None` if the count is unchanged.
+    fn count_missing(&mut self, count: u64) -> Option<u32> {
+        let skips_gap = std::mem::take(&mut self.skips_gap);
+        let may_have_wrapped = std::mem::take(&mut self.may_have_wrapped);
+        let Some(last) = self.last_count.replace(count) else { return Some(0) };
         let modulus = self.modulus.unwrap_or(1);
         match (modulus + count - last) % modulus {
             // After an interruption the counter may have wrapped.
-            0 if !self.data_lost && !may_have_wrapped => CounterStep::Unchanged,
-            0 => CounterStep::Advanced { missing: 0 },
+            0 if !self.data_lost && !may_have_wrapped => None,
+            0 => Some(0),
             steps if skips_gap => {
                 self.unrequested_count += steps - 1;
-                CounterStep::Advanced { missing: 0 }
+                Some(0)
             }
-            steps => CounterStep::Advanced { missing: u32::try_from(steps - 1).unwrap_or(u32::MAX) },
+            steps => Some(u32::try_from(steps - 1).unwrap_or(u32::MAX)),
         }
     }
 }

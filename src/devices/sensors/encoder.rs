@@ -9,7 +9,7 @@ pub(super) const MAX_MODULUS: u64 = 1 << 32;
 ///
 /// # Errors
 /// No counter of so many bits has the stated `modulus`.
-pub(super) fn modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64, String> {
+pub(super) fn count_modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64, String> {
     let max_modulus = 1_u64.checked_shl(u32::from(bits)).unwrap_or(MAX_MODULUS).min(MAX_MODULUS);
     match declared {
         None => Ok(max_modulus),
@@ -21,7 +21,7 @@ pub(super) fn modulus(key: &str, declared: Option<u64>, bits: u16) -> Result<u64
 }
 
 /// Returns the remainder of `number`, from 0 to `modulus` - 1.
-pub(super) fn remainder(number: i128, modulus: u64) -> u32 {
+pub(super) fn count_remainder(number: i128, modulus: u64) -> u32 {
     // The conversion is exact: `modulus` is at most 2^32.
     number.rem_euclid(i128::from(modulus)) as u32
 }

@@ -51,14 +51,9 @@ impl BitField {
         Ok(Self { byte, bit, width, order, signed })
     }
 
-    /// Number of bytes that the field occupies, in whole or in part.
-    fn byte_count(&self) -> usize {
-        usize::from((self.bit + self.width).div_ceil(8))
-    }
-
     /// Index of the first byte after the field.
     pub fn end_byte(&self) -> usize {
-        usize::from(self.byte) + self.byte_count()
+        usize::from(self.byte) + usize::from((self.bit + self.width).div_ceil(8))
     }
 
     /// Returns each bit of the field, as byte and bit within the byte.

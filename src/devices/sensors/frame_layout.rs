@@ -130,8 +130,9 @@ impl FrameLayout {
         let FrameValueKeys { byte, bit, width, signed, scale_mm, offset_mm, codes, .. } = value;
         let value = BitField::new("value", byte, bit, width, signed, value.order.or(order))?;
         check_scale(scale_mm, offset_mm)?;
-        let code =
-            |code: &FrameCodeKeys| Ok(((value, Some(representable("value", code.is, value)?)), code.means.flag()));
+        let code = |code: &FrameCodeKeys| {
+            Ok(((value, Some(check_representable("value", code.is, value)?)), code.means.reading_flag()))
+        };
         let codes = codes.iter().map(code).collect::<Result<Vec<_>, String>>()?;
         let counter = counter.map(|keys| counter_field(&keys, order)).transpose()?;
         let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
@@ -178,7 +179,7 @@ fn counter_field(keys: &FrameCounterKeys, order: Option<Endianness>) -> Result<(
 fn encoder_field(keys: &EncoderCountKeys, order: Option<Endianness>) -> Result<(BitField, u64), String> {
     let EncoderCountKeys { byte, bit, width, .. } = *keys;
     let field = BitField::new("encoder_count", byte, bit, width, false, keys.order.or(order))?;
-    Ok((field, encoder::modulus("encoder_count", keys.round, width)?))
+    Ok((field, encoder::count_modulus("encoder_count", keys.round, width)?))
 }
 
 /// Returns the condition and the flag of each `status`.
@@ -190,7 +191,7 @@ fn status_conditions(
     for (name, keys) in status_names().zip(status) {
         let FrameStatusKeys { byte, bit, width, .. } = *keys;
         let field = BitField::new(&name, byte, bit, width, false, keys.order.or(order))?;
-        let is = keys.is.map(|is| representable(&name, is, field)).transpose()?;
+        let is = keys.is.map(|is| check_representable(&name, is, field)).transpose()?;
         // Several entries may use the same bits, each with its own number.
         let same = conditions.iter().position(|((earlier, expected), _)| {
             *earlier == field && expected.is_none_or(|expected| Some(expected) == is)
@@ -202,13 +203,13 @@ fn status_conditions(
                 earlier + 1
             ));
         }
-        conditions.push(((field, is), keys.means.flag()));
+        conditions.push(((field, is), keys.means.reading_flag()));
     }
     Ok(conditions)
 }
 
 /// Returns `number`, which `field` can hold.
-fn representable(name: &str, number: i64, field: BitField) -> Result<i128, String> {
+fn check_representable(name: &str, number: i64, field: BitField) -> Result<i128, String> {
     let (least, greatest) = field.number_range();
     if (least..=greatest).contains(&i128::from(number)) {
         return Ok(i128::from(number));

@@ -27,9 +27,9 @@ fn layout(text: &str) -> Result<FrameLayout, String> {
     FrameLayout::new(value, counter, encoder_count, status, order, 8)
 }
 
-struct Follower(FrameLayout, CounterTracker);
+struct TrackedLayout(FrameLayout, CounterTracker);
 
-impl Follower {
+impl TrackedLayout {
     fn new(layout: FrameLayout) -> Self {
         let counting = CounterTracker::new(layout.sample.counter_modulus());
         Self(layout, counting)
@@ -68,7 +68,7 @@ fn sample(value_mm: Option<f64>, flag: ReadingFlag, missing: u32) -> Sample {
 
 #[test]
 fn frames_written_by_hand_are_read() {
-    let mut follower = Follower::new(layout(WHOLE).unwrap());
+    let mut follower = TrackedLayout::new(layout(WHOLE).unwrap());
     let mut read = |frame: &[u8]| follower.sample(1.0, frame).unwrap();
     // The most negative number of 24 bits: -8388608 counts of 10 nm.
     assert_eq!(read(&[0, 0, 0x80, 7, 0]), sample(Some(-83.88608), ReadingFlag::None, 0));
@@ -86,7 +86,7 @@ fn frames_written_by_hand_are_read() {
 
 #[test]
 fn the_counter_tells_what_is_missing_and_what_came_before() {
-    let mut follower = Follower::new(layout(WHOLE).unwrap());
+    let mut follower = TrackedLayout::new(layout(WHOLE).unwrap());
     let mut read = |count: u8| follower.sample(1.0, &[1, 0, 0, count, 0]).unwrap();
     let one = Some(1e-5);
     assert_eq!(read(254), sample(one, ReadingFlag::None, 0));

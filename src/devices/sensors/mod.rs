@@ -123,10 +123,10 @@ type RejectionAction = Box<dyn Fn() + Send>;
 enum SensorRequest {
     StartCapture(RequestCapture),
     Prepare(oneshot::Sender<Result<SensorInfo, SensorError>>),
-    Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
+    ReadSamples(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(SamplePredicate, RejectionAction, oneshot::Sender<Result<(), SensorError>>),
     EndWatch(oneshot::Sender<Result<Option<Sample>, SensorError>>),
-    Current(oneshot::Sender<Result<Sample, SensorError>>),
+    CurrentSample(oneshot::Sender<Result<Sample, SensorError>>),
     Counters(oneshot::Sender<Result<SampleCounters, SensorError>>),
 }
 
@@ -170,7 +170,7 @@ impl Sensor {
 
     /// Returns the next `count` samples, none from before this call; fewer if the sensor falls silent.
     pub async fn read_samples(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
-        self.request(|reply| SensorRequest::Take(count, reply)).await
+        self.request(|reply| SensorRequest::ReadSamples(count, reply)).await
     }
 
     /// Watches the samples until [`Sensor::end_watch`]: at the first sample that is not `is_good`, `on_rejection` is
@@ -191,7 +191,7 @@ impl Sensor {
 
     /// Returns the next sample, for display only: it is neither captured nor counted. A replay has none.
     pub async fn current_sample(&self) -> Result<Sample, SensorError> {
-        self.request(SensorRequest::Current).await
+        self.request(SensorRequest::CurrentSample).await
     }
 
     /// Returns the counts of samples up to now.
@@ -221,9 +221,9 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 info.iter().for_each(|info| capture.record_reply(&capture_format::info_line(info)));
                 drop(reply.send(info));
             }
-            SensorRequest::Take(count, reply) => {
-                capture.record_request(&capture_format::take_line(count));
-                let samples = take_samples(&mut driver, count).await;
+            SensorRequest::ReadSamples(count, reply) => {
+                capture.record_request(&capture_format::read_samples_line(count));
+                let samples = read_samples(&mut driver, count).await;
                 samples.iter().flatten().for_each(|sample| counters.add(sample));
                 samples.iter().flatten().for_each(|sample| capture.record_reply(&capture_format::sample_line(sample)));
                 drop(reply.send(samples));
@@ -242,12 +242,12 @@ async fn serve_requests(mut driver: impl SensorDriver, mut inbox: mpsc::Receiver
                 drop(reply.send(Ok(SampleCounters { unrequested_count, ..counters })));
             }
             SensorRequest::EndWatch(reply) => drop(reply.send(std::mem::replace(&mut rejected, Ok(None)))),
-            SensorRequest::Current(reply) => drop(reply.send(current_sample(&mut driver).await)),
+            SensorRequest::CurrentSample(reply) => drop(reply.send(current_sample(&mut driver).await)),
         }
     }
 }
 
-async fn take_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<Sample>, SensorError> {
+async fn read_samples(driver: &mut impl SensorDriver, count: u32) -> Result<Vec<Sample>, SensorError> {
     driver.discard_old_samples().await?;
     let (mut samples, mut silence_count) = (Vec::new(), 0);
     for _ in 0..count {

@@ -57,7 +57,7 @@ pub enum InvalidReason {
 }
 
 impl InvalidReason {
-    pub fn flag(self) -> ReadingFlag {
+    pub fn reading_flag(self) -> ReadingFlag {
         match self {
             Self::NoEcho | Self::Range => ReadingFlag::Range,
             Self::Saturated => ReadingFlag::Saturated,
@@ -82,7 +82,7 @@ impl<L: NumberLocation> SampleLayout<L> {
     pub fn decode(&self, data: L::Data<'_>) -> Result<DecodedSample, L::Error> {
         let counter = self.counter.map(|(counter, _)| counter.read_integer(data)).transpose()?;
         let encoder_count = match self.encoder {
-            Some((count, modulus)) => Some(encoder::remainder(count.read_integer(data)?, modulus)),
+            Some((count, modulus)) => Some(encoder::count_remainder(count.read_integer(data)?, modulus)),
             None => None,
         };
         let value = match self.flags.iter().find(|(condition, _)| L::is_met(condition, data)) {

@@ -41,7 +41,7 @@ fn sensor(flags: &[ReadingFlag], broken: bool) -> Sensor {
 }
 
 /// Number of holds within a while, and the result of the watch.
-async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, SensorError>) {
+async fn watch_until_held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, SensorError>) {
     let held = Arc::new(AtomicU32::new(0));
     let count = held.clone();
     let act = move || {
@@ -64,17 +64,18 @@ async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, Sens
 #[tokio::test]
 async fn whatever_is_not_good_holds_the_machine_once() {
     for flag in [ReadingFlag::Range, ReadingFlag::Saturated, ReadingFlag::Stale] {
-        let (times, ended) = held(&sensor(&[ReadingFlag::None, ReadingFlag::None, flag], false), true).await;
+        let (times, ended) =
+            watch_until_held(&sensor(&[ReadingFlag::None, ReadingFlag::None, flag], false), true).await;
         assert_eq!((times, ended.unwrap().map(|sample| sample.flag)), (1, Some(flag)));
     }
     let good = [ReadingFlag::None; 10_000];
-    let (times, ended) = held(&sensor(&good, false), false).await;
+    let (times, ended) = watch_until_held(&sensor(&good, false), false).await;
     assert_eq!((times, ended.unwrap()), (0, None));
 }
 
 #[tokio::test]
 async fn a_link_that_is_lost_holds_it_too() {
-    let (times, ended) = held(&sensor(&[ReadingFlag::None, ReadingFlag::None], true), true).await;
+    let (times, ended) = watch_until_held(&sensor(&[ReadingFlag::None, ReadingFlag::None], true), true).await;
     assert_eq!(times, 1);
     assert!(matches!(ended, Err(SensorError::TaskEnded)), "{ended:?}");
 }

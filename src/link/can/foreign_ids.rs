@@ -25,8 +25,8 @@ enum IdFilterState {
 pub(super) struct ForeignIdDetector {
     filter: IdFilterState,
     /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
-    since: Instant,
-    reported: Vec<CanId>,
+    filter_since: Instant,
+    reported_ids: Vec<CanId>,
 }
 
 /// Filter that the socket must use from now on.
@@ -38,7 +38,7 @@ pub(super) enum IdFilterChange {
 
 impl ForeignIdDetector {
     pub fn new(now: Instant) -> Self {
-        Self { filter: IdFilterState::OwnId, since: now, reported: Vec::new() }
+        Self { filter: IdFilterState::OwnId, filter_since: now, reported_ids: Vec::new() }
     }
 
     /// Records a frame of the own identifier.
@@ -51,11 +51,13 @@ impl ForeignIdDetector {
     /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
     pub fn due_filter_change(&mut self, now: Instant) -> Option<IdFilterChange> {
         match self.filter {
-            IdFilterState::OwnId if now - self.since >= OWN_ID_SILENCE => {
-                (self.filter, self.since) = (IdFilterState::AllIds, now);
+            IdFilterState::OwnId if now - self.filter_since >= OWN_ID_SILENCE => {
+                (self.filter, self.filter_since) = (IdFilterState::AllIds, now);
                 Some(IdFilterChange::AllIds)
             }
-            IdFilterState::AllIds if now - self.since >= ACCEPT_ALL_TIME || self.reported.len() == MAX_REPORTED_IDS => {
+            IdFilterState::AllIds
+                if now - self.filter_since >= ACCEPT_ALL_TIME || self.reported_ids.len() == MAX_REPORTED_IDS =>
+            {
                 self.filter = IdFilterState::OwnIdAfterScan;
                 Some(IdFilterChange::OwnId)
             }
@@ -66,10 +68,10 @@ impl ForeignIdDetector {
     /// Records a frame of another identifier. Returns whether it must be reported.
     pub fn needs_report(&mut self, id: CanId) -> bool {
         let is_new = self.filter == IdFilterState::AllIds
-            && self.reported.len() < MAX_REPORTED_IDS
-            && !self.reported.contains(&id);
+            && self.reported_ids.len() < MAX_REPORTED_IDS
+            && !self.reported_ids.contains(&id);
         if is_new {
-            self.reported.push(id);
+            self.reported_ids.push(id);
         }
         is_new
     }
@@ -81,23 +83,23 @@ mod tests {
 
     #[test]
     fn others_are_listened_to_once_after_each_silence() {
-        let begun = Instant::now();
-        let at = |ms| begun + Duration::from_millis(ms);
+        let start = Instant::now();
+        let at = |ms| start + Duration::from_millis(ms);
         let id = |raw| CanId::new(raw, false).unwrap();
-        let mut others = ForeignIdDetector::new(begun);
-        assert_eq!(others.due_filter_change(at(299)), None);
-        assert!(!others.needs_report(id(7)), "what the filter let through before it was set");
-        assert_eq!(others.due_filter_change(at(300)), Some(IdFilterChange::AllIds));
-        assert!(others.needs_report(id(7)) && !others.needs_report(id(7)) && others.needs_report(id(8)));
-        assert_eq!(others.due_filter_change(at(1299)), None);
-        assert_eq!(others.due_filter_change(at(1300)), Some(IdFilterChange::OwnId));
-        assert_eq!(others.due_filter_change(at(9000)), None, "not again and again");
-        assert_eq!(others.record_own_frame(at(9000)), None);
-        assert_eq!(others.due_filter_change(at(9300)), Some(IdFilterChange::AllIds));
-        assert_eq!(others.record_own_frame(at(9301)), Some(IdFilterChange::OwnId), "at once");
+        let mut detector = ForeignIdDetector::new(start);
+        assert_eq!(detector.due_filter_change(at(299)), None);
+        assert!(!detector.needs_report(id(7)), "what the filter let through before it was set");
+        assert_eq!(detector.due_filter_change(at(300)), Some(IdFilterChange::AllIds));
+        assert!(detector.needs_report(id(7)) && !detector.needs_report(id(7)) && detector.needs_report(id(8)));
+        assert_eq!(detector.due_filter_change(at(1299)), None);
+        assert_eq!(detector.due_filter_change(at(1300)), Some(IdFilterChange::OwnId));
+        assert_eq!(detector.due_filter_change(at(9000)), None, "not again and again");
+        assert_eq!(detector.record_own_frame(at(9000)), None);
+        assert_eq!(detector.due_filter_change(at(9300)), Some(IdFilterChange::AllIds));
+        assert_eq!(detector.record_own_frame(at(9301)), Some(IdFilterChange::OwnId), "at once");
         // On a busy bus, the socket accepts other identifiers only until enough are found.
-        assert_eq!(others.due_filter_change(at(9601)), Some(IdFilterChange::AllIds));
-        assert_eq!((0..20).filter(|raw| others.needs_report(id(*raw))).count(), MAX_REPORTED_IDS);
-        assert_eq!(others.due_filter_change(at(9602)), Some(IdFilterChange::OwnId));
+        assert_eq!(detector.due_filter_change(at(9601)), Some(IdFilterChange::AllIds));
+        assert_eq!((0..20).filter(|raw| detector.needs_report(id(*raw))).count(), MAX_REPORTED_IDS);
+        assert_eq!(detector.due_filter_change(at(9602)), Some(IdFilterChange::OwnId));
     }
 }

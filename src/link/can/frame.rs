@@ -2,46 +2,39 @@
 
 use std::fmt;
 
+use socketcan::{ExtendedId, Id, StandardId};
+
 /// An identifier of 11 bits (standard) or 29 (extended).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CanId {
-    raw: u32,
-    extended: bool,
-}
-
-const MAX_STANDARD_ID: u32 = 0x7FF;
-const MAX_EXTENDED_ID: u32 = 0x1FFF_FFFF;
+pub struct CanId(pub(super) Id);
 
 impl CanId {
     /// # Errors
     /// The identifier is too large; as a message.
     pub fn new(raw: u32, extended: bool) -> Result<Self, String> {
-        if extended && raw > MAX_EXTENDED_ID {
-            return Err(format!("{raw:#x} is too large for 29 bits; the maximum is {MAX_EXTENDED_ID:#x}"));
+        if extended {
+            let max_id = ExtendedId::MAX.as_raw();
+            let id = ExtendedId::new(raw).map(|id| Self(id.into()));
+            return id.ok_or_else(|| format!("{raw:#x} is too large for 29 bits; the maximum is {max_id:#x}"));
         }
-        if !extended && raw > MAX_STANDARD_ID {
-            return Err(format!(
-                "{raw:#x} is too large for 11 bits (maximum {MAX_STANDARD_ID:#x}); set `extended = true` for an \
-                 identifier of 29 bits"
-            ));
-        }
-        Ok(Self { raw, extended })
-    }
-
-    pub(super) fn raw(self) -> u32 {
-        self.raw
-    }
-
-    pub(super) fn is_extended(self) -> bool {
-        self.extended
+        let id = u16::try_from(raw).ok().and_then(StandardId::new).map(|id| Self(id.into()));
+        id.ok_or_else(|| {
+            let max_id = StandardId::MAX.as_raw();
+            format!(
+                "{raw:#x} is too large for 11 bits (maximum {max_id:#x}); set `extended = true` for an identifier of \
+                 29 bits"
+            )
+        })
     }
 }
 
 /// Same format as can-utils: three or eight hexadecimal digits.
 impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let digits = if self.extended { 8 } else { 3 };
-        write!(f, "{:0digits$X}", self.raw)
+        match self.0 {
+            Id::Standard(id) => write!(f, "{:03X}", id.as_raw()),
+            Id::Extended(id) => write!(f, "{:08X}", id.as_raw()),
+        }
     }
 }
 

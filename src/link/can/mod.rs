@@ -51,7 +51,7 @@ type FrameGenerator = Box<dyn FnMut() -> Option<CanFrame> + Send>;
 
 enum FrameSource {
     Events(mpsc::Receiver<CanEvent>),
-    FrameGenerator(FrameGenerator),
+    Generator(FrameGenerator),
 }
 
 /// Handle of one CAN source: delivers the events in order.
@@ -77,7 +77,7 @@ impl CanReceiver {
 
     /// Source whose frames are generated when the caller reads; `None` means that no frame is available.
     pub fn on_demand(name: impl Into<String>, source: impl FnMut() -> Option<CanFrame> + Send + 'static) -> Self {
-        Self { name: name.into(), source: FrameSource::FrameGenerator(Box::new(source)) }
+        Self { name: name.into(), source: FrameSource::Generator(Box::new(source)) }
     }
 
     pub fn name(&self) -> &str {
@@ -86,20 +86,20 @@ impl CanReceiver {
 
     /// Whether frames are generated only when the caller reads.
     pub fn is_on_demand(&self) -> bool {
-        matches!(self.source, FrameSource::FrameGenerator(_))
+        matches!(self.source, FrameSource::Generator(_))
     }
 
     /// Next event, or `None` after `wait` without an event.
     ///
     /// # Errors
     /// The receiving thread has ended.
-    pub async fn next(&mut self, wait: Duration) -> Result<Option<CanEvent>, CanError> {
+    pub async fn next_event(&mut self, wait: Duration) -> Result<Option<CanEvent>, CanError> {
         match &mut self.source {
-            FrameSource::FrameGenerator(source) => Ok(source().map(CanEvent::Frame)),
+            FrameSource::Generator(source) => Ok(source().map(CanEvent::Frame)),
             // The dropped future waits on a channel, not on the device.
             FrameSource::Events(events) => match timeout_at(Instant::now() + wait, events.recv()).await {
                 Err(_) => Ok(None),
-                Ok(Some(events)) => Ok(Some(events)),
+                Ok(Some(event)) => Ok(Some(event)),
                 Ok(None) => Err(CanError::ThreadEnded { interface: self.name.clone() }),
             },
         }
@@ -109,10 +109,10 @@ impl CanReceiver {
     ///
     /// # Errors
     /// The receiving thread has ended.
-    pub fn try_next(&mut self) -> Result<Option<CanEvent>, CanError> {
+    pub fn try_next_event(&mut self) -> Result<Option<CanEvent>, CanError> {
         let FrameSource::Events(events) = &mut self.source else { return Ok(None) };
         match events.try_recv() {
-            Ok(events) => Ok(Some(events)),
+            Ok(event) => Ok(Some(event)),
             Err(TryRecvError::Empty) => Ok(None),
             Err(TryRecvError::Disconnected) => Err(CanError::ThreadEnded { interface: self.name.clone() }),
         }

@@ -54,13 +54,13 @@ impl SocketOwner {
                 Some(why) => why,
                 None => return,
             };
-            self.filter_change(CanEvent::Down(why.to_string()));
+            self.send_state_change(CanEvent::Down(why.to_string()));
             drop(socket);
             socket = match self.reopen() {
                 Some(socket) => socket,
                 None => return,
             };
-            self.filter_change(CanEvent::Up);
+            self.send_state_change(CanEvent::Up);
         }
     }
 
@@ -72,14 +72,14 @@ impl SocketOwner {
             match socket.read_frame_with_timestamps() {
                 Ok((SocketFrame::Data(frame), timestamps)) => {
                     let t_s = self.timestamps.monotonic_s(timestamps.socket);
-                    match socket::frame_id(&frame) {
-                        Some(id) if id == self.id => {
+                    match CanId(frame.id()) {
+                        id if id == self.id => {
                             self.queue_frame(CanFrame::new(t_s, id, frame.data()));
                             filter_change = detector.record_own_frame(Instant::now()).or(filter_change);
                         }
                         // Frames of other identifiers can arrive before the filter is set, a moment after the
                         // socket is opened.
-                        Some(id) if detector.needs_report(id) => self.send_report(CanEvent::ForeignId(id)),
+                        id if detector.needs_report(id) => self.send_report(CanEvent::ForeignId(id)),
                         _ => {}
                     }
                 }
@@ -101,10 +101,10 @@ impl SocketOwner {
         None
     }
 
-    fn handle_error_frame(&mut self, trouble: ErrorFrameClass) {
-        match trouble {
+    fn handle_error_frame(&mut self, class: ErrorFrameClass) {
+        match class {
             ErrorFrameClass::BusErrors(why) => self.send_report(CanEvent::BusErrors(why)),
-            ErrorFrameClass::BusOff(why) => self.filter_change(CanEvent::BusOff(why)),
+            ErrorFrameClass::BusOff(why) => self.send_state_change(CanEvent::BusOff(why)),
             // At least one frame is lost; the number is unknown.
             ErrorFrameClass::FramesMissed => self.lost_frames = self.lost_frames.saturating_add(1),
             ErrorFrameClass::Harmless => {}
@@ -137,18 +137,18 @@ impl SocketOwner {
 
     /// Sends a change of state, and waits for room in the queue, behind the frames that arrived before. No frame
     /// can be missed meanwhile, because the interface delivers none.
-    fn filter_change(&mut self, events: CanEvent) {
+    fn send_state_change(&mut self, event: CanEvent) {
         if self.lost_frames > 0 && self.events.blocking_send(CanEvent::LostFrames(self.lost_frames)).is_ok() {
             self.lost_frames = 0;
         }
         // The receiver is dropped: `run` detects it.
-        let _ = self.events.blocking_send(events);
+        let _ = self.events.blocking_send(event);
     }
 
     /// Sends a report that is neither frame nor state. It may be dropped, but it must not displace a frame.
-    fn send_report(&self, events: CanEvent) {
+    fn send_report(&self, event: CanEvent) {
         if self.events.capacity() > MAX_QUEUED_FRAMES / 2 {
-            let _ = self.events.try_send(events);
+            let _ = self.events.try_send(event);
         }
     }
 }
@@ -174,15 +174,15 @@ mod tests {
         for _ in 0..MAX_QUEUED_FRAMES + 3 {
             owner.queue_frame(CanFrame::new(0.0, id, &[1]));
         }
-        let told = std::thread::spawn(move || {
-            owner.filter_change(CanEvent::Down("off".to_owned()));
-            owner.filter_change(CanEvent::Up);
+        let sender = std::thread::spawn(move || {
+            owner.send_state_change(CanEvent::Down("off".to_owned()));
+            owner.send_state_change(CanEvent::Up);
         });
         let frames = (0..MAX_QUEUED_FRAMES).map(|_| receiver.blocking_recv());
         assert!(frames.into_iter().all(|events| matches!(events, Some(CanEvent::Frame(_)))));
         let rest: Vec<CanEvent> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
         assert_eq!(rest, [CanEvent::LostFrames(3), CanEvent::Down("off".to_owned()), CanEvent::Up]);
-        told.join().unwrap();
+        sender.join().unwrap();
     }
 
     /// A restarted controller has missed frames: the loss is reported before the next frame.

@@ -36,9 +36,9 @@ mod tests {
 
     use super::*;
 
-    struct Stands(f64);
+    struct StoppedClock(f64);
 
-    impl Clock for Stands {
+    impl Clock for StoppedClock {
         fn now_s(&self) -> f64 {
             self.0
         }
@@ -46,7 +46,7 @@ mod tests {
 
     #[test]
     fn a_stamp_counts_by_its_age_unless_the_real_time_was_set() {
-        let mut stamps = TimestampConverter::new(Arc::new(Stands(100.0)));
+        let mut stamps = TimestampConverter::new(Arc::new(StoppedClock(100.0)));
         let old = SystemTime::now() - Duration::from_secs(2);
         let time_s = stamps.monotonic_s(Some(old));
         assert!((97.0..=98.0).contains(&time_s), "{time_s}");

@@ -45,10 +45,10 @@ async fn on_demand_frames_come_when_asked_for_and_none_waits() {
         Some(CanFrame::new(f64::from(left), id, &[left]))
     });
     assert!(can.is_on_demand());
-    assert_eq!(can.try_next().unwrap(), None);
+    assert_eq!(can.try_next_event().unwrap(), None);
     let wait = Duration::from_secs(1);
     let frame = |t_s, byte| Some(CanEvent::Frame(CanFrame::new(t_s, id, &[byte])));
-    assert_eq!(can.next(wait).await.unwrap(), frame(1.0, 1));
-    assert_eq!(can.next(wait).await.unwrap(), frame(0.0, 0));
-    assert_eq!(can.next(wait).await.unwrap(), None);
+    assert_eq!(can.next_event(wait).await.unwrap(), frame(1.0, 1));
+    assert_eq!(can.next_event(wait).await.unwrap(), frame(0.0, 0));
+    assert_eq!(can.next_event(wait).await.unwrap(), None);
 }

@@ -5,17 +5,21 @@ use std::fmt;
 
 use tokio_modbus::{Request, Response};
 
-use super::RegisterSpace;
+use super::{ModbusError, RegisterSpace};
 
 /// Maximum counts per request. A PDU holds 253 bytes; a read reply uses 2 of them, a write request 6.
 pub(super) const MAX_READ_REGISTERS: u16 = 125;
 pub(super) const MAX_WRITE_REGISTERS: u16 = 123;
 pub(super) const MAX_READ_BITS: u16 = 2000;
 
+/// A read, or a write of holding registers.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum RegisterAccess {
-    Read { space: RegisterSpace, address: u16, count: u16 },
-    Write { address: u16, words: Vec<u16> },
+pub(super) struct RegisterAccess {
+    pub(super) space: RegisterSpace,
+    pub(super) address: u16,
+    pub(super) count: u16,
+    /// `None` for a read.
+    pub(super) written_words: Option<Vec<u16>>,
 }
 
 /// Everything in an RTU reply that depends on its request. Replies to requests of different shapes cannot be
@@ -25,7 +29,7 @@ pub(super) struct ReplyShape {
     pub(super) unit: u8,
     function: u8,
     /// Byte count of a read reply; 0 for a write, although its reply has more.
-    bytes: u16,
+    byte_count: u16,
 }
 
 impl ReplyShape {
@@ -36,79 +40,86 @@ impl ReplyShape {
 }
 
 impl RegisterAccess {
+    pub(super) fn read(space: RegisterSpace, address: u16, count: u16) -> Self {
+        Self { space, address, count, written_words: None }
+    }
+
+    pub(super) fn write(address: u16, words: &[u16]) -> Self {
+        let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+        Self { space: RegisterSpace::Holding, address, count, written_words: Some(words.to_vec()) }
+    }
+
+    pub(super) fn is_write(&self) -> bool {
+        self.written_words.is_some()
+    }
+
     pub(super) fn to_pdu(&self) -> Request<'_> {
-        match self {
-            Self::Read { space, address, count } => {
-                let (address, count) = (*address, *count);
-                match space {
-                    RegisterSpace::Holding => Request::ReadHoldingRegisters(address, count),
-                    RegisterSpace::Input => Request::ReadInputRegisters(address, count),
-                    RegisterSpace::Coil => Request::ReadCoils(address, count),
-                    RegisterSpace::Discrete => Request::ReadDiscreteInputs(address, count),
-                }
-            }
-            Self::Write { address, words } => Request::WriteMultipleRegisters(*address, Cow::Borrowed(words)),
+        let Self { space, address, count, .. } = *self;
+        match (&self.written_words, space) {
+            (Some(words), _) => Request::WriteMultipleRegisters(address, Cow::Borrowed(words)),
+            (None, RegisterSpace::Holding) => Request::ReadHoldingRegisters(address, count),
+            (None, RegisterSpace::Input) => Request::ReadInputRegisters(address, count),
+            (None, RegisterSpace::Coil) => Request::ReadCoils(address, count),
+            (None, RegisterSpace::Discrete) => Request::ReadDiscreteInputs(address, count),
         }
     }
 
     pub(super) fn reply_shape(&self, unit: u8) -> ReplyShape {
         let function = self.to_pdu().function_code().value();
-        let bytes = match self {
-            Self::Read { space: RegisterSpace::Coil | RegisterSpace::Discrete, count, .. } => count.div_ceil(8),
-            Self::Read { count, .. } => 2 * count,
-            Self::Write { .. } => 0,
+        let byte_count = match (self.is_write(), self.space.has_bits()) {
+            (true, _) => 0,
+            (false, true) => self.count.div_ceil(8),
+            (false, false) => 2 * self.count,
         };
-        ReplyShape { unit, function, bytes }
+        ReplyShape { unit, function, byte_count }
     }
 
     /// Register values of a reply. Checks that the reply has the requested count; for a write, that it echoes
     /// address and count. tokio-modbus compares unit, transaction and function.
-    pub(super) fn decode_reply(&self, reply: Response) -> Result<Vec<u16>, String> {
-        let check_count = |received: usize, asked: usize| {
-            if received == asked {
-                return Ok(());
-            }
-            Err(format!("the reply has {received} registers or bits, the request {asked}"))
+    ///
+    /// # Errors
+    /// [`ModbusError::UnexpectedReply`].
+    pub(super) fn decode_reply(&self, reply: Response) -> Result<Vec<u16>, ModbusError> {
+        let unexpected = |why| ModbusError::UnexpectedReply { request: self.to_string(), why };
+        let check_count = |received: usize, requested: usize| match received == requested {
+            true => Ok(()),
+            false => Err(unexpected(format!("the reply has {received} registers or bits, the request {requested}"))),
         };
-        match (self, reply) {
-            (Self::Read { count, .. }, Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words)) => {
-                check_count(words.len(), usize::from(*count)).map(|()| words)
+        let count = usize::from(self.count);
+        match (self.is_write(), reply) {
+            (false, Response::ReadHoldingRegisters(words) | Response::ReadInputRegisters(words)) => {
+                check_count(words.len(), count)?;
+                Ok(words)
             }
-            (Self::Read { count, .. }, Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits)) => {
-                let count = usize::from(*count);
+            (false, Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits)) => {
                 // Bits arrive in whole bytes.
                 check_count(bits.len(), count.next_multiple_of(8))?;
                 Ok(bits.into_iter().take(count).map(u16::from).collect())
             }
-            (Self::Write { address, words }, Response::WriteMultipleRegisters(at, count)) => {
-                if (at, usize::from(count)) == (*address, words.len()) {
-                    Ok(Vec::new())
-                } else {
-                    Err(format!("the reply confirms {count} registers from address {at}"))
+            (true, Response::WriteMultipleRegisters(address, count)) => {
+                if (address, count) == (self.address, self.count) {
+                    return Ok(Vec::new());
                 }
+                Err(unexpected(format!("the reply confirms {count} registers from address {address}")))
             }
-            (_, other) => Err(format!("the reply has another function code, {}", other.function_code())),
+            (_, other) => Err(unexpected(format!("the reply has another function code, {}", other.function_code()))),
         }
     }
 }
 
 impl fmt::Display for RegisterAccess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (action, address, count) = match self {
-            Self::Read { space, address, count } => {
-                let name = match space {
-                    RegisterSpace::Holding => "reading holding register",
-                    RegisterSpace::Input => "reading input register",
-                    RegisterSpace::Coil => "reading coil",
-                    RegisterSpace::Discrete => "reading discrete input",
-                };
-                (name, *address, usize::from(*count))
-            }
-            Self::Write { address, words } => ("writing holding register", *address, words.len()),
+        let action = match (self.is_write(), self.space) {
+            (true, _) => "writing holding register",
+            (false, RegisterSpace::Holding) => "reading holding register",
+            (false, RegisterSpace::Input) => "reading input register",
+            (false, RegisterSpace::Coil) => "reading coil",
+            (false, RegisterSpace::Discrete) => "reading discrete input",
         };
-        match count {
-            1 => write!(f, "{action} {address}"),
-            _ => write!(f, "{action}s {address} to {}", usize::from(address) + count.max(1) - 1),
+        let first = usize::from(self.address);
+        match usize::from(self.count) {
+            1 => write!(f, "{action} {first}"),
+            count => write!(f, "{action}s {first} to {}", first + count.max(1) - 1),
         }
     }
 }

@@ -20,9 +20,9 @@ pub struct AccessList {
 }
 
 impl RegisterRange {
-    fn contains(&self, space: RegisterSpace, address: u16, count: usize) -> bool {
-        let end = usize::from(address) + count;
-        self.space == space && self.first <= address && end <= usize::from(self.last) + 1
+    fn contains(&self, access: &RegisterAccess) -> bool {
+        let end = usize::from(access.address) + usize::from(access.count);
+        self.space == access.space && self.first <= access.address && end <= usize::from(self.last) + 1
     }
 }
 
@@ -30,23 +30,18 @@ impl AccessList {
     /// # Errors
     /// [`ModbusError::NotAllowed`], with the reason.
     pub(super) fn check(&self, access: &RegisterAccess) -> Result<(), ModbusError> {
-        let (space, address, count, max_count, writes) = match access {
-            RegisterAccess::Read { space: space @ (RegisterSpace::Coil | RegisterSpace::Discrete), address, count } => {
-                (*space, *address, *count, MAX_READ_BITS, false)
-            }
-            RegisterAccess::Read { space, address, count } => (*space, *address, *count, MAX_READ_REGISTERS, false),
-            RegisterAccess::Write { address, words } => {
-                let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-                (RegisterSpace::Holding, *address, count, MAX_WRITE_REGISTERS, true)
-            }
+        let max_count = match (access.is_write(), access.space.has_bits()) {
+            (true, _) => MAX_WRITE_REGISTERS,
+            (false, true) => MAX_READ_BITS,
+            (false, false) => MAX_READ_REGISTERS,
         };
         let refused = |why: String| Err(ModbusError::NotAllowed { request: access.to_string(), why });
-        if count == 0 || count > max_count {
+        if access.count == 0 || access.count > max_count {
+            let count = access.count;
             return refused(format!("the request has {count} registers or bits; permitted: 1 to {max_count}"));
         }
-        let covers = |range: &RegisterRange| range.contains(space, address, usize::from(count));
-        let written = self.write.iter().any(covers);
-        if written || !writes && self.read.iter().any(covers) {
+        let covers = |range: &RegisterRange| range.contains(access);
+        if self.write.iter().any(covers) || !access.is_write() && self.read.iter().any(covers) {
             return Ok(());
         }
         refused("the registers are not within one permitted range".to_owned())
@@ -58,12 +53,12 @@ impl AccessList {
         readable.flat_map(|range| {
             let RegisterRange { space, first, last } = *range;
             // Bits are transferred in whole bytes, so only one count per byte gives a distinct reply length.
-            let step = if matches!(space, RegisterSpace::Coil | RegisterSpace::Discrete) { 8 } else { 1 };
+            let step = if space.has_bits() { 8 } else { 1 };
             let max_count = last.saturating_sub(first).saturating_add(1);
             (0..8)
                 .map(move |more| 1 + more * step)
                 .take_while(move |count| *count <= max_count)
-                .map(move |count| RegisterAccess::Read { space, address: first, count })
+                .map(move |count| RegisterAccess::read(space, first, count))
         })
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::line::{Framing, ModbusLine, Parity};
-use crate::{HostPort, LinkConfig};
+use crate::{HostPort, LinkConfig, LinkKeys};
 
 /// Default baud rate of the Modbus serial line specification; the default parity is in [`ModbusLine`].
 const DEFAULT_BAUD: u32 = 19_200;
@@ -22,7 +22,7 @@ pub struct ModbusDeviceKeys {
     pub tcp: Option<HostPort>,
     pub framing: Option<Framing>,
     pub unit: Option<u8>,
-    pub timeout_s: f64,
+    pub timeout_s: Option<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -47,8 +47,9 @@ impl TryFrom<ModbusDeviceKeys> for ModbusDevice {
     /// # Errors
     /// Keys that exclude each other, or a value out of range; as a message.
     fn try_from(keys: ModbusDeviceKeys) -> Result<Self, String> {
-        let at = LinkConfig::from_keys((keys.serial, keys.serial_id, keys.tcp), keys.baud, DEFAULT_BAUD)?;
-        let line = ModbusLine::from_keys(at, keys.framing, keys.parity)?;
+        let ModbusDeviceKeys { serial, serial_id, tcp, baud, .. } = keys;
+        let link = LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD)?;
+        let line = ModbusLine::from_keys(link, keys.framing, keys.parity)?;
         let default_unit = if line.framing == Framing::Tcp { DEFAULT_TCP_UNIT } else { DEFAULT_RTU_UNIT };
         let unit = keys.unit.unwrap_or(default_unit);
         if line.framing == Framing::Rtu && !(1..=247).contains(&unit) {

@@ -21,12 +21,14 @@ const MAX_CLEAR_READS: usize = 3;
 pub(super) struct ModbusExchange {
     line: ModbusLine,
     backend: LinkBackend,
+    /// A hold interrupts a wait for a reply.
+    pub(super) urgent_queue: UrgentQueue,
     stream: Option<DrainableStream>,
     /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
     context: Option<Context>,
     /// Requests whose replies may still arrive (RTU).
     pending_replies: Vec<ReplyShape>,
-    last_shape: Option<ReplyShape>,
+    last_reply_shape: Option<ReplyShape>,
 }
 
 /// Result of one call.
@@ -36,8 +38,9 @@ enum CallOutcome {
 }
 
 impl ModbusExchange {
-    pub(super) fn new(line: ModbusLine, backend: LinkBackend) -> Self {
-        Self { line, backend, stream: None, context: None, pending_replies: Vec::new(), last_shape: None }
+    pub(super) fn new(line: ModbusLine, backend: LinkBackend, urgent_queue: UrgentQueue) -> Self {
+        let (stream, context, pending_replies, last_reply_shape) = (None, None, Vec::new(), None);
+        Self { line, backend, urgent_queue, stream, context, pending_replies, last_reply_shape }
     }
 
     /// # Errors
@@ -52,23 +55,17 @@ impl ModbusExchange {
         &mut self,
         access: &RegisterAccess,
         settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
     ) -> Result<Vec<u16>, ModbusError> {
         self.wait_for_silence().await?;
-        self.clear_line(access, settings, urgent_queue).await?;
-        self.send(access, settings, urgent_queue).await
+        self.clear_line(access, settings).await?;
+        self.send_request(access, settings).await
     }
 
     /// Like `perform`, without clearing the line first: a hold does not wait.
-    pub(super) async fn perform_urgent(
-        &mut self,
-        access: &RegisterAccess,
-        settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
-    ) {
+    pub(super) async fn perform_urgent(&mut self, access: &RegisterAccess, settings: &DeviceSettings) {
         // Only the device can show whether the write has arrived.
         if self.wait_for_silence().await.is_ok() {
-            let _ = self.send(access, settings, urgent_queue).await;
+            let _ = self.send_request(access, settings).await;
         }
     }
 
@@ -77,13 +74,13 @@ impl ModbusExchange {
         if let Some(stream) = &mut self.stream {
             let drained = match self.line.framing {
                 Framing::Rtu => stream.drain_until_silent(self.line.frame_silence()).await,
-                Framing::Tcp => stream.drop_arrived().await,
+                Framing::Tcp => stream.discard_arrived_bytes().await,
             };
             match (drained, self.line.framing) {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
                     // Bytes arrived without a request: perhaps the last reply was sent twice.
-                    self.pending_replies.extend(self.last_shape);
+                    self.pending_replies.extend(self.last_reply_shape);
                     return Ok(());
                 }
                 // The idle connection was closed, or bytes arrived without a request.
@@ -110,42 +107,34 @@ impl ModbusExchange {
     }
 
     fn has_pending_reply(&self, unit: u8) -> bool {
-        self.pending_replies.iter().any(|pending_replies| pending_replies.unit == unit)
+        self.pending_replies.iter().any(|reply| reply.unit == unit)
     }
 
     fn forget_pending_replies(&mut self, unit: u8) {
-        self.pending_replies.retain(|pending_replies| pending_replies.unit != unit);
+        self.pending_replies.retain(|reply| reply.unit != unit);
     }
 
     /// RTU: sends a read of a shape that is not owed. Its reply proves that no owed reply of this unit can follow.
-    async fn clear_line(
-        &mut self,
-        access: &RegisterAccess,
-        settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
-    ) -> Result<(), ModbusError> {
+    async fn clear_line(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();
         for _ in 0..MAX_CLEAR_READS {
             if !self.has_pending_reply(unit) {
                 return Ok(());
             }
-            let Some(probe) = self.choose_probe_read(settings) else {
-                self.wait_for_pending_replies(settings, urgent_queue).await;
-                if urgent_queue.has_write() {
-                    why = "a hold interrupts the request".to_owned();
-                    break;
-                }
-                return Ok(());
-            };
-            if let Some(error) = self.probe_line(&probe, settings, urgent_queue).await {
-                why = error.to_string();
-                if !matches!(error, ModbusError::UnexpectedReply { .. }) {
-                    break;
+            match self.choose_probe_read(settings) {
+                None => self.wait_for_pending_replies(settings).await,
+                Some(probe) => {
+                    if let Some(error) = self.probe_line(&probe, settings).await {
+                        why = error.to_string();
+                        if !matches!(error, ModbusError::UnexpectedReply { .. }) {
+                            break;
+                        }
+                    }
+                    self.drain_until_silent_or_urgent(self.line.frame_silence()).await;
                 }
             }
-            self.drain_unless_urgent(self.line.frame_silence(), urgent_queue).await;
-            if urgent_queue.has_write() {
+            if self.urgent_queue.has_write() {
                 why = "a hold interrupts the request".to_owned();
                 break;
             }
@@ -158,30 +147,25 @@ impl ModbusExchange {
 
     /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
     /// wait.
-    async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings, urgent_queue: &mut UrgentQueue) {
+    async fn wait_for_pending_replies(&mut self, settings: &DeviceSettings) {
         self.stream.iter().for_each(DrainableStream::restart_silence);
-        self.drain_unless_urgent(settings.timeout, urgent_queue).await;
-        if !urgent_queue.has_write() {
+        self.drain_until_silent_or_urgent(settings.timeout).await;
+        if !self.urgent_queue.has_write() {
             self.forget_pending_replies(settings.unit);
         }
     }
 
     /// Sends one test read of `clear_line`; returns its error, if any.
-    async fn probe_line(
-        &mut self,
-        probe: &RegisterAccess,
-        settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
-    ) -> Option<ModbusError> {
+    async fn probe_line(&mut self, probe: &RegisterAccess, settings: &DeviceSettings) -> Option<ModbusError> {
         let shape = probe.reply_shape(settings.unit);
-        let ambiguous = self.pending_replies.iter().any(|pending_replies| pending_replies.has_same_function(shape));
-        match self.send(probe, settings, urgent_queue).await {
+        let ambiguous = self.pending_replies.iter().any(|reply| reply.has_same_function(shape));
+        match self.send_request(probe, settings).await {
             Err(ModbusError::ExceptionReply { .. }) if ambiguous => self.pending_replies.push(shape),
             Ok(_) | Err(ModbusError::ExceptionReply { .. }) => self.forget_pending_replies(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::UnexpectedReply { .. }) {
                     // The reply belongs to an older request; the reply to the test read may still arrive.
-                    self.drain_unless_urgent(settings.timeout, urgent_queue).await;
+                    self.drain_until_silent_or_urgent(settings.timeout).await;
                 }
                 return Some(error);
             }
@@ -190,12 +174,12 @@ impl ModbusExchange {
     }
 
     /// Drops incoming bytes until `frame_silence` has passed without a byte, or until an urgent write is queued.
-    async fn drain_unless_urgent(&mut self, silence: Duration, urgent_queue: &mut UrgentQueue) {
+    async fn drain_until_silent_or_urgent(&mut self, silence: Duration) {
         let Some(stream) = &mut self.stream else { return };
         // Both futures can be dropped: the bytes read are discarded in any case.
         let ended = tokio::select! {
             biased;
-            () = urgent_queue.wait_for_write() => return,
+            () = self.urgent_queue.wait_for_write() => return,
             ended = stream.drain_until_silent(silence) => ended,
         };
         if ended.is_err() {
@@ -203,20 +187,19 @@ impl ModbusExchange {
         }
     }
 
-    async fn send(
+    async fn send_request(
         &mut self,
         access: &RegisterAccess,
         settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
     ) -> Result<Vec<u16>, ModbusError> {
         let shape = access.reply_shape(settings.unit);
         let request = access.to_string();
-        self.last_shape = Some(shape);
+        self.last_reply_shape = Some(shape);
         let unexpected_reply = |why| ModbusError::UnexpectedReply { request: request.clone(), why };
-        let error = match self.call(access, settings, urgent_queue).await {
+        let error = match self.call_device(access, settings).await {
             CallOutcome::Replied(Ok(Ok(reply))) => match access.decode_reply(reply) {
                 Ok(words) => return Ok(words),
-                Err(why) => unexpected_reply(why),
+                Err(error) => error,
             },
             CallOutcome::Replied(Ok(Err(exception))) => {
                 let function = access.to_pdu().function_code().value();
@@ -243,12 +226,7 @@ impl ModbusExchange {
         Err(error)
     }
 
-    async fn call(
-        &mut self,
-        access: &RegisterAccess,
-        settings: &DeviceSettings,
-        urgent_queue: &mut UrgentQueue,
-    ) -> CallOutcome {
+    async fn call_device(&mut self, access: &RegisterAccess, settings: &DeviceSettings) -> CallOutcome {
         let Some(stream) = &self.stream else {
             let closed = std::io::Error::from(std::io::ErrorKind::NotConnected);
             return CallOutcome::Replied(Err(closed.into()));
@@ -261,7 +239,7 @@ impl ModbusExchange {
             Framing::Tcp => self.context.get_or_insert_with(|| tcp::attach_slave(stream.clone(), unit)),
         };
         let hold_deadline = async {
-            urgent_queue.wait_for_write().await;
+            self.urgent_queue.wait_for_write().await;
             sleep(HOLD_REPLY_WAIT).await;
         };
         // Dropping a call here drops its context too.
@@ -278,7 +256,7 @@ impl ModbusExchange {
     /// system.
     async fn loss_reason(&mut self, error: std::io::Error) -> String {
         let Some(stream) = &mut self.stream else { return error.to_string() };
-        match stream.drop_arrived().await {
+        match stream.discard_arrived_bytes().await {
             Err(closed) => closed.to_string(),
             Ok(_) => error.to_string(),
         }

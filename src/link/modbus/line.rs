@@ -6,10 +6,9 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::stream::DrainableStream;
-use crate::address::{connect_tcp, open_serial};
-use crate::capture::LinkProtocol;
+use crate::address::open_stream;
 use crate::mode::LinkBackend;
-use crate::{Address, LinkConfig, LinkError};
+use crate::{LinkConfig, LinkError};
 
 /// Framing of the requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -72,40 +71,23 @@ impl ModbusLine {
 
     /// Silence that ends a frame.
     pub(super) fn frame_silence(&self) -> Duration {
-        match self.link {
-            LinkConfig::Tcp(_) => NETWORK_SILENCE,
-            LinkConfig::Serial { baud, .. } | LinkConfig::SerialId { baud, .. } if baud > 19_200 => MIN_FRAME_SILENCE,
-            LinkConfig::Serial { baud, .. } | LinkConfig::SerialId { baud, .. } => {
-                Duration::from_secs_f64(FRAME_SILENCE_BITS / f64::from(baud.max(1)))
-            }
-        }
-    }
-
-    pub(super) fn protocol(&self) -> LinkProtocol {
-        match self.framing {
-            Framing::Rtu => LinkProtocol::ModbusRtu,
-            Framing::Tcp => LinkProtocol::ModbusTcp,
+        match self.link.baud() {
+            None => NETWORK_SILENCE,
+            Some(baud) if baud > 19_200 => MIN_FRAME_SILENCE,
+            Some(baud) => Duration::from_secs_f64(FRAME_SILENCE_BITS / f64::from(baud.max(1))),
         }
     }
 
     /// Opens the line on the caller's runtime.
     pub(super) async fn open(&self, backend: &LinkBackend) -> Result<DrainableStream, LinkError> {
-        let name = self.to_string();
-        let address = match self.link.address() {
-            Err(_) if matches!(backend, LinkBackend::Replayed(_)) => Address::Serial { path: name.clone(), baud: 0 },
-            address => address?,
+        let parity = match self.parity {
+            Parity::None => tokio_serial::Parity::None,
+            Parity::Even => tokio_serial::Parity::Even,
+            Parity::Odd => tokio_serial::Parity::Odd,
         };
-        Ok(DrainableStream::new(match address {
-            Address::Serial { path, baud } => {
-                let parity = match self.parity {
-                    Parity::None => tokio_serial::Parity::None,
-                    Parity::Even => tokio_serial::Parity::Even,
-                    Parity::Odd => tokio_serial::Parity::Odd,
-                };
-                backend.open(open_serial(path, baud, parity)).await?
-            }
-            Address::Tcp { host, port } => backend.open(connect_tcp(name, host, port)).await?,
-        }))
+        // A replay opens no port, so the address need not exist.
+        let opening = async { open_stream(self.link.address()?, parity).await };
+        Ok(DrainableStream::new(backend.open(opening).await?))
     }
 }
 

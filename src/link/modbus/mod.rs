@@ -21,7 +21,7 @@
 //! A request is sent once. The link never repeats a write without a reply: it is unknown whether the write has
 //! arrived, and the caller decides by the device's counter ([`ModbusError::may_have_arrived`]).
 
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use serde::Deserialize;
@@ -47,14 +47,23 @@ pub use line::{Framing, ModbusLine, Parity};
 
 use access::RegisterAccess;
 
-/// The four address spaces of a device. A bit counts as a register with the value 0 or 1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+/// The four address spaces of a device. A bit counts as a register with the value 0 or 1. The default is that of
+/// measured values.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RegisterSpace {
     Holding,
+    #[default]
     Input,
     Coil,
     Discrete,
+}
+
+impl RegisterSpace {
+    /// Whether the space has single bits instead of registers of 16 bits.
+    fn has_bits(self) -> bool {
+        matches!(self, Self::Coil | Self::Discrete)
+    }
 }
 
 /// Settings of a Modbus device.
@@ -69,25 +78,15 @@ pub struct DeviceSettings {
 
 /// Handle of a Modbus device.
 pub struct ModbusClient {
-    name: String,
     settings: Arc<DeviceSettings>,
-    jobs: mpsc::UnboundedSender<QueuedAccess>,
-    urgent: mpsc::UnboundedSender<UrgentWrite>,
+    line: Arc<OpenLine>,
 }
 
-/// Weak reference to an open line; does not keep the line open.
-pub(super) struct WeakModbusClient {
+/// Queues to the thread of an open line, which the handles of its devices share.
+pub(super) struct OpenLine {
     name: String,
-    jobs: mpsc::WeakUnboundedSender<QueuedAccess>,
-    urgent: mpsc::WeakUnboundedSender<UrgentWrite>,
-}
-
-impl WeakModbusClient {
-    /// Returns one more handle, for the device of `settings`; `None` if the line is closed.
-    pub(super) fn upgrade(&self, settings: DeviceSettings) -> Option<ModbusClient> {
-        let (jobs, urgent) = (self.jobs.upgrade()?, self.urgent.upgrade()?);
-        Some(ModbusClient { name: self.name.clone(), settings: Arc::new(settings), jobs, urgent })
-    }
+    queue: mpsc::UnboundedSender<QueuedAccess>,
+    urgent_queue: mpsc::UnboundedSender<UrgentWrite>,
 }
 
 /// One write that overtakes all queued requests, for a hold. It can be sent from any thread, without blocking.
@@ -141,15 +140,20 @@ impl ModbusClient {
     /// The line cannot be opened. Whether a device answers is known only after the first request.
     pub async fn open(line: ModbusLine, settings: DeviceSettings) -> Result<Self, ModbusError> {
         let name = line.to_string();
-        let (jobs, queue) = mpsc::unbounded_channel();
-        let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        owner::start_owner_thread(line, owner::ChannelEnds { queue, urgent_queue }).await?;
-        Ok(Self { name, settings: Arc::new(settings), jobs, urgent })
+        let (queue, accesses) = mpsc::unbounded_channel();
+        let (urgent_queue, urgent_writes) = mpsc::unbounded_channel();
+        owner::start_owner_thread(line, accesses, urgent_writes).await?;
+        Ok(Self::on_open_line(Arc::new(OpenLine { name, queue, urgent_queue }), settings))
     }
 
-    pub(super) fn downgrade(&self) -> WeakModbusClient {
-        let (jobs, urgent) = (self.jobs.downgrade(), self.urgent.downgrade());
-        WeakModbusClient { name: self.name.clone(), jobs, urgent }
+    /// Creates a handle for the device of `settings`.
+    pub(super) fn on_open_line(line: Arc<OpenLine>, settings: DeviceSettings) -> Self {
+        Self { settings: Arc::new(settings), line }
+    }
+
+    /// Returns a reference that does not keep the line open.
+    pub(super) fn weak_line(&self) -> Weak<OpenLine> {
+        Arc::downgrade(&self.line)
     }
 
     /// Reads `count` registers from `address` on (counted from 0).
@@ -157,7 +161,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn read(&self, space: RegisterSpace, address: u16, count: u16) -> Result<Vec<u16>, ModbusError> {
-        self.perform(RegisterAccess::Read { space, address, count }, false).await
+        self.perform(RegisterAccess::read(space, address, count), false).await
     }
 
     /// Writes holding registers from `address` on, then reads them back.
@@ -165,7 +169,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`]; [`ModbusError::ReadBackDiffers`] if the device holds another value afterwards.
     pub async fn write(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, true).await.map(drop)
+        self.perform(RegisterAccess::write(address, words), true).await.map(drop)
     }
 
     /// Like `write`, for registers that the device clears itself: they are not read back.
@@ -173,7 +177,7 @@ impl ModbusClient {
     /// # Errors
     /// See [`ModbusError`].
     pub async fn write_without_echo(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
-        self.perform(RegisterAccess::Write { address, words: words.to_vec() }, false).await.map(drop)
+        self.perform(RegisterAccess::write(address, words), false).await.map(drop)
     }
 
     /// Prepares a write that will overtake all others.
@@ -181,18 +185,18 @@ impl ModbusClient {
     /// # Errors
     /// The write is not allowed.
     pub fn urgent(&self, address: u16, words: &[u16]) -> Result<UrgentWriteSender, ModbusError> {
-        let access = RegisterAccess::Write { address, words: words.to_vec() };
+        let access = RegisterAccess::write(address, words);
         self.settings.allowed.check(&access)?;
-        let (settings, queue) = (self.settings.clone(), self.urgent.clone());
+        let (settings, queue) = (self.settings.clone(), self.line.urgent_queue.clone());
         Ok(UrgentWriteSender { access, settings, queue })
     }
 
     async fn perform(&self, access: RegisterAccess, read_back: bool) -> Result<Vec<u16>, ModbusError> {
         self.settings.allowed.check(&access)?;
-        let ended = || ModbusError::LinkEnded { link: self.name.clone() };
+        let ended = || ModbusError::LinkEnded { link: self.line.name.clone() };
         let (reply, result) = oneshot::channel();
         let settings = self.settings.clone();
-        self.jobs.send(QueuedAccess { access, settings, read_back, reply }).map_err(|_| ended())?;
+        self.line.queue.send(QueuedAccess { access, settings, read_back, reply }).map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }
 }

@@ -1,7 +1,6 @@
 //! The stream below tokio-modbus. It remains when a context is dropped, so that the line can be drained.
 
 use std::fmt;
-use std::future::poll_fn;
 use std::io;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,6 +11,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, timeout_at};
 
 use crate::mode::BoxedStream;
+use crate::owner::poll_once;
 
 /// Maximum number of bytes without a silence, bytes; more cannot be a late reply.
 const MAX_DRAIN_BYTES: usize = 16 * 1024;
@@ -45,22 +45,15 @@ impl DrainableStream {
     ///
     /// # Errors
     /// The stream has ended, or bytes arrive without end.
-    pub(super) async fn drop_arrived(&mut self) -> io::Result<usize> {
+    pub(super) async fn discard_arrived_bytes(&mut self) -> io::Result<usize> {
         let mut dropped = 0;
         let mut buffer = [0; 256];
         // The runtime detects bytes that have already arrived only after it has polled the stream.
         tokio::task::yield_now().await;
         loop {
-            let arrived = poll_fn(|context| {
-                let mut into = ReadBuf::new(&mut buffer);
-                Poll::Ready(match Pin::new(&mut *self).poll_read(context, &mut into) {
-                    Poll::Ready(read) => Some(read.map(|()| into.filled().len())),
-                    Poll::Pending => None,
-                })
-            });
-            match arrived.await {
-                None => return Ok(dropped),
-                Some(read) => dropped = add_dropped(dropped, read)?,
+            match poll_once(self.read(&mut buffer)) {
+                Poll::Pending => return Ok(dropped),
+                Poll::Ready(read) => dropped = add_dropped(dropped, read)?,
             }
         }
     }

@@ -47,13 +47,13 @@ impl Service for Device {
     }
 }
 
-async fn served() -> (Device, ModbusClient) {
-    let (device, line, settings) = a_device().await;
+async fn client_of_device() -> (Device, ModbusClient) {
+    let (device, line, settings) = start_device().await;
     let link = ModbusClient::open(line, settings).await.unwrap();
     (device, link)
 }
 
-async fn a_device() -> (Device, ModbusLine, DeviceSettings) {
+async fn start_device() -> (Device, ModbusLine, DeviceSettings) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     let device = Device::default();
@@ -79,7 +79,7 @@ async fn a_device() -> (Device, ModbusLine, DeviceSettings) {
 
 #[tokio::test]
 async fn registers_are_read_and_written_and_read_back() {
-    let (device, link) = served().await;
+    let (device, link) = client_of_device().await;
     assert_eq!(link.read(RegisterSpace::Input, 2, 3).await.unwrap(), [1002, 1003, 1004]);
     link.write(20, &[7, 8, 9]).await.unwrap();
     assert_eq!(device.0.lock().unwrap()[19..24], [0, 7, 8, 9, 0]);
@@ -91,7 +91,7 @@ async fn registers_are_read_and_written_and_read_back() {
 
 #[tokio::test]
 async fn an_exception_is_told_in_words_and_the_connection_stays() {
-    let (_device, link) = served().await;
+    let (_device, link) = client_of_device().await;
     let refused = link.read(RegisterSpace::Holding, 98, 4).await.unwrap_err();
     assert_eq!(
         refused.to_string(),
@@ -103,7 +103,7 @@ async fn an_exception_is_told_in_words_and_the_connection_stays() {
 
 #[tokio::test]
 async fn what_is_not_on_the_list_is_not_sent() {
-    let (device, link) = served().await;
+    let (device, link) = client_of_device().await;
     let refused = |result: Result<(), ModbusError>| {
         assert!(matches!(result, Err(ModbusError::NotAllowed { .. })), "{result:?}");
     };
@@ -120,7 +120,7 @@ async fn what_is_not_on_the_list_is_not_sent() {
 
 #[tokio::test]
 async fn after_a_hold_no_other_write_goes_out() {
-    let (device, link) = served().await;
+    let (device, link) = client_of_device().await;
     let hold = link.urgent(30, &[1]).unwrap();
     hold.send_and_drop_ordinary();
     let refused = link.write(31, &[1]).await.unwrap_err();
@@ -133,7 +133,7 @@ async fn after_a_hold_no_other_write_goes_out() {
 
 #[tokio::test]
 async fn a_hold_goes_out_although_the_handle_is_dropped() {
-    let (device, link) = served().await;
+    let (device, link) = client_of_device().await;
     link.urgent(30, &[1]).unwrap().send_and_drop_ordinary();
     drop(link);
     for _ in 0..500 {
@@ -146,7 +146,7 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
 }
 
 /// Sends commands, with reads between them: `times` more than needed.
-async fn talk(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
+async fn read_repeatedly(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
     let mut read = Vec::new();
     for command in [7, 8, 9] {
         link.write(20, &[command, command]).await?;
@@ -166,11 +166,11 @@ async fn talk(link: &ModbusClient, times: usize) -> Result<Vec<Vec<u16>>, Modbus
 async fn a_captured_talk_is_replayed_without_the_device() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.capture");
-    let (device, line, settings) = a_device().await;
+    let (device, line, settings) = start_device().await;
     let capture = Capture::create(&file).unwrap();
     let opening = ModbusClient::open(line.clone(), settings.clone());
     let link = LinkMode::Captured(capture).apply_to(opening).await.unwrap();
-    let had = talk(&link, 2).await.unwrap();
+    let had = read_repeatedly(&link, 2).await.unwrap();
     assert_eq!(had, [[0, 7, 7, 0], [0, 8, 8, 0], [0, 9, 9, 0]]);
     drop((link, device));
     for times in 1..4 {
@@ -178,7 +178,7 @@ async fn a_captured_talk_is_replayed_without_the_device() {
         let nowhere = ModbusLine { link: LinkConfig::Tcp(HostPort::local(1)), ..line.clone() };
         let opening = ModbusClient::open(nowhere, settings.clone());
         let link = replay.apply_to(opening).await.unwrap();
-        assert_eq!(talk(&link, times).await.unwrap(), had);
+        assert_eq!(read_repeatedly(&link, times).await.unwrap(), had);
         let unknown = link.write(20, &[10, 10]).await.unwrap_err().to_string();
         assert!(unknown.contains("the capture has no `unit 1, function 16, address 20"), "{unknown}");
     }

@@ -8,13 +8,13 @@ use super::UrgentWrite;
 
 /// Queue of urgent writes, which can be checked during a request.
 pub(super) struct UrgentQueue {
-    queue: mpsc::UnboundedReceiver<UrgentWrite>,
+    incoming: mpsc::UnboundedReceiver<UrgentWrite>,
     received: VecDeque<UrgentWrite>,
 }
 
 impl UrgentQueue {
-    pub(super) fn new(queue: mpsc::UnboundedReceiver<UrgentWrite>) -> Self {
-        Self { queue, received: VecDeque::new() }
+    pub(super) fn new(incoming: mpsc::UnboundedReceiver<UrgentWrite>) -> Self {
+        Self { incoming, received: VecDeque::new() }
     }
 
     /// Waits until an urgent write is queued. Cancel safe.
@@ -22,14 +22,14 @@ impl UrgentQueue {
         if self.has_write() {
             return;
         }
-        match self.queue.recv().await {
+        match self.incoming.recv().await {
             Some(write) => self.received.push_back(write),
             None => std::future::pending().await,
         }
     }
 
     pub(super) fn has_write(&mut self) -> bool {
-        while let Ok(write) = self.queue.try_recv() {
+        while let Ok(write) = self.incoming.try_recv() {
             self.received.push_back(write);
         }
         !self.received.is_empty()

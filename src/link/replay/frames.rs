@@ -1,25 +1,23 @@
 //! Modbus frames: their ends, and the transaction number, which differs between capture and replay.
 
+use crc::{CRC_16_MODBUS, Crc};
+
+use crate::modbus::Framing;
+
 /// A request or reply without its envelope: the unit, then the PDU.
 pub(super) type FrameBody = Vec<u8>;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ModbusFraming {
-    Rtu,
-    Tcp,
-}
-
 const TCP_HEADER_BYTES: usize = 6;
 
-impl ModbusFraming {
+impl Framing {
     /// Removes all complete frames at the beginning of `bytes`; returns their bodies and transaction numbers (0 on
     /// RTU). The remainder stays. RTU frames are separated by pauses: there `bytes` is one frame.
-    pub(super) fn split_frames(self, bytes: &mut Vec<u8>) -> Vec<(u16, FrameBody)> {
+    pub(super) fn take_frames(self, bytes: &mut Vec<u8>) -> Vec<(u16, FrameBody)> {
         let mut frames = Vec::new();
         match self {
             Self::Rtu => {
                 if let [body @ .., _, _] = bytes.as_slice()
-                    && modbus_crc(body).to_le_bytes() == bytes[body.len()..]
+                    && MODBUS_CRC.checksum(body).to_le_bytes() == bytes[body.len()..]
                 {
                     frames.push((0, body.to_vec()));
                     bytes.clear();
@@ -42,7 +40,7 @@ impl ModbusFraming {
 
     pub(super) fn build_frame(self, transaction: u16, body: &[u8]) -> Vec<u8> {
         match self {
-            Self::Rtu => [body, &modbus_crc(body).to_le_bytes()].concat(),
+            Self::Rtu => [body, &MODBUS_CRC.checksum(body).to_le_bytes()].concat(),
             Self::Tcp => {
                 let length = u16::try_from(body.len()).unwrap_or(u16::MAX);
                 [&transaction.to_be_bytes(), &[0, 0], &length.to_be_bytes(), body].concat()
@@ -51,34 +49,23 @@ impl ModbusFraming {
     }
 }
 
-/// CRC-16/MODBUS: reflected polynomial 0xA001, initial value 0xFFFF.
-fn modbus_crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xA001 } else { crc >> 1 })
-    })
-}
+const MODBUS_CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MODBUS);
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn the_crc_is_the_known_one() {
-        // The check value that CRC catalogues list for CRC-16/MODBUS.
-        assert_eq!(modbus_crc(b"123456789"), 0x4B37);
-    }
-
-    #[test]
     fn frames_are_taken_whole() {
-        let mut bytes = ModbusFraming::Tcp.build_frame(7, &[1, 3, 2, 0, 9]);
+        let mut bytes = Framing::Tcp.build_frame(7, &[1, 3, 2, 0, 9]);
         bytes.extend([0, 8, 0]);
-        assert_eq!(ModbusFraming::Tcp.split_frames(&mut bytes), [(7, vec![1, 3, 2, 0, 9])]);
+        assert_eq!(Framing::Tcp.take_frames(&mut bytes), [(7, vec![1, 3, 2, 0, 9])]);
         assert_eq!(bytes, [0, 8, 0]);
-        let mut bytes = ModbusFraming::Rtu.build_frame(0, &[1, 3, 2, 0, 9]);
+        let mut bytes = Framing::Rtu.build_frame(0, &[1, 3, 2, 0, 9]);
         let last = bytes.pop();
-        assert_eq!(ModbusFraming::Rtu.split_frames(&mut bytes), []);
+        assert_eq!(Framing::Rtu.take_frames(&mut bytes), []);
         bytes.extend(last);
-        assert_eq!(ModbusFraming::Rtu.split_frames(&mut bytes), [(0, vec![1, 3, 2, 0, 9])]);
+        assert_eq!(Framing::Rtu.take_frames(&mut bytes), [(0, vec![1, 3, 2, 0, 9])]);
         assert!(bytes.is_empty());
     }
 }

@@ -15,17 +15,18 @@ use std::task::{Context, Poll, Waker};
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+mod capture_parser;
+mod exchanges;
 mod files;
 mod frames;
 mod lines;
-mod read;
 mod registers;
 #[cfg(test)]
 mod tests;
 
 use super::capture::LinkProtocol;
 use crate::Clock;
-use read::CapturedLink;
+use capture_parser::CapturedLink;
 
 /// Error: a capture cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -34,6 +35,21 @@ pub enum CaptureError {
     File { file: String, source: io::Error },
     #[error("{file}, line {line}: {why}: the file is not a capture, or it was cut or changed")]
     Undecodable { file: String, line: usize, why: String },
+}
+
+/// Error: a link deviates from the capture.
+#[derive(Debug, Clone, thiserror::Error)]
+enum ReplayError {
+    #[error("the capture has no further link with the protocol of {link}")]
+    NoLink { link: String },
+    #[error("the capture has no {request}")]
+    UnknownRequest { request: String },
+    #[error("the capture has no {command} at this point; its next command is {next}")]
+    OtherCommand { command: String, next: String },
+    #[error("the capture has no {write} at this point; its next write is {next}")]
+    OtherWrite { write: String, next: String },
+    #[error("the text of {file} differs from the capture; captured text: {captured}")]
+    OtherText { file: String, captured: String },
 }
 
 /// Captured data of a device, and its time.
@@ -46,14 +62,14 @@ struct CapturedReply {
 /// Replay of one link: takes sent bytes, returns the captured replies.
 trait LinkScript: Send {
     /// # Errors
-    /// The command that is not in the capture; as a message.
-    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, String>;
+    /// The command is not in the capture.
+    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError>;
 }
 
 /// All links of a capture.
 #[derive(Clone)]
 pub struct Replay {
-    tracks: Arc<Mutex<Vec<CapturedLink>>>,
+    remaining_links: Arc<Mutex<Vec<CapturedLink>>>,
     now_s: Arc<Mutex<f64>>,
 }
 
@@ -63,8 +79,8 @@ impl Replay {
     pub fn read(path: &Path) -> Result<Self, CaptureError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|source| CaptureError::File { file: file.clone(), source })?;
-        let tracks = read::parse_capture(&text).map_err(|(line, why)| CaptureError::Undecodable { file, line, why })?;
-        Ok(Self { tracks: Arc::new(Mutex::new(tracks)), now_s: Arc::default() })
+        let links = capture_parser::parse_capture(&file, &text)?;
+        Ok(Self { remaining_links: Arc::new(Mutex::new(links)), now_s: Arc::default() })
     }
 
     /// Clock that runs with the times of the capture.
@@ -75,17 +91,13 @@ impl Replay {
     /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
     /// protocol.
     pub(super) fn link_replay(&self, name: &str, protocol: LinkProtocol) -> LinkReplay {
-        let mut tracks = lock(&self.tracks);
-        let has_protocol = |track: &CapturedLink| track.protocol == protocol;
-        let named = tracks.iter().position(|track| has_protocol(track) && track.name == name);
-        let index = named.or_else(|| tracks.iter().position(has_protocol));
-        let state = match index.map(|index| tracks.remove(index)) {
-            Some(track) => ReplayState { script: Some(create_script(&track)), ..ReplayState::default() },
-            None => ReplayState {
-                failure: Some(format!("the capture has no further link with the protocol of {name}")),
-                ..ReplayState::default()
-            },
-        };
+        let mut links = lock(&self.remaining_links);
+        let has_protocol = |link: &CapturedLink| link.protocol == protocol;
+        let named = links.iter().position(|link| has_protocol(link) && link.name == name);
+        let index = named.or_else(|| links.iter().position(has_protocol));
+        let script = index.map(|index| create_script(&links.remove(index)));
+        let failure = script.is_none().then(|| ReplayError::NoLink { link: name.to_owned() });
+        let state = ReplayState { script, failure, ..ReplayState::default() };
         let link_replay = LinkReplay { now_s: self.now_s.clone(), state: Arc::new(Mutex::new(state)) };
         // Data that the device sends without a request.
         link_replay.process_sent(&[]);
@@ -99,12 +111,11 @@ impl Clock for Replay {
     }
 }
 
-fn create_script(track: &CapturedLink) -> Box<dyn LinkScript> {
-    match track.protocol {
-        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::LineScript::new(track)),
-        LinkProtocol::ModbusRtu => Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Rtu)),
-        LinkProtocol::ModbusTcp => Box::new(registers::RegisterScript::new(track, frames::ModbusFraming::Tcp)),
-        LinkProtocol::Files => Box::new(files::FileScript::new(track)),
+fn create_script(captured: &CapturedLink) -> Box<dyn LinkScript> {
+    match captured.protocol {
+        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::LineScript::new(captured)),
+        LinkProtocol::Modbus(framing) => Box::new(registers::RegisterScript::new(captured, framing)),
+        LinkProtocol::Files => Box::new(files::FileScript::new(captured)),
     }
 }
 
@@ -123,7 +134,7 @@ pub(super) struct LinkReplay {
 struct ReplayState {
     script: Option<Box<dyn LinkScript>>,
     reply_bytes: VecDeque<u8>,
-    failure: Option<String>,
+    failure: Option<ReplayError>,
     reader_waker: Option<Waker>,
 }
 
@@ -140,7 +151,7 @@ impl LinkReplay {
         self.process_sent(bytes);
         let mut state = lock(&self.state);
         match &state.failure {
-            Some(why) => Err(io::Error::other(why.clone())),
+            Some(error) => Err(io::Error::other(error.clone())),
             None => Ok(state.reply_bytes.drain(..).collect()),
         }
     }
@@ -160,7 +171,7 @@ impl LinkReplay {
                     state.reply_bytes.extend(bytes);
                 }
             }
-            Err(why) => (state.failure, state.script) = (Some(why), None),
+            Err(error) => (state.failure, state.script) = (Some(error), None),
         }
         if let Some(reader_waker) = state.reader_waker.take() {
             reader_waker.wake();
@@ -174,8 +185,8 @@ impl AsyncRead for ReplayStream {
     fn poll_read(self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         let mut state = lock(&self.0.state);
         if state.reply_bytes.is_empty() {
-            if let Some(why) = &state.failure {
-                return Poll::Ready(Err(io::Error::other(why.clone())));
+            if let Some(error) = &state.failure {
+                return Poll::Ready(Err(io::Error::other(error.clone())));
             }
             state.reader_waker = Some(context.waker().clone());
             return Poll::Pending;

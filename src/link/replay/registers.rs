@@ -1,27 +1,16 @@
 //! Replay of Modbus frames. Reads are queries; writes are commands. A write of a single register may be a
 //! heartbeat, which depends on time: it is confirmed even if it is more or less frequent than in the capture.
 
-use std::collections::BTreeMap;
+use super::capture_parser::{CapturedLink, Transfer};
+use super::exchanges::ExchangeHistory;
+use super::frames::FrameBody;
+use super::{CapturedReply, LinkScript, ReplayError};
+use crate::modbus::Framing;
 
-use super::frames::{FrameBody, ModbusFraming};
-use super::read::{CapturedLink, Transfer};
-use super::{CapturedReply, LinkScript};
-
-/// A write, and the reads until the next write.
-#[derive(Default)]
-struct WriteExchange {
-    write: FrameBody,
-    reply: Option<CapturedReply>,
-    reads: BTreeMap<FrameBody, Vec<CapturedReply>>,
-}
-
+/// The commands are the bodies of writes, the queries the bodies of reads.
 pub(super) struct RegisterScript {
-    frames: ModbusFraming,
-    /// The first exchange has no write.
-    exchanges: Vec<WriteExchange>,
-    current: usize,
-    /// Number of replies to each read in this exchange.
-    read_counts: BTreeMap<FrameBody, usize>,
+    framing: Framing,
+    history: ExchangeHistory,
     sent_bytes: Vec<u8>,
 }
 
@@ -40,26 +29,26 @@ fn single_register_write(body: &[u8]) -> Option<&[u8]> {
 }
 
 impl RegisterScript {
-    pub(super) fn new(track: &CapturedLink, frames: ModbusFraming) -> Self {
-        let mut exchanges = vec![WriteExchange::default()];
+    pub(super) fn new(captured: &CapturedLink, framing: Framing) -> Self {
+        let mut history = ExchangeHistory::new();
         // Requests without a reply so far.
         let mut open_requests: Vec<(u16, FrameBody)> = Vec::new();
         let (mut sent, mut received) = (Vec::new(), Vec::new());
-        for transfer in &track.transfers {
+        for transfer in &captured.transfers {
             match transfer {
                 Transfer::Sent(bytes) => {
                     sent.extend(bytes);
                     received.clear();
-                    for (transaction, body) in frames.split_frames(&mut sent) {
+                    for (transaction, body) in framing.take_frames(&mut sent) {
                         if !is_read(&body) {
-                            exchanges.push(WriteExchange { write: body.clone(), ..WriteExchange::default() });
+                            history.push_command(body.clone());
                         }
                         open_requests.push((transaction, body));
                     }
                 }
                 Transfer::Received(reply) => {
                     received.extend(&reply.bytes);
-                    for (transaction, bytes) in frames.split_frames(&mut received) {
+                    for (transaction, bytes) in framing.take_frames(&mut received) {
                         let is_request_of = |request: &(u16, FrameBody)| {
                             request.0 == transaction && function_code(&request.1) == function_code(&bytes)
                         };
@@ -67,78 +56,55 @@ impl RegisterScript {
                             continue;
                         };
                         let (_, request) = open_requests.remove(index);
-                        store_reply(&mut exchanges, request, CapturedReply { time_s: reply.time_s, bytes });
+                        store_reply(&mut history, &request, CapturedReply { time_s: reply.time_s, bytes });
                     }
                 }
             }
         }
-        Self { frames, exchanges, current: 0, read_counts: BTreeMap::new(), sent_bytes: Vec::new() }
+        Self { framing, history, sent_bytes: Vec::new() }
     }
 
-    fn reply_for(&mut self, request: FrameBody) -> Result<Option<CapturedReply>, String> {
-        if is_read(&request) {
-            return self.read(request).map(Some);
+    fn reply_to_request(&mut self, request: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
+        if is_read(request) {
+            let unknown = || ReplayError::UnknownRequest { request: describe_request(request) };
+            return self.history.reply_to_query(request).ok_or_else(unknown);
         }
-        let following = self.exchanges.iter().enumerate().skip(self.current + 1);
-        for (index, exchange) in following {
-            if exchange.write == request {
-                (self.current, self.read_counts) = (index, BTreeMap::new());
-                return Ok(exchange.reply.clone());
+        for (index, exchange) in self.history.following().iter().enumerate() {
+            if exchange.command == request {
+                return Ok(self.history.advance(index));
             }
-            if single_register_write(&exchange.write).is_none() {
+            if single_register_write(&exchange.command).is_none() {
                 break;
             }
         }
-        let write_header = single_register_write(&request);
-        let earlier_write =
-            self.exchanges.iter().rfind(|exchange| single_register_write(&exchange.write) == write_header);
-        if let (Some(write_header), Some(earlier_write)) = (write_header, earlier_write) {
-            let time_s = earlier_write.reply.as_ref().map_or(0.0, |reply| reply.time_s);
-            return Ok(Some(CapturedReply { time_s, bytes: write_header.to_vec() }));
+        if let Some(header) = single_register_write(request)
+            && let Some(captured) = self.history.rfind_mut(|write| single_register_write(write) == Some(header))
+        {
+            let time_s = captured.replies.first().map_or(0.0, |reply| reply.time_s);
+            return Ok(vec![CapturedReply { time_s, bytes: header.to_vec() }]);
         }
-        let expected = self.exchanges.get(self.current + 1);
-        let expected_text = expected.map_or("nothing".to_owned(), |next| describe_request(&next.write));
-        Err(format!(
-            "the capture has no {} at this point; its next write is {expected_text}",
-            describe_request(&request)
-        ))
-    }
-
-    fn read(&mut self, request: FrameBody) -> Result<CapturedReply, String> {
-        let read_count = self.read_counts.entry(request.clone()).or_default();
-        let count = *read_count;
-        *read_count += 1;
-        let captured_replies = self.exchanges.get(self.current).and_then(|exchange| exchange.reads.get(&request));
-        let reply = captured_replies.and_then(|replies| replies.get(count).or(replies.last()));
-        let earlier_reply = || {
-            let earlier = self.exchanges.iter().take(self.current).rev();
-            earlier.filter_map(|exchange| exchange.reads.get(&request)?.last()).next()
-        };
-        let unknown = || format!("the capture has no {}", describe_request(&request));
-        reply.or_else(earlier_reply).cloned().ok_or_else(unknown)
+        let next = self.history.following().first();
+        let next = next.map_or("nothing".to_owned(), |next| describe_request(&next.command));
+        Err(ReplayError::OtherWrite { write: describe_request(request), next })
     }
 }
 
-fn store_reply(exchanges: &mut [WriteExchange], request: FrameBody, reply: CapturedReply) {
-    if is_read(&request) {
-        if let Some(exchange) = exchanges.last_mut() {
-            exchange.reads.entry(request).or_default().push(reply);
-        }
-    } else if let Some(exchange) = exchanges.iter_mut().rfind(|exchange| exchange.write == request) {
-        exchange.reply = Some(reply);
+fn store_reply(history: &mut ExchangeHistory, request: &[u8], reply: CapturedReply) {
+    if is_read(request) {
+        history.push_query_reply(request, vec![reply]);
+    } else if let Some(exchange) = history.rfind_mut(|write| write == request) {
+        exchange.replies = vec![reply];
     }
 }
 
 impl LinkScript for RegisterScript {
-    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, String> {
+    fn reply_to(&mut self, bytes: &[u8]) -> Result<Vec<CapturedReply>, ReplayError> {
         self.sent_bytes.extend(bytes);
         let mut replies = Vec::new();
-        for (transaction, request) in self.frames.split_frames(&mut self.sent_bytes) {
-            let reply = self.reply_for(request)?;
-            replies.extend(reply.map(|CapturedReply { time_s, bytes }| CapturedReply {
-                time_s,
-                bytes: self.frames.build_frame(transaction, &bytes),
-            }));
+        for (transaction, request) in self.framing.take_frames(&mut self.sent_bytes) {
+            for CapturedReply { time_s, bytes } in self.reply_to_request(&request)? {
+                replies.push(CapturedReply { time_s, bytes: self.framing.build_frame(transaction, &bytes) });
+            }
         }
         Ok(replies)
     }

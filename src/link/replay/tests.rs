@@ -11,8 +11,8 @@ fn replay(text: &str) -> Result<Replay, String> {
     let file = folder.path().join("a.capture");
     std::fs::write(&file, text).unwrap();
     Replay::read(&file).map_err(|error| {
-        let told = error.to_string();
-        told.rsplit_once('/').map_or(told.clone(), |(_, told)| told.to_owned())
+        let message = error.to_string();
+        message.rsplit_once('/').map_or(message.clone(), |(_, message)| message.to_owned())
     })
 }
 
@@ -23,7 +23,7 @@ async fn line(link: &mut Link) -> String {
     }
 }
 
-const TALK: &str = "# trued-capture 1
+const CAPTURED_LINES: &str = "# trued-capture 1
 # by hand
 0.1 1 = lines port
 0.2 1 < Grbl 1.1\\r\\n
@@ -41,7 +41,7 @@ const TALK: &str = "# trued-capture 1
 
 #[tokio::test]
 async fn replies_come_by_command_and_reports_when_asked() {
-    let replay = replay(TALK).unwrap();
+    let replay = replay(CAPTURED_LINES).unwrap();
     let clock = replay.clock();
     let (near, _far) = tokio::io::duplex(64);
     let mut link = LinkMode::Replayed(replay).apply_to(async { Link::from_stream("port", near) }).await;
@@ -96,38 +96,38 @@ async fn a_captured_talk_is_the_one_that_was_had() {
             r"1 < ok\r\n",
         ]
     );
-    let tracks = read::parse_capture(&text).unwrap();
-    let read::Transfer::Received(said) = &tracks[0].transfers[1] else { panic!() };
-    assert_eq!(said.bytes, b"[MSG:a\\b \"c\"]\r\n");
+    let links = capture_parser::parse_capture("a.capture", &text).unwrap();
+    let capture_parser::Transfer::Received(received) = &links[0].transfers[1] else { panic!() };
+    assert_eq!(received.bytes, b"[MSG:a\\b \"c\"]\r\n");
 }
 
 #[test]
 fn a_spoilt_capture_is_refused_in_words() {
-    let told = |text: &str| replay(text).err().unwrap();
+    let error_of = |text: &str| replay(text).err().unwrap();
     assert_eq!(
-        told("G1 X2\n"),
+        error_of("G1 X2\n"),
         "a.capture, line 1: the file does not begin with `# trued-capture 1`: the file is not a capture, or \
          it was cut or changed"
     );
     for (spoilt, line, why) in [
-        (TALK.replace("0.6 1 >", "soon 1 >"), 8, "the first column is not a time"),
-        (TALK.replace("0.6 1 >", "NaN 1 >"), 8, "the first column is not a time"),
-        (TALK.replace("0.6 1 >", "0.6 2 >"), 8, "the link was not opened"),
-        (TALK.replace("0.6 1 >", "0.6 one >"), 8, "the second column is not the number of a link"),
-        (TALK.replace("0.6 1 >", "0.6 1 ="), 8, ""),
-        (TALK.replace("0.6 1 >", "0.6 1 ]"), 8, "the third column is not"),
-        (TALK.replace("G1X2\\n", "G1X2\\q"), 8, "the content has an unknown escape"),
-        (TALK.replace("G1X2\\n", "G1X2\\x9"), 8, "the content has an unknown escape"),
-        (TALK.replace("G1X2\\n", "G1X2\t"), 8, "the content has an unprintable byte"),
-        (TALK.replace("= lines", "= words"), 3, "the protocol of the link is unknown"),
-        (TALK.replace("0.7 1 > ?", "0.7 1 >"), 9, "the line has too few columns"),
-        (TALK.trim_end().to_owned(), 14, "the last line has no line end"),
+        (CAPTURED_LINES.replace("0.6 1 >", "soon 1 >"), 8, "the first column is not a time"),
+        (CAPTURED_LINES.replace("0.6 1 >", "NaN 1 >"), 8, "the first column is not a time"),
+        (CAPTURED_LINES.replace("0.6 1 >", "0.6 2 >"), 8, "the link was not opened"),
+        (CAPTURED_LINES.replace("0.6 1 >", "0.6 one >"), 8, "the second column is not the number of a link"),
+        (CAPTURED_LINES.replace("0.6 1 >", "0.6 1 ="), 8, ""),
+        (CAPTURED_LINES.replace("0.6 1 >", "0.6 1 ]"), 8, "the third column is not"),
+        (CAPTURED_LINES.replace("G1X2\\n", "G1X2\\q"), 8, "the content has an unknown escape"),
+        (CAPTURED_LINES.replace("G1X2\\n", "G1X2\\x9"), 8, "the content has an unknown escape"),
+        (CAPTURED_LINES.replace("G1X2\\n", "G1X2\t"), 8, "the content has an unprintable byte"),
+        (CAPTURED_LINES.replace("= lines", "= words"), 3, "the protocol of the link is unknown"),
+        (CAPTURED_LINES.replace("0.7 1 > ?", "0.7 1 >"), 9, "the line has too few columns"),
+        (CAPTURED_LINES.trim_end().to_owned(), 14, "the last line has no line end"),
     ] {
         if why.is_empty() {
             assert!(replay(&spoilt).is_ok());
             continue;
         }
-        let told = told(&spoilt);
-        assert!(told.starts_with(&format!("a.capture, line {line}: {why}")), "{told}");
+        let message = error_of(&spoilt);
+        assert!(message.starts_with(&format!("a.capture, line {line}: {why}")), "{message}");
     }
 }

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::Grbl;
 use crate::controllers::{Controller, ControllerConfig, ControllerError, DiagnosisFuture, DiagnosisMode, OpenFuture};
 use link::Clock;
-use link::HostPort;
+use link::{HostPort, LinkKeys};
 use machine::record::machine::Machine;
 use planning::proof::ProvenModes;
 
@@ -41,7 +41,7 @@ impl TryFrom<GrblConfigKeys> for GrblConfig {
 
     fn try_from(keys: GrblConfigKeys) -> Result<Self, String> {
         let GrblConfigKeys { serial, serial_id, baud, tcp, dialect } = keys;
-        let link = link::LinkConfig::from_keys((serial, serial_id, tcp), baud, DEFAULT_BAUD)?;
+        let link = link::LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD)?;
         Ok(Self { link, dialect })
     }
 }

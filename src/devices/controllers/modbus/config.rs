@@ -20,16 +20,11 @@ struct ModbusConfigKeys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "default_timeout_s")]
-    timeout_s: f64,
+    timeout_s: Option<f64>,
     #[serde(default = "default_dialect")]
     dialect: String,
     registers: Option<map::keys::RegisterMapKeys>,
     program: Option<program::ProgramKeys>,
-}
-
-fn default_timeout_s() -> f64 {
-    0.5
 }
 
 fn default_dialect() -> String {

@@ -4,11 +4,11 @@ use link::can::{CanError, CanEvent, CanId};
 
 #[derive(Debug, Default)]
 pub(super) struct BusState {
-    down: Option<String>,
+    down_reason: Option<String>,
     /// Reason why the CAN controller has left the bus (bus-off).
-    off: Option<String>,
+    bus_off_reason: Option<String>,
     /// Last bus errors that the controller has reported.
-    errors: Option<String>,
+    bus_errors: Option<String>,
     /// Identifiers of the other frames that arrive.
     foreign_ids: Vec<CanId>,
 }
@@ -18,11 +18,11 @@ impl BusState {
     pub fn record_event(&mut self, event: CanEvent) {
         match event {
             CanEvent::Frame(_) => {}
-            CanEvent::Down(why) => self.down = Some(why),
-            CanEvent::Up => (self.down, self.off) = (None, None),
-            CanEvent::BusOff(why) => self.off = Some(why),
-            CanEvent::LostFrames(_) => self.off = None,
-            CanEvent::BusErrors(why) => self.errors = Some(why),
+            CanEvent::Down(why) => self.down_reason = Some(why),
+            CanEvent::Up => (self.down_reason, self.bus_off_reason) = (None, None),
+            CanEvent::BusOff(why) => self.bus_off_reason = Some(why),
+            CanEvent::LostFrames(_) => self.bus_off_reason = None,
+            CanEvent::BusErrors(why) => self.bus_errors = Some(why),
             CanEvent::ForeignId(id) => self.foreign_ids.push(id),
         }
     }
@@ -35,10 +35,10 @@ impl BusState {
     /// Returns the fault of the bus, if one is known; the fault that explains most comes first.
     pub fn fault(&self, interface: &str, id: CanId) -> Option<CanError> {
         let (interface, id) = (interface.to_owned(), id.to_string());
-        if let Some(why) = self.down.clone() {
+        if let Some(why) = self.down_reason.clone() {
             return Some(CanError::Down { interface, why });
         }
-        if let Some(why) = self.off.clone() {
+        if let Some(why) = self.bus_off_reason.clone() {
             return Some(CanError::BusOff { interface, why });
         }
         // Frames of other nodes arrive, so the bus itself works.
@@ -46,7 +46,7 @@ impl BusState {
             let foreign_ids = self.foreign_ids.iter().map(CanId::to_string).collect::<Vec<_>>().join(", ");
             return Some(CanError::ForeignIds { interface, id, foreign_ids });
         }
-        let why = self.errors.clone()?;
+        let why = self.bus_errors.clone()?;
         Some(CanError::BusErrors { interface, id, why })
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tokio::sync::mpsc;
 
 use super::driver::CanDriver;
-use super::tests::{Stands, config, noun};
+use super::tests::{StoppedClock, config, test_sensor};
 use crate::sensors::{Sample, SensorDriver as _, SensorError};
 use link::can::{CanError, CanEvent, CanFrame, CanId, CanReceiver};
 use machine::record::reading::ReadingFlag;
@@ -17,9 +17,9 @@ fn driver(counter: &str, timeout_s: f64) -> (CanDriver, mpsc::Sender<CanEvent>) 
     let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
                 value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
     let config = config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter}")).unwrap();
-    let (say, heard) = mpsc::channel(64);
-    let can = CanReceiver::from_events("can0", heard);
-    (CanDriver::new(&config, can, noun().range_mm, Arc::new(Stands)), say)
+    let (sender, receiver) = mpsc::channel(64);
+    let can = CanReceiver::from_events("can0", receiver);
+    (CanDriver::new(&config, can, test_sensor().range_mm, Arc::new(StoppedClock)), sender)
 }
 
 fn id(raw: u32) -> CanId {
@@ -34,11 +34,11 @@ fn words(words: &str) -> String {
     words.to_owned()
 }
 
-/// Error of a driver that receives the events `said` before it starts, and nothing afterwards.
-async fn refused(said: Vec<CanEvent>) -> CanError {
-    let (mut driver, say) = driver(COUNTED, 0.05);
-    for heard in said {
-        say.send(heard).await.unwrap();
+/// Error of a driver that receives the events `sent` before it starts, and nothing afterwards.
+async fn refused(sent: Vec<CanEvent>) -> CanError {
+    let (mut driver, sender) = driver(COUNTED, 0.05);
+    for event in sent {
+        sender.send(event).await.unwrap();
     }
     match driver.prepare().await {
         Err(SensorError::Can(error)) => error,
@@ -53,9 +53,9 @@ async fn a_bus_with_errors_alone_names_the_bit_rate() {
         CanEvent::BusErrors(words("protocol violation")),
     ])
     .await;
-    let said = error.to_string();
-    assert!(said.contains("no frame 123 was received on `can0`"), "{said}");
-    assert!(said.contains("the bus has errors: protocol violation"), "{said}");
+    let message = error.to_string();
+    assert!(message.contains("no frame 123 was received on `can0`"), "{message}");
+    assert!(message.contains("the bus has errors: protocol violation"), "{message}");
     assert!(error.remedy().contains("compare the bit rate (`ip -details link show can0`)"));
 }
 
@@ -85,11 +85,11 @@ async fn frames_of_others_alone_are_named() {
 
 #[tokio::test]
 async fn a_counter_that_always_says_the_same_is_named() {
-    let (mut driver, say) = driver(COUNTED, 30.0);
+    let (mut driver, sender) = driver(COUNTED, 30.0);
     tokio::spawn(async move {
         loop {
             // A full channel waits for its reader.
-            if say.send(frame(9)).await.is_err() {
+            if sender.send(frame(9)).await.is_err() {
                 return;
             }
             tokio::task::yield_now().await;
@@ -99,11 +99,11 @@ async fn a_counter_that_always_says_the_same_is_named() {
     assert!(matches!(error, SensorError::CounterFrozen), "{error}");
 }
 
-async fn samples(counter: &str, said: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
-    let (mut driver, say) = driver(counter, 30.0);
+async fn samples(counter: &str, sent: Vec<CanEvent>, count: usize) -> Vec<(ReadingFlag, u32)> {
+    let (mut driver, sender) = driver(counter, 30.0);
     driver.discard_old_samples().await.unwrap();
-    for heard in said {
-        say.send(heard).await.unwrap();
+    for event in sent {
+        sender.send(event).await.unwrap();
     }
     let mut samples = Vec::new();
     for _ in 0..count {
@@ -116,7 +116,7 @@ async fn samples(counter: &str, said: Vec<CanEvent>, count: usize) -> Vec<(Readi
 /// A fault during the measurement gives a flagged sample at once, and a gap after its end.
 #[tokio::test]
 async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
-    let said = || {
+    let events = || {
         vec![
             frame(1),
             CanEvent::BusErrors(words("bus error")),
@@ -128,7 +128,7 @@ async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
         ]
     };
     let (well, stale) = ((ReadingFlag::None, 0), (ReadingFlag::Stale, 0));
-    assert_eq!(samples(COUNTED, said(), 5).await, [well, well, stale, (ReadingFlag::Gap, 4), well]);
+    assert_eq!(samples(COUNTED, events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 4), well]);
     // Without a counter the number of missing samples is unknown.
-    assert_eq!(samples("", said(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
+    assert_eq!(samples("", events(), 5).await, [well, well, stale, (ReadingFlag::Gap, 0), well]);
 }

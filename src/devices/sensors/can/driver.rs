@@ -27,8 +27,9 @@ pub(super) struct CanDriver {
     clock: Arc<dyn Clock>,
     counter: CounterTracker,
     /// Time before which received frames are ignored, s.
-    since_s: f64,
+    ignored_before_s: f64,
     bus: BusState,
+    /// The simulator on which the sensor depends.
     _simulator: Option<Arc<()>>,
 }
 
@@ -36,14 +37,9 @@ impl CanDriver {
     pub(super) fn new(config: &CanConfig, can: CanReceiver, range_mm: [f64; 2], clock: Arc<dyn Clock>) -> Self {
         let CanConfig { id, layout, timeout, .. } = config.clone();
         let counter = CounterTracker::new(layout.sample.counter_modulus());
-        let since_s = f64::NEG_INFINITY;
+        let ignored_before_s = f64::NEG_INFINITY;
         let (bus, _simulator) = (BusState::default(), None);
-        Self { can, id, layout, range_mm, timeout, clock, counter, since_s, bus, _simulator }
-    }
-
-    /// Keeps `simulator`, on which the sensor depends, as long as the driver lives.
-    pub(super) fn with_simulator(self, simulator: Option<Arc<()>>) -> Self {
-        Self { _simulator: simulator, ..self }
+        Self { can, id, layout, range_mm, timeout, clock, counter, ignored_before_s, bus, _simulator }
     }
 
     fn decode_frame(&mut self, frame: &CanFrame) -> Result<Sample, SensorError> {
@@ -54,10 +50,6 @@ impl CanDriver {
         Ok(self.counter.complete_sample(frame.t_s, decoded.flag_out_of_range(self.range_mm)))
     }
 
-    fn stale_sample(&self) -> Sample {
-        Sample::stale(self.clock.now_s())
-    }
-
     /// Waits for the first sample. A bus that reports only errors is never silent, so the wait has a
     /// deadline.
     async fn first_sample(&mut self) -> Result<Sample, SensorError> {
@@ -65,7 +57,7 @@ impl CanDriver {
         let deadline = Instant::now() + wait;
         loop {
             let remaining = deadline.saturating_duration_since(Instant::now());
-            match self.can.next(remaining).await? {
+            match self.can.next_event(remaining).await? {
                 Some(CanEvent::Frame(frame)) => {
                     self.bus.clear();
                     return self.decode_frame(&frame);
@@ -74,8 +66,13 @@ impl CanDriver {
                 _ => break,
             }
         }
+        Err(self.silence_error(wait))
+    }
+
+    /// Error without a frame for `silence`: the fault of the bus, if one is known.
+    fn silence_error(&self, silence: Duration) -> SensorError {
         let fault = self.bus.fault(self.can.name(), self.id);
-        Err(fault.map_or(SensorError::Silent { seconds: wait.as_secs_f64() }, SensorError::from))
+        fault.map_or(SensorError::Silent { seconds: silence.as_secs_f64() }, SensorError::from)
     }
 
     /// Receives samples until there are enough to determine their rate; returns their number, and how long
@@ -105,9 +102,7 @@ impl SensorDriver for CanDriver {
         let first = self.first_sample().await?;
         let (steps, span_s) = self.measure_rate(first).await?;
         if span_s <= 0.0 {
-            let fault = self.bus.fault(self.can.name(), self.id).map(SensorError::from);
-            let seconds = self.timeout.as_secs_f64();
-            return Err(fault.unwrap_or(SensorError::Silent { seconds }));
+            return Err(self.silence_error(self.timeout));
         }
         let identity = format!("frames {} on {}", self.id, self.can.name());
         Ok(SensorInfo { identity, rate_hz: steps as f64 / span_s })
@@ -120,8 +115,8 @@ impl SensorDriver for CanDriver {
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
         if !self.can.is_on_demand() {
             // The kernel may still hold earlier frames.
-            self.since_s = self.clock.now_s();
-            while let Some(event) = self.can.try_next()? {
+            self.ignored_before_s = self.clock.now_s();
+            while let Some(event) = self.can.try_next_event()? {
                 self.bus.record_event(event);
             }
         }
@@ -133,9 +128,9 @@ impl SensorDriver for CanDriver {
         let deadline = Instant::now() + self.timeout;
         loop {
             let remaining = deadline.saturating_duration_since(Instant::now());
-            match self.can.next(remaining).await? {
-                None => return Ok(self.stale_sample()),
-                Some(CanEvent::Frame(frame)) if frame.t_s < self.since_s => {}
+            match self.can.next_event(remaining).await? {
+                None => return Ok(Sample::stale(self.clock.now_s())),
+                Some(CanEvent::Frame(frame)) if frame.t_s < self.ignored_before_s => {}
                 Some(CanEvent::Frame(frame)) => {
                     self.bus.clear();
                     return self.decode_frame(&frame);
@@ -143,7 +138,7 @@ impl SensorDriver for CanDriver {
                 Some(event @ (CanEvent::Down(_) | CanEvent::BusOff(_))) => {
                     self.bus.record_event(event);
                     self.counter.mark_data_lost();
-                    return Ok(self.stale_sample());
+                    return Ok(Sample::stale(self.clock.now_s()));
                 }
                 Some(event @ (CanEvent::Up | CanEvent::LostFrames(_))) => {
                     self.bus.record_event(event);
@@ -189,7 +184,7 @@ impl CanConfig {
         clock: Arc<dyn Clock>,
         simulator: Option<Arc<()>>,
     ) -> Sensor {
-        let driver = CanDriver::new(self, can, sensor.range_mm, clock);
-        Sensor::spawn(sensor.name.clone(), driver.with_simulator(simulator))
+        let driver = CanDriver { _simulator: simulator, ..CanDriver::new(self, can, sensor.range_mm, clock) };
+        Sensor::spawn(sensor.name.as_str(), driver)
     }
 }

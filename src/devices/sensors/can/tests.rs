@@ -12,7 +12,7 @@ use machine::record::sensor;
 use simulator::SensorOutput;
 use simulator::sensors::{SampleSource, can};
 
-pub(super) fn noun() -> sensor::Sensor {
+pub(super) fn test_sensor() -> sensor::Sensor {
     serde_json::from_value(serde_json::json!({
         "name": "laser", "zero_mm": [0.0, 0.0, -150.0], "direction": [0.0, 0.0, -1.0],
         "range_mm": [-100.0, 100.0],
@@ -33,7 +33,7 @@ fn spawn_sensor(config: &CanConfig, frames: &[&[u8]]) -> Sensor {
         t_s += 1e-3;
         Some(CanFrame::new(t_s, id, &left.pop_front()?))
     });
-    config.spawn_sensor(can, &noun(), Arc::new(HostClock::start()), None)
+    config.spawn_sensor(can, &test_sensor(), Arc::new(HostClock::start()), None)
 }
 
 const LITTLE: &str = r#"
@@ -43,11 +43,11 @@ value = { byte = 0, width = 24, order = "little", signed = true, scale_mm = 1e-5
 counter = { byte = 3, width = 8 }
 "#;
 
-fn seen(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
+fn values_and_flags(samples: &[Sample]) -> Vec<(Option<f64>, ReadingFlag, u32)> {
     // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
-    let told = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing);
-    samples.iter().map(told).collect()
+    let value_and_flag = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing);
+    samples.iter().map(value_and_flag).collect()
 }
 
 #[tokio::test]
@@ -65,7 +65,7 @@ async fn frames_become_samples_with_their_flags() {
     );
     let samples = sensor.read_samples(6).await.unwrap();
     assert_eq!(
-        seen(&samples),
+        values_and_flags(&samples),
         [
             (Some(83.88607), ReadingFlag::None, 0),
             (Some(-83.88608), ReadingFlag::None, 0),
@@ -83,9 +83,9 @@ async fn frames_become_samples_with_their_flags() {
     );
 }
 
-pub(super) struct Stands;
+pub(super) struct StoppedClock;
 
-impl Clock for Stands {
+impl Clock for StoppedClock {
     fn now_s(&self) -> f64 {
         12.5
     }
@@ -104,7 +104,7 @@ async fn frames_of_the_simulated_sensor_are_read() {
     ];
     let mut sees = sees.into_iter();
     let sense: SampleSource = Box::new(move || sees.next().unwrap());
-    let clock: Arc<dyn Clock> = Arc::new(Stands);
+    let clock: Arc<dyn Clock> = Arc::new(StoppedClock);
     let mut frames = can::frame_source(sense, clock.clone());
     // By hand from the data sheet: 123456 counts are 0x01E240.
     let first = frames().unwrap();
@@ -113,9 +113,9 @@ async fn frames_of_the_simulated_sensor_are_read() {
     let can = CanReceiver::on_demand("memory", frames);
     let keys = format!("interface = \"memory\"\n{}", can::DATA_SHEET);
     let config: CanConfig = toml::from_str(&keys).unwrap();
-    let samples = config.spawn_sensor(can, &noun(), clock, None).read_samples(5).await.unwrap();
+    let samples = config.spawn_sensor(can, &test_sensor(), clock, None).read_samples(5).await.unwrap();
     assert_eq!(
-        seen(&samples),
+        values_and_flags(&samples),
         [
             (None, ReadingFlag::Range, 0),
             (None, ReadingFlag::Saturated, 0),

@@ -6,7 +6,6 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::map::{EncoderCountKeys, RegisterCounterKeys, RegisterMap, RegisterStatusKeys, RegisterValueKeys};
-use crate::sensors::SharedPort;
 use link::HostPort;
 use link::modbus::{AccessList, DeviceSettings, Framing, ModbusDevice, ModbusDeviceKeys, Parity, RegisterSpace};
 
@@ -20,12 +19,11 @@ struct ModbusSensorKeys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "default_timeout_s")]
-    timeout_s: f64,
+    timeout_s: Option<f64>,
     /// Maximum rate of the reads, Hz.
     #[serde(default = "default_rate_hz")]
     rate_hz: f64,
-    #[serde(default = "default_space")]
+    #[serde(default)]
     space: RegisterSpace,
     value: RegisterValueKeys,
     counter: Option<RegisterCounterKeys>,
@@ -34,16 +32,8 @@ struct ModbusSensorKeys {
     status: Vec<RegisterStatusKeys>,
 }
 
-fn default_timeout_s() -> f64 {
-    0.5
-}
-
 fn default_rate_hz() -> f64 {
     50.0
-}
-
-fn default_space() -> RegisterSpace {
-    RegisterSpace::Input
 }
 
 /// Address of a sensor behind Modbus registers, and content of the registers.
@@ -81,17 +71,5 @@ impl ModbusSensorConfig {
     pub(super) fn device_settings(&self) -> DeviceSettings {
         let allowed = AccessList { read: vec![self.map.span], write: Vec::new() };
         DeviceSettings { unit: self.device.unit, timeout: self.device.timeout, allowed }
-    }
-
-    /// Returns an RTU line, which units may share; over Modbus TCP each sensor has its own connection.
-    pub(super) fn shared_port(&self) -> Option<SharedPort> {
-        let ModbusDevice { line, .. } = &self.device;
-        let parity = format!("{:?}", line.parity).to_lowercase();
-        let keys = vec![
-            ("its table", "[sensor.modbus]".to_owned()),
-            ("`baud`", line.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
-            ("`parity`", parity),
-        ];
-        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), keys })
     }
 }

@@ -11,7 +11,7 @@ use crate::sensors::sample_layout::DecodedSample;
 use crate::sensors::{
     OpenFuture, RATE_WINDOW, Sample, Sensor, SensorConfig, SensorDriver, SensorError, SensorInfo, SharedPort,
 };
-use link::modbus::{ModbusClient, ModbusError};
+use link::modbus::{Framing, ModbusClient, ModbusError};
 use link::{Clock, SharedPorts};
 use machine::record::reading::ReadingFlag;
 use machine::record::sensor;
@@ -29,7 +29,7 @@ pub struct ModbusSensorDriver {
     frozen_detector: Option<FrozenValueDetector>,
     /// Samples a second of a simulated sensor whose time advances only when it is read.
     simulated_hz: Option<f64>,
-    next_read: Instant,
+    next_read_time: Instant,
 }
 
 impl ModbusSensorDriver {
@@ -66,7 +66,7 @@ impl ModbusSensorDriver {
                 None => FrozenValueDetector::for_sensor(&config.map, sensor, config.device.timeout),
             },
             simulated_hz,
-            next_read: Instant::now(),
+            next_read_time: Instant::now(),
             config,
         }
     }
@@ -74,10 +74,10 @@ impl ModbusSensorDriver {
     /// Reads the registers, not before the next read is due.
     async fn read_registers(&mut self) -> Result<DecodedSample, SensorError> {
         if self.simulated_hz.is_none() {
-            if Instant::now() < self.next_read {
-                sleep_until(self.next_read).await;
+            if Instant::now() < self.next_read_time {
+                sleep_until(self.next_read_time).await;
             }
-            self.next_read = Instant::now().max(self.next_read + self.config.read_interval);
+            self.next_read_time = Instant::now().max(self.next_read_time + self.config.read_interval);
         }
         let span = self.config.map.span;
         let words = self.link.read(span.space, span.first, span.last - span.first + 1).await?;
@@ -95,7 +95,7 @@ impl ModbusSensorDriver {
         if let (Some(frozen_detector), Ok(mm)) = (&mut self.frozen_detector, decoded.value)
             && frozen_detector.check_value(mm, Instant::now())
         {
-            return Ok(self.stale_sample());
+            return Ok(Sample::stale(self.clock.now_s()));
         }
         let mut sample = self.counter.complete_sample(self.clock.now_s(), decoded);
         if !self.config.map.counts_gaps {
@@ -120,10 +120,6 @@ impl ModbusSensorDriver {
         };
         format!("Modbus sensor at {}{limitation}", self.config.describe_address())
     }
-
-    fn stale_sample(&self) -> Sample {
-        Sample::stale(self.clock.now_s())
-    }
 }
 
 /// Whether the error counts as silence: no answer, or an invalid one; a later answer may come.
@@ -143,7 +139,7 @@ impl SensorDriver for ModbusSensorDriver {
             let start = Instant::now();
             let mut count = 0;
             let is_unchanged = |frozen_detector: &Option<FrozenValueDetector>, count: usize| {
-                frozen_detector.as_ref().is_some_and(|detector| detector.repeat_count() as usize >= count)
+                frozen_detector.as_ref().is_some_and(|detector| detector.repeat_count as usize >= count)
             };
             while (count < RATE_SAMPLES || is_unchanged(&self.frozen_detector, count))
                 && start.elapsed() < RATE_WINDOW.max(2 * self.config.device.timeout)
@@ -151,7 +147,7 @@ impl SensorDriver for ModbusSensorDriver {
                 let is_stale = self.next().await?.flag == ReadingFlag::Stale;
                 count += usize::from(!is_stale);
             }
-            if count == 0 || self.frozen_detector.as_ref().is_some_and(FrozenValueDetector::is_frozen) {
+            if count == 0 || self.frozen_detector.as_ref().is_some_and(|detector| detector.is_frozen) {
                 return Err(SensorError::InvalidData {
                     text: "the registers of the sensor never change: counter or value is constant, or the status \
                            reports an old value"
@@ -187,7 +183,7 @@ impl SensorDriver for ModbusSensorDriver {
         loop {
             match self.read_sample().await {
                 Ok(sample) if sample.flag == ReadingFlag::Stale && Instant::now() < end => {}
-                Err(error) if is_transient(&error) => return Ok(self.stale_sample()),
+                Err(error) if is_transient(&error) => return Ok(Sample::stale(self.clock.now_s())),
                 result => return result,
             }
         }
@@ -203,8 +199,15 @@ impl SensorConfig for ModbusSensorConfig {
         self.device.describe()
     }
 
+    /// Returns an RTU line, which units may share; over Modbus TCP each sensor has its own connection.
     fn port(&self) -> Option<SharedPort> {
-        self.shared_port()
+        let line = &self.device.line;
+        let keys = vec![
+            ("its table", "[sensor.modbus]".to_owned()),
+            ("`baud`", line.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`parity`", format!("{:?}", line.parity).to_lowercase()),
+        ];
+        (line.framing == Framing::Rtu).then(|| SharedPort { name: line.to_string(), keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {
@@ -213,7 +216,7 @@ impl SensorConfig for ModbusSensorConfig {
 
     fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>, ports: &'a SharedPorts) -> OpenFuture<'a> {
         Box::pin(async move {
-            let link = ports.modbus(self.device.line.clone(), self.device_settings()).await?;
+            let link = ports.open_modbus_client(self.device.line.clone(), self.device_settings()).await?;
             let driver = ModbusSensorDriver::from_link(link, self.clone(), sensor, clock, None);
             Ok(Sensor::spawn(sensor.name.as_str(), driver))
         })

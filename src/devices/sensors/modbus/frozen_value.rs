@@ -14,9 +14,11 @@ const MIN_NOISE_COUNTS: f64 = 4.0;
 pub(super) struct FrozenValueDetector {
     timeout: Duration,
     value_mm: f64,
-    since: Instant,
-    repeat_count: u32,
-    is_frozen: bool,
+    unchanged_since: Instant,
+    /// Number of equal values up to now.
+    pub repeat_count: u32,
+    /// Whether the last value had been unchanged for too long.
+    pub is_frozen: bool,
 }
 
 impl FrozenValueDetector {
@@ -24,28 +26,18 @@ impl FrozenValueDetector {
     pub fn for_sensor(map: &RegisterMap, sensor: &Sensor, timeout: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
         let is_detectable = map.sample.counter_modulus().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
-        let (value_mm, since) = (f64::NAN, Instant::now());
-        is_detectable.then_some(Self { timeout, value_mm, since, repeat_count: 0, is_frozen: false })
+        let (value_mm, unchanged_since) = (f64::NAN, Instant::now());
+        is_detectable.then_some(Self { timeout, value_mm, unchanged_since, repeat_count: 0, is_frozen: false })
     }
 
     /// Whether the value has been unchanged for too long; `value_mm` was read at `now`.
     pub fn check_value(&mut self, value_mm: f64, now: Instant) -> bool {
         if value_mm != self.value_mm {
-            *self = Self { value_mm, since: now, repeat_count: 0, ..*self };
+            *self = Self { value_mm, unchanged_since: now, repeat_count: 0, ..*self };
         }
         self.repeat_count = self.repeat_count.saturating_add(1);
-        self.is_frozen = self.repeat_count >= MIN_EQUAL_VALUES && now - self.since >= self.timeout;
+        self.is_frozen = self.repeat_count >= MIN_EQUAL_VALUES && now - self.unchanged_since >= self.timeout;
         self.is_frozen
-    }
-
-    /// Whether the last value had been unchanged for too long.
-    pub fn is_frozen(&self) -> bool {
-        self.is_frozen
-    }
-
-    /// Number of equal values up to now.
-    pub fn repeat_count(&self) -> u32 {
-        self.repeat_count
     }
 }
 
@@ -56,16 +48,17 @@ mod tests {
     #[test]
     fn a_value_stands_once_it_came_often_and_for_long() {
         let timeout = Duration::from_secs(1);
-        let begun = Instant::now();
-        let (value_mm, since) = (f64::NAN, begun);
-        let mut standing = FrozenValueDetector { timeout, value_mm, since, repeat_count: 0, is_frozen: false };
-        let at = |ms: u64| begun + Duration::from_millis(ms);
+        let start = Instant::now();
+        let (value_mm, unchanged_since) = (f64::NAN, start);
+        let mut detector =
+            FrozenValueDetector { timeout, value_mm, unchanged_since, repeat_count: 0, is_frozen: false };
+        let at = |ms: u64| start + Duration::from_millis(ms);
         // Many equal values, but within a short time.
-        assert!((0..200).all(|n| !standing.check_value(1.5, at(n))));
-        assert!(standing.check_value(1.5, at(1000)));
+        assert!((0..200).all(|n| !detector.check_value(1.5, at(n))));
+        assert!(detector.check_value(1.5, at(1000)));
         // A long time, but few equal values.
-        assert!((0..19).all(|n| !standing.check_value(1.6, at(2000 + 500 * n))));
-        assert!(standing.check_value(1.6, at(20_000)));
-        assert!(!standing.check_value(1.5, at(20_001)));
+        assert!((0..19).all(|n| !detector.check_value(1.6, at(2000 + 500 * n))));
+        assert!(detector.check_value(1.6, at(20_000)));
+        assert!(!detector.check_value(1.5, at(20_001)));
     }
 }

@@ -178,9 +178,9 @@ impl RegisterMap {
             RegisterLocation { offset: usize::from(register - span.first), number }
         };
         let number = location(value.register, value.kind, value.order);
-        let nan = value.nan.map(|means| (RegisterCondition::NotFinite(number), means.flag()));
+        let nan = value.nan.map(|means| (RegisterCondition::NotFinite(number), means.reading_flag()));
         let codes = value.codes.iter();
-        let codes = codes.map(|code| (RegisterCondition::Code(number, code.is), code.means.flag()));
+        let codes = codes.map(|code| (RegisterCondition::Code(number, code.is), code.means.reading_flag()));
         let counts_gaps = counter.as_ref().is_some_and(|keys| keys.gaps);
         let counter = counter.map(|RegisterCounterKeys { register, kind, order, .. }| {
             (location(register, kind, order), 1 << (16 * kind.register_count()))
@@ -203,7 +203,7 @@ impl RegisterMap {
 fn encoder_modulus(keys: &EncoderCountKeys) -> Result<u64, String> {
     match keys.kind {
         NumberType::U16 | NumberType::I16 | NumberType::U32 | NumberType::I32 => {
-            encoder::modulus("encoder_count", keys.round, 16 * keys.kind.register_count())
+            encoder::count_modulus("encoder_count", keys.round, 16 * keys.kind.register_count())
         }
         _ => Err("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`".to_owned()),
     }
@@ -219,7 +219,7 @@ impl RegisterStatusKeys {
         if let Some(is) = is.filter(|is| *is > mask) {
             return Err(format!("`status` at register {register} can never be {is}: {width} bits hold 0 to {mask}"));
         }
-        Ok((StatusBits { register, bit, mask, is }, means.flag()))
+        Ok((StatusBits { register, bit, mask, is }, means.reading_flag()))
     }
 }
 

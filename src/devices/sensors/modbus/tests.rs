@@ -51,8 +51,8 @@ fn registers_are_read_as_the_map_says() {
     let map = &config.map;
     assert_eq!((map.span.first, map.span.last), (9, 12));
     let read = |words: [u16; 4]| {
-        let said = map.sample.decode(&words).unwrap();
-        (said.value, said.counter)
+        let decoded = map.sample.decode(&words).unwrap();
+        (decoded.value, decoded.counter)
     };
     assert_eq!(read([0, 0, 2000, 7]), (Ok(2.0), Some(7)));
     // -1500 = FFFF FA24.
@@ -130,8 +130,8 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
         let mut registers = ModbusSensorDriver::open(config, &sensor, clock, None).await.unwrap();
         registers.prepare().await.map(|prepared| prepared.identity).map_err(|error| error.to_string())
     };
-    let stands = prepared(Some(0.5), 0.0).await.unwrap_err();
-    assert!(stands.contains("never change"), "{stands}");
+    let error = prepared(Some(0.5), 0.0).await.unwrap_err();
+    assert!(error.contains("never change"), "{error}");
     let lives = prepared(Some(0.5), 0.013).await.unwrap();
     assert!(lives.contains("only by its noise"), "{lives}");
     // The noise is less than the counts require, or unknown: detection is impossible, and the identity

@@ -7,8 +7,7 @@ use serde::Deserialize;
 
 use super::format::DataFormat;
 use super::{frame, line};
-use crate::sensors::SharedPort;
-use link::HostPort;
+use link::{HostPort, LinkConfig, LinkKeys};
 
 const DEFAULT_BAUD: u32 = 115_200;
 
@@ -19,8 +18,7 @@ struct SerialKeys {
     serial_id: Option<String>,
     baud: Option<u32>,
     tcp: Option<HostPort>,
-    #[serde(default = "default_timeout_s")]
-    timeout_s: f64,
+    timeout_s: Option<f64>,
     /// Request for one sample; if absent, the sensor sends by itself.
     request: Option<String>,
     /// Maximum rate of the requests, Hz; if absent, as fast as the sensor answers.
@@ -29,15 +27,11 @@ struct SerialKeys {
     frame: Option<frame::FrameKeys>,
 }
 
-fn default_timeout_s() -> f64 {
-    0.5
-}
-
 /// Address of a sensor on a serial line, and format of its data.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "SerialKeys")]
 pub struct SerialConfig {
-    pub(super) link: link::LinkConfig,
+    pub(super) link: LinkConfig,
     /// Maximum time without data.
     pub(super) timeout: Duration,
     pub(super) request: Option<Vec<u8>>,
@@ -50,7 +44,8 @@ impl TryFrom<SerialKeys> for SerialConfig {
     type Error = String;
 
     fn try_from(keys: SerialKeys) -> Result<Self, String> {
-        let link = link::LinkConfig::from_keys((keys.serial, keys.serial_id, keys.tcp), keys.baud, DEFAULT_BAUD)?;
+        let SerialKeys { serial, serial_id, tcp, baud, .. } = keys;
+        let link = LinkConfig::from_keys(LinkKeys { serial, serial_id, tcp, baud }, DEFAULT_BAUD)?;
         let timeout = link::parse_timeout_s(keys.timeout_s)?;
         if keys.request.as_ref().is_some_and(String::is_empty) {
             return Err("`request` is empty; remove it for a sensor that sends without a request".to_owned());
@@ -77,24 +72,5 @@ impl TryFrom<SerialKeys> for SerialConfig {
         };
         let request = keys.request.map(String::into_bytes);
         Ok(Self { link, timeout, request, request_interval, format })
-    }
-}
-
-impl SerialConfig {
-    /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
-    /// requests reads only its own replies, so its format may differ.
-    pub(super) fn shared_port(&self) -> SharedPort {
-        let seconds = self.timeout.as_secs_f64();
-        let request = if self.request.is_some() { "set" } else { "not set" };
-        let mut keys = vec![
-            ("its table", "[sensor.serial]".to_owned()),
-            ("`baud`", self.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
-            ("`timeout_s`", seconds.to_string()),
-            ("`request`", request.to_owned()),
-        ];
-        if self.request.is_none() {
-            keys.extend(self.format.framing_keys());
-        }
-        SharedPort { name: self.link.to_string(), keys }
     }
 }

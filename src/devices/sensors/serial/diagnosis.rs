@@ -9,23 +9,23 @@ pub(super) struct StartupData {
     pub valid_bytes: usize,
     pub invalid_bytes: usize,
     /// The first bytes that could not be decoded.
-    example: Vec<u8>,
-    /// Number of all bytes, in whole pieces or not; `first` are the first of them.
-    pub bytes: usize,
-    first: Vec<u8>,
+    first_invalid_bytes: Vec<u8>,
+    /// Number of all bytes, in whole pieces or not; `first_bytes` are the first of them.
+    pub byte_count: usize,
+    first_bytes: Vec<u8>,
 }
 
 const MAX_EXAMPLE_BYTES: usize = 60;
 
 impl StartupData {
-    pub fn record(&mut self, bytes: &[u8]) {
-        self.bytes += bytes.len();
-        append_limited(&mut self.first, bytes);
+    pub fn record_received(&mut self, bytes: &[u8]) {
+        self.byte_count += bytes.len();
+        append_limited(&mut self.first_bytes, bytes);
     }
 
     pub fn record_invalid(&mut self, bytes: &[u8]) {
         self.invalid_bytes += bytes.len();
-        append_limited(&mut self.example, bytes);
+        append_limited(&mut self.first_invalid_bytes, bytes);
     }
 
     /// Whether more bytes are invalid than valid.
@@ -34,7 +34,7 @@ impl StartupData {
     }
 
     pub fn diagnose(&self, format: &DataFormat, baud: Option<u32>) -> SensorError {
-        let example = if self.example.is_empty() { &self.first } else { &self.example };
+        let example = if self.first_invalid_bytes.is_empty() { &self.first_bytes } else { &self.first_invalid_bytes };
         let readable = |byte: &u8| byte.is_ascii_graphic() || byte.is_ascii_whitespace();
         let unreadable = example.iter().filter(|byte| !readable(byte)).count();
         let is_noisy = 8 * unreadable > example.len();
@@ -44,7 +44,7 @@ impl StartupData {
                 (format!("mostly noise instead of lines of text: `{example}`"), baud_remedy(baud))
             }
             DataFormat::Line(_) if self.invalid_bytes == 0 => (
-                format!("{} bytes without a line end: `{example}`", self.bytes),
+                format!("{} bytes without a line end: `{example}`", self.byte_count),
                 format!(
                     "compare `end` of [sensor.serial.line] with the sensor's manual; if the bytes are not \
                      text of the sensor, {}",

@@ -39,7 +39,7 @@ pub struct SerialDriver {
     /// Samples a second of a simulated sensor whose time advances only when it receives a request.
     simulated_hz: Option<f64>,
     /// Time before which no request is sent.
-    next_request: Instant,
+    next_request_time: Instant,
 }
 
 impl SerialDriver {
@@ -82,7 +82,7 @@ impl SerialDriver {
             decoded_items: VecDeque::new(),
             startup_data: StartupData::default(),
             simulated_hz: None,
-            next_request: Instant::now(),
+            next_request_time: Instant::now(),
             config,
         }
     }
@@ -98,7 +98,7 @@ impl SerialDriver {
         self.stream.as_mut().ok_or(SensorError::TaskEnded)
     }
 
-    async fn discard_all(&mut self) -> Result<(), SensorError> {
+    async fn discard_received_data(&mut self) -> Result<(), SensorError> {
         self.decoded_items.clear();
         self.splitter.restart(self.config.request.is_none());
         self.stream()?.discard_received().await?;
@@ -116,21 +116,21 @@ impl SerialDriver {
             return self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
         };
         // The shortest wait of a timer is a millisecond.
-        if Instant::now() < self.next_request {
-            sleep_until(self.next_request).await;
+        if Instant::now() < self.next_request_time {
+            sleep_until(self.next_request_time).await;
         }
         let mut turn = self.stream()?.request_turn().lock_owned().await;
-        if std::mem::take(&mut turn.reply_owed) {
+        if std::mem::take(&mut turn.is_reply_pending) {
             self.wait_until_silent().await?;
         }
-        self.request(&request).await?;
+        self.send_request(&request).await?;
         let decoded = self.next_decoded(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
-        turn.reply_owed = decoded.is_none();
+        turn.is_reply_pending = decoded.is_none();
         Ok(decoded)
     }
 
-    async fn request(&mut self, request: &[u8]) -> Result<(), SensorError> {
-        self.next_request = Instant::now() + self.config.request_interval;
+    async fn send_request(&mut self, request: &[u8]) -> Result<(), SensorError> {
+        self.next_request_time = Instant::now() + self.config.request_interval;
         self.decoded_items.clear();
         self.splitter.restart(false);
         // Data that came before the request are no answer to it.
@@ -179,7 +179,7 @@ impl SerialDriver {
     }
 
     fn split_bytes(&mut self, at: Instant, bytes: &[u8]) {
-        self.startup_data.record(bytes);
+        self.startup_data.record_received(bytes);
         for piece in self.splitter.push(bytes) {
             match piece {
                 StreamPiece::Whole { sample, bytes } => {
@@ -227,14 +227,14 @@ impl SerialDriver {
 
 impl SensorDriver for SerialDriver {
     async fn prepare(&mut self) -> Result<SensorInfo, SensorError> {
-        let needs_reopening = self.discard_all().await.is_err();
+        let needs_reopening = self.discard_received_data().await.is_err();
         if needs_reopening && !self.is_on_demand() {
             self.reopen().await?;
         }
-        self.discard_all().await?;
+        self.discard_received_data().await?;
         self.counter.restart();
         let (count, span) = self.measure_rate().await?;
-        if self.startup_data.bytes == 0 {
+        if self.startup_data.byte_count == 0 {
             let seconds = RATE_WINDOW.max(self.config.timeout).as_secs_f64();
             return Err(SensorError::Silent { seconds });
         }
@@ -252,7 +252,7 @@ impl SensorDriver for SerialDriver {
 
     async fn discard_old_samples(&mut self) -> Result<(), SensorError> {
         self.counter.skip_long_gap();
-        self.discard_all().await
+        self.discard_received_data().await
     }
 
     fn unrequested_count(&self) -> u64 {
@@ -279,8 +279,20 @@ impl SensorConfig for SerialConfig {
         self.link.describe()
     }
 
+    /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
+    /// requests reads only its own replies, so its format may differ.
     fn port(&self) -> Option<SharedPort> {
-        Some(self.shared_port())
+        let request = if self.request.is_some() { "set" } else { "not set" };
+        let mut keys = vec![
+            ("its table", "[sensor.serial]".to_owned()),
+            ("`baud`", self.link.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`timeout_s`", self.timeout.as_secs_f64().to_string()),
+            ("`request`", request.to_owned()),
+        ];
+        if self.request.is_none() {
+            keys.extend(self.format.framing_keys());
+        }
+        Some(SharedPort { name: self.link.to_string(), keys })
     }
 
     fn encoder_modulus(&self) -> Option<u64> {

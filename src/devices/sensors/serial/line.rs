@@ -178,15 +178,16 @@ impl TryFrom<LineKeys> for LineFormat {
         let LineValueKeys { scale_mm, offset_mm, .. } = keys.value;
         check_scale(scale_mm, offset_mm)?;
         check_columns(&keys)?;
-        let modulus =
-            |name: &str, column, round| encoder::modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus));
+        let modulus = |name: &str, column, round| {
+            encoder::count_modulus(name, round, 64).map(|modulus| (LineColumn(column), modulus))
+        };
         let counter = keys.counter.map(|k| modulus("counter", k.column, Some(k.round)));
         let encoder = keys.encoder_count.map(|k| modulus("encoder_count", k.column, k.round));
         let (counter, encoder) = (counter.transpose()?, encoder.transpose()?);
         let value = LineColumn(keys.value.column);
         let codes = keys.value.codes.into_iter();
-        let codes = codes.map(|code| ((value, code.is), code.means.flag()));
-        let status = keys.status.into_iter().map(|s| ((LineColumn(s.column), s.is), s.means.flag()));
+        let codes = codes.map(|code| ((value, code.is), code.means.reading_flag()));
+        let status = keys.status.into_iter().map(|s| ((LineColumn(s.column), s.is), s.means.reading_flag()));
         let flags = codes.chain(status).collect();
         Ok(Self {
             end: keys.end.into_bytes(),

@@ -58,22 +58,22 @@ fn clock() -> Arc<HostClock> {
 }
 
 /// Value or flag, and the count.
-type Told = (Result<f64, ReadingFlag>, Option<u64>);
+type ValueAndCount = (Result<f64, ReadingFlag>, Option<u64>);
 
 /// Result of the cutter for `bytes`: values or flags with their counts, and `None` for bytes that could not
 /// be decoded.
-fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
+fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<ValueAndCount>> {
     let mut splitter = StreamSplitter::new(config(layout).format);
     splitter.restart(false);
     let pieces = parts.iter().flat_map(|part| splitter.push(part)).collect::<Vec<_>>();
-    let told = |piece| match piece {
+    let value_and_count = |piece| match piece {
         StreamPiece::Whole { sample, .. } => Some((sample.value, sample.counter)),
         StreamPiece::Undecodable(_) => None,
     };
-    pieces.into_iter().map(told).collect()
+    pieces.into_iter().map(value_and_count).collect()
 }
 
-fn mm(value: f64, count: u64) -> Option<Told> {
+fn mm(value: f64, count: u64) -> Option<ValueAndCount> {
     Some((Ok(value), Some(count)))
 }
 
@@ -234,10 +234,10 @@ async fn a_late_answer_is_not_taken_for_the_next() {
     drop(device.await.unwrap());
 }
 
-async fn not_ready(layout: &str, says: &'static [u8]) -> SensorError {
+async fn not_ready(layout: &str, sent: &'static [u8]) -> SensorError {
     let (mut serial, mut far) = over_tcp(layout).await;
     let device = tokio::spawn(async move {
-        while !says.is_empty() && far.write_all(says).await.is_ok() {
+        while !sent.is_empty() && far.write_all(sent).await.is_ok() {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
         far

@@ -12,6 +12,8 @@ pub enum ThermometerError {
     InvalidNumber(#[from] ValueError),
     #[error("the temperature {celsius:.1} °C is not plausible")]
     ImplausibleValue { celsius: f64 },
+    #[error("no reply from the thermometer yet")]
+    NoReplyYet,
     #[error("the thermometer is simulated, but the control is not")]
     NoSimulatedMachine,
 }
@@ -21,7 +23,7 @@ impl ThermometerError {
     pub fn remedy(&self) -> String {
         match self {
             // The link's own message concerns the machine, whose state is not in doubt here.
-            Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) => {
+            Self::Modbus(ModbusError::Lost { .. } | ModbusError::LinkEnded { .. }) | Self::NoReplyYet => {
                 "check the thermometer's power and cable".to_owned()
             }
             Self::Modbus(error) => {

@@ -9,12 +9,12 @@ use serde::Deserialize;
 
 mod error;
 mod modbus;
+mod poller;
 #[cfg(test)]
 mod tests;
-mod watch;
 
 pub use error::ThermometerError;
-pub use watch::ThermometerPoller;
+pub use poller::ThermometerPoller;
 
 use modbus::ThermometerReader;
 
@@ -31,14 +31,14 @@ pub struct ThermometerConfig {
 #[derive(Debug, Clone)]
 enum ThermometerSource {
     /// The thermometer measures the simulated machine, which `[simulated]` describes.
-    SimulatedThermometerKeys,
+    Simulated,
     Modbus(modbus::ModbusThermometerConfig),
 }
 
 /// Returns the present temperature of a simulated thermometer, °C.
 pub type SimulatedTemperature = Box<dyn Fn() -> Option<f64> + Send + Sync>;
 
-/// Keys of a thermometer: a new kind of connection is a table here and a line in [`ThermometerKeys::source`].
+/// Keys of a thermometer: a new kind of connection is a table here and a line in [`ThermometerConfig::try_from`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ThermometerKeys {
@@ -64,23 +64,10 @@ const PLAUSIBLE_RANGE_C: std::ops::RangeInclusive<f64> = -40.0..=80.0;
 /// Maximum length of a name, which appears in table headings and beside curves.
 const MAX_NAME_LENGTH: usize = 24;
 
-impl ThermometerKeys {
-    /// # Errors
-    /// None of the tables is given, or several are.
-    fn source(&mut self) -> Result<ThermometerSource, String> {
-        let modbus = self.modbus.take().map(ThermometerSource::Modbus);
-        let simulated = self.simulated.take().map(|_| ThermometerSource::SimulatedThermometerKeys);
-        match (modbus, simulated) {
-            (Some(one), None) | (None, Some(one)) => Ok(one),
-            _ => Err(format!("`{}` needs exactly one of [thermometer.modbus] and [thermometer.simulated]", self.name)),
-        }
-    }
-}
-
 impl TryFrom<ThermometerKeys> for ThermometerConfig {
     type Error = String;
 
-    fn try_from(mut keys: ThermometerKeys) -> Result<Self, String> {
+    fn try_from(keys: ThermometerKeys) -> Result<Self, String> {
         let is_permitted = |letter: char| letter.is_ascii_alphanumeric() || letter == '-';
         let is_short = (1..=MAX_NAME_LENGTH).contains(&keys.name.len());
         if !is_short || !keys.name.chars().all(is_permitted) {
@@ -92,7 +79,14 @@ impl TryFrom<ThermometerKeys> for ThermometerConfig {
         if !(0.5..=3600.0).contains(&keys.stale_s) {
             return Err(format!("`stale_s` is {}; permitted: 0.5 to 3600 s", keys.stale_s));
         }
-        let source = keys.source()?;
+        let source = match (keys.modbus, keys.simulated) {
+            (Some(config), None) => ThermometerSource::Modbus(config),
+            (None, Some(SimulatedThermometerKeys {})) => ThermometerSource::Simulated,
+            _ => {
+                let name = keys.name;
+                return Err(format!("`{name}` needs exactly one of [thermometer.modbus] and [thermometer.simulated]"));
+            }
+        };
         Ok(Self { name: keys.name, max_age: Duration::from_secs_f64(keys.stale_s), source })
     }
 }
@@ -101,24 +95,27 @@ impl ThermometerConfig {
     /// Address of the thermometer, in words.
     pub fn describe_address(&self) -> String {
         match &self.source {
-            ThermometerSource::SimulatedThermometerKeys => "simulated".to_owned(),
-            ThermometerSource::Modbus(config) => config.describe_address(),
+            ThermometerSource::Simulated => "simulated".to_owned(),
+            ThermometerSource::Modbus(config) => config.device.describe(),
         }
     }
 }
 
-/// Reads each of `entries` once, °C; `feel` returns the source of a simulated thermometer by its name. Call
+/// Reads each of `entries` once, °C; `simulated` returns the source of a simulated thermometer by its name. Call
 /// inside a tokio runtime.
 pub async fn read_once(
     entries: &[ThermometerConfig],
-    feel: impl Fn(&str) -> Option<SimulatedTemperature>,
+    simulated: impl Fn(&str) -> Option<SimulatedTemperature>,
 ) -> Vec<(&ThermometerConfig, Result<f64, ThermometerError>)> {
-    let simulated = entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys));
-    let mut results: Vec<_> = simulated.map(|entry| (entry, read_simulated(feel(&entry.name).as_ref()))).collect();
+    let entries_simulated = entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated));
+    let mut results: Vec<_> =
+        entries_simulated.map(|entry| (entry, read_simulated(simulated(&entry.name).as_ref()))).collect();
     for channels in group_by_device(entries).into_values() {
-        let mut bus = ThermometerReader::for_device(channels.iter().map(|(_, config)| *config));
+        let Some(mut reader) = ThermometerReader::for_device(channels.iter().map(|(_, config)| *config)) else {
+            continue;
+        };
         for (entry, config) in channels {
-            results.push((entry, bus.read(config).await));
+            results.push((entry, reader.read(config).await));
         }
     }
     results
@@ -131,14 +128,14 @@ fn group_by_device(
     let mut devices: BTreeMap<String, Vec<_>> = BTreeMap::new();
     for entry in entries {
         if let ThermometerSource::Modbus(config) = &entry.source {
-            devices.entry(config.describe_address()).or_default().push((entry, config));
+            devices.entry(config.device.describe()).or_default().push((entry, config));
         }
     }
     devices
 }
 
-fn read_simulated(feel: Option<&SimulatedTemperature>) -> Result<f64, ThermometerError> {
-    check_plausible(feel.and_then(|feel| feel()).ok_or(ThermometerError::NoSimulatedMachine)?)
+fn read_simulated(simulated: Option<&SimulatedTemperature>) -> Result<f64, ThermometerError> {
+    check_plausible(simulated.and_then(|temperature_c| temperature_c()).ok_or(ThermometerError::NoSimulatedMachine)?)
 }
 
 fn check_plausible(celsius: f64) -> Result<f64, ThermometerError> {

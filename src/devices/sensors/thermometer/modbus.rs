@@ -23,9 +23,8 @@ struct ModbusThermometerKeys {
     tcp: Option<HostPort>,
     framing: Option<Framing>,
     unit: Option<u8>,
-    #[serde(default = "default_timeout_s")]
-    timeout_s: f64,
-    #[serde(default = "default_space")]
+    timeout_s: Option<f64>,
+    #[serde(default)]
     space: RegisterSpace,
     value: ModbusThermometerValueKeys,
 }
@@ -44,19 +43,11 @@ struct ModbusThermometerValueKeys {
     offset_c: f64,
 }
 
-fn default_timeout_s() -> f64 {
-    0.5
-}
-
-fn default_space() -> RegisterSpace {
-    RegisterSpace::Input
-}
-
 /// Address of a thermometer behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "ModbusThermometerKeys")]
 pub(super) struct ModbusThermometerConfig {
-    device: ModbusDevice,
+    pub device: ModbusDevice,
     span: RegisterRange,
     /// Format of the number, with its scale.
     number: NumberFormat,
@@ -89,25 +80,19 @@ impl TryFrom<ModbusThermometerKeys> for ModbusThermometerConfig {
     }
 }
 
-impl ModbusThermometerConfig {
-    pub fn describe_address(&self) -> String {
-        self.device.describe()
-    }
-}
-
 /// Link to a device. The first read opens it, and reopens it after it has ended.
 pub(super) struct ThermometerReader {
-    device: Option<ModbusDevice>,
+    device: ModbusDevice,
     allowed: AccessList,
     link: Option<ModbusClient>,
 }
 
 impl ThermometerReader {
-    /// Creates the link to the device that all `configs` share.
-    pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Self {
+    /// Creates the link to the device that all `configs` share; `None` without any.
+    pub fn for_device<'c>(mut configs: impl Iterator<Item = &'c ModbusThermometerConfig> + Clone) -> Option<Self> {
         let read = configs.clone().map(|config| config.span).collect();
-        let device = configs.next().map(|config| config.device.clone());
-        Self { device, allowed: AccessList { read, write: Vec::new() }, link: None }
+        let device = configs.next()?.device.clone();
+        Some(Self { device, allowed: AccessList { read, write: Vec::new() }, link: None })
     }
 
     /// Reads the temperature, °C.
@@ -116,21 +101,15 @@ impl ThermometerReader {
     /// There is no answer, no number, or an impossible temperature.
     pub async fn read(&mut self, config: &ModbusThermometerConfig) -> Result<f64, ThermometerError> {
         let RegisterRange { space, first, last } = config.span;
-        let words = self.link().await?.read(space, first, last - first + 1).await;
-        if matches!(words, Err(ModbusError::LinkEnded { .. })) {
-            self.link = None;
-        }
+        let link = match self.link.take() {
+            Some(link) => link,
+            None => {
+                let ModbusDevice { line, unit, timeout } = self.device.clone();
+                ModbusClient::open(line, DeviceSettings { unit, timeout, allowed: self.allowed.clone() }).await?
+            }
+        };
+        let words = link.read(space, first, last - first + 1).await;
+        self.link = Some(link).filter(|_| !matches!(words, Err(ModbusError::LinkEnded { .. })));
         check_plausible(config.offset_c + config.number.decode(&words?)?)
-    }
-
-    async fn link(&mut self) -> Result<&ModbusClient, ThermometerError> {
-        if self.link.is_none()
-            && let Some(ModbusDevice { line, unit, timeout }) = self.device.clone()
-        {
-            let settings = DeviceSettings { unit, timeout, allowed: self.allowed.clone() };
-            self.link = Some(ModbusClient::open(line, settings).await?);
-        }
-        let ended = || ModbusError::LinkEnded { link: "no device".to_owned() };
-        Ok(self.link.as_ref().ok_or_else(ended)?)
     }
 }

@@ -53,7 +53,7 @@ fn those_behind_one_device_share_its_link() {
     assert_eq!(counts, [2, 1]);
 }
 
-fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<SimulatedTemperature> {
+fn simulated_temperature(celsius: Option<f64>) -> impl Fn(&str) -> Option<SimulatedTemperature> {
     move |_| Some(Box::new(move || celsius))
 }
 
@@ -62,13 +62,13 @@ fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<SimulatedTemperature> {
 async fn nonsense_is_no_temperature() {
     let entries = [simulated("bed")];
     for (celsius, good) in [(-40.0, true), (80.0, true), (80.1, false), (-200.0, false)] {
-        let said = read_once(&entries, says(Some(celsius))).await;
-        assert_eq!(said[0].1.is_ok(), good, "{celsius}");
-        let now = ThermometerPoller::start(&entries, says(Some(celsius)));
+        let values = read_once(&entries, simulated_temperature(Some(celsius))).await;
+        assert_eq!(values[0].1.is_ok(), good, "{celsius}");
+        let now = ThermometerPoller::start(&entries, simulated_temperature(Some(celsius)));
         assert_eq!(now.current_values()[0].1.is_ok(), good, "{celsius}");
     }
-    let said = read_once(&entries, says(Some(850.0))).await.remove(0).1.unwrap_err();
-    assert!(said.to_string().contains("850.0 °C") && said.remedy().contains("broken wire"));
+    let error = read_once(&entries, simulated_temperature(Some(850.0))).await.remove(0).1.unwrap_err();
+    assert!(error.to_string().contains("850.0 °C") && error.remedy().contains("broken wire"));
     let nothing = read_once(&entries, |_| None).await.remove(0).1;
     assert!(matches!(nothing, Err(ThermometerError::NoSimulatedMachine)));
 }

@@ -21,9 +21,9 @@ const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duratio
 
 /// Thermometers that are polled until this is dropped.
 pub struct ThermometerPoller {
-    all: Vec<PolledThermometer>,
+    thermometers: Vec<PolledThermometer>,
     /// Ends the polling tasks when it is dropped, after the request that is running.
-    _stop: Vec<oneshot::Sender<()>>,
+    _stop_senders: Vec<oneshot::Sender<()>>,
 }
 
 struct PolledThermometer {
@@ -34,7 +34,7 @@ struct PolledThermometer {
 enum ValueSource {
     Polled(Arc<Mutex<LastValue>>, Duration),
     /// Simulated time does not advance during the read.
-    SimulatedThermometerKeys(Option<SimulatedTemperature>),
+    Simulated(Option<SimulatedTemperature>),
 }
 
 /// Values of one thermometer.
@@ -42,20 +42,18 @@ enum ValueSource {
 struct LastValue {
     latest: Option<(f64, Instant)>,
     /// Reason why the last request gave no value.
-    why: Option<String>,
-    was_polled: bool,
+    last_error: Option<Arc<ThermometerError>>,
 }
 
 impl ThermometerPoller {
     /// Starts to poll `entries`; `simulated` returns the source of a simulated thermometer by its name, if there
     /// is one. Call inside a tokio runtime.
     pub fn start(entries: &[ThermometerConfig], simulated: impl Fn(&str) -> Option<SimulatedTemperature>) -> Self {
-        let (mut all, mut stop) = (Vec::new(), Vec::new());
-        for entry in entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::SimulatedThermometerKeys))
-        {
-            all.push(PolledThermometer {
+        let (mut thermometers, mut stop_senders) = (Vec::new(), Vec::new());
+        for entry in entries.iter().filter(|entry| matches!(entry.source, ThermometerSource::Simulated)) {
+            thermometers.push(PolledThermometer {
                 name: entry.name.clone(),
-                source: ValueSource::SimulatedThermometerKeys(simulated(&entry.name)),
+                source: ValueSource::Simulated(simulated(&entry.name)),
             });
         }
         for device in group_by_device(entries).into_values() {
@@ -63,62 +61,61 @@ impl ThermometerPoller {
             for (entry, config) in &device {
                 let last_value = Arc::new(Mutex::new(LastValue::default()));
                 channels.push(((*config).clone(), last_value.clone()));
-                all.push(PolledThermometer {
+                thermometers.push(PolledThermometer {
                     name: entry.name.clone(),
                     source: ValueSource::Polled(last_value, entry.max_age),
                 });
             }
             let min_age = device.iter().map(|(entry, _)| entry.max_age).min().unwrap_or_default();
             let (stop_sender, stop_receiver) = oneshot::channel();
-            stop.push(stop_sender);
+            stop_senders.push(stop_sender);
             tokio::spawn(poll_device(
                 channels,
                 (min_age / POLLS_PER_VALIDITY).clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
                 stop_receiver,
             ));
         }
-        Self { all, _stop: stop }
+        Self { thermometers, _stop_senders: stop_senders }
     }
 
     /// Waits until each thermometer was read once, at most for `MAX_FIRST_VALUES_WAIT`.
     pub async fn wait_for_first_values(&self) {
         let start = Instant::now();
         let was_polled = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::SimulatedThermometerKeys(_) => true,
-            ValueSource::Polled(last_value, _) => lock(last_value).was_polled,
+            ValueSource::Simulated(_) => true,
+            ValueSource::Polled(last_value, _) => lock(last_value).was_polled(),
         };
-        while !self.all.iter().all(was_polled) && start.elapsed() < MAX_FIRST_VALUES_WAIT {
+        while !self.thermometers.iter().all(was_polled) && start.elapsed() < MAX_FIRST_VALUES_WAIT {
             sleep(FIRST_VALUES_CHECK_INTERVAL).await;
         }
     }
 
     /// Returns each name with the valid temperature, °C, or the reason why there is none.
-    pub fn current_values(&self) -> Vec<(&str, Result<f64, String>)> {
+    pub fn current_values(&self) -> Vec<(&str, Result<f64, Arc<ThermometerError>>)> {
         let value = |thermometer: &PolledThermometer| match &thermometer.source {
-            ValueSource::SimulatedThermometerKeys(simulated) => {
-                read_simulated(simulated.as_ref()).map_err(|error| error.to_string())
-            }
+            ValueSource::Simulated(simulated) => read_simulated(simulated.as_ref()).map_err(Arc::new),
             ValueSource::Polled(last_value, max_age) => lock(last_value).value_within(*max_age),
         };
-        self.all.iter().map(|thermometer| (thermometer.name.as_str(), value(thermometer))).collect()
+        self.thermometers.iter().map(|thermometer| (thermometer.name.as_str(), value(thermometer))).collect()
     }
 }
 
 impl LastValue {
     fn record(&mut self, result: Result<f64, ThermometerError>) {
-        self.was_polled = true;
         match result {
-            Ok(celsius) => {
-                (self.latest, self.why) = (Some((celsius, Instant::now())), None);
-            }
-            Err(error) => self.why = Some(error.to_string()),
+            Ok(celsius) => (self.latest, self.last_error) = (Some((celsius, Instant::now())), None),
+            Err(error) => self.last_error = Some(Arc::new(error)),
         }
     }
 
-    fn value_within(&self, max_age: Duration) -> Result<f64, String> {
+    fn was_polled(&self) -> bool {
+        self.latest.is_some() || self.last_error.is_some()
+    }
+
+    fn value_within(&self, max_age: Duration) -> Result<f64, Arc<ThermometerError>> {
         match self.latest {
             Some((celsius, at)) if at.elapsed() <= max_age => Ok(celsius),
-            _ => Err(self.why.clone().unwrap_or_else(|| "no reply from the thermometer yet".to_owned())),
+            _ => Err(self.last_error.clone().unwrap_or_else(|| Arc::new(ThermometerError::NoReplyYet))),
         }
     }
 }
@@ -133,10 +130,10 @@ async fn poll_device(
     interval: Duration,
     mut stop: oneshot::Receiver<()>,
 ) {
-    let mut bus = ThermometerReader::for_device(channels.iter().map(|(config, _)| config));
+    let Some(mut reader) = ThermometerReader::for_device(channels.iter().map(|(config, _)| config)) else { return };
     loop {
         for (config, last_value) in &channels {
-            let result = bus.read(config).await;
+            let result = reader.read(config).await;
             lock(last_value).record(result);
             if !matches!(stop.try_recv(), Err(oneshot::error::TryRecvError::Empty)) {
                 return;
@@ -161,13 +158,13 @@ mod tests {
         let mut last_value = LastValue::default();
         assert!(last_value.value_within(HOUR).is_err());
         last_value.record(Ok(21.5));
-        assert_eq!(last_value.value_within(HOUR), Ok(21.5));
+        assert_eq!(last_value.value_within(HOUR).unwrap(), 21.5);
         last_value.record(Err(ThermometerError::ImplausibleValue { celsius: 850.0 }));
-        assert_eq!(last_value.value_within(HOUR), Ok(21.5));
+        assert_eq!(last_value.value_within(HOUR).unwrap(), 21.5);
         std::thread::sleep(Duration::from_millis(2));
-        let why = last_value.value_within(Duration::from_millis(1)).unwrap_err();
+        let why = last_value.value_within(Duration::from_millis(1)).unwrap_err().to_string();
         assert!(why.contains("850.0 °C"), "{why}");
         last_value.record(Ok(22.0));
-        assert_eq!(last_value.value_within(HOUR), Ok(22.0));
+        assert_eq!(last_value.value_within(HOUR).unwrap(), 22.0);
     }
 }

@@ -1,6 +1,6 @@
 //! Reader of capture files.
 
-use super::CapturedReply;
+use super::{CaptureError, CapturedReply};
 use crate::capture::{CAPTURE_HEADER, LinkProtocol};
 
 /// One link of a capture.
@@ -18,25 +18,28 @@ pub(super) enum Transfer {
     Received(CapturedReply),
 }
 
+/// Parses the text of `file`.
+///
 /// # Errors
-/// The number of the faulty line (from 1), and the fault.
-pub(super) fn parse_capture(text: &str) -> Result<Vec<CapturedLink>, (usize, String)> {
-    let mut tracks: Vec<CapturedLink> = Vec::new();
+/// [`CaptureError::Undecodable`], with the number of the faulty line.
+pub(super) fn parse_capture(file: &str, text: &str) -> Result<Vec<CapturedLink>, CaptureError> {
+    let fault = |line: usize, why: &str| CaptureError::Undecodable { file: file.to_owned(), line, why: why.to_owned() };
     if text.lines().next() != Some(CAPTURE_HEADER) {
-        return Err((1, format!("the file does not begin with `{CAPTURE_HEADER}`")));
+        return Err(fault(1, &format!("the file does not begin with `{CAPTURE_HEADER}`")));
     }
     if !text.ends_with('\n') {
-        return Err((text.lines().count(), "the last line has no line end".to_owned()));
+        return Err(fault(text.lines().count(), "the last line has no line end"));
     }
+    let mut links = Vec::new();
     for (line, number) in text.lines().zip(1..) {
         if !line.starts_with('#') {
-            parse_line(line, &mut tracks).map_err(|why| (number, why.to_owned()))?;
+            parse_line(line, &mut links).map_err(|why| fault(number, why))?;
         }
     }
-    Ok(tracks)
+    Ok(links)
 }
 
-fn parse_line(line: &str, tracks: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
+fn parse_line(line: &str, links: &mut Vec<CapturedLink>) -> Result<(), &'static str> {
     let mut parts = line.splitn(4, ' ');
     let mut next = || parts.next().ok_or("the line has too few columns");
     let (seconds, number, mark, rest) = (next()?, next()?, next()?, next()?);
@@ -45,19 +48,19 @@ fn parse_line(line: &str, tracks: &mut Vec<CapturedLink>) -> Result<(), &'static
     if !time_s.is_finite() {
         return Err("the first column is not a time");
     }
-    let track = tracks.iter_mut().find(|track| track.number == number);
-    match (mark, track) {
+    let link = links.iter_mut().find(|link| link.number == number);
+    match (mark, link) {
         ("=", Some(_)) => {}
         ("=", None) => {
             let (keyword, name) = rest.split_once(' ').ok_or("the link has no name")?;
-            let protocol = LinkProtocol::ALL.into_iter().find(|protocol| protocol.name() == keyword);
+            let protocol = LinkProtocol::ALL.into_iter().find(|protocol| protocol.keyword() == keyword);
             let protocol = protocol.ok_or("the protocol of the link is unknown")?;
-            tracks.push(CapturedLink { number, protocol, name: name.to_owned(), transfers: Vec::new() });
+            links.push(CapturedLink { number, protocol, name: name.to_owned(), transfers: Vec::new() });
         }
         (">" | "<", None) => return Err("the link was not opened"),
-        (">", Some(track)) => track.transfers.push(Transfer::Sent(unescape(rest)?)),
-        ("<", Some(track)) => {
-            track.transfers.push(Transfer::Received(CapturedReply { time_s, bytes: unescape(rest)? }));
+        (">", Some(link)) => link.transfers.push(Transfer::Sent(unescape(rest)?)),
+        ("<", Some(link)) => {
+            link.transfers.push(Transfer::Received(CapturedReply { time_s, bytes: unescape(rest)? }));
         }
         _ => return Err("the third column is not `=`, `>` or `<`"),
     }
