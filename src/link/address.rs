@@ -9,7 +9,7 @@ use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout};
 use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
-use super::mode::BoxedStream;
+use super::boxed_stream::BoxedStream;
 use super::{ByteStreamHandle, Link, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.

@@ -11,7 +11,7 @@ use tokio::sync::{Mutex, broadcast, mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
-use super::mode::BoxedStream;
+use super::boxed_stream::BoxedStream;
 use super::owner::{ByteSink, OwnerChannels, StreamOwner, start_owner_thread};
 
 /// Maximum number of reads in the queue: more than eight seconds of a device that sends 1000 times per second.

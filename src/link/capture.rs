@@ -26,8 +26,8 @@ use std::time::Instant;
 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
+use super::boxed_stream::BoxedStream;
 use super::modbus::Framing;
-use super::mode::BoxedStream;
 
 pub(super) const CAPTURE_HEADER: &str = "# trued-capture 1";
 

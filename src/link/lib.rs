@@ -7,6 +7,7 @@ use std::io;
 
 mod address;
 mod baud;
+mod boxed_stream;
 mod byte_stream;
 pub mod can;
 mod capture;

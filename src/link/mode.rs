@@ -1,18 +1,10 @@
 //! Connection between a link and its device: direct, recorded by a capture, or replaced by a capture. It applies to
 //! all links that are opened while a future runs, so drivers contain no code for it.
 
-use std::pin::Pin;
-
-use tokio::io::{AsyncRead, AsyncWrite};
-
 use super::LinkError;
+use super::boxed_stream::BoxedStream;
 use super::capture::{Capture, LinkProtocol, LinkRecorder};
 use super::replay::{LinkReplay, Replay};
-
-pub(super) trait ByteStream: AsyncRead + AsyncWrite + Send {}
-impl<S: AsyncRead + AsyncWrite + Send> ByteStream for S {}
-
-pub(super) type BoxedStream = Pin<Box<dyn ByteStream>>;
 
 #[derive(Clone, Default)]
 pub enum LinkMode {

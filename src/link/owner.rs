@@ -15,8 +15,9 @@ use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::LinkError;
+use super::boxed_stream::BoxedStream;
 use super::capture::LinkProtocol;
-use super::mode::{BoxedStream, LinkMode};
+use super::mode::LinkMode;
 
 /// Maximum time for the last writes after the handle is dropped.
 const FINAL_WRITE_TIMEOUT: Duration = Duration::from_secs(1);

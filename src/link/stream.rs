@@ -9,8 +9,8 @@ use tokio::sync::mpsc::error::{TryRecvError, TrySendError};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
+use super::boxed_stream::BoxedStream;
 use super::lines::{LineAssembler, LineEvent};
-use super::mode::BoxedStream;
 use super::owner::{ByteSink, OwnerChannels, UrgentMessage, start_owner_thread};
 
 /// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.

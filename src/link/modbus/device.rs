@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::line::{Framing, ModbusLine, Parity};
+use super::framing::Framing;
+use super::line::{ModbusLine, Parity};
 use crate::{HostPort, LinkConfig, LinkKeys};
 
 /// Default baud rate of the Modbus serial line specification; the default parity is in [`ModbusLine`].

@@ -5,20 +5,11 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::framing::Framing;
 use super::stream::DrainableStream;
 use crate::address::open_stream;
 use crate::mode::LinkBackend;
 use crate::{LinkConfig, LinkError};
-
-/// Framing of the requests.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Framing {
-    /// With CRC and silent intervals; also over TCP, where a converter forwards the bytes.
-    Rtu,
-    /// With transaction numbers.
-    Tcp,
-}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]

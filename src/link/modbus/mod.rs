@@ -32,6 +32,7 @@ mod allowed;
 mod device;
 mod error;
 mod exchange;
+mod framing;
 mod line;
 mod owner;
 mod stream;
@@ -43,7 +44,8 @@ pub mod value;
 pub use allowed::{AccessList, RegisterRange};
 pub use device::{ModbusDevice, ModbusDeviceKeys};
 pub use error::ModbusError;
-pub use line::{Framing, ModbusLine, Parity};
+pub use framing::Framing;
+pub use line::{ModbusLine, Parity};
 
 use access::RegisterAccess;
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, timeout_at};
 
-use crate::mode::BoxedStream;
+use crate::boxed_stream::BoxedStream;
 use crate::owner::poll_once;
 
 /// Maximum number of bytes without a silence, bytes; more cannot be a late reply.
